@@ -1,0 +1,251 @@
+"""The contract that an engine fulfils, and how engines are found.
+
+An engine runs *ensembles*: many members of one specialisation, each with its own parameters, clock and time step.
+Engines know no phases: a filling is a closed scene that starts from a gas, a discharge is the open scene that starts
+from its packing. A member's bits depend only on its scene, numerics, start and the Spec: not on its neighbours, its
+slot, or how `advance` is split.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from labbook.numerics import Numerics
+from labbook.protocol.packing import Packing
+from labbook.scene import Scene
+
+Table = Mapping[str, np.ndarray]
+"""Columns of equal length by name; `member`, `step` and `time` [s] are always among them."""
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What an engine can do, as data. `cache_version` rises whenever its numbers may change."""
+
+    name: str
+    cache_version: int
+    shapes: frozenset[str]
+    laws: frozenset[str]
+    walls: frozenset[str]
+    precisions: frozenset[str]
+    devices: tuple[str, ...]
+
+
+# Probes: compiled in only if declared; reading them never changes the motion.
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """First passage of each grain's centre downwards through z = `plane` [m].
+
+    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz (at the end of that step).
+    """
+
+    plane: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sample:
+    """State of all grains every `every` beats. `fields` from x, v, omega; columns id, x, y, z, vx, ..., wx, ..."""
+
+    fields: tuple[str, ...] = ("x", "v")
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Every touching contact every `every` beats.
+
+    Columns: i, j (ids; j = -1 at a wall), wall (index into the scene's walls, -1 for a pair), fx, fy, fz [N] on i,
+    bx, by, bz [m]: branch vector, from the centre of i to that of j or to the point of contact with the wall.
+    """
+
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Totals every `every` beats.
+
+    Columns: grains, kinetic, potential [J], contact_work [J] (work done by contacts since the start), mass [kg],
+    max_overlap [m], touching (contacts), rebuilds, px, py, pz [kg m/s], lx, ly, lz [kg m^2/s] about the origin.
+    """
+
+    every: int = 1
+
+
+Probe = Crossing | Sample | Contacts | Ledger
+
+
+@dataclass(frozen=True)
+class Member:
+    """A handle on one running scene of an ensemble."""
+
+    index: int
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Kinetic energy per grain fell below the asked part of m g d, and stayed there for the asked number of beats."""
+
+    member: Member
+    time: float
+
+
+@dataclass(frozen=True)
+class Emptied:
+    """No grain is left."""
+
+    member: Member
+    time: float
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A guard stopped a member; its state is that of the last good beat. `guard`: state, speed, overlap."""
+
+    member: Member
+    guard: str
+    step: int
+    grain: int
+    message: str
+
+
+Event = Settled | Emptied | Failed
+
+
+@dataclass(frozen=True)
+class Status:
+    """Where a member stands; kinetic energy per grain is in units of m g d (m d^2/s^2 without gravity)."""
+
+    step: int
+    time: float
+    grains: int
+    kinetic: float
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The exact state of a member, private to the engine that made it. Restoring it continues bit for bit."""
+
+    engine: str
+    cache_version: int
+    arrays: Mapping[str, np.ndarray] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What is compiled in. Members with equal Specs share an ensemble."""
+
+    engine: str
+    features: tuple[tuple[str, Any], ...]
+    probes: tuple[Probe, ...] = ()
+    steps_per_beat: int = 1000
+
+    def feature(self, name: str) -> Any:
+        """The value of one feature."""
+        return dict(self.features)[name]
+
+
+class Unsupported(Exception):
+    """The engine lacks what the scene or numerics ask for. `key` as in a study, `remedy` in words."""
+
+    def __init__(self, key: str, remedy: str):
+        super().__init__(f"{key}: {remedy}")
+        self.key, self.remedy = key, remedy
+
+
+class Overflow(Exception):
+    """A buffer of fixed size was too small. Nothing is dropped silently."""
+
+
+class BackendMissing(Exception):
+    """No such engine, or it cannot be loaded; the message says why and what to do."""
+
+
+class Ensemble(Protocol):
+    """Running members of one Spec."""
+
+    def admit(
+        self,
+        scene: Scene,
+        numerics: Numerics,
+        start: Packing | Checkpoint,
+        *,
+        settled_below: float | None = None,
+        settled_beats: int = 3,
+    ) -> Member:
+        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]."""
+        ...
+
+    def advance(self, beats: int = 1) -> Sequence[Event]:
+        """Let every member take `beats` x steps_per_beat steps of its own dt; members that failed or emptied rest."""
+        ...
+
+    def drain(self) -> Mapping[Probe, Table]:
+        """Rows since the last drain. Raises Overflow, never drops."""
+        ...
+
+    def status(self, member: Member) -> Status:
+        """Where a member stands."""
+        ...
+
+    def checkpoint(self, member: Member) -> Checkpoint:
+        """The exact state; taking it changes nothing."""
+        ...
+
+    def packing(self, member: Member) -> Packing:
+        """The portable state, in double precision."""
+        ...
+
+    def retire(self, member: Member) -> None:
+        """Drop a member; its slot is free."""
+        ...
+
+    def close(self) -> None:
+        """Free all resources."""
+        ...
+
+
+@runtime_checkable
+class Backend(Protocol):
+    """An engine. Instances are cheap; compiling happens in `open`."""
+
+    capabilities: Capabilities
+
+    def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
+        """Features compiled in. Raises Unsupported(key, remedy)."""
+        ...
+
+    def open(self, spec: Spec, slots: int | None = None, device: str = "cpu") -> Ensemble:
+        """Compile and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
+        ...
+
+    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
+        """Derived physics for the catalogue: restitution_asked, restitution_realised, damping_coefficient."""
+        ...
+
+
+GROUP = "labbook.backends"
+
+
+def installed() -> dict[str, str]:
+    """Names of the engines that announce themselves -> where they are; none is imported."""
+    return {entry.name: entry.value for entry in entry_points(group=GROUP)}
+
+
+def load(name: str) -> Backend:
+    """The engine called `name`. Raises BackendMissing with the reason, also when it is there but broken."""
+    for entry in entry_points(group=GROUP):
+        if entry.name == name:
+            try:
+                return entry.load()()
+            except ImportError as error:
+                raise BackendMissing(
+                    f"the engine {name} is there but cannot be loaded ({error}); try: pip install 'labbook[{name}]'"
+                ) from error
+    known = ", ".join(sorted(installed())) or "none"
+    raise BackendMissing(f"no engine is called {name}; there are: {known}")

@@ -1,0 +1,1 @@
+"""How a run begins: filling, settling, and the packings that come of it."""

@@ -1,0 +1,87 @@
+"""A packing: positions, velocities and friction springs of grains, free of any engine."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+_DOUBLE = ("x", "v", "omega")
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """State of n grains, in double precision and SI, portable between engines.
+
+    `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit quaternions
+    (w, x, y, z), shape [n, 4], or None for spheres. `ids`: shape [n], what grains are called in every table; 0..n-1
+    unless grains have left. Friction springs [m]: `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices
+    with i < j, acting on i; `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k].
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    omega: np.ndarray
+    q: np.ndarray | None = None
+    ids: np.ndarray | None = None
+    pairs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    pair_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    wall_grain: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    wall_name: np.ndarray = field(default_factory=lambda: np.zeros(0, "U40"))
+    wall_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __post_init__(self):
+        n = len(self.x)
+        for name in _DOUBLE:
+            array = np.ascontiguousarray(getattr(self, name), np.float64)
+            if array.shape != (n, 3):
+                raise ValueError(f"packing: {name} has shape {array.shape}, not ({n}, 3)")
+            object.__setattr__(self, name, array)
+        ids = np.arange(n) if self.ids is None else np.ascontiguousarray(self.ids, np.int64)
+        object.__setattr__(self, "ids", ids)
+        if len(ids) != n:
+            raise ValueError(f"packing: {len(ids)} ids for {n} grains")
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def mirrored(self) -> "Packing":
+        """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) in y and z.
+
+        Walls called left and right (`left`, `bottom-left` ...) swap names.
+        """
+        mirror, axial = np.array([-1.0, 1, 1]), np.array([1.0, -1, -1])
+        swapped = [_swap_sides(str(name)) for name in self.wall_name]
+        return Packing(
+            x=self.x * mirror,
+            v=self.v * mirror,
+            omega=self.omega * axial,
+            ids=self.ids,
+            pairs=self.pairs,
+            pair_spring=self.pair_spring * mirror,
+            wall_grain=self.wall_grain,
+            wall_name=np.array(swapped, "U40"),
+            wall_spring=self.wall_spring * mirror,
+        )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All arrays by name, for storage."""
+        names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring")
+        arrays = {name: getattr(self, name) for name in names}
+        return arrays if self.q is None else {**arrays, "q": self.q}
+
+    def save(self, path: Path) -> None:
+        """Write as a compressed npz."""
+        with open(path, "wb") as file:
+            np.savez_compressed(file, **self.arrays())  # pyright: ignore[reportArgumentType]
+
+    @classmethod
+    def load(cls, path: Path) -> "Packing":
+        """Read what `save` wrote. Raises OSError or ValueError on a file that is none."""
+        with np.load(path, allow_pickle=False) as stored:
+            return cls(**{name: stored[name] for name in stored.files})
+
+
+def _swap_sides(name: str) -> str:
+    if "left" in name:
+        return name.replace("left", "right")
+    return name.replace("right", "left")

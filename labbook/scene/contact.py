@@ -1,0 +1,64 @@
+"""Contact laws and the surfaces that they act between."""
+
+from typing import Annotated, Literal, Union
+
+from pydantic import Field
+
+from labbook.scene.model import Model
+from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
+
+Restitution = Annotated[Ratio, Field(gt=0, le=1)]
+PoissonRatio = Annotated[Ratio, Field(gt=-1, le=0.5)]
+Damping = Literal["clamped", "textbook"]
+Rolling = Literal["full", "rolling"]
+
+
+class _Frictional(Model):
+    friction: Coefficient = 0.0
+    """Coulomb coefficient mu."""
+    rolling_friction: Coefficient = 0.0
+    """mu_r: the resisting torque is at most mu_r R F_n."""
+    restitution: Restitution = 1.0
+    """Asked coefficient of normal restitution e."""
+    damping: Damping = "clamped"
+    """`clamped`: damping solved so that the never-attractive law gives back e. `textbook`: the papers' formula."""
+    rolling: Rolling = "full"
+    """`full`: resists all relative rotation, twist too (Fan eq 8 taken literally). `rolling`: its tangential part only."""
+
+
+class HertzMindlin(_Frictional):
+    """Hertz normal force with Mindlin's friction spring (Fan et al. 2023, eqs 6-8)."""
+
+    law: Literal["hertz-mindlin"] = "hertz-mindlin"
+    shear_modulus: Pressure
+    poisson_ratio: PoissonRatio
+    tangential_damping: Coefficient = 1.0
+    """C_t / C_n; the paper does not give C_t."""
+
+
+class LinearSpringDashpot(_Frictional):
+    """Linear springs and dashpots (Pongo et al. 2022)."""
+
+    law: Literal["linear"] = "linear"
+    normal_stiffness: Stiffness
+    """k_n [N/m]."""
+    tangential_stiffness: Annotated[Ratio, Field(gt=0, le=10)] = 2 / 7
+    """k_t / k_n."""
+    tangential_damping: Coefficient = 1.0
+    """gamma_t / gamma_n."""
+
+
+ContactLaw = Annotated[Union[HertzMindlin, LinearSpringDashpot], Field(discriminator="law")]
+
+
+class Surface(Model):
+    """Where a wall differs from the grains; what is not given is as between grains."""
+
+    friction: Coefficient | None = None
+    rolling_friction: Coefficient | None = None
+    restitution: Restitution | None = None
+
+    def over(self, below: "Surface") -> "Surface":
+        """This surface with its gaps filled from `below`."""
+        given = {key: value for key, value in self if value is not None}
+        return below.model_copy(update=given)

@@ -1,0 +1,42 @@
+"""Time scales that a time step can be stated as a fraction of."""
+
+import math
+
+from labbook.scene.contact import HertzMindlin, LinearSpringDashpot
+from labbook.scene.scene import Scene
+
+
+def rayleigh(scene: Scene) -> float:
+    """Rayleigh time [s]: pi r sqrt(rho/G) / (0.163 nu + 0.8766) (Fan et al. 2023, eq 9). Hertz-Mindlin only."""
+    law = scene.contact
+    if not isinstance(law, HertzMindlin):
+        raise ValueError("the Rayleigh time needs a shear modulus: it belongs to the law hertz-mindlin")
+    grains = scene.grains
+    speed = math.sqrt(law.shear_modulus / grains.density)
+    return math.pi * grains.radius / speed / (0.163 * law.poisson_ratio + 0.8766)
+
+
+def collision(scene: Scene) -> float:
+    """Duration [s] of an undamped head-on collision of two grains.
+
+    Linear law: pi sqrt(m_eff/k_n). Hertz: 2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} at v = sqrt(g d), a fall of half
+    a diameter (v = 1 m/s without gravity); its coefficient is 2^{1/5} 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882).
+    """
+    grains, law = scene.grains, scene.contact
+    mass = grains.mass / 2
+    if isinstance(law, LinearSpringDashpot):
+        return math.pi * math.sqrt(mass / law.normal_stiffness)
+    speed = math.sqrt(scene.gravity * grains.diameter) or 1.0
+    modulus = effective_modulus(law)
+    return HERTZ_DURATION * (mass**2 / (grains.radius / 2 * modulus**2 * speed)) ** 0.2
+
+
+def effective_modulus(law: HertzMindlin) -> float:
+    """E* [Pa] of two equal bodies: 1/E* = 2 (1 - nu^2)/E with E = 2 G (1 + nu)."""
+    return law.shear_modulus / (1 - law.poisson_ratio)
+
+
+# Twice the integral of dx / sqrt(1 - x^{5/2}) from 0 to 1, times (15/16)^{2/5}: t_c in units of (m^2/(R E*^2 v))^{1/5}.
+HERTZ_DURATION = 0.8 * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9) * (15 / 16) ** 0.4
+
+TIME_SCALES = {"rayleigh": rayleigh, "collision": collision}
