@@ -1,0 +1,55 @@
+# On a fresh machine with Python >= 3.11 and make: `make quickstart` runs a real study, `make test` runs all checks.
+# Packages come from wherever pip is set up to find them, at the versions of constraints.txt.
+
+VENV ?= .venv
+STUDY ?= studies/quickstart.yaml
+LAB ?= lab
+PYTEST_ARGS ?= -n auto
+
+# The first interpreter that is new enough, unless PYTHON names one.
+PYTHON ?= $(shell for python in python3 python3.14 python3.13 python3.12 python3.11 python; do \
+	$$python -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$python; break; }; done)
+BIN := $(VENV)/bin
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+.PHONY: help quickstart test docs clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make quickstart   set up, run $(STUDY) and write its report"
+	@echo "make test         set up, then ruff, pyright and all tests"
+	@echo "make docs         write docs/commands.md from the help texts"
+	@echo "make clean        remove $(VENV)"
+
+quickstart: $(VENV)/installed-run
+	$(BIN)/labbook run $(STUDY) --lab $(LAB)
+	$(BIN)/labbook report $(STUDY) --lab $(LAB)
+
+test: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+docs: $(VENV)/installed-dev
+	$(BIN)/python -m labbook.cli.reference docs/commands.md
+
+clean:
+	rm -rf $(VENV)
+
+$(VENV)/bin/python:
+	@test -n "$(PYTHON)" || { echo "labbook needs Python 3.11 or newer; none is on the PATH (or say make PYTHON=...)"; exit 1; }
+	@echo "Creating $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); \
+		echo "$(PYTHON) could not make a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
+
+# An installation is redone only when what it was made from has changed.
+$(VENV)/installed-run: pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "Installing labbook with its CPU engine (once; a minute or two)"
+	@$(INSTALL) --editable '.[numba]'
+	@touch $@
+
+$(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "Installing labbook with everything that its tests need (once; a few minutes)"
+	@$(INSTALL) --editable '.[dev]'
+	@touch $@ $(VENV)/installed-run
