@@ -5,25 +5,26 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from labbook.scene.model import Model
+from labbook.scene.quantities import Duration, Ratio, Speed
 
 
 class Numerics(Model):
     """Time step, precision and neighbour-list settings of one run; part of its key."""
 
-    dt: Annotated[float, Field(gt=0)]
+    dt: Duration
     """Time step [s]."""
     precision: Literal["double", "mixed"] = "double"
     """`mixed`: positions and their update in double, contact law in single."""
     integrator: Literal["leapfrog"] = "leapfrog"
-    skin: Annotated[float, Field(gt=0, le=1)] = 0.15
+    skin: Annotated[Ratio, Field(gt=0, le=1)] = 0.15
     """Thickness of the shell of near neighbours, in grain diameters."""
-    steps_per_beat: Annotated[int, Field(ge=1)] = 1000
+    steps_per_beat: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = 1000
     """Steps between two visits of the host: probes are read, and runs stopped, on beats."""
-    stiffness_scale: Annotated[float, Field(gt=0)] = 1.0
+    stiffness_scale: Annotated[Ratio, Field(gt=0)] = 1.0
     """Factor on the study's stiffness; 1 is the study's own."""
-    speed_limit: Annotated[float, Field(gt=0)] = 100.0
-    """Guard: a grain faster than this [m/s] has run away."""
-    overlap_limit: Annotated[float, Field(gt=0, le=1)] = 0.25
+    speed_limit: Annotated[Speed, Field(gt=0)] = 100.0
+    """Guard: a grain faster than this has run away."""
+    overlap_limit: Annotated[Ratio, Field(gt=0, le=1)] = 0.25
     """Guard: a contact deeper than this part of a grain diameter is no contact any more."""
 
     @property

@@ -1,6 +1,6 @@
 """Contact laws and the surfaces that they act between."""
 
-from typing import Annotated, Literal, Union
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -15,15 +15,17 @@ Rolling = Literal["full", "rolling"]
 
 class _Frictional(Model):
     friction: Coefficient = 0.0
-    """Coulomb coefficient mu."""
+    """Coulomb coefficient μ between grains, and at walls that state no other."""
     rolling_friction: Coefficient = 0.0
-    """mu_r: the resisting torque is at most mu_r R F_n."""
+    """μ_r: the resisting torque is at most μ_r R F_n."""
     restitution: Restitution = 1.0
-    """Asked coefficient of normal restitution e."""
+    """Coefficient of normal restitution e that is asked for, in (0, 1]."""
     damping: Damping = "clamped"
-    """`clamped`: damping solved so that the never-attractive law gives back e. `textbook`: the papers' formula."""
+    """`clamped`: the damping is solved so that the never-attractive law gives back e; `textbook`: the papers'
+    formula."""
     rolling: Rolling = "full"
-    """`full`: resists all relative rotation, twist too (Fan eq 8 taken literally). `rolling`: its tangential part only."""
+    """`full`: rolling friction resists all relative rotation, twist too (Fan eq 8 taken literally);
+    `rolling`: its tangential part only."""
 
 
 class HertzMindlin(_Frictional):
@@ -31,9 +33,11 @@ class HertzMindlin(_Frictional):
 
     law: Literal["hertz-mindlin"] = "hertz-mindlin"
     shear_modulus: Pressure
+    """G of the grains' material."""
     poisson_ratio: PoissonRatio
+    """ν of the grains' material, in (-1, 1/2]."""
     tangential_damping: Coefficient = 1.0
-    """C_t / C_n; the paper does not give C_t."""
+    """C_t / C_n (the paper does not give C_t)."""
 
 
 class LinearSpringDashpot(_Frictional):
@@ -45,18 +49,21 @@ class LinearSpringDashpot(_Frictional):
     tangential_stiffness: Annotated[Ratio, Field(gt=0, le=10)] = 2 / 7
     """k_t / k_n."""
     tangential_damping: Coefficient = 1.0
-    """gamma_t / gamma_n."""
+    """γ_t / γ_n."""
 
 
-ContactLaw = Annotated[Union[HertzMindlin, LinearSpringDashpot], Field(discriminator="law")]
+ContactLaw = Annotated[HertzMindlin | LinearSpringDashpot, Field(discriminator="law")]
 
 
 class Surface(Model):
     """Where a wall differs from the grains; what is not given is as between grains."""
 
     friction: Coefficient | None = None
+    """Coulomb coefficient at this wall."""
     rolling_friction: Coefficient | None = None
+    """μ_r at this wall."""
     restitution: Restitution | None = None
+    """Coefficient of normal restitution at this wall, in (0, 1]."""
 
     def over(self, below: "Surface") -> "Surface":
         """This surface with its gaps filled from `below`."""

@@ -1,67 +1,70 @@
 """Containers: what a study names (`wedge-hopper`, `box`), turned into wall primitives.
 
-Each container knows its walls when open and when closed. A closed container's outlet carries a lid and its side
-walls reach up as far as a filling needs, so that flat-bottomed silos that differ only in their outlets are the same
-closed container, and share packings.
+Each container knows its walls when open and when closed. A closed container's outlet carries a lid and its
+side walls reach up as far as a filling needs, so that flat-bottomed silos that differ only in their outlets are
+the same closed container, and share packings.
 """
 
 import math
-from typing import Annotated, Literal, Union
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, StrictBool, model_validator
 
-from labbook.scene.model import Model
-from labbook.scene.quantities import Angle, Distance, Length
+from labbook.scene.model import Fault, InternalFlag, Model, refuse
+from labbook.scene.quantities import Angle, Coordinate, Distance, Length
 from labbook.scene.walls import Plane, Strip, Wall
 
 _FLAT = 1e-12  # rad: an angle this close to 90 deg is a flat bottom
 
 
-def _wrong(key: str, reason: str, remedy: str) -> PydanticCustomError:
-    return PydanticCustomError("geometry", "{reason}", {"key": key, "reason": reason, "remedy": remedy})
-
-
 class WedgeHopper(Model):
     """Quasi-2D silo between a front and a back wall (Fan et al. 2023, Fig. 1).
 
-    `angle` is that of the inclined bottom from the vertical: 90 deg is a flat bottom, 15 deg a steep funnel. `gap` is
-    s, from the left side wall to the near edge of the outlet; left out, the outlet is centred.
+    Its outlet lies at the foot of a bottom whose plates are inclined by the same angle.
     """
 
     kind: Literal["wedge-hopper"] = "wedge-hopper"
     width: Length
+    """Inner width L between the side walls."""
     height: Length
+    """Height H of the side walls above the outlet; a filling may stand higher."""
     thickness: Length
+    """Distance Z between the front and the back wall."""
     angle: Angle = math.pi / 2
+    """Angle α of the bottom from the vertical, 1 to 90 deg: 90 deg is flat, 15 deg a steep funnel."""
     orifice: Length
+    """Width D of the outlet, less than the hopper's."""
     gap: Distance | None = None
-    closed: bool = False
+    """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred."""
+    closed: InternalFlag = False
 
     @model_validator(mode="after")
     def _is_possible(self):
-        if not math.radians(1) <= self.angle <= math.pi / 2 + _FLAT:
-            raise _wrong("angle", "the angle of the bottom from the vertical lies between 1 and 90 deg", "90 deg is flat")
-        if self.orifice >= self.width:
-            raise _wrong(
-                "orifice",
-                f"the orifice ({self.orifice * 1e3:g} mm) is not narrower than the hopper ({self.width * 1e3:g} mm)",
-                "make the orifice smaller or the hopper wider",
-            )
-        if self.gap is not None and self.gap > (self.width - self.orifice) / 2 * (1 + 1e-12):
-            limit = (self.width - self.orifice) / 2
-            raise _wrong(
-                "gap",
-                f"a gap of {self.gap * 1e3:g} mm lies beyond (L - D)/2 = {limit * 1e3:g} mm and mirrors a smaller one",
-                f"use a gap of at most {limit * 1e3:g} mm, or its mirror {(2 * limit - self.gap) * 1e3:g} mm",
-            )
-        if max(*self._rises, 0.0) >= self.height:
-            raise _wrong(
-                "height",
-                f"the inclined bottom rises {max(self._rises) * 1e3:g} mm and leaves no side wall",
-                "make the hopper higher, the angle larger or the orifice wider",
-            )
+        refuse(self._faults())
         return self
+
+    def _faults(self) -> Iterator[Fault]:
+        angle_fits = math.radians(1) * (1 - _FLAT) <= self.angle <= math.pi / 2 + _FLAT
+        if not angle_fits:
+            reason = f"the angle of the bottom from the vertical cannot be {math.degrees(self.angle):g} deg"
+            yield Fault("angle", reason, "use 1 to 90 deg; 90 deg is a flat bottom")
+        limit = (self.width - self.orifice) / 2
+        if limit <= 1e-9 * self.width:
+            sizes = f"{self.orifice * 1e3:g} mm against {self.width * 1e3:g} mm"
+            reason = f"the orifice is not narrower than the hopper ({sizes})"
+            yield Fault("orifice", reason, "make the orifice smaller or the hopper wider")
+            return
+        if self.gap is not None and self.gap > limit * (1 + 1e-12):
+            reason = f"a gap of {self.gap * 1e3:g} mm is beyond (L - D)/2 = {limit * 1e3:g} mm"
+            mirrored = 2 * limit - self.gap
+            mirror = f", or {mirrored * 1e3:g} mm, of which it is the mirror image" if mirrored >= 0 else ""
+            yield Fault("gap", reason, f"use at most {limit * 1e3:g} mm{mirror}")
+            return
+        if angle_fits and max(self._rises) >= self.height:
+            rise = f"{max(self._rises) * 1e3:g} mm"
+            reason = f"the inclined bottom rises {rise} and leaves no side wall"
+            yield Fault("height", reason, f"make the hopper higher than {rise}, or the angle larger")
 
     @property
     def flat(self) -> bool:
@@ -99,7 +102,9 @@ class WedgeHopper(Model):
     def close(self) -> "WedgeHopper":
         """The closed container in which a packing is made; flat bottoms lose their outlet altogether."""
         if self.flat:
-            return self.model_copy(update={"closed": True, "orifice": self.width / 2, "gap": None, "angle": math.pi / 2})
+            return self.model_copy(
+                update={"closed": True, "orifice": self.width / 2, "gap": None, "angle": math.pi / 2}
+            )
         return self.model_copy(update={"closed": True})
 
     def walls(self) -> tuple[Wall, ...]:
@@ -127,10 +132,14 @@ class Box(Model):
 
     kind: Literal["box"] = "box"
     width: Length
+    """Inner size along x."""
     depth: Length
+    """Inner size along y."""
     height: Length
-    lid: bool = False
-    closed: bool = False
+    """Inner size along z."""
+    lid: StrictBool = False
+    """Whether a plane closes the top."""
+    closed: InternalFlag = False
 
     @property
     def outlet_plane(self) -> float | None:
@@ -161,13 +170,15 @@ class Primitives(Model):
 
     kind: Literal["primitives"] = "primitives"
     parts: tuple[Wall, ...] = ()
-    outlet_plane: float | None = None
+    """The walls."""
+    outlet_plane: Coordinate | None = None
+    """Height z at which grains count as discharged; none: there is no outlet."""
 
     @model_validator(mode="after")
     def _names_differ(self):
         names = [wall.name for wall in self.parts]
         if len(set(names)) < len(names):
-            raise _wrong("parts", "two walls have the same name", "name each wall differently")
+            refuse([Fault("parts", "two walls have the same name", "name each wall differently")])
         return self
 
     def close(self) -> "Primitives":
@@ -179,4 +190,4 @@ class Primitives(Model):
         return self.parts
 
 
-Container = Annotated[Union[WedgeHopper, Box, Primitives], Field(discriminator="kind")]
+Container = Annotated[WedgeHopper | Box | Primitives, Field(discriminator="kind")]

@@ -14,8 +14,11 @@ class Spheres(Model):
 
     shape: Literal["sphere"] = "sphere"
     diameter: Length
+    """Diameter d; `d` is a unit of length in all other keys."""
     density: Density
+    """Density ρ_p of the grains' material."""
     count: Annotated[int, Field(ge=1, le=100_000_000, strict=True)]
+    """Number of grains N."""
 
     @property
     def radius(self) -> float:

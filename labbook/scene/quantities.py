@@ -22,52 +22,82 @@ def _registry():
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
 
-# A bare `d` as a unit: `1.01 d`, `d`, `6*d`, but not the d of `mm/d` spelled `day` or of `deg`.
-_DIAMETER = re.compile(r"(?<![A-Za-z_])d(?![A-Za-z_0-9])")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*/\s*\d+\.?\d*)?(?![\d.])")
+_TERM = re.compile(r"([A-Za-zµμΩ]+|[%°])(?:(?:\^|\*\*)(-?\d))?(\s*[*/]\s*|\s+|$)", re.ASCII)
 
 
 def parse(text: str, unit: str, diameter: float | None = None) -> float:
-    """Value of `text` in `unit` (SI); `d` in it stands for `diameter` [m]. Raises ValueError saying what is wrong."""
+    """Value of `text` (`3 mm`, `2500 kg/m^3`, `2/7`, `1 %`, `1.01 d`) in `unit` (SI); `d` is `diameter` [m].
+
+    A number, or a ratio of two, and then units joined by blanks, * and /, with powers of one digit: no other
+    arithmetic. Raises ValueError saying what is wrong.
+    """
+    expression = text.strip()
+    if len(expression) > 100:
+        raise ValueError("a quantity this long cannot be meant")
+    number = _NUMBER.match(expression)
+    if number is None and not re.match(r"d\b", expression):
+        raise ValueError("not a quantity: it does not begin with a number")
+    value = _number(number.group()) if number else 1.0
+    units = expression[number.end() if number else 0 :].strip().removeprefix("*").lstrip()
+    value *= _factor(units, unit, diameter)
+    return float(f"{value:.16g}")  # 18 mm is 0.018, not 0.018000000000000002: keys hash these digits
+
+
+def _number(text: str) -> float:
+    numerator, _, denominator = text.partition("/")
+    try:
+        return float(numerator) / float(denominator or "1")
+    except ZeroDivisionError:
+        raise ValueError("division by zero") from None
+
+
+@lru_cache(maxsize=4096)
+def _factor(units: str, unit: str, diameter: float | None) -> float:
+    """How many `unit` (SI) one of `units` is. Raises ValueError."""
+    if units == "":
+        if unit:
+            raise ValueError(f"the unit is missing: write it as a quantity in {unit}")
+        return 1.0
     import pint
 
     registry = _registry()
-    expression = text.strip()
-    if len(expression) > 200:
-        raise ValueError("a quantity this long cannot be meant")
-    if "**" in expression and re.search(r"\*\*\s*\(?\s*[-+]?\d{2,}", expression):
-        raise ValueError("exponent out of range")
-    if _DIAMETER.search(expression):
+    product, position, sign = registry.Quantity(1.0), 0, 1
+    try:
+        while position < len(units):
+            term = _TERM.match(units, position)
+            if term is None:
+                raise ValueError("not a quantity: a number and then its unit are needed")
+            name, power, link = term.groups()
+            product = product * _one_of(name, diameter) ** (sign * int(power or "1"))
+            position, sign = term.end(), -1 if "/" in link else 1
+        if sign < 0 or link.strip() == "*":
+            raise ValueError("not a quantity: a unit is missing at its end")
+        return float(product.to(unit or "dimensionless").magnitude)
+    except pint.DimensionalityError as error:
+        wanted = f"a quantity in {unit}" if unit else "a number without unit"
+        raise ValueError(f"{wanted} is needed, not one in {error.units1}") from None
+    except ArithmeticError:
+        raise ValueError("not a quantity: out of range") from None
+
+
+def _one_of(name: str, diameter: float | None):
+    """One of the unit `name`, as a pint quantity in base units."""
+    import pint
+
+    registry = _registry()
+    if name == "d":
         if diameter is None:
             raise ValueError("the unit d (grain diameter) cannot be used here")
-        expression = _DIAMETER.sub(f"({diameter!r} * m)", expression)
-        expression = re.sub(r"(?<=[0-9.])\s*\(", " * (", expression)
+        return registry.Quantity(diameter, "meter")
+    name = {"%": "percent", "°": "degree"}.get(name, name)
     try:
-        quantity = registry.Quantity(expression) if not expression.endswith("%") else _percent(expression)
-        value = quantity.to(unit or "dimensionless").magnitude
-    except pint.DimensionalityError as error:
-        raise ValueError(_wrong_unit(error, unit)) from None
-    except pint.UndefinedUnitError as error:
-        raise ValueError(f"unknown unit {', '.join(map(str, _names(error)))}") from None
-    except Exception as error:
-        raise ValueError(f"not a quantity: {type(error).__name__}") from None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError("not a single real number")
-    return float(f"{value:.16g}")  # 2.5 us is 2.5e-06, not 2.4999999999999998e-06: keys hash these digits
-
-
-def _percent(expression: str):
-    return _registry().Quantity(float(expression[:-1]) / 100.0, "dimensionless")
-
-
-def _names(error) -> list[str]:
-    names = error.unit_names
-    return [names] if isinstance(names, str) else list(names)
-
-
-def _wrong_unit(error, unit: str) -> str:
-    if str(error.units1) == "dimensionless":
-        return f"the unit is missing: write it as a quantity in {unit}"
-    return f"a quantity in {unit or 'no unit'} is needed, not in {error.units1}"
+        zero, one = (registry.Quantity(number, name).to_base_units() for number in (0.0, 1.0))
+    except (pint.PintError, ArithmeticError, AttributeError, TypeError, ValueError):
+        raise ValueError(f"unknown unit {name}") from None
+    if zero.magnitude != 0:
+        raise ValueError(f"{name} has no zero of its own: use a unit that can be multiplied")
+    return one
 
 
 @dataclass(frozen=True)
@@ -78,31 +108,28 @@ class Unit:
 
     def __call__(self, value: Any, info: ValidationInfo) -> Any:
         context = info.context or {}
-        if isinstance(value, bool) or value is None:
-            raise PydanticCustomError("not_a_quantity", "a quantity in {unit} is needed", {"unit": self.symbol or "1"})
         if isinstance(value, str):
             try:
                 number = parse(value, self.symbol, context.get("d"))
             except ValueError as error:
-                raise PydanticCustomError(
-                    "bad_quantity", "{reason}", {"reason": str(error), "unit": self.symbol or "1", "text": value}
-                ) from None
-        elif isinstance(value, int | float):
-            if self.symbol and context.get("units") == "required":
-                raise PydanticCustomError(
-                    "missing_unit",
-                    "the unit is missing: write {value} with a unit of {unit}",
-                    {"value": str(value), "unit": self.symbol},
-                )
-            try:
-                number = float(value)
-            except OverflowError:
-                number = math.inf
+                raise self._error("bad_quantity", str(error)) from None
+        elif isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._error("not_a_quantity", self._wanted)
+        elif self.symbol and context.get("units") == "required":
+            raise self._error("missing_unit", f"the unit is missing: a quantity in {self.symbol} is needed")
         else:
-            raise PydanticCustomError("not_a_quantity", "a quantity in {unit} is needed", {"unit": self.symbol or "1"})
+            number = float(value) if abs(value) <= 1e308 else math.inf
         if not math.isfinite(number):
-            raise PydanticCustomError("not_finite", "a finite number is needed", {})
+            raise self._error("not_finite", "a finite number is needed")
         return number
+
+    @property
+    def _wanted(self) -> str:
+        return f"a quantity in {self.symbol} is needed" if self.symbol else "a number without unit is needed"
+
+    def _error(self, kind: str, reason: str) -> PydanticCustomError:
+        # as a field of the context: the message is a template, and units may hold braces
+        return PydanticCustomError(kind, "{reason}", {"reason": reason, "unit": self.symbol})  # pyright: ignore[reportArgumentType]
 
 
 def quantity(symbol: str) -> tuple[Unit, BeforeValidator]:
@@ -123,17 +150,18 @@ _hz, _hz_ = quantity("Hz")
 _v, _v_ = quantity("m/s")
 _w, _w_ = quantity("rad/s")
 
-Length = Annotated[float, _m, _m_, Field(gt=0, le=1e6)]
-Coordinate = Annotated[float, _m, _m_]
-Distance = Annotated[float, _m, _m_, Field(ge=0)]
-Angle = Annotated[float, _rad, _rad_]
-Density = Annotated[float, _rho, _rho_, Field(gt=0)]
-Pressure = Annotated[float, _pa, _pa_, Field(gt=0)]
-Stiffness = Annotated[float, _npm, _npm_, Field(gt=0)]
-Acceleration = Annotated[float, _g, _g_, Field(ge=0)]
-Duration = Annotated[float, _s, _s_, Field(gt=0)]
-Frequency = Annotated[float, _hz, _hz_]
-Speed = Annotated[float, _v, _v_]
-AngularSpeed = Annotated[float, _w, _w_]
-Ratio = Annotated[float, _one, _one_]
-Coefficient = Annotated[float, _one, _one_, Field(ge=0)]
+# Limits keep every product of these finite; no granular matter lies near them.
+Length = Annotated[float, _m, _m_, Field(ge=1e-9, le=1e6)]
+Coordinate = Annotated[float, _m, _m_, Field(ge=-1e9, le=1e9)]
+Distance = Annotated[float, _m, _m_, Field(ge=0, le=1e6)]
+Angle = Annotated[float, _rad, _rad_, Field(ge=-1e3, le=1e3)]
+Density = Annotated[float, _rho, _rho_, Field(ge=1e-6, le=1e9)]
+Pressure = Annotated[float, _pa, _pa_, Field(ge=1e-3, le=1e15)]
+Stiffness = Annotated[float, _npm, _npm_, Field(ge=1e-9, le=1e15)]
+Acceleration = Annotated[float, _g, _g_, Field(ge=0, le=1e9)]
+Duration = Annotated[float, _s, _s_, Field(ge=1e-15, le=1e9)]
+Frequency = Annotated[float, _hz, _hz_, Field(ge=-1e9, le=1e9)]
+Speed = Annotated[float, _v, _v_, Field(ge=-1e8, le=1e8)]
+AngularSpeed = Annotated[float, _w, _w_, Field(ge=-1e9, le=1e9)]
+Ratio = Annotated[float, _one, _one_, Field(ge=-1e6, le=1e6)]
+Coefficient = Annotated[float, _one, _one_, Field(ge=0, le=1e6)]

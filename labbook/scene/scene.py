@@ -1,12 +1,13 @@
 """A scene: all that decides how grains move, and nothing else."""
 
-from pydantic import model_validator
-from pydantic_core import PydanticCustomError
+from collections.abc import Iterator
+
+from pydantic import Field, model_validator
 
 from labbook.scene.contact import ContactLaw, Surface
-from labbook.scene.container import Container, WedgeHopper
+from labbook.scene.container import Container, Primitives, WedgeHopper
 from labbook.scene.grains import Grains
-from labbook.scene.model import Model
+from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
 from labbook.scene.walls import Wall
 
@@ -14,43 +15,37 @@ STANDARD_GRAVITY = 9.81
 
 
 class Scene(Model):
-    """Grains, the law of their contacts, the container and the surfaces of its walls, and gravity [m/s^2] along -z."""
+    """Grains, the law of their contacts, the container and the surfaces of its walls, and gravity."""
 
     grains: Grains
     contact: ContactLaw
     container: Container
-    walls: dict[str, Surface] = {}
+    walls: dict[str, Surface] = Field(default_factory=dict)
     """Surfaces that differ from the grains': by wall name, or `all`."""
     gravity: Acceleration = STANDARD_GRAVITY
+    """Acceleration of gravity g, along -z."""
 
     @model_validator(mode="after")
     def _fits_together(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
         names = self.wall_names
         for name in self.walls:
             if name not in names:
-                raise PydanticCustomError(
-                    "geometry",
-                    "{reason}",
-                    {
-                        "key": f"walls.{name}",
-                        "reason": f"the container has no wall named {name}",
-                        "remedy": f"use one of {', '.join(sorted(names))}",
-                    },
-                )
-        c = self.container
-        if isinstance(c, WedgeHopper):
-            for key, size in (("thickness", c.thickness), ("orifice", c.orifice)):
-                if size < self.grains.diameter:
-                    raise PydanticCustomError(
-                        "geometry",
-                        "{reason}",
-                        {
-                            "key": f"container.{key}",
-                            "reason": f"the {key} ({size * 1e3:g} mm) is less than the grain diameter",
-                            "remedy": f"make it at least {self.grains.diameter * 1e3:g} mm (1 d)",
-                        },
-                    )
-        return self
+                reason = f"the container has no wall named {name}"
+                yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
+        c, d = self.container, self.grains.diameter
+        if isinstance(c, Primitives):
+            return
+        for key in (
+            ("thickness", "orifice", "width") if isinstance(c, WedgeHopper) else ("width", "depth", "height")
+        ):
+            size = getattr(c, key)
+            if size < d:
+                reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
+                yield Fault(f"container.{key}", reason, f"make it at least {d * 1e3:g} mm (1 d)")
 
     @property
     def wall_names(self) -> set[str]:
@@ -58,14 +53,20 @@ class Scene(Model):
         parts = (*self.container.walls(), *self.container.close().walls())
         return {"all", *(wall.name for wall in parts)}
 
+    @property
+    def surface_of_grains(self) -> Surface:
+        """The surface that grains turn to one another."""
+        c = self.contact
+        return Surface(friction=c.friction, rolling_friction=c.rolling_friction, restitution=c.restitution)
+
     def surface(self, wall: Wall) -> Surface:
         """The complete surface of `wall`: its own, else that of `all`, else the grains'."""
-        c = self.contact
-        own = Surface(friction=c.friction, rolling_friction=c.rolling_friction, restitution=c.restitution)
-        return self.walls.get(wall.name, Surface()).over(self.walls.get("all", Surface()).over(own))
+        return self.walls.get(wall.name, Surface()).over(
+            self.walls.get("all", Surface()).over(self.surface_of_grains)
+        )
 
     def close(self, friction: float | None = None) -> "Scene":
-        """The scene in which a packing for this one is made; `friction` replaces that of grains and walls alike."""
+        """The scene in which a packing for this one is made; `friction` replaces that of grains and of walls."""
         container = self.container.close()
         names = {"all", *(wall.name for wall in container.walls())}
         walls = {name: surface for name, surface in self.walls.items() if name in names}

@@ -7,7 +7,10 @@ from labbook.scene.scene import Scene
 
 
 def rayleigh(scene: Scene) -> float:
-    """Rayleigh time [s]: pi r sqrt(rho/G) / (0.163 nu + 0.8766) (Fan et al. 2023, eq 9). Hertz-Mindlin only."""
+    """Rayleigh time [s]: pi r sqrt(rho/G) / (0.163 nu + 0.8766) (Fan et al. 2023, eq 9).
+
+    Raises ValueError for a law other than Hertz-Mindlin.
+    """
     law = scene.contact
     if not isinstance(law, HertzMindlin):
         raise ValueError("the Rayleigh time needs a shear modulus: it belongs to the law hertz-mindlin")
@@ -19,8 +22,8 @@ def rayleigh(scene: Scene) -> float:
 def collision(scene: Scene) -> float:
     """Duration [s] of an undamped head-on collision of two grains.
 
-    Linear law: pi sqrt(m_eff/k_n). Hertz: 2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} at v = sqrt(g d), a fall of half
-    a diameter (v = 1 m/s without gravity); its coefficient is 2^{1/5} 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882).
+    Linear law: pi sqrt(m_eff/k_n). Hertz: 2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} at v = sqrt(g d), a fall of
+    half a diameter (v = 1 m/s without gravity); its coefficient is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882).
     """
     grains, law = scene.grains, scene.contact
     mass = grains.mass / 2
@@ -36,7 +39,8 @@ def effective_modulus(law: HertzMindlin) -> float:
     return law.shear_modulus / (1 - law.poisson_ratio)
 
 
-# Twice the integral of dx / sqrt(1 - x^{5/2}) from 0 to 1, times (15/16)^{2/5}: t_c in units of (m^2/(R E*^2 v))^{1/5}.
+# Twice the integral of dx / sqrt(1 - x^{5/2}) from 0 to 1, times (15/16)^{2/5}: the duration in units of
+# (m_eff^2 / (R_eff E*^2 v))^{1/5}.
 HERTZ_DURATION = 0.8 * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9) * (15 / 16) ** 0.4
 
 TIME_SCALES = {"rayleigh": rayleigh, "collision": collision}

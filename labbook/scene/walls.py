@@ -5,15 +5,16 @@ middle between its front and back walls y = 0.
 """
 
 import math
-from typing import Annotated, Literal, Union
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from labbook.scene.model import Model
-from labbook.scene.quantities import AngularSpeed, Coordinate, Speed
+from labbook.scene.model import Fault, Model, refuse
+from labbook.scene.quantities import AngularSpeed, Coordinate, Ratio, Speed
 
 Point3 = tuple[Coordinate, Coordinate, Coordinate]
 Point2 = tuple[Coordinate, Coordinate]
+Direction = Ratio
 
 
 class Plane(Model):
@@ -21,12 +22,14 @@ class Plane(Model):
 
     kind: Literal["plane"] = "plane"
     point: Point3
-    normal: tuple[float, float, float]
+    """A point of the plane."""
+    normal: tuple[Direction, Direction, Direction]
+    """Direction towards the grains, of any length."""
 
     @model_validator(mode="after")
     def _has_a_direction(self):
-        if not math.isfinite(math.hypot(*self.normal)) or math.hypot(*self.normal) == 0:
-            raise ValueError("the normal of a plane must have a direction")
+        if math.hypot(*self.normal) < 1e-6:
+            refuse([Fault("normal", "a normal of length zero has no direction", "for example [0, 0, 1]")])
         return self
 
 
@@ -38,28 +41,33 @@ class Strip(Model):
 
     kind: Literal["strip"] = "strip"
     start: Point2
+    """x and z of one edge."""
     end: Point2
+    """x and z of the other edge."""
 
     @model_validator(mode="after")
     def _has_a_length(self):
         if self.start == self.end:
-            raise ValueError("the two ends of a strip must differ")
+            refuse([Fault("end", "the two edges of a strip are the same", "set them apart")])
         return self
 
 
-WallShape = Annotated[Union[Plane, Strip], Field(discriminator="kind")]
+WallShape = Annotated[Plane | Strip, Field(discriminator="kind")]
 
 
 class SurfaceMotion(Model):
-    """Velocity of a wall's surface: `velocity` + spin about the vertical axis x = y = 0. The wall itself stays."""
+    """Velocity of a wall's surface: a velocity, and a spin about the vertical axis x = y = 0. The wall itself stays."""
 
     velocity: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)
+    """Along x, y and z."""
     spin: AngularSpeed = 0.0
+    """About the vertical axis x = y = 0."""
 
 
 class Wall(Model):
-    """One wall: a name that friction springs and observations are keyed by, a shape, and how its surface moves."""
+    """One wall: a name that friction springs and observations are keyed by, a shape, and its surface's motion."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
+    """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""
     shape: WallShape
     motion: SurfaceMotion = SurfaceMotion()
