@@ -1,0 +1,215 @@
+"""Fitting a law to flow rates with known errors: parameters with intervals, goodness, AICc, prediction bands."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from labbook.fit.law import Context, Law
+from labbook.fit.profile import Minimum, derivative, interval, minimise
+from labbook.fit.weights import Weights, pooled_weights
+from labbook.stats.choice import UNDECIDED, aicc, prefer
+from labbook.stats.pooling import student
+
+
+class FitError(ValueError):
+    """The data cannot be fitted; the message says why and what would help."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A fitted parameter: value, ends of its interval, standard error (linearised), unit."""
+
+    value: float
+    low: float
+    high: float
+    error: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A law fitted to n points.
+
+    `D` [m], `W` [kg/s], `relative_error` (of W, as used for the weights), `residuals` (ln W - ln W_law, about the
+    relative deviation), `outside` (points outside the law's range: used all the same, and flagged): shape [n]. `chi2`
+    with `dof` = n - p; `p_value`: probability of a larger chi2 if the law holds (F distribution, since the errors are
+    estimates with `error_dof` degrees of freedom; NaN without replicates). `widening`: factor max(1, sqrt(chi2/dof))
+    on all intervals, so that a law that misses the data does not claim their precision.
+    """
+
+    law: Law
+    context: Context
+    parameters: Mapping[str, Parameter]
+    D: np.ndarray
+    W: np.ndarray
+    relative_error: np.ndarray
+    residuals: np.ndarray
+    outside: np.ndarray
+    chi2: float
+    dof: int
+    p_value: float
+    error_dof: float
+    widening: float
+    aicc: float
+    confidence: float
+    notes: tuple[str, ...]
+    _minimum: Minimum = field(repr=False)
+
+    @property
+    def chi2_reduced(self) -> float:
+        """chi2 per degree of freedom."""
+        return self.chi2 / self.dof
+
+    def predict(self, D: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """W of the law at orifices D [m], and the ends of its pointwise interval [kg/s], each of shape [m].
+
+        The band of the fitted law (not of a new point), linearised in ln W.
+        """
+        at = np.asarray(D, float)
+        best = self._minimum.best
+        slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
+        with np.errstate(invalid="ignore"):
+            variance = np.einsum("ij,jk,ik->i", slopes, self._minimum.covariance, slopes)
+        reach = (
+            student(self.confidence, _freedom(self.error_dof, self.dof)) * self.widening * np.sqrt(variance)
+        )
+        value = self.law.flow(at, best, self.context)
+        with np.errstate(over="ignore"):
+            return value, value * np.exp(-reach), value * np.exp(reach)
+
+
+def _freedom(error_dof: float, dof: int) -> float:
+    """Degrees of freedom of the intervals: those of the replicates, else those of the scatter about the law."""
+    return error_dof if error_dof else dof
+
+
+def fit(
+    law: Law,
+    D: Sequence[float] | np.ndarray,
+    W: Sequence[float] | np.ndarray,
+    error: Sequence[float] | np.ndarray,
+    context: Context,
+    replicates: Sequence[int] | np.ndarray | None = None,
+    confidence: float = 0.95,
+) -> FitResult:
+    """Fit `law` to mass flow rates W [kg/s] at orifices D [m], all of shape [n].
+
+    `error`: standard errors of W from `replicates` seeds a point (NaN where there is one). They are pooled (see
+    `labbook.fit.weights`); left out, the errors count as exactly known. Residuals are those of ln W, in which the
+    relative scatter of flow rates has one size. Intervals come from the profile likelihood with Student's t on the
+    degrees of freedom of the errors; without any replicates, from the scatter about the law. Raises FitError for
+    unusable data or a fit that does not converge.
+    """
+    D, W, error = (np.asarray(a, float) for a in (D, W, error))
+    _check(law, D, W, error, replicates)
+    weights = pooled_weights(W, error, None if replicates is None else np.asarray(replicates))
+    if not (weights.relative > 0).all():
+        raise FitError(f"{law.name}: the errors of the flow rates are zero; give more replicates")
+    log_W = np.log(W)
+
+    def residuals(free: np.ndarray) -> np.ndarray:
+        return (log_W - law.log_flow(D, free, context)) / weights.relative
+
+    try:
+        minimum = minimise(residuals, law.start(D, W, context))
+    except RuntimeError as failure:
+        raise FitError(f"{law.name}: {failure}") from failure
+    dof = len(D) - len(law.free)
+    replicated = weights.degrees_of_freedom > 0
+    misfit = math.sqrt(minimum.chi2 / dof)
+    widening = max(1.0, misfit) if replicated else misfit
+    rise = (student(confidence, _freedom(weights.degrees_of_freedom, dof)) * widening) ** 2
+    outside = law.outside(D, context)
+    p_value = _p_value(minimum.chi2, dof, weights)
+    return FitResult(
+        law=law,
+        context=context,
+        parameters=_parameters(law, context, residuals, minimum, rise, widening),
+        D=D,
+        W=W,
+        relative_error=weights.relative if replicated else weights.relative * misfit,
+        residuals=residuals(minimum.best) * weights.relative,
+        outside=outside,
+        chi2=minimum.chi2,
+        dof=dof,
+        p_value=p_value,
+        error_dof=weights.degrees_of_freedom,
+        widening=widening,
+        aicc=aicc(minimum.chi2, len(D), len(law.free)),
+        confidence=confidence,
+        notes=_notes(law, D, outside, weights, p_value, context),
+        _minimum=minimum,
+    )
+
+
+def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates) -> None:
+    if not D.shape == W.shape == error.shape or D.ndim != 1:
+        raise FitError(f"{law.name}: orifices, flow rates and errors must be lists of equal length")
+    if len(np.unique(D)) <= len(law.free):
+        raise FitError(
+            f"{law.name}: {len(np.unique(D))} different orifices; its {len(law.free)} parameters need at least "
+            f"{len(law.free) + 1}"
+        )
+    if not (np.isfinite(W).all() and (W > 0).all() and np.isfinite(D).all() and (D > 0).all()):
+        raise FitError(
+            f"{law.name}: orifices and flow rates must be positive and finite; leave out clogged points"
+        )
+    known = np.ones(len(D), bool) if replicates is None else np.asarray(replicates) > 1
+    if not (np.isfinite(error[known]).all() and (error[known] >= 0).all()):
+        raise FitError(
+            f"{law.name}: the error of a point with several replicates must be finite and not negative"
+        )
+
+
+def _parameters(
+    law, context, residuals, minimum: Minimum, rise: float, widening: float
+) -> dict[str, Parameter]:
+    reported = law.reported(context)
+    ends = {i: interval(residuals, minimum, i, rise) for i in {entry.free for entry in reported}}
+    errors = np.sqrt(np.diag(minimum.covariance)) * widening
+    parameters = {}
+    for entry in reported:
+        free = minimum.best[entry.free]
+        slope = (entry.of(free + 1e-6) - entry.of(free - 1e-6)) / 2e-6
+        low, high = sorted(entry.of(end) for end in ends[entry.free])
+        error = abs(slope) * errors[entry.free]
+        parameters[entry.name] = Parameter(entry.of(free), low, high, float(error), entry.unit)
+    return parameters
+
+
+def _p_value(chi2: float, dof: int, weights: Weights) -> float:
+    from scipy.special import chdtrc, fdtrc
+
+    if weights.degrees_of_freedom == 0:
+        return math.nan
+    if math.isinf(weights.degrees_of_freedom):
+        return float(chdtrc(dof, chi2))
+    return float(fdtrc(dof, weights.degrees_of_freedom, chi2 / dof))
+
+
+def _notes(law: Law, D, outside, weights: Weights, p_value: float, context: Context) -> tuple[str, ...]:
+    notes = []
+    if outside.any():
+        worst = ", ".join(f"{ratio:.3g}" for ratio in D[outside] / context.d)
+        notes.append(f"D/d = {worst} is below {law.least_ratio:g}, where the law is not meant to hold")
+    if weights.degrees_of_freedom == 0:
+        notes.append("no replicates: the errors are taken from the scatter about the law")
+    if weights.uneven:
+        notes.append("the relative scatter between replicates differs between points (Bartlett, p < 0.01)")
+    if p_value < 0.05:
+        notes.append(
+            "the law misses the points by more than their errors; intervals are widened by sqrt(chi2/dof)"
+        )
+    return tuple(notes)
+
+
+def compare(results: Sequence[FitResult]) -> str:
+    """Name of the law that the data prefer by AICc, or `undecided`. Raises FitError unless all fit the same data."""
+    if not results:
+        return UNDECIDED
+    first = results[0]
+    if any(not (np.array_equal(r.D, first.D) and np.array_equal(r.W, first.W)) for r in results):
+        raise FitError("laws can be compared only on the same points")
+    return prefer({result.law.name: result.aicc for result in results})

@@ -1,0 +1,88 @@
+"""What a law of flow is: a formula for the mass flow rate, its free parameters and what is reported of them."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a law needs to know besides the orifice, in SI.
+
+    `d`: grain diameter [m]; `rho_p`: density of the grains' material [kg/m^3]; `rho_b`: bulk density of the packing,
+    its measured packing fraction times rho_p [kg/m^3], None if not measured; `Z`: thickness of the slot [m]; `g`:
+    gravity [m/s^2].
+    """
+
+    d: float
+    rho_p: float
+    rho_b: float | None
+    Z: float
+    g: float
+
+    @property
+    def grain_mass(self) -> float:
+        """Mass of a spherical grain [kg]."""
+        return self.rho_p * math.pi / 6 * self.d**3
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A parameter as it is reported: a monotone function of one free parameter."""
+
+    name: str
+    unit: str
+    free: int
+    of: Callable[[float], float]
+
+
+class Law(ABC):
+    """A law W(D) of the mass flow rate [kg/s] through an orifice of width D [m].
+
+    Free parameters are dimensionless and chosen so that the fit is well behaved; `reported` says what they mean.
+    """
+
+    name: ClassVar[str]
+    version: ClassVar[int]
+    """Rises whenever fitted numbers may change."""
+    formula: ClassVar[str]
+    source: ClassVar[str]
+    free: ClassVar[tuple[str, ...]]
+    least_ratio: ClassVar[float]
+    """D/d below which the law is not meant to hold."""
+
+    @abstractmethod
+    def log_flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:
+        """ln W at the orifices D [m], shape [n]; W in kg/s."""
+
+    @abstractmethod
+    def start(self, D: np.ndarray, W: np.ndarray, context: Context) -> np.ndarray:
+        """Free parameters to start a fit from."""
+
+    @abstractmethod
+    def reported(self, context: Context) -> tuple[Reported, ...]:
+        """The parameters as a physicist reads them."""
+
+    def flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:
+        """W [kg/s] at the orifices D [m], shape [n]."""
+        return np.exp(self.log_flow(np.asarray(D, float), np.asarray(free, float), context))
+
+    def outside(self, D: np.ndarray, context: Context) -> np.ndarray:
+        """Which orifices lie outside the range that the law is meant for, shape [n]."""
+        return np.asarray(D, float) / context.d < self.least_ratio * (1 - 1e-9)
+
+
+def extended_log(x: np.ndarray) -> np.ndarray:
+    """ln x, continued below 1e-3 by its tangent, so that a fit that strays out of the domain finds its way back."""
+    edge = 1e-3
+    inside = np.maximum(x, edge)
+    return np.log(inside) + (x - inside) / edge
+
+
+def exponential(x: float) -> float:
+    """e^x, infinite where a double overflows: the end of an interval that the data do not set."""
+    return math.exp(x) if x < 700 else math.inf

@@ -1,0 +1,7 @@
+"""Statistics of measurements: pooling of replicates, errors within a run, trends, equivalence, model choice."""
+
+from labbook.stats.measured import Measured
+from labbook.stats.pooling import Pooled, pool
+from labbook.stats.stopping import Decision, StoppingRule
+
+__all__ = ["Decision", "Measured", "Pooled", "StoppingRule", "pool"]

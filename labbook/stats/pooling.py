@@ -1,0 +1,66 @@
+"""Pooling replicates: the mean over seeds, with the seed-to-seed error and a Student interval."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Mean of `n` independent replicates.
+
+    `error`: standard error of the mean from the scatter between replicates (NaN for one replicate). `half_width`: of
+    the interval at `confidence` (infinite for one replicate).
+    """
+
+    value: float
+    error: float
+    half_width: float
+    n: int
+    confidence: float = 0.95
+
+    @property
+    def low(self) -> float:
+        """Lower end of the interval."""
+        return self.value - self.half_width
+
+    @property
+    def high(self) -> float:
+        """Upper end of the interval."""
+        return self.value + self.half_width
+
+    @property
+    def relative(self) -> float:
+        """Half width relative to the size of the mean; infinite for a mean of zero."""
+        return self.half_width / abs(self.value) if self.value else math.inf
+
+
+def student(confidence: float, degrees_of_freedom: float) -> float:
+    """Two-sided Student quantile t: |T| < t with probability `confidence`; infinite without degrees of freedom."""
+    from scipy.special import stdtrit
+
+    if not 0 < confidence < 1:
+        raise ValueError(f"a confidence lies between 0 and 1, not at {confidence}")
+    if degrees_of_freedom < 1:
+        return math.inf
+    return float(stdtrit(min(degrees_of_freedom, 1e8), 0.5 + confidence / 2))
+
+
+def pool(values: Sequence[float] | np.ndarray, confidence: float = 0.95) -> Pooled:
+    """Mean of one value per replicate with its Student interval, x +- t_{n-1} s / sqrt(n).
+
+    For a number of replicates that was fixed beforehand; where it was decided by looking at the values, use
+    `StoppingRule`. Raises ValueError for no values or values that are not finite.
+    """
+    array = np.asarray(values, float)
+    if array.ndim != 1 or not len(array):
+        raise ValueError("pooling needs one value per replicate, and at least one replicate")
+    if not np.isfinite(array).all():
+        raise ValueError("pooling needs finite values: leave out the replicates that gave none, and say so")
+    n, mean = len(array), float(array.mean())
+    if n == 1:
+        return Pooled(mean, math.nan, math.inf, 1, confidence)
+    error = float(array.std(ddof=1)) / math.sqrt(n)
+    return Pooled(mean, error, student(confidence, n - 1) * error, n, confidence)

@@ -1,0 +1,109 @@
+"""When to stop adding replicates: a sequential rule whose intervals keep their coverage.
+
+Adding replicates until the Student interval looks narrow enough stops too often on replicates that agree by chance:
+from 3 replicates on, a nominal 95 % interval covers as little as 90 %. (Chow & Robbins, Ann. Math. Statist. 36 (1965)
+457, show that coverage is kept only in the limit of narrow intervals; Singham & Schruben, INFORMS J. Comput. 24
+(2012) 624, measure what is lost before.) Stein's two-stage rule (Ann. Math. Statist. 16 (1945) 243) is exact but never
+uses the scatter of the later replicates, which from 3 replicates on costs up to twice as many runs. The rule here
+looks after every few replicates and widens both the criterion and the interval that it reports by 1 + 1.25/n. In
+simulations of normal replicates, over tolerances from 0.2 to 6 standard deviations and caps from 6 to 30, its
+nominal 95 % intervals cover between 93.4 % and 97.5 %.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil, inf, isfinite
+from typing import Literal
+
+from labbook.stats.pooling import Pooled, pool, student
+
+FEWEST = 3
+"""With 2 replicates t is 12.7: a narrow interval would be an accident."""
+_WIDENING = 1.25
+
+Ended = Literal["tolerance", "cap"]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What to do after a look at the replicates.
+
+    `more`: how many replicates to add before looking again; 0 at the end. `ended`: `tolerance` (met) or `cap` (reached
+    before it was met), None while going on. `pooled`: None as long as there is no replicate at all.
+    """
+
+    pooled: Pooled | None
+    more: int
+    ended: Ended | None
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """Replicates are added until the relative half width of the pooled interval is within `tolerance`, or `cap` is reached.
+
+    `minimum`: replicates before the first look; at least 3 where there is a tolerance and the cap allows it. Without
+    a tolerance (None) the minimum is all that is run, and no interval is widened; neither is it where the cap leaves
+    nothing to decide. Raises ValueError for a tolerance that is not positive, a minimum below 1 or above the cap.
+    """
+
+    tolerance: float | None
+    minimum: int
+    cap: int
+    confidence: float = 0.95
+
+    def __post_init__(self):
+        if self.tolerance is not None and not (self.tolerance > 0 and isfinite(self.tolerance)):
+            raise ValueError(f"a tolerance must be positive, not {self.tolerance}")
+        if not 1 <= self.minimum <= self.cap:
+            raise ValueError(
+                f"replicates: the minimum ({self.minimum}) must lie between 1 and the cap ({self.cap})"
+            )
+
+    @property
+    def first(self) -> int:
+        """Replicates before the first look."""
+        return self.minimum if self.tolerance is None else min(max(self.minimum, FEWEST), self.cap)
+
+    @property
+    def sequential(self) -> bool:
+        """Whether the number of replicates depends on their values, which is what widens the interval."""
+        return self.tolerance is not None and self.first < self.cap
+
+    def pool(self, values: Sequence[float]) -> Pooled:
+        """Pooled mean with the interval that belongs to this rule: Student's, times 1 + 1.25/n if sequential."""
+        pooled = pool(values, self.confidence)
+        if not self.sequential:
+            return pooled
+        return replace(pooled, half_width=pooled.half_width * (1 + _WIDENING / pooled.n))
+
+    def decide(self, values: Sequence[float]) -> Decision:
+        """Whether `values`, one a replicate in the order of their seeds, suffice, and if not how many to add."""
+        n = len(values)
+        pooled = self.pool(values) if n else None
+        if n < self.first or pooled is None:
+            return Decision(pooled, self.first - n, None)
+        if self.tolerance is None:
+            return Decision(pooled, 0, None)
+        if pooled.relative <= self.tolerance:
+            return Decision(pooled, 0, "tolerance")
+        if n >= self.cap:
+            return Decision(pooled, 0, "cap")
+        # At most a third at a time: a scatter known from few replicates is no ground for ordering many.
+        return Decision(pooled, min(self._missing(pooled), max(1, n // 3), self.cap - n), None)
+
+    def _missing(self, pooled: Pooled) -> int:
+        """Replicates that would be missing if the scatter stayed as it is."""
+        assert self.tolerance is not None
+        if pooled.relative == inf:
+            return self.cap
+        return max(1, ceil(pooled.n * ((pooled.relative / self.tolerance) ** 2 - 1)))
+
+    def forecast(self, relative_scatter: float) -> int:
+        """Replicates to expect for a known standard deviation between replicates, relative to the mean."""
+        if self.tolerance is None:
+            return self.minimum
+        for n in range(self.first, self.cap):
+            widening = 1 + _WIDENING / n
+            if widening * student(self.confidence, n - 1) * relative_scatter / n**0.5 <= self.tolerance:
+                return n
+        return self.cap
