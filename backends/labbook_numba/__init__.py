@@ -1,1 +1,46 @@
-"""The CPU engine."""
+"""The CPU engine: Numba kernels, one member a core."""
+
+from collections.abc import Mapping, Sequence
+
+from labbook.backend import Capabilities, Probe, Spec, Unsupported
+from labbook.numerics import Numerics
+from labbook.scene import Scene
+
+CACHE_VERSION = 1
+
+
+class Backend:
+    """See `labbook.backend.Backend`. Nothing of Numba is loaded before `specialise` or `open`."""
+
+    capabilities = Capabilities(
+        name="numba",
+        cache_version=CACHE_VERSION,
+        shapes=frozenset({"sphere"}),
+        laws=frozenset({"hertz-mindlin", "linear"}),
+        walls=frozenset({"plane", "strip"}),
+        precisions=frozenset({"double"}),
+        devices=("cpu",),
+    )
+
+    def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
+        """Features compiled in. Raises Unsupported."""
+        from labbook_numba.specialise import specialise
+
+        return specialise(self.capabilities, scene, numerics, probes)
+
+    def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
+        """An ensemble with `slots` threads (None: one a core). Raises Unsupported for a device other than `cpu`."""
+        from labbook_numba.build import SWITCHES, kernels
+        from labbook_numba.ensemble import Ensemble, cores
+
+        if device != "cpu":
+            raise Unsupported("device", f"the engine numba runs on cpu, not on {device}")
+        switches = tuple((name, spec.feature(name)) for name in SWITCHES)
+        module = kernels(spec.feature("law"), spec.feature("precision"), switches)
+        return Ensemble(self.capabilities, spec, module, min(slots or cores(), cores()))
+
+    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
+        """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
+        from labbook_dem.describe import describe
+
+        return describe(scene, numerics)

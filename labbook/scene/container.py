@@ -1,8 +1,8 @@
 """Containers: what a study names (`wedge-hopper`, `box`), turned into wall primitives.
 
 Each container knows its walls when open and when closed. A closed container's outlet carries a lid and its
-side walls reach up as far as a filling needs, so that flat-bottomed silos that differ only in their outlets are
-the same closed container, and share packings.
+side walls reach up as far as a filling needs, so that flat-bottomed silos that differ only in their outlets
+are the same closed container, and share packings.
 """
 
 import math

@@ -16,7 +16,7 @@ class Model(BaseModel):
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that cannot be: the dotted key at fault (from the model that says so), why, and the remedy."""
+    """Something that cannot be: the dotted key at fault (from the model that says so), why, the remedy."""
 
     key: str
     reason: str

@@ -73,7 +73,7 @@ def _factor(units: str, unit: str, diameter: float | None) -> float:
             position, sign = term.end(), -1 if "/" in link else 1
         if sign < 0 or link.strip() == "*":
             raise ValueError("not a quantity: a unit is missing at its end")
-        return float(product.to(unit or "dimensionless").magnitude)
+        return product.to(unit or "dimensionless").m_as(unit or "dimensionless")
     except pint.DimensionalityError as error:
         wanted = f"a quantity in {unit}" if unit else "a number without unit"
         raise ValueError(f"{wanted} is needed, not one in {error.units1}") from None

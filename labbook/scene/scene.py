@@ -66,7 +66,7 @@ class Scene(Model):
         )
 
     def close(self, friction: float | None = None) -> "Scene":
-        """The scene in which a packing for this one is made; `friction` replaces that of grains and of walls."""
+        """The scene in which its packing is made; `friction` replaces that of grains and of walls."""
         container = self.container.close()
         names = {"all", *(wall.name for wall in container.walls())}
         walls = {name: surface for name, surface in self.walls.items() if name in names}

@@ -23,7 +23,7 @@ def collision(scene: Scene) -> float:
     """Duration [s] of an undamped head-on collision of two grains.
 
     Linear law: pi sqrt(m_eff/k_n). Hertz: 2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} at v = sqrt(g d), a fall of
-    half a diameter (v = 1 m/s without gravity); its coefficient is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882).
+    half a diameter (v = 1 m/s without gravity); 2.868 is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882).
     """
     grains, law = scene.grains, scene.contact
     mass = grains.mass / 2

@@ -56,7 +56,7 @@ WallShape = Annotated[Plane | Strip, Field(discriminator="kind")]
 
 
 class SurfaceMotion(Model):
-    """Velocity of a wall's surface: a velocity, and a spin about the vertical axis x = y = 0. The wall itself stays."""
+    """Motion of a wall's surface; the wall itself stays."""
 
     velocity: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)
     """Along x, y and z."""
@@ -65,7 +65,7 @@ class SurfaceMotion(Model):
 
 
 class Wall(Model):
-    """One wall: a name that friction springs and observations are keyed by, a shape, and its surface's motion."""
+    """One wall: a name that springs and observations are keyed by, a shape, its surface's motion."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
     """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""

@@ -1,0 +1,52 @@
+"""Hertz normal force, Mindlin friction spring (Fan et al. 2023, eqs 6 and 7).
+
+With K = (4/3) E* sqrt(R* delta): F_n^e = K delta and F_n^v = C_n sqrt(6 m* K) v_n. With kappa = (2 - nu)/(2 (1 - nu)),
+delta_max = mu kappa delta, u = 1 - min(|s|, delta_max)/delta_max and K_t = K/kappa, eq 7 reads without cancellation or
+division by the spring: F_t^e = K_t s (1 + u + u^2)/(1 + u^{3/2}) and F_t^v = C_t sqrt(6 m* K_t sqrt(u)) v_t. The spring
+is cut at delta_max, then |F_t| <= mu F_n with the total normal force.
+"""
+
+from labbook.scene import HertzMindlin, Surface
+from labbook.scene.timescales import effective_modulus
+from labbook_dem import restitution
+from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
+
+
+def coefficients(law: HertzMindlin, surface: Surface, stiffness_scale: float = 1.0) -> coefs:
+    """(4/3) E* [Pa], C_n, C_t, kappa, mu, mu_r of a contact between equal materials with this surface."""
+    e, nu = surface.restitution or 1.0, law.poisson_ratio
+    c_n = restitution.hertz_textbook(e) if law.damping == "textbook" else restitution.hertz_c_n(e)
+    modulus = 4 / 3 * effective_modulus(law) * stiffness_scale
+    kappa = (2 - nu) / (2 * (1 - nu))
+    mu, mu_r = surface.friction or 0.0, surface.rolling_friction or 0.0
+    return modulus, c_n, law.tangential_damping * c_n, kappa, mu, mu_r, 0.0, 0.0
+
+
+@func
+def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
+    """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
+    zero = real(0.0)
+    one = real(1.0)
+    six = real(6.0)
+    stiff = c[0] * sqrt(rs * delta)
+    fn = max(stiff * delta - c[1] * sqrt(six * ms * stiff) * vn, zero)
+    stiff_t = stiff / c[3]
+    s_max = c[4] * c[3] * delta
+    length = sqrt(dot(s, s))
+    slides = length >= s_max
+    u = zero if slides else one - length / s_max
+    s = s * ((s_max / length) if length > s_max else one)
+    root = sqrt(u)
+    k_t = stiff_t * (one + u + u * u) / (one + u * root)
+    ft = -(s * k_t) - vt * (c[2] * sqrt(six * ms * stiff_t * root))
+    size = sqrt(dot(ft, ft))
+    limit = c[4] * fn
+    ft = ft * ((limit / size) if size > limit else one)
+    return fn, ft, s
+
+
+@func
+def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
+    """Normal force alone, for contacts without friction."""
+    stiff = c[0] * sqrt(rs * delta)
+    return max(stiff * delta - c[1] * sqrt(real(6.0) * ms * stiff) * vn, real(0.0))

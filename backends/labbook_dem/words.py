@@ -1,0 +1,66 @@
+"""The vocabulary that the physics is written in, as plain Python.
+
+Engines replace it: `func` marks a function to compile, `real` is the scalar of contact laws, `wide` that of positions,
+gaps and updates (`real` may be single, `wide` never is), `vec3` and `wide3` are their vectors, `narrow` turns a wide
+vector into a real one, `coefs` is a row of eight coefficients of a law. Literals are written `real(0.5)`. Functions
+are free of loops and choose by conditional expressions, so that they inline and vectorise.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+F = TypeVar("F", bound=Callable)
+
+
+def func(function: F) -> F:
+    """Marks a function of the physics; in plain Python it is left as it is."""
+    return function
+
+
+real = float
+wide = float
+coefs = tuple[float, float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class vec3:
+    """A vector of three reals."""
+
+    x: float
+    y: float
+    z: float
+
+    def __add__(self, other: "vec3") -> "vec3":
+        return vec3(self.x + other.x, self.y + other.y, self.z + other.z)
+
+    def __sub__(self, other: "vec3") -> "vec3":
+        return vec3(self.x - other.x, self.y - other.y, self.z - other.z)
+
+    def __mul__(self, factor: float) -> "vec3":
+        return vec3(self.x * factor, self.y * factor, self.z * factor)
+
+    def __neg__(self) -> "vec3":
+        return vec3(-self.x, -self.y, -self.z)
+
+
+wide3 = vec3
+
+
+def narrow(vector: wide3) -> vec3:
+    """A wide vector as a real one."""
+    return vector
+
+
+def dot(a: vec3, b: vec3) -> float:
+    """Scalar product."""
+    return a.x * b.x + a.y * b.y + a.z * b.z
+
+
+def cross(a: vec3, b: vec3) -> vec3:
+    """Vector product."""
+    return vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+
+
+sqrt = math.sqrt

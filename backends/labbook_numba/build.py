@@ -1,0 +1,94 @@
+"""From features to compiled kernels: one generated module per specialisation, cached on disk.
+
+Numba's own cache does not notice when an imported law was edited, and never hits for closures. So each
+specialisation is written out as a module of its own, whose folder is named by a hash of all that it is made of: the
+sources of physics and kernels, the features, and the versions of Python, Numba and llvmlite. Numba keeps its compiled
+code beside it, told apart by CPU.
+"""
+
+import hashlib
+import importlib.util
+import os
+import platform
+import sys
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+
+import llvmlite
+import numba
+
+from labbook_dem import contact, motion, source
+from labbook_dem.laws import hertz_mindlin, linear
+from labbook_dem.walls import plane, strip
+from labbook_numba import dialect, state, vector
+from labbook_numba.kernels import features as vocabulary
+from labbook_numba.kernels import forces, neighbours, observe, step
+
+LAWS = {"hertz-mindlin": hertz_mindlin, "linear": linear}
+SWITCHES = (
+    "FRICTION",
+    "ROLLING",
+    "TWIST",
+    "MOVING",
+    "PLANES",
+    "STRIPS",
+    "OUTLET",
+    "CROSSING",
+    "LEDGER",
+    "ANY_WALLS",
+)
+
+
+def cache_folder() -> Path:
+    """Where generated modules live: $LABBOOK_CACHE, or labbook/numba in the user's cache folder."""
+    home = os.environ.get("LABBOOK_CACHE")
+    if home:
+        return Path(home)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "labbook" / "numba"
+
+
+def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
+    """Source of the kernel module of one specialisation."""
+    constants: dict[str, object] = dict(switches)
+    for place in (
+        state,
+        vocabulary,
+    ):  # the numbers by which host and kernels agree on places and return codes
+        constants |= {k: v for k, v in vars(place).items() if k.isupper() and type(v) is int}
+    modules = [LAWS[law], contact, motion, plane, strip, forces, neighbours, step, observe]
+    text = source.generate(dialect.header(precision), constants, modules)
+    # annotations name the engine's Python types, which compiled code has no use for
+    return text.replace(": State", "").replace(": Params", "")
+
+
+def digest(text: str) -> str:
+    """Hash of a kernel module and of everything else that decides what it compiles to."""
+    parts = [text, numba.__version__, llvmlite.__version__, platform.python_version()]
+    parts += [Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, state)]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
+
+
+@lru_cache(maxsize=64)
+def kernels(law: str, precision: str, switches: tuple[tuple[str, bool], ...]) -> ModuleType:
+    """The kernel module of one specialisation, written if it is not there yet. Compiling happens at first use."""
+    text = module_text(law, precision, dict(switches))
+    key = digest(text)
+    name = f"labbook_numba_{key}"
+    folder = cache_folder() / key
+    path = folder / f"{name}.py"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(
+            "w", dir=folder, suffix=".part", delete=False, encoding="utf-8"
+        ) as file:
+            file.write(text)
+        os.replace(file.name, path)
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,44 @@
+"""Names that a generated module defines as constants; here only so that kernels read and type-check as Python."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
+    CROSSED,
+    FAIL_GRAIN,
+    FAIL_VALUE,
+    GRAINS,
+    LEAVING,
+    MAX_OVERLAP,
+    MOVED,
+    PAIRS,
+    REBUILDS,
+    STEP,
+    TOUCHING,
+    WALLS,
+    WORK,
+)
+
+F = TypeVar("F", bound=Callable)
+
+
+def kernel(function: F) -> F:
+    """Marks a function compiled on its own, with arrays as arguments."""
+    return function
+
+
+FRICTION = True
+ROLLING = True
+TWIST = True  # rolling resistance acts on twist too
+MOVING = True  # some wall's surface moves
+PLANES = True
+STRIPS = True
+CROSSING = True  # the first passage of grains through a plane is recorded
+OUTLET = True  # grains far below the outlet are dropped
+LEDGER = True  # contact work and touching contacts are added up
+ANY_WALLS = True
+
+DONE, GROW, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)
+
+int64: Any = int
+uint64: Any = int

@@ -1,0 +1,233 @@
+"""One running scene: its arrays, its kernels, and how it starts, stops and is read."""
+
+import math
+from collections.abc import Mapping
+from types import ModuleType
+
+import numpy as np
+
+from labbook.backend import Checkpoint, Contacts, Crossing, Ledger, Probe, Sample, Status, Table
+from labbook.numerics import Numerics
+from labbook.protocol.packing import Packing
+from labbook.scene import Scene
+from labbook_numba import state as S
+from labbook_numba.specialise import parameters
+from labbook_numba.state import Params, State
+
+PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # first guesses; arrays grow when they are too short
+GUARDS = {2: "state", 3: "speed", 4: "overlap"}
+
+
+class Run:
+    """A scene being stepped by compiled kernels."""
+
+    def __init__(
+        self, engine: str, version: int, kernels: ModuleType, scene: Scene, numerics: Numerics, probes
+    ):
+        self.engine, self.version, self.kernels = engine, version, kernels
+        self.scene, self.numerics, self.probes = scene, numerics, tuple(probes)
+        self.params: Params = parameters(scene, numerics, probes)
+        self.names = [wall.name for wall in scene.container.walls()]
+        self.failure: tuple[str, int, int, str] | None = None
+
+    # how it starts
+
+    def start(self, packing: Packing) -> None:
+        """Begin from a packing at step 0."""
+        n = len(packing)
+        self.state = st = S.allocate(
+            n, PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64, self._crossings(n)
+        )
+        st.count[S.GRAINS] = n
+        st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
+        st.u[:], st.o[:] = packing.v, packing.omega
+        st.gone[:] = packing.x[:, 2] < self.params.plane
+        self._rebuild()
+        self._set_springs(packing)
+
+    def _crossings(self, n: int) -> int:
+        return n if any(isinstance(probe, Crossing) for probe in self.probes) else 0
+
+    def _set_springs(self, packing: Packing) -> None:
+        st = self.state
+        for (i, j), spring in zip(packing.pairs, packing.pair_spring, strict=True):
+            first, last = st.row[i], st.row[i + 1]
+            at = first + np.searchsorted(st.pair_j[first:last], j)
+            if at < last and st.pair_j[at] == j:
+                st.spring[at] = spring
+        index = {name: w for w, name in enumerate(self.names)}
+        for i, name, spring in zip(packing.wall_grain, packing.wall_name, packing.wall_spring, strict=True):
+            w = index.get(str(name))
+            first, last = st.wall_row[i], st.wall_row[i + 1]
+            at = first + np.searchsorted(st.wall_of[first:last], -1 if w is None else w)
+            if w is not None and at < last and st.wall_of[at] == w:
+                st.wall_spring[at] = spring
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Continue where a checkpoint was taken. Raises ValueError if it is not of this engine and version."""
+        if (checkpoint.engine, checkpoint.cache_version) != (self.engine, self.version):
+            raise ValueError(
+                f"the checkpoint is of {checkpoint.engine} version {checkpoint.cache_version}, "
+                f"not of {self.engine} version {self.version}"
+            )
+        self.state = State(**{name: np.array(checkpoint.arrays[name]) for name in State._fields})
+
+    def checkpoint(self) -> Checkpoint:
+        """The exact state, copied."""
+        arrays = {name: array.copy() for name, array in self.state._asdict().items()}
+        return Checkpoint(self.engine, self.version, arrays)
+
+    # how it runs
+
+    @property
+    def step(self) -> int:
+        """Steps taken."""
+        return int(self.state.count[S.STEP])
+
+    @property
+    def empty(self) -> bool:
+        """Whether no grain is left."""
+        return int(self.state.count[S.GRAINS]) == 0
+
+    def beat(self) -> None:
+        """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat."""
+        before = self.checkpoint()
+        target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
+        while (code := self.kernels.advance(self.state, self.params, target)) == self.kernels.GROW:
+            self._grow()
+        if code != self.kernels.DONE:
+            st = self.state
+            grain = int(st.ids[st.count[S.FAIL_GRAIN]])
+            self.failure = (
+                GUARDS[code],
+                self.step,
+                grain,
+                self._explain(code, grain, float(st.sums[S.FAIL_VALUE])),
+            )
+            self.restore(before)
+
+    def _explain(self, code: int, grain: int, value: float) -> str:
+        when = f"grain {grain} at step {self.step}"
+        if GUARDS[code] == "overlap":
+            return f"{when} overlaps by {value / self.scene.grains.diameter:.2f} d; try a smaller time step"
+        if GUARDS[code] == "speed":
+            return f"{when} moves at {value:.3g} m/s; try a smaller time step"
+        return f"{when} has a velocity that is no number; try a smaller time step"
+
+    def _grow(self) -> None:
+        st = self.state
+        pairs = max(len(st.pair_j), int(1.3 * st.count[S.PAIRS]) + 64)
+        walls = max(len(st.wall_of), int(1.3 * st.count[S.WALLS]) + 64)
+        longer = {"pair_j": pairs, "spring": pairs, "wall_of": walls, "wall_spring": walls}
+        self.state = st._replace(**{name: _lengthened(getattr(st, name), to) for name, to in longer.items()})
+
+    def _rebuild(self) -> None:
+        while not self.kernels.rebuild(self.state, self.params):
+            self._grow()
+
+    # how it is read
+
+    def status(self) -> Status:
+        """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
+        st, p = self.state, self.params
+        n = int(st.count[S.GRAINS])
+        scale = p.mass * (p.gravity * 2 * p.radius or (2 * p.radius) ** 2)
+        return Status(self.step, self.step * p.dt, n, self._kinetic() / max(n, 1) / scale)
+
+    def _kinetic(self) -> float:
+        st, p = self.state, self.params
+        n = int(st.count[S.GRAINS])
+        return 0.5 * p.mass * float(np.sum(st.u[:n] ** 2)) + 0.5 * p.inertia * float(np.sum(st.o[:n] ** 2))
+
+    def packing(self) -> Packing:
+        """The portable state."""
+        st, n = self.state, int(self.state.count[S.GRAINS])
+        pairs, walls = int(st.row[n]), int(st.wall_row[n])
+        i = np.repeat(np.arange(n), np.diff(st.row[: n + 1]))
+        at_wall = np.repeat(np.arange(n), np.diff(st.wall_row[: n + 1]))
+        loaded = np.any(st.spring[:pairs] != 0, axis=1)
+        wall_loaded = np.any(st.wall_spring[:walls] != 0, axis=1)
+        names = (
+            np.array(self.names, "U40")[st.wall_of[:walls][wall_loaded]] if self.names else np.zeros(0, "U40")
+        )
+        return Packing(
+            x=st.x[:n].copy(),
+            v=st.u[:n].copy(),
+            omega=st.o[:n].copy(),
+            ids=st.ids[:n].copy(),
+            pairs=np.column_stack([i, st.pair_j[:pairs]])[loaded].astype(np.int64),
+            pair_spring=st.spring[:pairs][loaded],
+            wall_grain=at_wall[wall_loaded].astype(np.int64),
+            wall_name=names,
+            wall_spring=st.wall_spring[:walls][wall_loaded],
+        )
+
+    def read(self, beat: int) -> Mapping[Probe, Table]:
+        """Rows of every probe that is due on this beat."""
+        due = [p for p in self.probes if isinstance(p, Crossing) or beat % p.every == 0]
+        return {probe: self._rows(probe) for probe in due}
+
+    def _rows(self, probe: Probe) -> Table:
+        if isinstance(probe, Crossing):
+            return self._crossed()
+        if isinstance(probe, Sample):
+            return self._sampled(probe)
+        if isinstance(probe, Contacts):
+            return self._touching()
+        return self._totals()
+
+    def _crossed(self) -> Table:
+        st = self.state
+        rows = st.cross[: st.count[S.CROSSED]].copy()
+        st.count[S.CROSSED] = 0
+        table = dict(zip(S.CROSS_COLUMNS, rows.T, strict=True))
+        return {**table, "id": table["id"].astype(np.int64), "step": table["step"].astype(np.int64)}
+
+    def _sampled(self, probe: Sample) -> Table:
+        st, n = self.state, int(self.state.count[S.GRAINS])
+        parts = {"x": ("", st.x), "v": ("v", st.u), "omega": ("w", st.o)}
+        table = {"id": st.ids[:n].copy()}
+        for name in probe.fields:
+            prefix, array = parts[name]
+            table |= {prefix + axis: array[:n, c].copy() for c, axis in enumerate("xyz")}
+        return self._stamped(table, n)
+
+    def _touching(self) -> Table:
+        if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
+            self._rebuild()  # lists decide nothing about the motion, so this changes none
+        st = self.state
+        out = np.zeros((int(st.count[S.PAIRS] + st.count[S.WALLS]), 9))
+        rows = out[: self.kernels.contact_rows(st, self.params, out)]
+        names = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
+        table = dict(zip(names, rows.T.copy(), strict=True))
+        return self._stamped(
+            {**table, **{k: table[k].astype(np.int64) for k in ("i", "j", "wall")}}, len(rows)
+        )
+
+    def _totals(self) -> Table:
+        st, p, n = self.state, self.params, int(self.state.count[S.GRAINS])
+        x, u, o = st.x[:n], st.u[:n], st.o[:n]
+        momentum = p.mass * u.sum(axis=0)
+        angular = p.mass * np.cross(x, u).sum(axis=0) + p.inertia * o.sum(axis=0)
+        row = {
+            "grains": n,
+            "kinetic": self._kinetic(),
+            "potential": p.mass * p.gravity * math.fsum(x[:, 2]),
+            "contact_work": float(st.sums[S.WORK]),
+            "mass": p.mass * n,
+            "max_overlap": float(st.sums[S.MAX_OVERLAP]),
+            "touching": int(st.count[S.TOUCHING]),
+            "rebuilds": int(st.count[S.REBUILDS]),
+            **dict(zip(("px", "py", "pz"), momentum, strict=True)),
+            **dict(zip(("lx", "ly", "lz"), angular, strict=True)),
+        }
+        return self._stamped({name: np.array([value]) for name, value in row.items()}, 1)
+
+    def _stamped(self, table: dict[str, np.ndarray], n: int) -> Table:
+        return {"step": np.full(n, self.step), "time": np.full(n, self.step * self.params.dt), **table}
+
+
+def _lengthened(array: np.ndarray, to: int) -> np.ndarray:
+    longer = np.zeros((to, *array.shape[1:]), array.dtype)
+    longer[: len(array)] = array
+    return longer
