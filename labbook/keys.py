@@ -1,0 +1,138 @@
+"""Identities: hashes of what decides a result, and of nothing else.
+
+A scene counts by its grains, its law, its walls (shape, motion and complete surface) and gravity, not by how
+a study spells them: two containers that amount to the same walls are one scene. Stop rules, probes, guards,
+threads, slots and devices are no part of any key; they are coverage or provenance.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from labbook.backend import Capabilities
+from labbook.numerics import Numerics
+from labbook.scene import Scene
+
+LENGTH = 24
+"""Hexadecimal digits of a key (96 bits: a collision among 10^9 runs has a probability below 10^-11)."""
+
+_GUARDS = ("speed_limit", "overlap_limit")
+
+
+def canonical(value: Any) -> str:
+    """JSON with sorted keys, no spaces and the shortest digits that give each number back; -0.0 is 0.0.
+
+    Raises ValueError for numbers that are not finite, TypeError for what JSON has no form for.
+    """
+    return json.dumps(
+        _plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isnan(value):
+        return value + 0.0
+    return value
+
+
+def digest(value: Any) -> str:
+    """Key of anything that has a canonical JSON form."""
+    return hashlib.sha256(canonical(value).encode()).hexdigest()[:LENGTH]
+
+
+def scene_key(scene: Scene) -> str:
+    """Key of what is simulated: grains, law, walls, motion, gravity."""
+    return digest(scene_identity(scene))
+
+
+def scene_identity(scene: Scene) -> dict[str, Any]:
+    """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
+    grains."""
+    container = scene.container
+    walls = [
+        {**wall.model_dump(mode="json"), "surface": scene.surface(wall).model_dump(mode="json")}
+        for wall in container.walls()
+    ]
+    return {
+        "grains": scene.grains.model_dump(mode="json"),
+        "contact": scene.contact.model_dump(mode="json"),
+        "walls": walls,
+        "outlet_plane": None if getattr(container, "closed", False) else container.outlet_plane,
+        "gravity": scene.gravity,
+    }
+
+
+def numerics_identity(numerics: Numerics) -> dict[str, Any]:
+    """The resolved numbers that decide a trajectory: all but the guards, which only say when to give up."""
+    return numerics.model_dump(mode="json", exclude=set(_GUARDS))
+
+
+@dataclass(frozen=True)
+class Filling:
+    """How a packing is made: kind of start, its placing's version, when it counts as settled, and the seed.
+    """
+
+    kind: str
+    seed: int
+    settled_below: float
+    """Kinetic energy per grain [m g d] below which a packing is at rest."""
+    placing: int
+    """Version of the rules that place the grains."""
+
+
+@dataclass(frozen=True)
+class Keys:
+    """All identities of one run."""
+
+    scene: str
+    packing: str
+    experiment: str
+    """Scene and packing: two engines with the same one ran the same experiment."""
+    run: str
+    lineage: str
+    """As `run`, whatever the engine's version: what a stale run and its replacement have in common."""
+
+
+def packing_key(closed: Scene, filling: Filling, numerics: Numerics, maker: Capabilities) -> str:
+    """Key of a packing: closed scene, filling with its seed, resolved numerics, and the engine that makes it.
+    """
+    return digest({**_packing(closed, filling, numerics, maker.name), "cache_version": maker.cache_version})
+
+
+def run_keys(
+    scene: Scene,
+    closed: Scene,
+    filling: Filling,
+    fill_numerics: Numerics,
+    numerics: Numerics,
+    engine: Capabilities,
+) -> Keys:
+    """Identities of the run of `scene` from the packing that `engine` makes in `closed`."""
+    scene_id = scene_key(scene)
+    packing_id = packing_key(closed, filling, fill_numerics, engine)
+    experiment = digest({"scene": scene_id, "packing": packing_id})
+    how = {"numerics": numerics_identity(numerics), "engine": engine.name}
+    lineage = {"scene": scene_id, "packing": _packing(closed, filling, fill_numerics, engine.name), **how}
+    return Keys(
+        scene=scene_id,
+        packing=packing_id,
+        experiment=experiment,
+        run=digest({"experiment": experiment, **how, "cache_version": engine.cache_version}),
+        lineage=digest(lineage),
+    )
+
+
+def _packing(closed: Scene, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:
+    return {
+        "scene": scene_key(closed),
+        "filling": vars(filling),
+        "numerics": numerics_identity(numerics),
+        "maker": maker,
+    }
