@@ -10,15 +10,15 @@ from labbook.fit.law import Context, Law, Reported, exponential, extended_log
 class Beverloo2D(Law):
     """W = C rho_b sqrt(g) (D - k d)^{3/2} Z.
 
-    W^{2/3} is a straight line in D: `slope` is its slope, k d its zero. C is reported for both normalisations in use:
-    `C` with the bulk density rho_b = phi_B rho_p of the measured packing (left out without one), `C_particle` with the
-    density rho_p of the grains. The error of phi_B is not part of the interval of C.
+    W^{2/3} is a straight line in D: `slope` is its slope, k d its zero. C is reported for both normalisations
+    in use: `C` with the bulk density rho_b = phi_B rho_p of the measured packing (left out without one),
+    `C_particle` with the density rho_p of the grains. The error of phi_B is not part of the interval of C.
     """
 
     name = "beverloo"
     version = 1
     formula = "W = C rho_b sqrt(g) (D - k d)^(3/2) Z"
-    source = "Beverloo et al., Chem. Eng. Sci. 15 (1961) 260; for a slot: Myers & Sellers 1978, Fan et al. 2023 eq 1"
+    source = "Beverloo et al., Chem. Eng. Sci. 15 (1961) 260; for a slot: Fan et al. 2023, eq 1"
     free = ("ln C_particle", "k")
     least_ratio = 6.0
 

@@ -1,4 +1,4 @@
-"""Fitting a law to flow rates with known errors: parameters with intervals, goodness, AICc, prediction bands."""
+"""Fitting a law to flow rates with known errors: parameters, intervals, goodness, AICc, prediction bands."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -32,11 +32,12 @@ class Parameter:
 class FitResult:
     """A law fitted to n points.
 
-    `D` [m], `W` [kg/s], `relative_error` (of W, as used for the weights), `residuals` (ln W - ln W_law, about the
-    relative deviation), `outside` (points outside the law's range: used all the same, and flagged): shape [n]. `chi2`
-    with `dof` = n - p; `p_value`: probability of a larger chi2 if the law holds (F distribution, since the errors are
-    estimates with `error_dof` degrees of freedom; NaN without replicates). `widening`: factor max(1, sqrt(chi2/dof))
-    on all intervals, so that a law that misses the data does not claim their precision.
+    `D` [m], `W` [kg/s], `relative_error` (of W, as used for the weights), `residuals` (ln W - ln W_law, about
+    the relative deviation), `outside` (points outside the law's range: used all the same, and flagged): shape
+    [n]. `chi2` with `dof` = n - p; `p_value`: probability of a larger chi2 if the law holds (F distribution,
+    since the errors are estimates with `error_dof` degrees of freedom; NaN without replicates). `widening`:
+    factor max(1, sqrt(chi2/dof)) on all intervals, so that a law that misses the data does not claim their
+    precision.
     """
 
     law: Law
@@ -81,7 +82,7 @@ class FitResult:
 
 
 def _freedom(error_dof: float, dof: int) -> float:
-    """Degrees of freedom of the intervals: those of the replicates, else those of the scatter about the law."""
+    """Degrees of freedom of the intervals: of the replicates, else of the scatter about the law."""
     return error_dof if error_dof else dof
 
 
@@ -96,11 +97,11 @@ def fit(
 ) -> FitResult:
     """Fit `law` to mass flow rates W [kg/s] at orifices D [m], all of shape [n].
 
-    `error`: standard errors of W from `replicates` seeds a point (NaN where there is one). They are pooled (see
-    `labbook.fit.weights`); left out, the errors count as exactly known. Residuals are those of ln W, in which the
-    relative scatter of flow rates has one size. Intervals come from the profile likelihood with Student's t on the
-    degrees of freedom of the errors; without any replicates, from the scatter about the law. Raises FitError for
-    unusable data or a fit that does not converge.
+    `error`: standard errors of W from `replicates` seeds a point (NaN where there is one). They are pooled
+    (see `labbook.fit.weights`); left out, the errors count as exactly known. Residuals are those of ln W, in
+    which the relative scatter of flow rates has one size. Intervals come from the profile likelihood with
+    Student's t on the degrees of freedom of the errors; without any replicates, from the scatter about the
+    law. Raises FitError for unusable data or a fit that does not converge.
     """
     D, W, error = (np.asarray(a, float) for a in (D, W, error))
     _check(law, D, W, error, replicates)
@@ -147,10 +148,10 @@ def fit(
 def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates) -> None:
     if not D.shape == W.shape == error.shape or D.ndim != 1:
         raise FitError(f"{law.name}: orifices, flow rates and errors must be lists of equal length")
-    if len(np.unique(D)) <= len(law.free):
+    orifices, least = len(np.unique(D)), len(law.free) + 1
+    if orifices < least:
         raise FitError(
-            f"{law.name}: {len(np.unique(D))} different orifices; its {len(law.free)} parameters need at least "
-            f"{len(law.free) + 1}"
+            f"{law.name}: {orifices} orifices are too few; its {least - 1} parameters need {least}"
         )
     if not (np.isfinite(W).all() and (W > 0).all() and np.isfinite(D).all() and (D > 0).all()):
         raise FitError(
@@ -206,7 +207,9 @@ def _notes(law: Law, D, outside, weights: Weights, p_value: float, context: Cont
 
 
 def compare(results: Sequence[FitResult]) -> str:
-    """Name of the law that the data prefer by AICc, or `undecided`. Raises FitError unless all fit the same data."""
+    """Name of the law that the data prefer by AICc, or `undecided`. Raises FitError unless all fit the same
+    data.
+    """
     if not results:
         return UNDECIDED
     first = results[0]

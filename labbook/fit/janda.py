@@ -8,10 +8,11 @@ from labbook.fit.law import Context, Law, Reported, exponential, extended_log
 
 
 class Janda2D(Law):
-    """Q = C' (1 - alpha_1 e^{-D/alpha_2}) D^{3/2}, with Q in grains per second; the mass flow rate is W = m Q.
+    """Q = C' (1 - alpha_1 e^{-D/alpha_2}) D^{3/2}, with Q in grains per second; the mass flow rate is W = m
+    Q.
 
-    The bracket is the packing fraction in the orifice relative to that of a wide one. `C_prime` is in
-    s^-1 m^-3/2, `alpha2` in m. Orifices all much wider than alpha_2 tell nothing of alpha_1 and alpha_2: their
+    The bracket is the packing fraction in the orifice relative to that of a wide one. `C_prime` is in s^-1
+    m^-3/2, `alpha2` in m. Orifices all much wider than alpha_2 tell nothing of alpha_1 and alpha_2: their
     intervals then have no upper or lower end (infinity, zero).
     """
 

@@ -1,4 +1,4 @@
-"""What a law of flow is: a formula for the mass flow rate, its free parameters and what is reported of them."""
+"""What a law of flow is: a formula for the mass flow rate, free parameters, and what is reported of them."""
 
 import math
 from abc import ABC, abstractmethod
@@ -13,9 +13,9 @@ import numpy as np
 class Context:
     """What a law needs to know besides the orifice, in SI.
 
-    `d`: grain diameter [m]; `rho_p`: density of the grains' material [kg/m^3]; `rho_b`: bulk density of the packing,
-    its measured packing fraction times rho_p [kg/m^3], None if not measured; `Z`: thickness of the slot [m]; `g`:
-    gravity [m/s^2].
+    `d`: grain diameter [m]; `rho_p`: density of the grains' material [kg/m^3]; `rho_b`: bulk density of the
+    packing, its measured packing fraction times rho_p [kg/m^3], None if not measured; `Z`: thickness of the
+    slot [m]; `g`: gravity [m/s^2].
     """
 
     d: float
@@ -43,7 +43,8 @@ class Reported:
 class Law(ABC):
     """A law W(D) of the mass flow rate [kg/s] through an orifice of width D [m].
 
-    Free parameters are dimensionless and chosen so that the fit is well behaved; `reported` says what they mean.
+    Free parameters are dimensionless and chosen so that the fit is well behaved; `reported` says what they
+    mean.
     """
 
     name: ClassVar[str]
@@ -77,7 +78,9 @@ class Law(ABC):
 
 
 def extended_log(x: np.ndarray) -> np.ndarray:
-    """ln x, continued below 1e-3 by its tangent, so that a fit that strays out of the domain finds its way back."""
+    """ln x, continued below 1e-3 by its tangent, so that a fit that strays out of the domain finds its way
+    back.
+    """
     edge = 1e-3
     inside = np.maximum(x, edge)
     return np.log(inside) + (x - inside) / edge

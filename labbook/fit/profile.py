@@ -1,9 +1,9 @@
 """Least squares with intervals from the profile likelihood.
 
-The interval of a parameter holds all values at which the sum of squares, minimised over all other parameters, exceeds
-its minimum by less than a given rise (Bates & Watts, Nonlinear Regression Analysis, 1988, section 6.1; Venzon &
-Moolgavkar, Appl. Statist. 37 (1988) 87). Unlike value +- error it follows curved valleys, and it says so where the
-data set no limit.
+The interval of a parameter holds all values at which the sum of squares, minimised over all other parameters,
+exceeds its minimum by less than a given rise (Bates & Watts, Nonlinear Regression Analysis, 1988, section
+6.1; Venzon & Moolgavkar, Appl. Statist. 37 (1988) 87). Unlike value +- error it follows curved valleys, and
+it says so where the data set no limit.
 """
 
 import math
@@ -21,7 +21,7 @@ _FARTHEST = 1e3
 
 @dataclass(frozen=True)
 class Minimum:
-    """Best parameters, sum of squares there, and covariance of the parameters, shape [p, p] (infinite if singular)."""
+    """Best parameters, sum of squares there, and their covariance, shape [p, p] (infinite if singular)."""
 
     best: np.ndarray
     chi2: float
@@ -31,9 +31,8 @@ class Minimum:
 def _least_squares(residuals: Residuals, start: np.ndarray):
     from scipy.optimize import leastsq
 
-    best, _, info, message, status = leastsq(
-        residuals, start, full_output=True, ftol=1e-12, xtol=1e-10, maxfev=4000
-    )
+    solution = leastsq(residuals, start, full_output=True, ftol=1e-12, xtol=1e-10, maxfev=4000)
+    best, _, info, message, status = solution  # pyright: ignore[reportAssignmentType]
     return best, float(np.sum(info["fvec"] ** 2)), message, status
 
 
@@ -69,7 +68,8 @@ def interval(residuals: Residuals, minimum: Minimum, index: int, rise: float) ->
     """
     error = math.sqrt(minimum.covariance[index, index])
     unit = error if math.isfinite(error) else 1.0
-    return tuple(_end(residuals, minimum, index, rise, sign * unit) for sign in (-1, 1))  # type: ignore[return-value]
+    low, high = (_end(residuals, minimum, index, rise, sign * unit) for sign in (-1, 1))
+    return low, high
 
 
 def _end(residuals: Residuals, minimum: Minimum, index: int, rise: float, unit: float) -> float:

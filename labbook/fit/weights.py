@@ -10,9 +10,9 @@ import numpy as np
 class Weights:
     """Relative standard error of each point, shape [n], and the degrees of freedom behind them.
 
-    `degrees_of_freedom`: infinite for errors that are known exactly, 0 where there are no replicates: then only the
-    errors' sizes relative to each other mean anything. `uneven`: whether the scatter differs between points by more
-    than chance (Bartlett's test, p < 0.01).
+    `degrees_of_freedom`: infinite for errors that are known exactly, 0 where there are no replicates: then
+    only the errors' sizes relative to each other mean anything. `uneven`: whether the scatter differs between
+    points by more than chance (Bartlett's test, p < 0.01).
     """
 
     relative: np.ndarray
@@ -23,9 +23,9 @@ class Weights:
 def pooled_weights(W: np.ndarray, error: np.ndarray, replicates: np.ndarray | None) -> Weights:
     """Relative errors of flow rates W from the standard errors of their means over `replicates` seeds.
 
-    An error from 3 replicates is itself uncertain by half its size, and weights that noisy spoil a fit: the relative
-    variance between replicates is pooled over all points, s^2 = sum (n_i - 1) s_i^2 / sum (n_i - 1), and point i gets
-    s / sqrt(n_i). Without `replicates` the errors are taken as exactly known.
+    An error from 3 replicates is itself uncertain by half its size, and weights that noisy spoil a fit: the
+    relative variance between replicates is pooled over all points, s^2 = sum (n_i - 1) s_i^2 / sum (n_i - 1),
+    and point i gets s / sqrt(n_i). Without `replicates` the errors are taken as exactly known.
     """
     if replicates is None:
         return Weights(error / W, inf)

@@ -1,4 +1,4 @@
-"""Statistics of measurements: pooling of replicates, errors within a run, trends, equivalence, model choice."""
+"""Statistics of measurements: pooled replicates, errors within a run, trends, equivalence, model choice."""
 
 from labbook.stats.measured import Measured
 from labbook.stats.pooling import Pooled, pool

@@ -21,10 +21,10 @@ def bootstrap(
     """Hierarchical bootstrap: within each point whole replicates (seeds) are drawn with replacement.
 
     `points`: for each point its replicates, of any type (numbers, series). What lies within a replicate stays
-    together: drawing it anew would count its noise twice (Davison & Hinkley, Bootstrap Methods, 1997, section 3.8).
-    With n replicates a point the bootstrap sees (n-1)/n of the variance, which is a third too little at n = 3; the error
-    is corrected for that, and the interval is Student's with the degrees of freedom of all points together. Raises
-    ValueError for a point with fewer than 2 replicates.
+    together: drawing it anew would count its noise twice (Davison & Hinkley, Bootstrap Methods, 1997, section
+    3.8). With n replicates a point the bootstrap sees (n-1)/n of the variance, which is a third too little at
+    n = 3; the error is corrected for that, and the interval is Student's with the degrees of freedom of all
+    points together. Raises ValueError for a point with fewer than 2 replicates.
     """
     sizes = [len(replicates) for replicates in points]
     if not sizes or min(sizes) < 2:

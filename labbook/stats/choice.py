@@ -5,15 +5,16 @@ from collections.abc import Mapping
 
 UNDECIDED = "undecided"
 DECISIVE = 4.0
-"""A difference in AICc below this does not choose (Burnham & Anderson, Model Selection, 2002, section 2.6)."""
+"""A difference in AICc below this does not choose (Burnham & Anderson, Model Selection, 2002, section 2.6).
+"""
 
 
 def aicc(chi2: float, points: int, parameters: int) -> float:
     """AICc of a least-squares fit: n ln(chi2/n) + 2K + 2K(K+1)/(n-K-1), with K = parameters + 1.
 
-    The K-th parameter is the overall size of the errors, which is left free: replicates give the weights of the
-    points relative to each other, but too few of them to be sure of the size. Hurvich & Tsai, Biometrika 76 (1989)
-    297. NaN unless there are more points than parameters + 2.
+    The K-th parameter is the overall size of the errors, which is left free: replicates give the weights of
+    the points relative to each other, but too few of them to be sure of the size. Hurvich & Tsai, Biometrika
+    76 (1989) 297. NaN unless there are more points than parameters + 2.
     """
     k = parameters + 1
     if points <= parameters + 2:

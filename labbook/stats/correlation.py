@@ -1,7 +1,8 @@
 """Errors of a mean within one run: autocorrelation and block means.
 
-They check the seed-to-seed error; they do not replace it. The outflow of a hopper is anticorrelated: grains that came
-early are missing later, so the statistical inefficiency is often below 1, and nothing here forces it up.
+They check the seed-to-seed error; they do not replace it. The outflow of a hopper is anticorrelated: grains
+that came early are missing later, so the statistical inefficiency is often below 1, and nothing here forces
+it up.
 """
 
 import math
@@ -14,8 +15,8 @@ import numpy as np
 class Correlated:
     """Mean of a correlated series.
 
-    `inefficiency`: g = 1 + 2 sum rho_k, such that the squared error of the mean is g s^2/n; below 1 for anticorrelated
-    series. `n_effective` = n / g.
+    `inefficiency`: g = 1 + 2 sum rho_k, such that the squared error of the mean is g s^2/n; below 1 for
+    anticorrelated series. `n_effective` = n / g.
     """
 
     mean: float
@@ -26,7 +27,7 @@ class Correlated:
 
 
 def autocorrelation(series: np.ndarray) -> np.ndarray:
-    """Autocorrelation rho_k of a series, shape [n], rho_0 = 1 (divided by n at every lag, hence positive definite).
+    """Autocorrelation rho_k of a series, shape [n], rho_0 = 1; positive definite (divided by n at every lag).
 
     Raises ValueError for a series that is constant or shorter than 2.
     """
@@ -43,9 +44,10 @@ def autocorrelation(series: np.ndarray) -> np.ndarray:
 def correlated_mean(series: np.ndarray) -> Correlated:
     """Mean of a stationary series and its standard error from the integrated autocorrelation.
 
-    The sum over lags has a flat-top window whose width is found from the data: twice the first lag after which the
-    correlation stays insignificant (Politis, J. Nonparametr. Stat. 15 (2003) 517). Such a sum may come out at or below
-    zero for a perfectly regular series; it is bounded by 1/n, the scatter of one interval at the ends of the window.
+    The sum over lags has a flat-top window whose width is found from the data: twice the first lag after
+    which the correlation stays insignificant (Politis, J. Nonparametr. Stat. 15 (2003) 517). Such a sum may
+    come out at or below zero for a perfectly regular series; it is bounded by 1/n, the scatter of one
+    interval at the ends of the window.
     """
     x = np.asarray(series, float)
     n = len(x)
@@ -75,7 +77,7 @@ def _significant_lags(rho: np.ndarray) -> int:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Means over equal blocks of a series, shape [n]; `error`: standard error of their mean, n - 1 degrees of freedom."""
+    """Means over equal blocks of a series, shape [n], and `error`, the standard error of their mean."""
 
     means: np.ndarray
     error: float
@@ -87,9 +89,10 @@ class Blocks:
 
 
 def block_mean(series: np.ndarray, blocks: int = 10) -> Blocks:
-    """Means over `blocks` equal blocks (the remainder at the start is left out), with the error of their mean.
+    """Means over `blocks` equal blocks, with the error of their mean; the remainder at the start is left out.
 
-    Blocks must be much longer than the correlation. Raises ValueError for fewer than 2 blocks or samples than blocks.
+    Blocks must be much longer than the correlation. Raises ValueError for fewer than 2 blocks or samples than
+    blocks.
     """
     x = np.asarray(series, float)
     length = len(x) // blocks if blocks >= 2 else 0

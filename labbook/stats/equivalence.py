@@ -1,5 +1,6 @@
-"""Are two means the same within a margin? Two one-sided tests (Schuirmann, J. Pharmacokinet. Biopharm. 15 (1987) 657).
+"""Are two means the same within a margin? Two one-sided tests.
 
+Schuirmann, J. Pharmacokinet. Biopharm. 15 (1987) 657.
 A t test that finds no difference proves nothing; this one has to reject "they differ by the margin or more".
 """
 
@@ -14,10 +15,11 @@ import numpy as np
 class Equivalence:
     """Outcome of two one-sided tests.
 
-    `difference`: mean of b minus mean of a, and `error`, its standard error; `margin`: how large a difference counts
-    as none, in the same unit; `p`: the larger of the two one-sided probabilities; `power`: probability that the test
-    shows equivalence if the true difference is zero and the scatter as measured. `low`, `high`: the interval of the
-    difference at confidence 1 - 2 alpha, which lies within the margin exactly when `equivalent`.
+    `difference`: mean of b minus mean of a, and `error`, its standard error; `margin`: how large a difference
+    counts as none, in the same unit; `p`: the larger of the two one-sided probabilities; `power`: probability
+    that the test shows equivalence if the true difference is zero and the scatter as measured. `low`, `high`:
+    the interval of the difference at confidence 1 - 2 alpha, which lies within the margin exactly when
+    `equivalent`.
     """
 
     difference: float
@@ -41,9 +43,9 @@ def tost(
 ) -> Equivalence:
     """Equivalence of two samples within +-`margin` (absolute).
 
-    Independent samples: Welch's error and degrees of freedom. `paired`: a[i] and b[i] share a seed (a packing), and
-    their differences are tested. Raises ValueError for fewer than 2 values in a sample, samples of unequal length
-    when paired, or a margin that is not positive.
+    Independent samples: Welch's error and degrees of freedom. `paired`: a[i] and b[i] share a seed (a
+    packing), and their differences are tested. Raises ValueError for fewer than 2 values in a sample, samples
+    of unequal length when paired, or a margin that is not positive.
     """
     x, y = np.asarray(a, float), np.asarray(b, float)
     if not margin > 0:
@@ -87,9 +89,9 @@ def tost_power(
 ) -> float:
     """Power of two one-sided tests; `margin` and the true `difference` in units of the standard error.
 
-    Exact: both tests reject if |difference + z| <= margin - t q with z normal and q^2 = chi2/nu, which is integrated
-    over q. (The usual sum of two noncentral t probabilities is a bound that fails for few degrees of freedom.)
-    Phillips, J. Pharmacokinet. Biopharm. 18 (1990) 137.
+    Exact: both tests reject if |difference + z| <= margin - t q with z normal and q^2 = chi2/nu, which is
+    integrated over q. (The usual sum of two noncentral t probabilities is a bound that fails for few degrees
+    of freedom.) Phillips, J. Pharmacokinet. Biopharm. 18 (1990) 137.
     """
     from scipy.integrate import quad
     from scipy.special import ndtr, stdtrit

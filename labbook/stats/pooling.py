@@ -11,8 +11,8 @@ import numpy as np
 class Pooled:
     """Mean of `n` independent replicates.
 
-    `error`: standard error of the mean from the scatter between replicates (NaN for one replicate). `half_width`: of
-    the interval at `confidence` (infinite for one replicate).
+    `error`: standard error of the mean from the scatter between replicates (NaN for one replicate).
+    `half_width`: of the interval at `confidence` (infinite for one replicate).
     """
 
     value: float
@@ -38,7 +38,9 @@ class Pooled:
 
 
 def student(confidence: float, degrees_of_freedom: float) -> float:
-    """Two-sided Student quantile t: |T| < t with probability `confidence`; infinite without degrees of freedom."""
+    """Two-sided Student quantile t: |T| < t with probability `confidence`; infinite without degrees of
+    freedom.
+    """
     from scipy.special import stdtrit
 
     if not 0 < confidence < 1:

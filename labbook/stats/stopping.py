@@ -1,13 +1,13 @@
 """When to stop adding replicates: a sequential rule whose intervals keep their coverage.
 
-Adding replicates until the Student interval looks narrow enough stops too often on replicates that agree by chance:
-from 3 replicates on, a nominal 95 % interval covers as little as 90 %. (Chow & Robbins, Ann. Math. Statist. 36 (1965)
-457, show that coverage is kept only in the limit of narrow intervals; Singham & Schruben, INFORMS J. Comput. 24
-(2012) 624, measure what is lost before.) Stein's two-stage rule (Ann. Math. Statist. 16 (1945) 243) is exact but never
-uses the scatter of the later replicates, which from 3 replicates on costs up to twice as many runs. The rule here
-looks after every few replicates and widens both the criterion and the interval that it reports by 1 + 1.25/n. In
-simulations of normal replicates, over tolerances from 0.2 to 6 standard deviations and caps from 6 to 30, its
-nominal 95 % intervals cover between 93.4 % and 97.5 %.
+Adding replicates until the Student interval looks narrow enough stops too often on replicates that agree by
+chance: from 3 replicates on, a nominal 95 % interval covers as little as 90 %. (Chow & Robbins, Ann. Math.
+Statist. 36 (1965) 457, show that coverage is kept only in the limit of narrow intervals; Singham & Schruben,
+INFORMS J. Comput. 24 (2012) 624, measure what is lost before.) Stein's two-stage rule (Ann. Math. Statist. 16
+(1945) 243) is exact but never uses the scatter of the later replicates, which from 3 replicates on costs up
+to twice as many runs. The rule here looks after every few replicates and widens both the criterion and the
+interval that it reports by 1 + 1.25/n. In simulations of normal replicates, over tolerances from 0.2 to 6
+standard deviations and caps from 6 to 30, its nominal 95 % intervals cover between 93.4 % and 97.5 %.
 """
 
 from collections.abc import Sequence
@@ -28,8 +28,8 @@ Ended = Literal["tolerance", "cap"]
 class Decision:
     """What to do after a look at the replicates.
 
-    `more`: how many replicates to add before looking again; 0 at the end. `ended`: `tolerance` (met) or `cap` (reached
-    before it was met), None while going on. `pooled`: None as long as there is no replicate at all.
+    `more`: how many replicates to add before looking again; 0 at the end. `ended`: `tolerance` (met) or `cap`
+    (reached before it was met), None while going on. `pooled`: None as long as there is no replicate at all.
     """
 
     pooled: Pooled | None
@@ -39,11 +39,13 @@ class Decision:
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """Replicates are added until the relative half width of the pooled interval is within `tolerance`, or `cap` is reached.
+    """Replicates are added until the relative half width of the pooled interval is within `tolerance`, or
+    `cap` is reached.
 
-    `minimum`: replicates before the first look; at least 3 where there is a tolerance and the cap allows it. Without
-    a tolerance (None) the minimum is all that is run, and no interval is widened; neither is it where the cap leaves
-    nothing to decide. Raises ValueError for a tolerance that is not positive, a minimum below 1 or above the cap.
+    `minimum`: replicates before the first look; at least 3 where there is a tolerance and the cap allows it.
+    Without a tolerance (None) the minimum is all that is run, and no interval is widened; neither is it where
+    the cap leaves nothing to decide. Raises ValueError for a tolerance that is not positive, a minimum below
+    1 or above the cap.
     """
 
     tolerance: float | None
@@ -70,14 +72,14 @@ class StoppingRule:
         return self.tolerance is not None and self.first < self.cap
 
     def pool(self, values: Sequence[float]) -> Pooled:
-        """Pooled mean with the interval that belongs to this rule: Student's, times 1 + 1.25/n if sequential."""
+        """Pooled mean with the interval of this rule: Student's, times 1 + 1.25/n if sequential."""
         pooled = pool(values, self.confidence)
         if not self.sequential:
             return pooled
         return replace(pooled, half_width=pooled.half_width * (1 + _WIDENING / pooled.n))
 
     def decide(self, values: Sequence[float]) -> Decision:
-        """Whether `values`, one a replicate in the order of their seeds, suffice, and if not how many to add."""
+        """Whether `values`, one a replicate in the order of their seeds, suffice; if not, how many to add."""
         n = len(values)
         pooled = self.pool(values) if n else None
         if n < self.first or pooled is None:

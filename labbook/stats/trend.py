@@ -15,9 +15,10 @@ MATERIAL = 0.05
 class Trend:
     """Outcome of a trend test over a window.
 
-    `drift`: change of the straight-line fit across the window, relative to the mean, and `drift_error`, its standard
-    error. `change`: highest minus lowest value of the fitted parabola, relative to the mean. `p`: probability of a
-    parabola as good as this one in a steady series. `trending`: `p` below 0.01 and `change` above 0.05.
+    `drift`: change of the straight-line fit across the window, relative to the mean, and `drift_error`, its
+    standard error. `change`: highest minus lowest value of the fitted parabola, relative to the mean. `p`:
+    probability of a parabola as good as this one in a steady series. `trending`: `p` below 0.01 and `change`
+    above 0.05.
     """
 
     drift: float
@@ -34,8 +35,8 @@ class Trend:
 def trend(values: np.ndarray) -> Trend:
     """Test block means at equal distances for a trend: least-squares parabola against a constant (F test).
 
-    The parabola sees what a straight line misses: a flow that rises and falls within the window. Block means of a
-    series whose correlation is shorter than a block are nearly independent, so that the ordinary F and t
+    The parabola sees what a straight line misses: a flow that rises and falls within the window. Block means
+    of a series whose correlation is shorter than a block are nearly independent, so that the ordinary F and t
     distributions hold. Raises ValueError for fewer than 5 blocks or a mean of zero.
     """
     from scipy.special import fdtrc
