@@ -1,0 +1,11 @@
+"""What is measured of a run: flow rates from crossing events, and the packing that it started from."""
+
+from labbook.measure.data import RunData
+from labbook.measure.flow import FlowRate
+from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.packing import PackingStructure
+
+MEASURES: dict[str, Measure] = {measure.name: measure for measure in (FlowRate(), PackingStructure())}
+"""The measures that a study can name under `measure`."""
+
+__all__ = ["MEASURES", "Measure", "MeasureError", "RunData", "Window"]

@@ -1,0 +1,100 @@
+"""Flow rate from crossing events."""
+
+import math
+
+import numpy as np
+
+from labbook.backend import Crossing, Probe
+from labbook.measure.data import RunData
+from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.series import crossing_times
+from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
+from labbook.scene import Scene
+from labbook.stats import Measured
+
+
+class FlowRate(Measure):
+    """Mass flow rate W and grain flow rate Q over the steady part of a discharge.
+
+    Quantities: `flow_rate` [kg/s], `grain_rate` [1/s], `flow_rate_drift` (relative change across the window,
+    from a straight line through 12 blocks) and, with gaps, `gap_time` [s]. The note `trending` says that
+    there is no plateau. A run that clogged gives `flow_rate_flowing` and `grain_rate_flowing` instead, the
+    rates while it flowed, and `waiting_time` [s] since the last grain, which is censored: the true one is
+    longer. A window with too few grains gives a rate of NaN and says so.
+    """
+
+    name = "flow_rate"
+    version = 1
+
+    def probes(self, scene: Scene) -> tuple[Probe, ...]:
+        plane = scene.container.outlet_plane
+        if plane is None:
+            kind = scene.container.kind
+            raise MeasureError(
+                f"measure: flow_rate needs an outlet, and this {kind} has none; use a wedge-hopper"
+            )
+        return (Crossing(plane),)
+
+    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
+        times, total = crossing_times(run), len(run.start)
+        clogged = run.outcome == "clogged"
+        suffix = "_flowing" if clogged else ""
+        flow = steady_flow(times, total, window)
+        numbers = _rates(flow, suffix, run, times, window)
+        if clogged:
+            since = float(times[-1]) if len(times) else 0.0
+            numbers += (_waiting(run.duration - since),)
+        return numbers
+
+
+def _rates(
+    flow: SteadyFlow | None, suffix: str, run: RunData, times: np.ndarray, window: Window
+) -> tuple[Measured, ...]:
+    mass = run.scene.grains.mass
+    asked = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
+    if flow is None:
+        note = f"too few grains: {len(times)} of {len(run.start)} left, fewer than {FEWEST} in the window"
+        return tuple(
+            Measured(quantity + suffix, math.nan, math.nan, 0, asked, "crossings", unit, note)
+            for quantity, unit in (("flow_rate", "kg/s"), ("grain_rate", "1/s"))
+        )
+    covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the grains discharged"
+    where = f"{covered} ({flow.begin:.4g} s to {flow.end:.4g} s)"
+    how = "crossings; error from the autocorrelation of times between grains"
+    note = "; ".join(_notes(flow, run, window))
+    n = flow.n_effective
+    numbers = [
+        Measured("flow_rate" + suffix, mass * flow.rate, mass * flow.error, n, where, how, "kg/s", note),
+        Measured("grain_rate" + suffix, flow.rate, flow.error, n, where, how, "1/s", note),
+        Measured(
+            "flow_rate_drift" + suffix,
+            flow.trend.drift,
+            flow.trend.drift_error,
+            BLOCKS,
+            where,
+            f"straight line through {BLOCKS} blocks of equally many grains",
+            "",
+            note,
+        ),
+    ]
+    if flow.gaps:
+        how = f"times between grains longer than {GAP:g} s"
+        numbers.append(Measured("gap_time", flow.gap_time, math.nan, flow.gaps, where, how, "s", note))
+    return tuple(numbers)
+
+
+def _notes(flow: SteadyFlow, run: RunData, window: Window) -> list[str]:
+    notes = []
+    if flow.trend.trending:
+        notes.append("trending")
+    if flow.gaps:
+        plural = "gap" if flow.gaps == 1 else "gaps"
+        notes.append(f"{flow.gaps} {plural} without flow left out, {flow.gap_time:.3g} s together")
+    if flow.fraction[1] < window.end - 1.5 / len(run.start):
+        notes.append(f"the run ended within the window ({run.outcome})")
+    return notes
+
+
+def _waiting(time: float) -> Measured:
+    where, how = "after the last grain", "time without a grain until the run was stopped"
+    return Measured("waiting_time", time, math.nan, 1, where, how, "s", "censored; clogged")

@@ -1,0 +1,39 @@
+"""What a measure is: the probes that it needs, and numbers from one finished run."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, Protocol
+
+from labbook.backend import Probe
+from labbook.measure.data import RunData
+from labbook.scene import Scene
+from labbook.stats import Measured
+
+
+class MeasureError(ValueError):
+    """A measure cannot be taken of this scene or run; the message says why and what would help."""
+
+
+class Window(Protocol):
+    """Part of a discharge: from the fraction `start` to the fraction `end` of the initial mass discharged."""
+
+    @property
+    def start(self) -> float: ...
+
+    @property
+    def end(self) -> float: ...
+
+
+class Measure(ABC):
+    """One kind of measurement."""
+
+    name: ClassVar[str]
+    version: ClassVar[int]
+    """Rises whenever measured numbers may change; they are then derived again from what runs recorded."""
+
+    @abstractmethod
+    def probes(self, scene: Scene) -> tuple[Probe, ...]:
+        """What an engine must observe. Raises MeasureError for a scene that this cannot be measured in."""
+
+    @abstractmethod
+    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
+        """The numbers of one run. Raises MeasureError if the run did not record what is needed."""

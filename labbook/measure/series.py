@@ -1,0 +1,57 @@
+"""The outflow of a run against time."""
+
+import math
+
+import numpy as np
+
+from labbook.measure.data import RunData
+from labbook.measure.measure import MeasureError
+
+
+def crossing_times(run: RunData) -> np.ndarray:
+    """Times [s] at which grains left, ascending, shape [n]. Raises MeasureError if none were recorded."""
+    if "crossing" not in run.tables:
+        raise MeasureError(
+            "flow_rate: the run recorded no crossings of the outlet; run it again with this measure"
+        )
+    return np.sort(np.asarray(run.tables["crossing"]["time"], float))
+
+
+def flow_series(run: RunData, bin_width: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mass flow rate against time for figures: bin centres [s] and W [kg/s], each of shape [m].
+
+    Bins of `bin_width` [s] cover the run from the opening to its end; an incomplete last one is left out.
+    """
+    count = math.floor(run.duration / bin_width * (1 + 1e-12))
+    if not bin_width > 0 or count < 1:
+        raise ValueError(f"a bin of {bin_width} s does not fit into a run of {run.duration} s")
+    edges = bin_width * np.arange(count + 1)
+    grains, _ = np.histogram(crossing_times(run), edges)
+    return (edges[:-1] + edges[1:]) / 2, grains * run.scene.grains.mass / bin_width
+
+
+def smooth_flow(run: RunData, at: np.ndarray, width: float) -> np.ndarray:
+    """Mass flow rate [kg/s] at times `at` [s], shape [m]: events smoothed by a Gaussian of standard deviation
+    `width` [s].
+
+    Near the opening and the end of the run it is normalised by the part of the Gaussian that lies within.
+    """
+    from scipy.special import ndtr
+
+    times, at = crossing_times(run), np.asarray(at, float)
+    if not width > 0:
+        raise ValueError("the width of a smoothing must be positive")
+    # Differences of the smoothed cumulative count would cancel; sum the kernel over the events near each time instead.
+    rate = np.empty(len(at))
+    near = 6 * width
+    low, high = np.searchsorted(times, at - near), np.searchsorted(times, at + near)
+    for k, (a, b) in enumerate(zip(low, high, strict=True)):
+        rate[k] = np.exp(-0.5 * ((times[a:b] - at[k]) / width) ** 2).sum()
+    within = ndtr((run.duration - at) / width) - ndtr(-at / width)
+    return run.scene.grains.mass * rate / (math.sqrt(2 * math.pi) * width * within)
+
+
+def discharged(run: RunData) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] of all crossings and mass [kg] discharged just after each, each of shape [n]."""
+    times = crossing_times(run)
+    return times, run.scene.grains.mass * np.arange(1, len(times) + 1)
