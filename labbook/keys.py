@@ -74,10 +74,15 @@ def numerics_identity(numerics: Numerics) -> dict[str, Any]:
     return numerics.model_dump(mode="json", exclude=set(_GUARDS))
 
 
+def guards(numerics: Numerics) -> dict[str, float]:
+    """The limits beyond which a run counts as diverged."""
+    return {name: getattr(numerics, name) for name in _GUARDS}
+
+
 @dataclass(frozen=True)
 class Filling:
-    """How a packing is made: kind of start, its placing's version, when it counts as settled, and the seed.
-    """
+    """How a packing is made: kind of start, its placing's version, when it counts as settled, and the
+    seed."""
 
     kind: str
     seed: int
@@ -100,38 +105,44 @@ class Keys:
     """As `run`, whatever the engine's version: what a stale run and its replacement have in common."""
 
 
-def packing_key(closed: Scene, filling: Filling, numerics: Numerics, maker: Capabilities) -> str:
-    """Key of a packing: closed scene, filling with its seed, resolved numerics, and the engine that makes it.
-    """
+def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: Capabilities) -> str:
+    """Key of a packing: key of the closed scene, filling with its seed, resolved numerics, engine that makes
+    it."""
     return digest({**_packing(closed, filling, numerics, maker.name), "cache_version": maker.cache_version})
 
 
+def lineage_key(
+    scene: str, closed: str, filling: Filling, fill_numerics: Numerics, numerics: Numerics, engine: str
+) -> str:
+    """As a run's key, but of every version of the engine called `engine`."""
+    packing = _packing(closed, filling, fill_numerics, engine)
+    return digest({"scene": scene, "packing": packing, **_how(numerics, engine)})
+
+
 def run_keys(
-    scene: Scene,
-    closed: Scene,
+    scene: str,
+    closed: str,
     filling: Filling,
     fill_numerics: Numerics,
     numerics: Numerics,
     engine: Capabilities,
 ) -> Keys:
-    """Identities of the run of `scene` from the packing that `engine` makes in `closed`."""
-    scene_id = scene_key(scene)
-    packing_id = packing_key(closed, filling, fill_numerics, engine)
-    experiment = digest({"scene": scene_id, "packing": packing_id})
-    how = {"numerics": numerics_identity(numerics), "engine": engine.name}
-    lineage = {"scene": scene_id, "packing": _packing(closed, filling, fill_numerics, engine.name), **how}
-    return Keys(
-        scene=scene_id,
-        packing=packing_id,
-        experiment=experiment,
-        run=digest({"experiment": experiment, **how, "cache_version": engine.cache_version}),
-        lineage=digest(lineage),
-    )
+    """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
+    computed."""
+    packing = packing_key(closed, filling, fill_numerics, engine)
+    experiment = digest({"scene": scene, "packing": packing})
+    run = {"experiment": experiment, **_how(numerics, engine.name), "cache_version": engine.cache_version}
+    lineage = lineage_key(scene, closed, filling, fill_numerics, numerics, engine.name)
+    return Keys(scene=scene, packing=packing, experiment=experiment, run=digest(run), lineage=lineage)
 
 
-def _packing(closed: Scene, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:
+def _how(numerics: Numerics, engine: str) -> dict[str, Any]:
+    return {"numerics": numerics_identity(numerics), "engine": engine}
+
+
+def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:
     return {
-        "scene": scene_key(closed),
+        "scene": closed,
         "filling": vars(filling),
         "numerics": numerics_identity(numerics),
         "maker": maker,

@@ -1,0 +1,149 @@
+"""The lab folder: where runs, packings and unfinished work lie, who may work on what, and how files get there
+whole.
+
+lab/runs/KEY/       finished runs, each put in place by one rename lab/packings/KEY/   settled packings,
+likewise lab/work/KEY/       unfinished work of one run or packing, with its exact checkpoints
+lab/work/KEY.lock   held by the process that works on KEY lab/catalogue.db    an index of all this, which can
+be made again
+"""
+
+import errno
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+DEFAULT = Path("lab")
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+class DiskFull(Exception):
+    """No room is left; the message says where and what to do."""
+
+    def __init__(self, path: Path):
+        super().__init__(
+            f"no room is left on the disk of {path}: finished runs and the last checkpoints are safe; "
+            "make room and give the same command again"
+        )
+
+
+@contextmanager
+def room(path: Path) -> Iterator[None]:
+    """Turns the error of a full disk (or quota) within into DiskFull, naming `path`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _FULL:
+            raise DiskFull(path) from error
+        raise
+
+
+class Claim:
+    """The sole right to work on a key, until it is released or its process ends in whatever way."""
+
+    def __init__(self, path: Path, handle: int):
+        self._path, self._handle = path, handle
+
+    def release(self) -> None:
+        """Give the key back. The lock file goes first, while it is still held."""
+        with suppress(FileNotFoundError):
+            os.unlink(self._path)
+        os.close(self._handle)
+
+
+class Lab:
+    """Paths below one lab folder; nothing is made before something is written."""
+
+    def __init__(self, folder: Path):
+        self.folder = Path(folder)
+        self.runs = self.folder / "runs"
+        self.packings = self.folder / "packings"
+        self.works = self.folder / "work"
+        self.catalogue = self.folder / "catalogue.db"
+
+    def run(self, key: str) -> Path:
+        """Folder of the finished run `key`."""
+        return self.runs / key
+
+    def packing(self, key: str) -> Path:
+        """Folder of the packing `key`."""
+        return self.packings / key
+
+    def work(self, key: str) -> Path:
+        """Folder of unfinished work on `key`."""
+        return self.works / key
+
+    def claim(self, key: str) -> Claim | None:
+        """The right to work on `key`, or None while another process has it."""
+        self.works.mkdir(parents=True, exist_ok=True)
+        path = self.works / f"{key}.lock"
+        while True:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(handle)
+                return None
+            # Between opening and locking the file may have been removed: a lock on it then holds nothing.
+            with suppress(FileNotFoundError):
+                if os.stat(path).st_ino == os.fstat(handle).st_ino:
+                    return Claim(path, handle)
+            os.close(handle)
+
+    def working(self) -> list[str]:
+        """Keys with unfinished work."""
+        if not self.works.is_dir():
+            return []
+        return sorted(entry.name for entry in os.scandir(self.works) if entry.is_dir())
+
+    def put(self, made: Path, place: Path) -> None:
+        """Put the complete folder `made` in `place`; an older one there is replaced.
+
+        `made` lies in the work folder of its key, whose claim is held. A kill between moving the old folder
+        out and the new one in is mended by `mend`.
+        """
+        _sync_tree(made)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if place.exists():
+            os.rename(place, made.with_name("replaced"))
+        os.rename(made, place)
+        sync_folder(place.parent)
+
+    def mend(self, key: str, place: Path) -> None:
+        """Finish or undo what a kill interrupted within `put`; the claim of `key` is held."""
+        work = self.work(key)
+        replaced = work / "replaced"
+        if replaced.exists() and not place.exists():
+            os.rename(replaced, place)
+
+    def clear(self, key: str) -> None:
+        """Remove the unfinished work on `key`, whose claim is held."""
+        shutil.rmtree(self.work(key), ignore_errors=True)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write `path` as a whole: readers see the old content or the new, also after a crash."""
+    part = path.with_name(path.name + ".part")
+    with open(part, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, path)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in `folder` durable."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _sync_tree(folder: Path) -> None:
+    for entry in os.scandir(folder):
+        with open(entry.path, "rb") as file:
+            os.fsync(file.fileno())
+    sync_folder(folder)

@@ -1,0 +1,148 @@
+"""What a finished run says of itself: `run.json` in its folder."""
+
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample
+from labbook.catalogue.parts import Part, Record
+from labbook.keys import canonical
+from labbook.numerics import Numerics
+from labbook.scene import Scene
+
+Outcome = Literal["finished", "precise", "emptied", "clogged", "diverged", "interrupted"]
+"""How a discharge ended; every one of them is physics, none an error.
+
+`finished`: the asked part was discharged. `precise`: stopped because the answer was precise enough.
+`emptied`: no grain is left. `clogged`: no grain left for the stall time, a censored waiting time. `diverged`:
+a guard stopped it. `interrupted`: the longest time was reached.
+"""
+
+
+class StopRule(Part):
+    """When a discharge ends."""
+
+    discharged: float
+    """Fraction of the grains that have left."""
+    max_time: float
+    """Time since the opening [s]."""
+    stall: float
+    """Time without a grain leaving [s] after which the outlet counts as clogged."""
+
+
+class Coverage(Part):
+    """How far a run went and what was observed: what a demand is compared with."""
+
+    duration: float
+    """Simulated time since the opening [s]."""
+    steps: int
+    grains: int
+    """At the opening."""
+    crossed: int
+    """Grains that left through the outlet plane."""
+    waiting: float
+    """Time since the last grain left, or since the opening [s]; censored if the run clogged."""
+    stop: StopRule
+    """The rule that ended it."""
+    guards: dict[str, float]
+    probes: tuple[str, ...]
+    """Probes, as `describe_probe` writes them."""
+    recording: float | None = None
+    """Time between recorded frames [s] if the run was recorded."""
+
+    @property
+    def discharged(self) -> float:
+        """Fraction of the grains that have left."""
+        return self.crossed / self.grains
+
+
+class Failure(Part):
+    """Why a run diverged; its folder holds the state at the last good beat."""
+
+    guard: str
+    step: int
+    grain: int
+    message: str
+
+
+class Observe(Part):
+    """What is measured, over which fractions of the initial mass discharged."""
+
+    measure: tuple[str, ...]
+    start: float
+    end: float
+
+
+class RunRecord(Record):
+    """All that is known of a finished run apart from its tables."""
+
+    FILE = "run.json"
+    KEY = "run_key"
+
+    format: Literal[1] = 1
+    run_key: Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
+    experiment_key: str
+    scene_key: str
+    packing_key: str
+    lineage_key: str
+    engine: str
+    cache_version: int
+    study: str
+    point: int
+    label: str
+    at: dict[str, float | str]
+    seed: int
+    scene: Scene
+    numerics: Numerics
+    outcome: Outcome
+    coverage: Coverage
+    failure: Failure | None = None
+    observe: Observe
+    physics: dict[str, float]
+    """What the engine derived: asked and realised restitution, damping coefficient."""
+    device: str
+    finished: str
+    """When it ended (UTC, ISO 8601)."""
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What made its last stretch: commit, versions, processor, device, threads; with seed, precision and
+        speeds."""
+        return {
+            **self.sessions[-1].provenance,
+            "engine": self.engine,
+            "cache_version": self.cache_version,
+            "seed": self.seed,
+            "precision": self.numerics.precision,
+            "device": self.device,
+            "wall_time": self.wall_time,
+            "process_time": self.process_time,
+            "grain_steps_per_second": self.rate,
+            "sessions": len(self.sessions),
+        }
+
+
+_KINDS: dict[str, type[Probe]] = {
+    "crossing": Crossing,
+    "sample": Sample,
+    "contacts": Contacts,
+    "ledger": Ledger,
+}
+
+
+def table_name(probe: Probe) -> str:
+    """Name of a probe's table: `crossing`, `sample`, `contacts` or `ledger`."""
+    return type(probe).__name__.lower()
+
+
+def describe_probe(probe: Probe) -> str:
+    """A probe as canonical JSON, by which coverage compares."""
+    return canonical({"kind": table_name(probe), **vars(probe)})
+
+
+def parse_probe(text: str) -> Probe:
+    """The probe that `describe_probe` described."""
+    given: dict[str, Any] = json.loads(text)
+    kind = _KINDS[given.pop("kind")]
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in given.items()})

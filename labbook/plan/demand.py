@@ -1,0 +1,159 @@
+"""What a study asks for, run by run: the experiment, how it is computed, and what must be observed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from labbook import keys
+from labbook.backend import Capabilities, Crossing, Probe, Sample
+from labbook.catalogue.record import StopRule, describe_probe, table_name
+from labbook.keys import Filling, Keys
+from labbook.numerics import Numerics
+from labbook.protocol import placing
+from labbook.scene import Scene
+
+if TYPE_CHECKING:
+    from labbook.study import Point, Study
+
+
+class Conflict(Exception):
+    """A study asks for observations that cannot be made in one run; the message says which."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointDemand:
+    """All that the runs of one point have in common."""
+
+    study: "Study"
+    point: "Point"
+
+    @property
+    def scene(self) -> Scene:
+        """The open scene."""
+        return self.point.scene
+
+    @cached_property
+    def closed(self) -> Scene:
+        """The scene of its filling."""
+        return self.scene.close(self.study.fill.friction)
+
+    @cached_property
+    def numerics(self) -> Numerics:
+        """How the discharge is computed."""
+        return self.study.numerics(self.scene)
+
+    @cached_property
+    def fill_numerics(self) -> Numerics:
+        """How the filling is computed."""
+        return self.study.numerics(self.closed)
+
+    @cached_property
+    def scene_key(self) -> str:
+        """Key of the open scene."""
+        return keys.scene_key(self.scene)
+
+    @cached_property
+    def closed_key(self) -> str:
+        """Key of the closed scene."""
+        return keys.scene_key(self.closed)
+
+    @cached_property
+    def probes(self) -> tuple[Probe, ...]:
+        """What every run observes: grains leaving, and what the study's measures need. Raises Conflict."""
+        from labbook.measure import MEASURES
+
+        plane = self.scene.container.outlet_plane
+        leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
+        asked = (probe for name in self.study.measure for probe in MEASURES[name].probes(self.scene))
+        probes = tuple(dict.fromkeys((*leaving, *asked)))
+        by_table = {table_name(probe): probe for probe in probes}
+        for probe in probes:
+            if by_table[table_name(probe)] != probe:
+                raise Conflict(
+                    f"measure: {probe} and {by_table[table_name(probe)]} cannot be observed in one run; "
+                    "put the measures that ask for them into two studies"
+                )
+        return probes
+
+    @cached_property
+    def recording(self) -> Sample | None:
+        """The probe by which recorded runs are filmed; at least one beat lies between two frames."""
+        record = self.study.record
+        if record is None:
+            return None
+        return Sample(fields=("x", "v"), every=max(1, round(record.every / self.numerics.beat)))
+
+    @cached_property
+    def stop(self) -> StopRule:
+        """When a run ends."""
+        stop, end = self.study.stop, self.study.window.end
+        discharged = end if stop.discharged is None else stop.discharged
+        return StopRule(discharged=discharged, max_time=stop.max_time, stall=stop.stall)
+
+    @cached_property
+    def probe_names(self) -> frozenset[str]:
+        """What every run observes, as coverage compares it."""
+        return frozenset(map(describe_probe, self.probes))
+
+    def run(self, seed: int) -> "Demand":
+        """The run with this seed."""
+        record = self.study.record
+        return Demand(self, seed, recorded=record is not None and seed <= record.replicates)
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """One run that a study asks for."""
+
+    shared: PointDemand
+    seed: int
+    recorded: bool
+
+    @property
+    def point(self) -> "Point":
+        """The point of the study."""
+        return self.shared.point
+
+    @cached_property
+    def filling(self) -> Filling:
+        """How its packing is made."""
+        fill = self.shared.study.fill
+        return Filling(fill.kind, self.seed, fill.settled_below, placing.VERSION)
+
+    @property
+    def recording(self) -> Sample | None:
+        """The probe by which this run is filmed, if it is."""
+        return self.shared.recording if self.recorded else None
+
+    @property
+    def probes(self) -> tuple[Probe, ...]:
+        """All probes of this run."""
+        return tuple(dict.fromkeys((*self.shared.probes, *((self.recording,) if self.recording else ()))))
+
+    @cached_property
+    def probe_names(self) -> frozenset[str]:
+        """All probes of this run, as coverage compares them."""
+        return frozenset(map(describe_probe, self.probes))
+
+    @property
+    def guards(self) -> dict[str, float]:
+        """The guards of its numerics."""
+        return keys.guards(self.shared.numerics)
+
+    def keys(self, engine: Capabilities) -> Keys:
+        """Identities of this run on `engine`."""
+        s = self.shared
+        return keys.run_keys(s.scene_key, s.closed_key, self.filling, s.fill_numerics, s.numerics, engine)
+
+    def lineage(self, engine: str) -> str:
+        """Identity of this run on any version of the engine called `engine`."""
+        s = self.shared
+        return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.fill_numerics, s.numerics, engine)
+
+
+def demands(study: "Study", seeds: int) -> Iterator[Demand]:
+    """Runs 1..`seeds` of every point: first the first seed of all points, then the second, and so on."""
+    shared = [PointDemand(study, point) for point in study.points]
+    for seed in range(1, seeds + 1):
+        yield from (point.run(seed) for point in shared)
