@@ -31,17 +31,16 @@ def flow_series(run: RunData, bin_width: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def smooth_flow(run: RunData, at: np.ndarray, width: float) -> np.ndarray:
-    """Mass flow rate [kg/s] at times `at` [s], shape [m]: events smoothed by a Gaussian of standard deviation
-    `width` [s].
+    """Mass flow rate [kg/s] at times `at` [s], shape [m], from events smoothed by a Gaussian.
 
-    Near the opening and the end of the run it is normalised by the part of the Gaussian that lies within.
+    `width` [s] is its standard deviation. Near the opening and the end of the run the rate is normalised by
+    the part of the Gaussian that lies within.
     """
     from scipy.special import ndtr
 
     times, at = crossing_times(run), np.asarray(at, float)
     if not width > 0:
         raise ValueError("the width of a smoothing must be positive")
-    # Differences of the smoothed cumulative count would cancel; sum the kernel over the events near each time instead.
     rate = np.empty(len(at))
     near = 6 * width
     low, high = np.searchsorted(times, at - near), np.searchsorted(times, at + near)

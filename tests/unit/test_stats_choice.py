@@ -1,0 +1,37 @@
+import math
+
+import pytest
+
+from labbook.stats.choice import aicc, prefer
+
+
+def test_aicc_by_hand():
+    # n = 8 points, 2 parameters, so K = 3: 8 ln(4/8) + 6 + 24/4.
+    assert aicc(4.0, 8, 2) == pytest.approx(8 * math.log(0.5) + 12)
+
+
+@pytest.mark.parametrize(("points", "parameters"), [(4, 2), (5, 3), (3, 3)])
+def test_too_few_points_have_no_aicc(points, parameters):
+    assert math.isnan(aicc(1.0, points, parameters))
+    assert not math.isnan(aicc(1.0, parameters + 3, parameters))
+
+
+def test_preference_needs_a_difference_of_four():
+    assert prefer({"beverloo": 10.0, "janda": 14.0}) == "beverloo"
+    assert prefer({"beverloo": 14.5, "janda": 10.0}) == "janda"
+    assert prefer({"beverloo": 10.0, "janda": 13.9}) == "undecided"
+
+
+def test_a_law_without_aicc_leaves_it_undecided():
+    assert prefer({"beverloo": 1.0, "janda": math.nan}) == "undecided"
+
+
+def test_one_law_is_no_choice_and_none_is_an_error():
+    assert prefer({"beverloo": 3.0}) == "beverloo"
+    with pytest.raises(ValueError, match="no law"):
+        prefer({})
+
+
+def test_negative_sum_of_squares_is_refused():
+    with pytest.raises(ValueError, match="negative"):
+        aicc(-1.0, 8, 2)

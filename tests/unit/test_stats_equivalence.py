@@ -1,0 +1,88 @@
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from labbook.stats.equivalence import tost, tost_power
+
+
+def test_welch_p_is_that_of_two_scipy_tests():
+    rng = np.random.default_rng(0)
+    a, b, margin = rng.normal(10, 0.3, 5), rng.normal(10.1, 0.6, 7), 0.8
+    result = tost(a, b, margin)
+    upper = stats.ttest_ind(b - margin, a, equal_var=False, alternative="less").pvalue
+    lower = stats.ttest_ind(b + margin, a, equal_var=False, alternative="greater").pvalue
+    assert result.p == pytest.approx(max(upper, lower), rel=1e-10)
+
+
+def test_paired_p_is_that_of_two_scipy_tests():
+    rng = np.random.default_rng(1)
+    a = rng.normal(10, 2, 6)
+    b = a + rng.normal(0.02, 0.1, 6)
+    result = tost(a, b, 0.15, paired=True)
+    upper = stats.ttest_rel(b - 0.15, a, alternative="less").pvalue
+    lower = stats.ttest_rel(b + 0.15, a, alternative="greater").pvalue
+    assert result.p == pytest.approx(max(upper, lower), rel=1e-10)
+    assert result.degrees_of_freedom == 5
+
+
+def test_pairing_helps_where_seeds_differ():
+    rng = np.random.default_rng(2)
+    a = rng.normal(10, 2, 6)
+    b = a + rng.normal(0, 0.05, 6)
+    assert tost(a, b, 0.2, paired=True).equivalent
+    assert not tost(a, b, 0.2).equivalent
+
+
+def test_equivalent_exactly_if_the_interval_lies_within_the_margin():
+    rng = np.random.default_rng(3)
+    seen = set()
+    for _ in range(300):
+        result = tost(rng.normal(0, 1, 4), rng.normal(0, 1, 4), 1.8)
+        inside = result.low > -1.8 and result.high < 1.8
+        assert result.equivalent == inside
+        seen.add(inside)
+    assert seen == {True, False}
+
+
+def test_false_equivalence_is_as_rare_as_asked():
+    rng = np.random.default_rng(4)
+    found = [tost(rng.normal(0, 1, 8), rng.normal(1.5, 1, 8), 1.5).equivalent for _ in range(4000)]
+    assert np.mean(found) == pytest.approx(0.05, abs=0.015)
+
+
+@pytest.mark.parametrize("freedom", [2, 4, 16])
+@pytest.mark.parametrize("margin", [2.0, 3.5, 6.0])
+def test_power_is_that_of_a_simulation(freedom, margin):
+    rng = np.random.default_rng(5)
+    draws = 200_000
+    z, q = rng.standard_normal(draws), np.sqrt(rng.chisquare(freedom, draws) / freedom)
+    shown = np.abs(z) < margin - stats.t.ppf(0.95, freedom) * q
+    assert tost_power(margin, freedom) == pytest.approx(shown.mean(), abs=0.005)
+
+
+def test_power_with_known_error_is_the_normal_one():
+    expected = 2 * stats.norm.cdf(3.0 - stats.norm.ppf(0.95)) - 1
+    assert tost_power(3.0, 1e6) == pytest.approx(expected, abs=1e-4)
+
+
+def test_power_is_the_noncentral_t_sum_where_the_two_tests_never_both_fail():
+    t = stats.t.ppf(0.95, 20)
+    assert tost_power(6.0, 20) == pytest.approx(2 * stats.nct.sf(t, 20, 6.0) - 1, abs=1e-6)
+
+
+def test_identical_samples_are_equivalent():
+    result = tost([1.0, 1.0], [1.0, 1.0], 0.1)
+    assert result.equivalent
+    assert result.error == 0
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "margin", "paired"),
+    [([1.0], [1.0, 2.0], 1, False), ([1.0, 2], [1.0, 2], 0, False), ([1.0, 2], [1.0, 2], math.nan, False),
+     ([1.0, 2], [1.0, 2, 3], 1, True)],
+)  # fmt: skip
+def test_unusable_input_is_refused(a, b, margin, paired):
+    with pytest.raises(ValueError):
+        tost(a, b, margin, paired=paired)

@@ -1,0 +1,78 @@
+import math
+
+import numpy as np
+import pytest
+
+from labbook.stats import StoppingRule, pool
+
+
+def run_to_the_end(rule, values):
+    n = 0
+    while True:
+        decision = rule.decide(values[:n])
+        if decision.more == 0:
+            return n, decision
+        assert decision.ended is None
+        n += decision.more
+
+
+def test_runs_the_minimum_and_stops_when_precise():
+    n, decision = run_to_the_end(StoppingRule(0.1, 3, 10), [1.0, 1.001, 0.999] + [5.0] * 7)
+    assert (n, decision.ended) == (3, "tolerance")
+    assert decision.pooled is not None
+    assert decision.pooled.relative <= 0.1
+
+
+def test_stops_at_the_cap_and_says_so():
+    n, decision = run_to_the_end(StoppingRule(0.001, 3, 6), [1.0, 1.5, 0.7, 1.2, 0.8, 1.1, 1.0])
+    assert (n, decision.ended) == (6, "cap")
+    assert decision.pooled is not None
+    assert decision.pooled.relative > 0.001
+
+
+def test_without_a_tolerance_the_minimum_is_run():
+    n, decision = run_to_the_end(StoppingRule(None, 2, 10), [1.0, 3.0, 9.0])
+    assert (n, decision.ended) == (2, None)
+    assert decision.pooled == pool([1.0, 3.0])
+
+
+def test_two_replicates_are_too_few_to_judge_by():
+    assert StoppingRule(0.5, 2, 10).decide([1.0, 1.0]).more == 1
+    assert StoppingRule(0.5, 2, 2).decide([1.0, 1.0]).ended == "tolerance"
+
+
+def test_a_cap_at_the_minimum_leaves_nothing_to_decide():
+    rule = StoppingRule(0.01, 3, 3)
+    assert not rule.sequential
+    assert rule.pool([1.0, 1.1, 1.3]) == pool([1.0, 1.1, 1.3])
+
+
+def test_the_interval_is_wider_than_a_fixed_samples():
+    values = [1.0, 1.1, 1.3, 1.2]
+    assert StoppingRule(0.01, 3, 9).pool(values).half_width == pytest.approx(
+        pool(values).half_width * (1 + 1.25 / 4)
+    )
+
+
+def test_few_replicates_are_ordered_at_a_time():
+    rng = np.random.default_rng(0)
+    rule = StoppingRule(1e-4, 3, 50)
+    for n in range(3, 50):
+        assert 1 <= rule.decide(rng.normal(1, 0.5, n)).more <= max(1, n // 3)
+
+
+def test_forecast_agrees_with_simulation():
+    rng = np.random.default_rng(1)
+    rule = StoppingRule(0.01, 3, 40)
+    for scatter in (0.003, 0.01, 0.02):
+        needed = [run_to_the_end(rule, 1 + scatter * rng.standard_normal(40))[0] for _ in range(200)]
+        assert rule.forecast(scatter) == pytest.approx(np.mean(needed), rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "minimum", "cap"),
+    [(0, 3, 5), (-1, 3, 5), (math.nan, 3, 5), (math.inf, 3, 5), (0.1, 0, 5), (0.1, 6, 5)],
+)
+def test_impossible_rules_are_refused(tolerance, minimum, cap):
+    with pytest.raises(ValueError):
+        StoppingRule(tolerance, minimum, cap)
