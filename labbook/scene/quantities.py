@@ -26,11 +26,12 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*/\s*\d+\.?\d*)?(
 _TERM = re.compile(r"([A-Za-zµμΩ]+|[%°])(?:(?:\^|\*\*)(-?\d))?(\s*[*/]\s*|\s+|$)", re.ASCII)
 
 
-def parse(text: str, unit: str, diameter: float | None = None) -> float:
+def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     """Value of `text` (`3 mm`, `2500 kg/m^3`, `2/7`, `1 %`, `1.01 d`) in `unit` (SI); `d` is `diameter` [m].
 
-    A number, or a ratio of two, and then units joined by blanks, * and /, with powers of one digit: no other
-    arithmetic. Raises ValueError saying what is wrong.
+    `unit` "" is a number without unit, None takes any unit and gives SI. A number, or a ratio of two, and then
+    units joined by blanks, * and /, with powers of one digit: no other arithmetic. Raises ValueError saying what
+    is wrong.
     """
     expression = text.strip()
     if len(expression) > 100:
@@ -53,8 +54,8 @@ def _number(text: str) -> float:
 
 
 @lru_cache(maxsize=4096)
-def _factor(units: str, unit: str, diameter: float | None) -> float:
-    """How many `unit` (SI) one of `units` is. Raises ValueError."""
+def _factor(units: str, unit: str | None, diameter: float | None) -> float:
+    """How many `unit` (SI; None: whatever it is in SI) one of `units` is. Raises ValueError."""
     if units == "":
         if unit:
             raise ValueError(f"the unit is missing: write it as a quantity in {unit}")
@@ -73,7 +74,9 @@ def _factor(units: str, unit: str, diameter: float | None) -> float:
             position, sign = term.end(), -1 if "/" in link else 1
         if sign < 0 or link.strip() == "*":
             raise ValueError("not a quantity: a unit is missing at its end")
-        return product.to(unit or "dimensionless").m_as(unit or "dimensionless")
+        if unit is None:
+            return product.to_base_units().magnitude
+        return product.m_as(unit or "dimensionless")
     except pint.DimensionalityError as error:
         wanted = f"a quantity in {unit}" if unit else "a number without unit"
         raise ValueError(f"{wanted} is needed, not one in {error.units1}") from None

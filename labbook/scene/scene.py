@@ -39,9 +39,7 @@ class Scene(Model):
         c, d = self.container, self.grains.diameter
         if isinstance(c, Primitives):
             return
-        for key in (
-            ("thickness", "orifice", "width") if isinstance(c, WedgeHopper) else ("width", "depth", "height")
-        ):
+        for key in ("thickness", "orifice", "width") if isinstance(c, WedgeHopper) else ("width", "depth", "height"):
             size = getattr(c, key)
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
@@ -61,9 +59,7 @@ class Scene(Model):
 
     def surface(self, wall: Wall) -> Surface:
         """The complete surface of `wall`: its own, else that of `all`, else the grains'."""
-        return self.walls.get(wall.name, Surface()).over(
-            self.walls.get("all", Surface()).over(self.surface_of_grains)
-        )
+        return self.walls.get(wall.name, Surface()).over(self.walls.get("all", Surface()).over(self.surface_of_grains))
 
     def close(self, friction: float | None = None) -> "Scene":
         """The scene in which its packing is made; `friction` replaces that of grains and of walls."""

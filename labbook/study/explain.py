@@ -1,0 +1,107 @@
+"""Validation errors in the words of a study: the key as its author wrote it, what is wrong, and the remedy."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from labbook.study.keys import Key, find, siblings
+from labbook.study.problems import instead, shown
+from labbook.study.source import Location, dotted
+
+_TAGS = ("kind", "law", "shape")
+_WRONG_UNIT = ("bad_quantity", "missing_unit", "not_a_quantity", "not_finite")
+_RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
+_SIMPLE = {
+    "int_type": "a whole number is needed",
+    "int_from_float": "a whole number is needed",
+    "int_parsing": "a whole number is needed",
+    "string_type": "text is needed",
+    "string_pattern_mismatch": "has characters that it cannot have",
+    "string_too_long": "is too long",
+    "bool_type": "true or false is needed",
+    "tuple_type": "a list is needed",
+    "list_type": "a list is needed",
+    "too_long": "the list is too long",
+    "too_short": "the list is too short",
+}
+_MAPPING = ("model_type", "model_attributes_type", "dict_type", "model_class_type")
+
+
+@dataclass(frozen=True)
+class Complaint:
+    """A problem without its file and line: where in the study's data, what, the remedy; whether it is about geometry."""
+
+    location: Location
+    message: str
+    remedy: str
+    geometry: bool = False
+
+
+def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Iterator[Complaint]:
+    """What is wrong with `raw`, the value at `prefix` of the study."""
+    for detail in error.errors(include_url=False):
+        location, discriminators = _location(detail["loc"], raw)
+        yield from _complain(detail, (*prefix, *location), discriminators)
+
+
+def _location(loc: tuple[int | str, ...], raw: Any) -> tuple[Location, frozenset[str]]:
+    """`loc` without the names of union members, and the choices (`kind: box`) that were passed on the way."""
+    location: Location = ()
+    chosen: set[str] = set()
+    for part in loc:
+        if isinstance(raw, Mapping):
+            tags = {str(raw[tag]): tag for tag in _TAGS if isinstance(raw.get(tag), str)}
+            if part not in raw and part in tags:
+                chosen = {f"{tags[str(part)]}: {part}"}
+                continue
+            location, raw = (*location, part), raw.get(str(part))
+        elif isinstance(raw, list) and isinstance(part, int):
+            location, raw = (*location, part), raw[part] if part < len(raw) else None
+    return location, frozenset(chosen)
+
+
+def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterator[Complaint]:
+    kind, context = detail["type"], detail.get("ctx", {})
+    name = dotted(location)
+    if kind == "impossible":
+        for fault in context["faults"]:
+            yield Complaint((*location, *fault.key.split(".")), fault.reason, fault.remedy, geometry=True)
+    elif kind == "missing":
+        yield Complaint(location, "this key is missing", f"add it: {_rule(name, chosen)}")
+    elif kind == "extra_forbidden":
+        known = siblings(name, chosen)
+        yield Complaint(location, "unknown key", instead(str(location[-1]), known))
+    elif kind == "internal":
+        yield Complaint(location, "this key is not for a study to set", "leave it out")
+    elif kind in ("union_tag_not_found", "union_tag_invalid"):
+        tag = context["discriminator"].strip("'")
+        inner = (*location, tag)
+        choices = [choice for key in find(dotted(inner)) for choice in key.choices]
+        if kind == "union_tag_not_found":
+            yield Complaint(inner, "this key is missing", f"add it: use one of: {', '.join(choices)}")
+        else:
+            yield Complaint(inner, f"{shown(context['tag'])} is unknown", instead(str(context["tag"]), choices))
+    elif kind == "literal_error":
+        choices = [choice for key in find(name) for choice in key.choices]
+        yield Complaint(location, f"{shown(detail['input'])} is unknown", instead(str(detail["input"]), choices))
+    elif kind in _MAPPING:
+        yield Complaint(location, "a mapping of keys is needed", instead("", siblings(f"{name}.x")))
+    elif kind in _WRONG_UNIT:
+        yield Complaint(
+            location, f"{shown(detail['input'])}: {context.get('reason', 'not finite')}", _rule(name, chosen)
+        )
+    elif kind in _RANGE:
+        yield Complaint(location, f"{shown(detail['input'])} is out of range", _rule(name, chosen))
+    else:
+        yield Complaint(location, _SIMPLE.get(kind, f"{shown(detail['input'])} cannot be used"), _rule(name, chosen))
+
+
+def _rule(name: str, chosen: frozenset[str]) -> str:
+    """What may be written at the key `name`."""
+    keys: tuple[Key, ...] = tuple(key for key in find(name) if not key.of or not chosen or key.of in chosen)
+    if keys:
+        return keys[0].remedy
+    inner = siblings(f"{name}.x")
+    return f"write a mapping with the keys {', '.join(inner)}" if inner else "see docs/studies.md"

@@ -1,0 +1,89 @@
+"""Reading a study file: everything that is wrong with it is found at once, before anything runs."""
+
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from labbook.study.explain import complaints
+from labbook.study.points import PointReader
+from labbook.study.problems import Problem, StudyError, instead, shown
+from labbook.study.reference import ReferenceReader
+from labbook.study.schema import SETTING_KEYS, TOP_KEYS, Settings
+from labbook.study.source import Source, dotted, read
+from labbook.study.study import Point, Study
+from labbook.study.sweep import MAX_POINTS, Sweep
+
+
+def load(path: Path) -> Study:
+    """The study in the file `path`. Raises StudyError with all problems that were found."""
+    source = read(Path(path))
+    problems = _unknown_keys(source)
+    settings = _settings(source, problems)
+    sweep = Sweep(source)
+    reader = PointReader(source, sweep.keys)
+    points = reader.read(sweep if sweep.size <= MAX_POINTS else islice(sweep, 1))
+    reference = ReferenceReader(source, points, known_names)
+    published = reference.read()
+    problems += [*sweep.problems, *reader.problems, *reference.problems]
+    if settings is not None:
+        problems += _unknown_names(source, settings)
+        problems += _outlets(source, settings, points)
+    if problems or settings is None:
+        raise StudyError(problems)
+    return Study(
+        path=source.path,
+        points=points,
+        fill=points[0].fill,
+        reference=published,
+        numerics_stated=reader.numerics_stated,
+        **{name: getattr(settings, name) for name in SETTING_KEYS},
+    )
+
+
+def known_names() -> set[str]:
+    """Names of all measurements and laws."""
+    from labbook.fit import LAWS
+    from labbook.measure import MEASURES
+
+    return {*MEASURES, *LAWS}
+
+
+def _unknown_keys(source: Source) -> list[Problem]:
+    unknown = [key for key in source.data if key not in TOP_KEYS]
+    remedies = {key: instead(key, TOP_KEYS) for key in unknown}
+    return [Problem(source.path, source.line((k,)), shown(k), "unknown key", remedies[k]) for k in unknown]
+
+
+def _settings(source: Source, problems: list[Problem]) -> Settings | None:
+    stated = {key: source.data[key] for key in SETTING_KEYS if key in source.data}
+    try:
+        return Settings.model_validate(stated, context={"units": "required"})
+    except ValidationError as error:
+        for found in complaints(error, stated):
+            line = source.line(found.location)
+            key = shown(dotted(found.location))
+            problems.append(Problem(source.path, line, key, found.message, found.remedy))
+        return None
+
+
+def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
+    """Measurements and laws that do not exist."""
+    from labbook.fit import LAWS
+    from labbook.measure import MEASURES
+
+    for key, stated, known in (("measure", settings.measure, MEASURES), ("fit", settings.fit, LAWS)):
+        for index, name in enumerate(stated):
+            if name not in known:
+                line = source.line((key, index))
+                what = "measurement" if key == "measure" else "law"
+                message = f"no {what} is called {shown(name)}"
+                yield Problem(source.path, line, key, message, instead(name, known))
+
+
+def _outlets(source: Source, settings: Settings, points: tuple[Point, ...]) -> Iterator[Problem]:
+    if "flow_rate" in settings.measure and any(p.scene.container.outlet_plane is None for p in points):
+        message = "this container has no outlet, and no flow rate"
+        line = source.line(("container", "kind"))
+        yield Problem(source.path, line, "container", message, "take flow_rate out of measure, or give it an outlet")

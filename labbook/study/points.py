@@ -1,0 +1,159 @@
+"""From the sections of a study, with one point's values put in, to that point: scene, filling and numerics."""
+
+from collections.abc import Iterable, Mapping, Set
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from labbook.numerics import Numerics
+from labbook.scene.grains import Grains, Spheres
+from labbook.scene.scene import Scene
+from labbook.study.explain import Complaint, complaints
+from labbook.study.numerics import resolve
+from labbook.study.problems import Problem, shown
+from labbook.study.schema import SCENE_KEYS, Fill
+from labbook.study.source import Source, dotted
+from labbook.study.study import Point
+from labbook.study.sweep import Assignment
+from labbook.study.timestep import TimeStepError
+
+MAX_PROBLEMS = 50
+"""After this many, the remaining points are not looked at: they repeat the same mistakes."""
+
+_PLACEHOLDER = Spheres(diameter=1e-3, density=1e3, count=1)  # stands in for grains that are wrong
+
+
+class PointReader:
+    """Validates points; problems are collected in `problems`, each once."""
+
+    def __init__(self, source: Source, swept: Set[str]):
+        self._source = source
+        self._swept = swept
+        self.numerics_stated: Mapping[str, Any] = {}
+        """`numerics` as it holds at the first point."""
+        self.problems: dict[Problem, None] = {}
+
+    def read(self, assignments: Iterable[Assignment]) -> tuple[Point, ...]:
+        """All points that are right. A point that repeats another is a problem."""
+        points: list[Point] = []
+        seen: dict[tuple[str, ...], str] = {}
+        names: dict[tuple[str, ...], dict[str, str]] = {}
+        for assignment in assignments:
+            short = names.setdefault(tuple(assignment), _short_names(assignment))
+            label = ", ".join(f"{short[key]} {shown(value.raw)}" for key, value in assignment.items())
+            point = self._point(len(points), assignment, label)
+            if len(self.problems) >= MAX_PROBLEMS:
+                break
+            if point is None:
+                continue
+            identity = tuple(part.model_dump_json() for part in (point.scene, point.fill, point.numerics))
+            if identity in seen:
+                key, value = next(iter(assignment.items()), ("points", None))
+                line = value.line if value else self._source.line(("points",))
+                message = f"the point {label} repeats the point {seen[identity]}"
+                self._add(Problem(self._source.path, line, key, message, "leave one of them out"))
+                continue
+            seen[identity] = label
+            points.append(point)
+        return tuple(points)
+
+    def _point(self, index: int, assignment: Assignment, label: str) -> Point | None:
+        found: list[Complaint] = []
+        raw = _assign(self._source.data, assignment)
+        grains = self._grains(raw, found)
+        diameter = (grains or _PLACEHOLDER).diameter
+        context = {"units": "required", "d": diameter}
+        scene = self._scene(raw, grains, context, found)
+        fill = _validated(Fill, raw.get("fill", {}), context, "fill", found)
+        numerics = self._numerics(raw.get("numerics", {}), scene, context, found)
+        for complaint in found:
+            known_already = complaint.geometry and grains is None
+            swept_badly = dotted(complaint.location) in self._swept - assignment.keys()
+            if not known_already and not swept_badly:
+                self._add(self._problem(complaint, assignment, label))
+        if found or scene is None or fill is None or numerics is None:
+            return None
+        if index == 0:
+            self.numerics_stated = raw.get("numerics", {})
+        point = Point(index, scene, fill, numerics, {}, label or "the only point")
+        at = {key: value for key in assignment if (value := point.value(key)) is not None}
+        return Point(index, scene, fill, numerics, at, point.label)
+
+    def _grains(self, raw: Mapping[str, Any], found: list[Complaint]) -> Grains | None:
+        """The grains come first: their diameter is the unit d of everything else."""
+        if "grains" not in raw:
+            remedy = "add `grains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 3000}`"
+            found.append(Complaint(("grains",), "this key is missing", remedy))
+            return None
+        try:
+            return TypeAdapter(Grains).validate_python(raw["grains"], context={"units": "required"})
+        except ValidationError as error:
+            found += complaints(error, raw["grains"], ("grains",))
+            return None
+
+    def _scene(
+        self, raw: Mapping[str, Any], grains: Grains | None, context: Mapping[str, Any], found: list[Complaint]
+    ) -> Scene | None:
+        stated = {key: raw[key] for key in SCENE_KEYS if key in raw}
+        try:
+            return Scene.model_validate({**stated, "grains": grains or _PLACEHOLDER}, context=dict(context))
+        except ValidationError as error:
+            found += complaints(error, stated)
+            return None
+
+    def _numerics(
+        self, raw: Any, scene: Scene | None, context: Mapping[str, Any], found: list[Complaint]
+    ) -> Numerics | None:
+        settings = {key: value for key, value in raw.items() if key != "dt"} if isinstance(raw, dict) else raw
+        if isinstance(settings, dict):
+            settings["dt"] = "1 us"  # resolved below, in its scene
+        if _validated(Numerics, settings, context, "numerics", found) is None or scene is None:
+            return None
+        try:
+            return resolve(raw, scene)
+        except TimeStepError as error:
+            place = ("numerics", "dt")
+            stated = f"{shown(raw['dt'])}: " if "dt" in raw else ""
+            found.append(Complaint(place, f"{stated}{error}", error.remedy, geometry=True))
+            return None
+
+    def _problem(self, complaint: Complaint, assignment: Assignment, label: str) -> Problem:
+        key = dotted(complaint.location)
+        line = assignment[key].line if key in assignment else self._source.line(complaint.location)
+        where = f" (at {label})" if complaint.geometry and label else ""
+        return Problem(self._source.path, line, shown(key), complaint.message + where, complaint.remedy)
+
+    def _add(self, problem: Problem) -> None:
+        self.problems[problem] = None
+
+
+def _validated(model: type[Any], raw: Any, context: Mapping[str, Any], name: str, found: list[Complaint]) -> Any:
+    try:
+        return model.model_validate(raw, context=dict(context))
+    except ValidationError as error:
+        found += complaints(error, raw, (name,))
+        return None
+
+
+def _assign(data: Mapping[str, Any], assignment: Assignment) -> dict[str, Any]:
+    """The study's data with the point's values put in; sections on the way are copied, never changed."""
+    result = dict(data)
+    for key, value in assignment.items():
+        *sections, leaf = key.split(".")
+        inner: Any = result
+        for section in sections:
+            below = inner.get(section, {})
+            if not isinstance(below, dict):
+                break  # not a mapping: reported where it stands
+            inner[section] = dict(below)
+            inner = inner[section]
+        else:
+            inner[leaf] = value.raw
+    return result
+
+
+def _short_names(keys: Iterable[str]) -> dict[str, str]:
+    """`orifice` for container.orifice, unless another key ends alike."""
+    names = list(keys)
+    leaves = [name.rpartition(".")[2] for name in names]
+    return {name: leaf if leaves.count(leaf) == 1 else name for name, leaf in zip(names, leaves, strict=True)}

@@ -1,0 +1,46 @@
+"""What is wrong with a study file, told so that it can be put right."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong: where (line 1 is the first; 0: the file as a whole), under which key, what, and the remedy."""
+
+    file: Path
+    line: int
+    key: str
+    message: str
+    remedy: str
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}" if self.line else str(self.file)
+        key = f"{self.key}: " if self.key else ""
+        return f"{place}: {key}{self.message}\n    remedy: {self.remedy}"
+
+
+class StudyError(Exception):
+    """A study cannot be used; `problems` has everything that was found, in the order of the file."""
+
+    def __init__(self, problems: Iterable[Problem]):
+        self.problems = tuple(sorted(dict.fromkeys(problems), key=lambda problem: problem.line))
+        super().__init__("\n".join(map(str, self.problems)))
+
+
+def instead(word: str, known: Iterable[str]) -> str:
+    """The remedy for an unknown word: the known one that it resembles, else all that are known."""
+    names = sorted(known)
+    close = get_close_matches(word[:80], names, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {close[0]}?"
+    return f"known here: {', '.join(names)}" if names else "leave it out"
+
+
+def shown(value: object) -> str:
+    """A value as it is quoted in a message: on one line and short."""
+    text = value if isinstance(value, str) else repr(value)
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,143 @@
+"""The `reference` section: published numbers, each for the points it was measured at."""
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from labbook.scene.quantities import parse
+from labbook.study.keys import Key, all_keys, find
+from labbook.study.problems import Problem, instead, shown
+from labbook.study.schema import Reference, ReferenceEntry
+from labbook.study.source import Location, Source, dotted
+from labbook.study.study import Point
+
+_QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40})?")
+_ENTRY_KEYS = ("at", "value", "error")
+
+
+class ReferenceReader:
+    """Reads `reference`; problems are collected in `problems`."""
+
+    def __init__(self, source: Source, points: Sequence[Point], known: Callable[[], set[str]]):
+        self._source, self._points, self._known = source, points, known
+        self.problems: list[Problem] = []
+
+    def read(self) -> Reference | None:
+        """The reference, or None if there is none or none that can be read."""
+        raw = self._source.data.get("reference")
+        if "reference" not in self._source.data:
+            return None
+        place: Location = ("reference",)
+        if not isinstance(raw, dict):
+            self._problem(place, "a mapping of keys is needed", "write `source:` and the quantities below it")
+            return None
+        source = raw.get("source")
+        if not isinstance(source, str) or not source.strip():
+            self._problem((*place, "source"), "the source is missing", "name the paper, for example Fan et al. 2023")
+        entries: list[ReferenceEntry] = []
+        for name, stated in raw.items():
+            if name == "source" or not self._names_a_quantity(name, (*place, name)):
+                continue
+            items = [((*place, name), stated)]
+            if isinstance(stated, list):
+                items = [((*place, name, index), item) for index, item in enumerate(stated)]
+                if not stated:
+                    self._problem((*place, name), "the list is empty", "give at least one value, or leave it out")
+            for where, item in items:
+                entry = self._entry(name, item, where)
+                if entry is not None:
+                    entries.append(entry)
+        return Reference(str(source), tuple(entries))
+
+    def _names_a_quantity(self, name: str, place: Location) -> bool:
+        if not _QUANTITY.fullmatch(name):
+            self._problem(place, "this does not name a quantity", "write law.parameter, for example beverloo.k")
+            return False
+        head = name.partition(".")[0]
+        known = self._known()
+        remedy = instead(head, known)
+        if head not in known and remedy.startswith("did"):
+            self._problem(place, f"no law or measurement is called {head}", remedy)
+            return False
+        return True
+
+    def _entry(self, name: str, raw: Any, place: Location) -> ReferenceEntry | None:
+        before = len(self.problems)
+        if not isinstance(raw, dict):
+            self._problem(place, "a mapping of keys is needed", "write {at: {...}, value: ...}")
+            return None
+        for key in raw:
+            if key not in _ENTRY_KEYS:
+                self._problem((*place, key), "unknown key", instead(key, _ENTRY_KEYS))
+        if "value" not in raw:
+            self._problem((*place, "value"), "this key is missing", "add the published number, with its unit")
+        diameter = self._points[0].scene.grains.diameter if self._points else None
+        numbers = {key: self._number(raw[key], (*place, key), diameter) for key in ("value", "error") if key in raw}
+        at = self._at(raw.get("at", {}), (*place, "at"), diameter)
+        if len(self.problems) > before:
+            return None
+        error = numbers.get("error")
+        if error is not None and error < 0:
+            self._problem((*place, "error"), "an error is not negative", "write the standard error")
+            return None
+        return ReferenceEntry(name, at, numbers["value"] or 0.0, error)
+
+    def _number(self, raw: Any, place: Location, diameter: float | None) -> float | None:
+        try:
+            number = parse(raw, None, diameter) if isinstance(raw, str) else float(raw)
+        except (ValueError, TypeError, OverflowError) as error:
+            reason = str(error) if isinstance(raw, str) else "a number is needed"
+            self._problem(place, f"{shown(raw)}: {reason}", "write a number with its unit, if it has one")
+            return None
+        if isinstance(raw, bool) or not math.isfinite(number):
+            self._problem(place, f"{shown(raw)}: a finite number is needed", "write a number")
+            return None
+        return number
+
+    def _at(self, raw: Any, place: Location, diameter: float | None) -> dict[str, float | str]:
+        if not isinstance(raw, dict):
+            self._problem(place, "a mapping of keys is needed", "write {container.orifice: 30 mm}")
+            return {}
+        at: dict[str, float | str] = {}
+        for key, stated in raw.items():
+            meant = [known for known in find(key) if known.sweepable]
+            if not meant:
+                names = {known.name for known in all_keys() if known.sweepable}
+                self._problem((*place, key), "there is no such key", instead(key, names))
+                continue
+            try:
+                at[key] = _condition(stated, meant[0], diameter)
+            except ValueError as error:
+                self._problem((*place, key), f"{shown(stated)}: {error}", meant[0].remedy)
+        if at and len(at) == len(raw) and self._points and not any(_is_at(point, at) for point in self._points):
+            self._problem(place, "no point of this study is there", "use the values that the study has or sweeps")
+        return at
+
+    def _problem(self, place: Location, message: str, remedy: str) -> None:
+        line = self._source.line(place)
+        self.problems.append(Problem(self._source.path, line, shown(dotted(place)), message, remedy))
+
+
+def _condition(stated: Any, key: Key, diameter: float | None) -> float | str:
+    """A value of `key`, in SI. Raises ValueError."""
+    if key.type not in ("quantity", "integer"):
+        return str(stated).lower() if isinstance(stated, bool) else str(stated)
+    if isinstance(stated, str):
+        return parse(stated, key.unit or "", diameter)
+    if isinstance(stated, bool) or not isinstance(stated, int | float):
+        raise ValueError("a single value is needed")
+    if key.unit:
+        raise ValueError("the unit is missing")
+    return float(stated)
+
+
+def _is_at(point: Point, at: Mapping[str, float | str]) -> bool:
+    for key, wanted in at.items():
+        value = point.value(key)
+        if isinstance(wanted, str) or not isinstance(value, float):
+            if value != wanted:
+                return False
+        elif not math.isclose(value, wanted, rel_tol=1e-9, abs_tol=1e-15):
+            return False
+    return True

@@ -1,0 +1,139 @@
+"""The parts of a study beside its scene: filling, window, stop rule, accuracy, recording, reference."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from labbook.scene.model import Fault, Model, refuse
+from labbook.scene.quantities import Coefficient, Duration, Ratio
+from labbook.scene.scene import Scene
+
+Fraction = Annotated[Ratio, Field(ge=0, le=1)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=80)]
+
+
+class Fill(Model):
+    """How the closed container is filled, once for all runs that share the packing."""
+
+    kind: Literal["rain", "gas"] = "rain"
+    """How grains start: `rain` falls from a loose column, `gas` also with random velocities."""
+    friction: Coefficient | None = None
+    """Friction of grains and walls while filling; none: the study's own."""
+    settled_below: Annotated[Ratio, Field(gt=0, le=1)] = 1e-6
+    """Kinetic energy per grain, in units of m g d, below which the bed is at rest."""
+    max_time: Duration = 60.0
+    """A bed that has not settled by this time is an error."""
+
+
+class Window(Model):
+    """The part of a discharge in which its flow is taken to be steady, by discharged fraction of the mass."""
+
+    start: Fraction = 0.15
+    """Fraction of the mass that has left when the window opens."""
+    end: Fraction = 0.6
+    """Fraction of the mass that has left when the window closes."""
+
+    @model_validator(mode="after")
+    def _has_a_length(self):
+        if self.end <= self.start:
+            reason = f"the window ends at {self.end:g}, before it starts ({self.start:g})"
+            refuse([Fault("end", reason, f"use an end above {self.start:g}")])
+        return self
+
+
+class Stop(Model):
+    """When a discharge is stopped."""
+
+    discharged: Annotated[Ratio, Field(gt=0, le=1)] = 0.65
+    """Stop when this fraction of the mass has left; at least the end of the window."""
+    max_time: Duration = 60.0
+    """Stop at this time after the opening."""
+    stall: Duration = 2.0
+    """A run from which no grain has left for this long is clogged."""
+
+
+class Accuracy(Model):
+    """The error that is tolerated in the pooled mean of each point."""
+
+    flow_rate: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
+    """Relative half-width of the 95 % interval of the flow rate; none: as many replicates as stated, no more."""
+    max_replicates: Annotated[int, Field(ge=2, le=10_000, strict=True)] = 10
+    """Replicates that are not exceeded, even if the error is still larger."""
+
+
+class Record(Model):
+    """Which runs keep their frames for a recording."""
+
+    every: Duration = 0.01
+    """Time between two frames."""
+    replicates: Annotated[int, Field(ge=1, le=10_000, strict=True)] = 1
+    """How many replicates of each point are recorded."""
+
+
+class Settings(Model):
+    """What a study states once, for all its points."""
+
+    name: Name
+    """Name of the study: letters, digits, - and _."""
+    about: Annotated[str, Field(max_length=2000)] = ""
+    """What the study is for, in a sentence."""
+    replicates: Annotated[int, Field(ge=1, le=10_000, strict=True)] = 1
+    """Least number of runs of each point; their seeds are 1, 2, 3 ..."""
+    accuracy: Accuracy = Accuracy()
+    measure: tuple[str, ...] = ("flow_rate",)
+    """Names of the measurements to take."""
+    fit: tuple[str, ...] = ()
+    """Names of the laws to fit."""
+    window: Window = Window()
+    stop: Stop = Stop()
+    record: Record | None = None
+
+    @model_validator(mode="after")
+    def _fits_together(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        if self.accuracy.max_replicates < self.replicates and self.accuracy.flow_rate is not None:
+            reason = f"{self.accuracy.max_replicates} is less than the {self.replicates} replicates asked for"
+            yield Fault("accuracy.max_replicates", reason, f"use at least {self.replicates}")
+        end = self.window.end
+        if self.stop.discharged < end:
+            reason = f"a run that stops at {self.stop.discharged:g} never reaches the end of the window ({end:g})"
+            yield Fault("stop.discharged", reason, f"use at least {end:g}, or end the window earlier")
+        if self.record is not None and self.record.replicates > self.replicates:
+            reason = f"{self.record.replicates} replicates cannot be recorded of {self.replicates}"
+            yield Fault("record.replicates", reason, f"use at most {self.replicates}")
+        for key, names in (("measure", self.measure), ("fit", self.fit)):
+            for name in sorted({name for name in names if names.count(name) > 1}):
+                yield Fault(key, f"{name} is listed twice", "list it once")
+        if self.fit and "flow_rate" not in self.measure:
+            yield Fault(
+                "fit", "the laws are fitted to the flow rate, which is not measured", "add flow_rate to measure"
+            )
+
+
+@dataclass(frozen=True)
+class ReferenceEntry:
+    """A published number [SI]: `quantity` as `law.parameter` or `measure.quantity`, `at` the points it is for."""
+
+    quantity: str
+    at: dict[str, float | str]
+    value: float
+    error: float | None = None
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Published numbers, shown beside ours in every report."""
+
+    source: str
+    entries: tuple[ReferenceEntry, ...]
+
+
+SCENE_KEYS = tuple(Scene.model_fields)
+SETTING_KEYS = tuple(Settings.model_fields)
+OTHER_KEYS = ("fill", "numerics", "sweep", "points", "reference")
+TOP_KEYS = (*SETTING_KEYS, *SCENE_KEYS, *OTHER_KEYS)

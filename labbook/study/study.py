@@ -1,0 +1,61 @@
+"""A study that has been read and found right: its points and what is asked of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from labbook.numerics import Numerics
+from labbook.scene.scene import Scene
+from labbook.study.numerics import resolve
+from labbook.study.schema import Accuracy, Fill, Record, Reference, Stop, Window
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of a study: a scene with its filling and numerics.
+
+    `at` has what was swept or listed, dotted key -> SI value (the word itself where a key takes words); `label` says
+    the same in the units of the file.
+    """
+
+    index: int
+    scene: Scene
+    fill: Fill
+    numerics: Numerics
+    at: Mapping[str, float | str]
+    label: str
+
+    def value(self, key: str) -> float | str | None:
+        """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none."""
+        first, *rest = key.split(".")
+        found: Any = getattr(self, first) if first in ("fill", "numerics") else getattr(self.scene, first, None)
+        for part in rest:
+            found = found.get(part) if isinstance(found, Mapping) else getattr(found, part, None)
+        if isinstance(found, bool):
+            return str(found).lower()
+        return float(found) if isinstance(found, int | float) else found if isinstance(found, str) else None
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study file, resolved. `fill` and `numerics` are those of points that do not sweep them: use a point's own."""
+
+    path: Path
+    name: str
+    about: str
+    points: tuple[Point, ...]
+    replicates: int
+    accuracy: Accuracy
+    fill: Fill
+    window: Window
+    stop: Stop
+    measure: tuple[str, ...]
+    fit: tuple[str, ...]
+    record: Record | None
+    reference: Reference | None
+    numerics_stated: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    def numerics(self, scene: Scene) -> Numerics:
+        """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
+        return resolve(self.numerics_stated, scene)

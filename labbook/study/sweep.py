@@ -1,0 +1,188 @@
+"""From `sweep` and `points` to the values of each point.
+
+Every entry of `points`, with every entry of `zip`, with every combination of the grid: the last grid key varies
+fastest. What a sweep sets replaces what the study states elsewhere.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Set
+from dataclasses import dataclass
+from itertools import chain, product
+from typing import Any
+
+from labbook.study.keys import all_keys, find
+from labbook.study.problems import Problem, instead, shown
+from labbook.study.source import Location, Source, dotted
+
+MAX_POINTS = 100_000
+
+_LIST = re.compile(r"\s*\[(.*)\]\s*(.*?)\s*", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Value:
+    """One value of a swept key, as written, and its line."""
+
+    raw: str | int | float | bool
+    line: int
+
+
+Assignment = Mapping[str, Value]
+"""Dotted key -> value: what one point sets."""
+
+
+class Sweep:
+    """The assignments that a study's `sweep` and `points` ask for, and what is wrong with them."""
+
+    def __init__(self, source: Source):
+        self._source = source
+        self.problems: list[Problem] = []
+        grid, zipped = self._sweep()
+        listed = self._points()
+        self._no_key_twice(grid, zipped, listed)
+        self._axes: list[list[Assignment]] = [
+            listed or [{}],
+            zipped or [{}],
+            *([{key: value} for value in values] for key, values in grid.items()),
+        ]
+        if self.size > MAX_POINTS:
+            place = ("sweep",) if "sweep" in source.data else ("points",)
+            message = f"{shown(str(self.size))} points are more than {MAX_POINTS}"
+            self._problem(place, message, "sweep fewer values, or split the study")
+
+    @property
+    def keys(self) -> Set[str]:
+        """All keys that are swept or listed, rightly or not."""
+        data = self._source.data
+        swept = data.get("sweep") if isinstance(data.get("sweep"), dict) else {}
+        zipped = swept.get("zip") if isinstance(swept.get("zip"), dict) else {}
+        listed = data.get("points") if isinstance(data.get("points"), list) else []
+        return {*swept, *zipped, *(key for point in listed if isinstance(point, dict) for key in point)}
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(map(len, self._axes))
+
+    def __iter__(self) -> Iterator[Assignment]:
+        """The assignments, point by point."""
+        for parts in product(*self._axes):
+            yield dict(chain.from_iterable(part.items() for part in parts))
+
+    def _sweep(self) -> tuple[dict[str, list[Value]], list[Assignment]]:
+        raw = self._source.data.get("sweep")
+        if "sweep" not in self._source.data or not self._filled_mapping(raw, ("sweep",)):
+            return {}, []
+        grid = {key: self._values(values, ("sweep", key)) for key, values in raw.items() if key != "zip"}
+        grid = {key: values for key, values in grid.items() if values and self._may_vary(key, ("sweep", key))}
+        zipped = self._zip(raw["zip"]) if "zip" in raw else []
+        return grid, zipped
+
+    def _zip(self, raw: Any) -> list[Assignment]:
+        place = ("sweep", "zip")
+        if not self._filled_mapping(raw, place):
+            return []
+        columns = {key: self._values(values, (*place, key), distinct=False) for key, values in raw.items()}
+        columns = {key: values for key, values in columns.items() if values and self._may_vary(key, (*place, key))}
+        lengths = {key: len(values) for key, values in columns.items()}
+        if len(set(lengths.values())) > 1:
+            counts = ", ".join(f"{shown(key)}: {n}" for key, n in lengths.items())
+            self._problem(place, f"zipped lists differ in length ({counts})", "give each the same number of values")
+            return []
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+    def _points(self) -> list[Assignment]:
+        if "points" not in self._source.data:
+            return []
+        raw = self._source.data["points"]
+        if not isinstance(raw, list) or not raw:
+            message = "a list of points is needed" if not isinstance(raw, list) else "the list of points is empty"
+            self._problem(("points",), message, "write one `- {container.orifice: 30 mm}` for each point")
+            return []
+        listed: list[Assignment] = []
+        for index, point in enumerate(raw):
+            place = ("points", index)
+            if not self._filled_mapping(point, place):
+                continue
+            values = {key: self._value(raw_value, (*place, key)) for key, raw_value in point.items()}
+            known = {key for key in values if self._may_vary(key, (*place, key))}
+            kept = {key: value for key, value in values.items() if value is not None and key in known}
+            if kept:
+                listed.append(kept)
+        return listed
+
+    def _values(self, raw: Any, place: Location, distinct: bool = True) -> list[Value]:
+        """The values of one key: a YAML list, or `[15, 30] deg` in quotes."""
+        line = self._source.line(place)
+        match = _LIST.fullmatch(raw) if isinstance(raw, str) else None
+        values: list[Value | None]
+        if match is not None:
+            body, unit = match.groups()
+            items = [item.strip() for item in body.split(",")] if body.strip() else []
+            values = [Value(_scalar(f"{item} {unit}".strip()), line) for item in items]
+        elif isinstance(raw, list):
+            values = [self._value(item, (*place, index)) for index, item in enumerate(raw)]
+        else:
+            self._problem(place, "a sweep needs a list of values", 'write a list, or "[15, 30] deg" in quotes')
+            return []
+        if not values:
+            self._problem(place, "the list is empty: nothing is swept", "list the values, or leave the key out")
+        found: dict[str, Value] = {}
+        kept: list[Value] = []
+        for value in filter(None, values):
+            if distinct and repr(value.raw) in found:
+                message = f"{shown(value.raw)} is listed twice"
+                self.problems.append(self._at(value.line, place, message, "list each value once"))
+                continue
+            found[repr(value.raw)] = value
+            kept.append(value)
+        return kept
+
+    def _value(self, raw: Any, place: Location) -> Value | None:
+        if isinstance(raw, str | int | float | bool):
+            return Value(raw, self._source.line(place))
+        self._problem(place, "a single value is needed here", "write a quantity, a number or a word")
+        return None
+
+    def _may_vary(self, key: str, place: Location) -> bool:
+        meant = find(key)
+        if not meant:
+            names = {known.name for known in all_keys() if known.sweepable}
+            self._problem(place, "there is no such key", instead(key, names))
+        elif not any(known.sweepable for known in meant):
+            self._problem(place, "this key cannot vary within a study", "state it once, or write two studies")
+        else:
+            return True
+        return False
+
+    def _no_key_twice(self, grid: Mapping[str, Any], zipped: list[Assignment], listed: list[Assignment]) -> None:
+        in_zip, in_points = set(chain.from_iterable(zipped)), set(chain.from_iterable(listed))
+        for key in sorted({*grid} & in_zip):
+            self._problem(("sweep", key), "is swept twice: here and in zip", "keep one of the two")
+        for key in sorted(({*grid} | in_zip) & in_points):
+            place = ("sweep", key) if key in grid else ("sweep", "zip", key)
+            self._problem(place, "is swept here and listed in points", "keep one of the two")
+
+    def _filled_mapping(self, raw: Any, place: Location) -> bool:
+        if isinstance(raw, dict) and raw:
+            return True
+        message = "is empty: nothing is swept" if raw in ({}, None, []) else "a mapping of keys is needed"
+        self._problem(place, message, "write for example `container.orifice: [20 mm, 30 mm]`, or leave it out")
+        return False
+
+    def _problem(self, place: Location, message: str, remedy: str) -> None:
+        self.problems.append(self._at(self._source.line(place), place, message, remedy))
+
+    def _at(self, line: int, place: Location, message: str, remedy: str) -> Problem:
+        return Problem(self._source.path, line, shown(dotted(place)), message, remedy)
+
+
+def _scalar(text: str) -> str | int | float | bool:
+    """What YAML makes of a plain scalar that is a number, else the text."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

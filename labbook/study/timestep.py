@@ -1,0 +1,77 @@
+"""The time step of a study: stated as a time, stated as a part of a time scale, or chosen."""
+
+import re
+
+from labbook.scene.contact import HertzMindlin, LinearSpringDashpot
+from labbook.scene.quantities import parse
+from labbook.scene.scene import Scene
+from labbook.scene.timescales import TIME_SCALES, collision
+from labbook.study.problems import instead
+
+DEFAULT = {"hertz-mindlin": "0.1 rayleigh", "linear": "0.02 collision"}
+"""Steps of the papers: Fan et al. (2023) use at most 0.1 Rayleigh times, Pongó et al. (2022) below 2 % of a collision."""
+
+COARSEST = 0.2
+"""Part of a collision's duration above which a step is refused: a collision must last five steps."""
+
+_FRACTION = re.compile(r"\s*(\S.*?)\s*\*?\s*([a-z]+)\s*")
+
+
+class TimeStepError(Exception):
+    """A time step that cannot be used; `remedy` says what can."""
+
+    def __init__(self, reason: str, remedy: str):
+        super().__init__(reason)
+        self.remedy = remedy
+
+
+def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
+    """The step [s] that `stated` (`2.5 us`, `0.1 rayleigh`, `0.02 collision`; None: the law's DEFAULT) means.
+
+    Time scales are those of the scene with its stiffness times `stiffness_scale`. A part of one is rounded to six
+    digits, so that keys do not hang on the last bit of a square root. Raises TimeStepError.
+    """
+    remedy = f"write a time such as 2.5 us, or a part of a time scale ({', '.join(TIME_SCALES)}) such as 0.02 collision"
+    if stated is None:
+        stated = DEFAULT[scene.contact.law]
+    if isinstance(stated, bool) or not isinstance(stated, str):
+        raise TimeStepError("the unit is missing" if isinstance(stated, int | float) else "a time is needed", remedy)
+    scaled = _scaled(scene, stiffness_scale)
+    step = _part_of_a_scale(stated, scaled, remedy)
+    if step is None:
+        try:
+            step = parse(stated, "s", scene.grains.diameter)
+        except ValueError as error:
+            raise TimeStepError(str(error), remedy) from None
+    limit = COARSEST * collision(scaled)
+    if not 0 < step <= limit:
+        reason = f"a step of {step:.3g} s is not between 0 and {limit:.3g} s, a fifth of a collision"
+        raise TimeStepError(reason, f"use {DEFAULT[scene.contact.law]} or less")
+    return step
+
+
+def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:
+    """The step, or None if `stated` names no time scale."""
+    match = _FRACTION.fullmatch(stated)
+    if match is None:
+        return None
+    number, name = match.groups()
+    if name not in TIME_SCALES:
+        close = instead(name, TIME_SCALES)
+        if close.startswith("did"):
+            raise TimeStepError(f"no time scale is called {name}", close)
+        return None
+    try:
+        part = parse(number, "")
+        return float(f"{part * TIME_SCALES[name](scene):.6g}")
+    except ValueError as error:
+        raise TimeStepError(str(error), remedy) from None
+
+
+def _scaled(scene: Scene, factor: float) -> Scene:
+    law = scene.contact
+    if isinstance(law, HertzMindlin):
+        law = law.model_copy(update={"shear_modulus": law.shear_modulus * factor})
+    elif isinstance(law, LinearSpringDashpot):
+        law = law.model_copy(update={"normal_stiffness": law.normal_stiffness * factor})
+    return scene.model_copy(update={"contact": law})
