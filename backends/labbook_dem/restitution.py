@@ -5,11 +5,12 @@ relations between damping and restitution do not hold. Here the clamped collisio
 """
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 LARGEST_RATIO = 1e3
 
@@ -36,7 +37,7 @@ def linear_ratio(e: float) -> float:
     """Damping ratio with which the clamped linear law has restitution e in (0, 1]."""
     if e == 1:
         return 0.0
-    return brentq(lambda ratio: linear_restitution(ratio) - e, 0.0, LARGEST_RATIO, xtol=1e-15, rtol=1e-14)
+    return _root(lambda ratio: linear_restitution(ratio) - e, LARGEST_RATIO)
 
 
 def hertz_restitution(c_n: float) -> float:
@@ -73,7 +74,12 @@ def hertz_c_n(e: float) -> float:
     high = 1.0
     while hertz_restitution(high) > e:
         high *= 2
-    return float(brentq(lambda c: hertz_restitution(c) - e, 0.0, high, xtol=1e-10, rtol=1e-10))
+    return _root(lambda c: hertz_restitution(c) - e, high)
+
+
+def _root(function: Callable[[float], float], high: float) -> float:
+    """Root between 0 and `high`, to ten digits (of what an ODE solution gives)."""
+    return root_scalar(function, bracket=(0.0, high), method="brentq", xtol=1e-12, rtol=1e-10).root
 
 
 def realised(normal, c, rs: float, ms: float, dt: float, speed: float, phases: int = 10) -> np.ndarray:

@@ -12,9 +12,7 @@ from types import ModuleType
 def device_source(module: ModuleType) -> str:
     """The decorated functions of a module, as text."""
     text = _text(module)
-    parts = [
-        ast.get_source_segment(text, node, padded=True) or "" for node in _device_functions(ast.parse(text))
-    ]
+    parts = [ast.get_source_segment(text, node, padded=True) or "" for node in _device_functions(ast.parse(text))]
     return "\n\n".join(parts)
 
 

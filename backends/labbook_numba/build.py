@@ -18,13 +18,13 @@ from types import ModuleType
 
 import llvmlite
 import numba
-
 from labbook_dem import contact, motion, source
 from labbook_dem.laws import hertz_mindlin, linear
 from labbook_dem.walls import plane, strip
+
 from labbook_numba import dialect, state, vector
+from labbook_numba.kernels import blocks, neighbours, observe, pairs, step, walls
 from labbook_numba.kernels import features as vocabulary
-from labbook_numba.kernels import forces, neighbours, observe, step
 
 LAWS = {"hertz-mindlin": hertz_mindlin, "linear": linear}
 SWITCHES = (
@@ -56,11 +56,23 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
         state,
         vocabulary,
     ):  # the numbers by which host and kernels agree on places and return codes
-        constants |= {k: v for k, v in vars(place).items() if k.isupper() and type(v) is int}
-    modules = [LAWS[law], contact, motion, plane, strip, forces, neighbours, step, observe]
+        constants |= _numbers(place)
+    constants |= {name: _Unsigned(value) for name, value in _numbers(blocks).items() if name not in constants}
+    modules = [LAWS[law], contact, motion, plane, strip, blocks, pairs, walls, neighbours, step, observe]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
     return text.replace(": State", "").replace(": Params", "")
+
+
+class _Unsigned(int):
+    """An offset: a signed one in its place would undo the vectorisation of the law loop."""
+
+    def __repr__(self) -> str:
+        return f"uint64({int(self)})"
+
+
+def _numbers(module: ModuleType) -> dict[str, int]:
+    return {name: value for name, value in vars(module).items() if name.isupper() and type(value) is int}
 
 
 def digest(text: str) -> str:
@@ -80,9 +92,7 @@ def kernels(law: str, precision: str, switches: tuple[tuple[str, bool], ...]) ->
     path = folder / f"{name}.py"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            "w", dir=folder, suffix=".part", delete=False, encoding="utf-8"
-        ) as file:
+        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False, encoding="utf-8") as file:
             file.write(text)
         os.replace(file.name, path)
     spec = importlib.util.spec_from_file_location(name, path)

@@ -6,13 +6,13 @@ from types import ModuleType
 
 import numpy as np
 
-from labbook.backend import Checkpoint, Contacts, Crossing, Ledger, Probe, Sample, Status, Table
+from labbook.backend import Checkpoint, Contacts, Crossing, Probe, Sample, Status, Table
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_numba import state as S
 from labbook_numba.specialise import parameters
-from labbook_numba.state import Params, State
+from labbook_numba.state import Params
 
 PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # first guesses; arrays grow when they are too short
 GUARDS = {2: "state", 3: "speed", 4: "overlap"}
@@ -21,9 +21,7 @@ GUARDS = {2: "state", 3: "speed", 4: "overlap"}
 class Run:
     """A scene being stepped by compiled kernels."""
 
-    def __init__(
-        self, engine: str, version: int, kernels: ModuleType, scene: Scene, numerics: Numerics, probes
-    ):
+    def __init__(self, engine: str, version: int, kernels: ModuleType, scene: Scene, numerics: Numerics, probes):
         self.engine, self.version, self.kernels = engine, version, kernels
         self.scene, self.numerics, self.probes = scene, numerics, tuple(probes)
         self.params: Params = parameters(scene, numerics, probes)
@@ -35,12 +33,12 @@ class Run:
     def start(self, packing: Packing) -> None:
         """Begin from a packing at step 0."""
         n = len(packing)
-        self.state = st = S.allocate(
-            n, PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64, self._crossings(n)
-        )
+        near, walls = PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64
+        self.state = st = S.allocate(n, near, len(self.names), walls, self._crossings(n))
         st.count[S.GRAINS] = n
         st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
         st.u[:], st.o[:] = packing.v, packing.omega
+        st.f[:, 2] = -self.params.mass * self.params.gravity
         st.gone[:] = packing.x[:, 2] < self.params.plane
         self._rebuild()
         self._set_springs(packing)
@@ -49,19 +47,18 @@ class Run:
         return n if any(isinstance(probe, Crossing) for probe in self.probes) else 0
 
     def _set_springs(self, packing: Packing) -> None:
-        st = self.state
-        for (i, j), spring in zip(packing.pairs, packing.pair_spring, strict=True):
-            first, last = st.row[i], st.row[i + 1]
-            at = first + np.searchsorted(st.pair_j[first:last], j)
-            if at < last and st.pair_j[at] == j:
-                st.spring[at] = spring
-        index = {name: w for w, name in enumerate(self.names)}
-        for i, name, spring in zip(packing.wall_grain, packing.wall_name, packing.wall_spring, strict=True):
-            w = index.get(str(name))
-            first, last = st.wall_row[i], st.wall_row[i + 1]
-            at = first + np.searchsorted(st.wall_of[first:last], -1 if w is None else w)
-            if w is not None and at < last and st.wall_of[at] == w:
-                st.wall_spring[at] = spring
+        st, pairs = self.state, int(self.state.count[S.PAIRS])
+        at = _places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
+        found = at >= 0
+        st.spring[:, at[found]] = packing.pair_spring[found].T
+        st.held[at[found]] = 1
+        for w, name in enumerate(self.names):
+            first, last = st.wall_first[w], st.wall_first[w + 1]
+            mine = packing.wall_name == name
+            at = _places(st.wall_grain[first:last], packing.wall_grain[mine])
+            found = at >= 0
+            st.wall_spring[:, first + at[found]] = packing.wall_spring[mine][found].T
+            st.wall_held[first + at[found]] = 1
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Continue where a checkpoint was taken. Raises ValueError if it is not of this engine and version."""
@@ -70,11 +67,13 @@ class Run:
                 f"the checkpoint is of {checkpoint.engine} version {checkpoint.cache_version}, "
                 f"not of {self.engine} version {self.version}"
             )
-        self.state = State(**{name: np.array(checkpoint.arrays[name]) for name in State._fields})
+        stored = {name: np.array(array) for name, array in checkpoint.arrays.items()}
+        empty = S.allocate(len(stored["x"]), 0, 0, 0, 0)
+        self.state = empty._replace(**stored)
 
     def checkpoint(self) -> Checkpoint:
         """The exact state, copied."""
-        arrays = {name: array.copy() for name, array in self.state._asdict().items()}
+        arrays = {name: a.copy() for name, a in self.state._asdict().items() if name not in S.SCRATCH}
         return Checkpoint(self.engine, self.version, arrays)
 
     # how it runs
@@ -97,7 +96,7 @@ class Run:
             self._grow()
         if code != self.kernels.DONE:
             st = self.state
-            grain = int(st.ids[st.count[S.FAIL_GRAIN]])
+            grain = int(st.count[S.FAIL_GRAIN])
             self.failure = (
                 GUARDS[code],
                 self.step,
@@ -116,10 +115,11 @@ class Run:
 
     def _grow(self) -> None:
         st = self.state
-        pairs = max(len(st.pair_j), int(1.3 * st.count[S.PAIRS]) + 64)
-        walls = max(len(st.wall_of), int(1.3 * st.count[S.WALLS]) + 64)
-        longer = {"pair_j": pairs, "spring": pairs, "wall_of": walls, "wall_spring": walls}
-        self.state = st._replace(**{name: _lengthened(getattr(st, name), to) for name, to in longer.items()})
+        pairs = max(len(st.pair_j), int(1.3 * st.count[S.WANT_PAIRS]) + 64)
+        walls = max(len(st.wall_grain), int(1.3 * st.count[S.WANT_WALLS]) + 64)
+        lengths = dict.fromkeys(("pair_i", "pair_j", "held", "spring"), pairs)
+        lengths |= dict.fromkeys(("wall_grain", "wall_held", "wall_spring"), walls)
+        self.state = st._replace(**{name: _lengthened(getattr(st, name), to) for name, to in lengths.items()})
 
     def _rebuild(self) -> None:
         while not self.kernels.rebuild(self.state, self.params):
@@ -141,25 +141,20 @@ class Run:
 
     def packing(self) -> Packing:
         """The portable state."""
-        st, n = self.state, int(self.state.count[S.GRAINS])
-        pairs, walls = int(st.row[n]), int(st.wall_row[n])
-        i = np.repeat(np.arange(n), np.diff(st.row[: n + 1]))
-        at_wall = np.repeat(np.arange(n), np.diff(st.wall_row[: n + 1]))
-        loaded = np.any(st.spring[:pairs] != 0, axis=1)
-        wall_loaded = np.any(st.wall_spring[:walls] != 0, axis=1)
-        names = (
-            np.array(self.names, "U40")[st.wall_of[:walls][wall_loaded]] if self.names else np.zeros(0, "U40")
-        )
+        st, n, pairs = self.state, int(self.state.count[S.GRAINS]), int(self.state.count[S.PAIRS])
+        walls = int(st.wall_first[-1])
+        wall = np.repeat(np.arange(len(self.names)), np.diff(st.wall_first))
+        held, wall_held = st.held[:pairs] == 1, st.wall_held[:walls] == 1
         return Packing(
             x=st.x[:n].copy(),
             v=st.u[:n].copy(),
             omega=st.o[:n].copy(),
             ids=st.ids[:n].copy(),
-            pairs=np.column_stack([i, st.pair_j[:pairs]])[loaded].astype(np.int64),
-            pair_spring=st.spring[:pairs][loaded],
-            wall_grain=at_wall[wall_loaded].astype(np.int64),
-            wall_name=names,
-            wall_spring=st.wall_spring[:walls][wall_loaded],
+            pairs=np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[held].astype(np.int64),
+            pair_spring=st.spring[:, :pairs].T[held],
+            wall_grain=st.wall_grain[:walls][wall_held].astype(np.int64),
+            wall_name=np.array([*self.names, ""], "U40")[wall[wall_held]],
+            wall_spring=st.wall_spring[:, :walls].T[wall_held],
         )
 
     def read(self, beat: int) -> Mapping[Probe, Table]:
@@ -196,13 +191,11 @@ class Run:
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
             self._rebuild()  # lists decide nothing about the motion, so this changes none
         st = self.state
-        out = np.zeros((int(st.count[S.PAIRS] + st.count[S.WALLS]), 9))
+        out = np.zeros((int(st.count[S.PAIRS] + st.wall_first[-1]), 9))
         rows = out[: self.kernels.contact_rows(st, self.params, out)]
         names = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
         table = dict(zip(names, rows.T.copy(), strict=True))
-        return self._stamped(
-            {**table, **{k: table[k].astype(np.int64) for k in ("i", "j", "wall")}}, len(rows)
-        )
+        return self._stamped({**table, **{k: table[k].astype(np.int64) for k in ("i", "j", "wall")}}, len(rows))
 
     def _totals(self) -> Table:
         st, p, n = self.state, self.params, int(self.state.count[S.GRAINS])
@@ -228,6 +221,18 @@ class Run:
 
 
 def _lengthened(array: np.ndarray, to: int) -> np.ndarray:
-    longer = np.zeros((to, *array.shape[1:]), array.dtype)
-    longer[: len(array)] = array
+    longer = np.zeros((*array.shape[:-1], to), array.dtype)
+    longer[..., : array.shape[-1]] = array
     return longer
+
+
+def _keys(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    return i.astype(np.int64) << 32 | j.astype(np.int64)
+
+
+def _places(ascending: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Where each wanted key stands in an ascending array; -1 if nowhere."""
+    at = np.searchsorted(ascending, wanted)
+    inside = np.minimum(at, max(len(ascending) - 1, 0))
+    there = (at < len(ascending)) & (ascending[inside] == wanted) if len(ascending) else np.zeros(len(wanted), bool)
+    return np.where(there, at, -1)

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
+from labbook_dem.walls import plane, strip
 
 from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
-from labbook_dem.walls import plane, strip
 from labbook_numba.build import LAWS
 from labbook_numba.state import Params
 

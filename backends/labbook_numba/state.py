@@ -5,11 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 # counters, in State.count
-GRAINS, PAIRS, WALLS, STEP, CROSSED, REBUILDS, TOUCHING, FAIL_GRAIN, LEAVING = range(9)
-COUNTERS = 9
+GRAINS, PAIRS, STEP, CROSSED, REBUILDS, TOUCHING, FAIL_GRAIN, LEAVING, WANT_PAIRS, WANT_WALLS = range(10)
+COUNTERS = 10
 # sums and clocks, in State.sums
 MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
 SUMS = 4
+BLOCK_COLUMNS = 16
 # columns of a row of State.cross
 CROSS_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 
@@ -18,7 +19,8 @@ class State(NamedTuple):
     """Grains are rows 0..GRAINS-1 of arrays of n rows; vectors are columns 0..2, in double.
 
     x [m] at whole steps; v [m/s], w [rad/s] at half steps; u, o: v and w predicted for the whole step; f [N], t [N m].
-    Contacts: pair_j of grain i in rows row[i]..row[i+1] ascending, spring of each [m]; wall contacts likewise.
+    Near pairs: grains pair_i < pair_j, both ascending, with the spring [m] of each, shape [3, pairs], valid where
+    `held`. Near walls likewise: those of wall w are wall_first[w]..wall_first[w + 1], grains ascending.
     """
 
     x: np.ndarray
@@ -30,15 +32,26 @@ class State(NamedTuple):
     t: np.ndarray
     ids: np.ndarray
     gone: np.ndarray  # 1 once the grain has crossed the outlet plane
-    row: np.ndarray
+    pair_i: np.ndarray
     pair_j: np.ndarray
+    held: np.ndarray
     spring: np.ndarray
-    wall_row: np.ndarray
-    wall_of: np.ndarray
+    wall_first: np.ndarray
+    wall_grain: np.ndarray
+    wall_held: np.ndarray
     wall_spring: np.ndarray
     cross: np.ndarray
     count: np.ndarray
     sums: np.ndarray
+    # scratch: a block of contacts and the list entries in it, squares of speeds; and the same memory as integers
+    block: np.ndarray
+    bits: np.ndarray
+    slot: np.ndarray
+    speed2: np.ndarray
+    speed_bits: np.ndarray
+
+
+SCRATCH = ("block", "bits", "slot", "speed2", "speed_bits")
 
 
 class Params(NamedTuple):
@@ -64,20 +77,34 @@ class Params(NamedTuple):
     wall_motion: np.ndarray
 
 
-def allocate(n: int, pairs: int, walls: int, crossings: int) -> State:
-    """Zeroed arrays for n grains, that many listed pairs and wall neighbours, and crossings to be recorded."""
-    vector = lambda: np.zeros((n, 3))  # noqa: E731
+def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int) -> State:
+    """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
+    block, speed2 = _aligned(BLOCK_COLUMNS * 128 + 8), _aligned(n + 1)
     return State(
-        x=vector(), v=vector(), w=vector(), u=vector(), o=vector(), f=vector(), t=vector(),
+        **{name: np.zeros((n, 3)) for name in ("x", "v", "w", "u", "o", "f", "t")},
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
-        row=np.zeros(n + 1, np.int64),
+        pair_i=np.zeros(pairs, np.int32),
         pair_j=np.zeros(pairs, np.int32),
-        spring=np.zeros((pairs, 3)),
-        wall_row=np.zeros(n + 1, np.int64),
-        wall_of=np.zeros(walls, np.int32),
-        wall_spring=np.zeros((walls, 3)),
+        held=np.zeros(pairs, np.uint8),
+        spring=np.zeros((3, pairs)),
+        wall_first=np.zeros(walls + 1, np.int64),
+        wall_grain=np.zeros(near_walls, np.int32),
+        wall_held=np.zeros(near_walls, np.uint8),
+        wall_spring=np.zeros((3, near_walls)),
         cross=np.zeros((crossings, len(CROSS_COLUMNS))),
         count=np.zeros(COUNTERS, np.int64),
         sums=np.zeros(SUMS),
-    )  # fmt: skip
+        block=block,
+        bits=block.view(np.int64),
+        slot=np.zeros(128 + 1, np.int32),
+        speed2=speed2,
+        speed_bits=speed2.view(np.int64),
+    )
+
+
+def _aligned(n: int) -> np.ndarray:
+    """Zeros that start on a cache line, as wide loads like it."""
+    raw = np.zeros(n + 8)
+    start = -(raw.ctypes.data // 8) % 8
+    return raw[start : start + n]

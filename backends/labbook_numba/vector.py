@@ -92,21 +92,21 @@ _define(vec3f, single)
 _define(vec3d, double)
 
 
-@infer_global(operator.add)
+@infer_global(operator.add)  # pyright: ignore[reportOptionalCall]
 class _Add(ConcreteTemplate):
     cases = [signature(v, v, v) for v in (single, double)]  # noqa: RUF012 - Numba's protocol
 
 
-@infer_global(operator.sub)
+@infer_global(operator.sub)  # pyright: ignore[reportOptionalCall]
 class _Sub(ConcreteTemplate):
     cases = [signature(v, v, v) for v in (single, double)]  # noqa: RUF012 - Numba's protocol
 
 
-@infer_global(operator.mul)
+@infer_global(operator.mul)  # pyright: ignore[reportOptionalCall]
 class _Mul(ConcreteTemplate):
     cases = [signature(v, v, v.scalar) for v in (single, double)]  # noqa: RUF012 - Numba's protocol
 
 
-@infer_global(operator.neg)
+@infer_global(operator.neg)  # pyright: ignore[reportOptionalCall]
 class _Neg(ConcreteTemplate):
     cases = [signature(v, v) for v in (single, double)]  # noqa: RUF012 - Numba's protocol

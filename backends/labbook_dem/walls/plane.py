@@ -3,7 +3,7 @@
 import math
 
 from labbook.scene import Plane
-from labbook_dem.words import dot, func, wide, wide3
+from labbook_dem.words import dot, func, wide3
 
 
 @func

@@ -15,7 +15,8 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     REBUILDS,
     STEP,
     TOUCHING,
-    WALLS,
+    WANT_PAIRS,
+    WANT_WALLS,
     WORK,
 )
 

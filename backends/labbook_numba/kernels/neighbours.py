@@ -1,8 +1,8 @@
 """Lists of near grains and near walls, rebuilt when a grain may have moved half a skin; springs are carried over."""
 
 import numpy as np
-
 from labbook_dem.words import wide
+
 from labbook_numba.kernels.features import (
     ANY_WALLS,
     FRICTION,
@@ -12,10 +12,11 @@ from labbook_numba.kernels.features import (
     OUTLET,
     PAIRS,
     REBUILDS,
-    WALLS,
+    WANT_PAIRS,
+    WANT_WALLS,
     kernel,
 )
-from labbook_numba.kernels.forces import load, wall_distance
+from labbook_numba.kernels.walls import load, wall_distance
 from labbook_numba.state import Params, State
 
 
@@ -28,44 +29,44 @@ def drop_leavers(st: State, p: Params):
     for i in range(n):
         if not st.x[i, 2] < p.drop:
             place[i] = kept
-            kept += 1
-    pairs = 0
-    walls = 0
-    first = st.row[0]
-    wall_first = st.wall_row[0]
-    for i in range(n):
-        last = st.row[i + 1]
-        wall_last = st.wall_row[i + 1]
-        a = place[i]
-        if a >= 0:
             for c in range(3):
-                st.x[a, c] = st.x[i, c]
-                st.v[a, c] = st.v[i, c]
-                st.w[a, c] = st.w[i, c]
-                st.u[a, c] = st.u[i, c]
-                st.o[a, c] = st.o[i, c]
-            st.ids[a] = st.ids[i]
-            st.gone[a] = st.gone[i]
-            for k in range(first, last):
-                b = place[st.pair_j[k]]
-                if b >= 0:
-                    st.pair_j[pairs] = b
-                    for c in range(3):
-                        st.spring[pairs, c] = st.spring[k, c]
-                    pairs += 1
-            for k in range(wall_first, wall_last):
-                st.wall_of[walls] = st.wall_of[k]
-                for c in range(3):
-                    st.wall_spring[walls, c] = st.wall_spring[k, c]
-                walls += 1
-            st.row[a + 1] = pairs
-            st.wall_row[a + 1] = walls
-        first = last
-        wall_first = wall_last
+                st.x[kept, c] = st.x[i, c]
+                st.v[kept, c] = st.v[i, c]
+                st.w[kept, c] = st.w[i, c]
+                st.u[kept, c] = st.u[i, c]
+                st.o[kept, c] = st.o[i, c]
+                st.f[kept, c] = st.f[i, c]
+            st.ids[kept] = st.ids[i]
+            st.gone[kept] = st.gone[i]
+            kept += 1
     st.count[GRAINS] = kept
-    st.count[PAIRS] = pairs
-    st.count[WALLS] = walls
     st.count[LEAVING] = 0
+    pairs = 0
+    for k in range(st.count[PAIRS]):
+        a = place[st.pair_i[k]]
+        b = place[st.pair_j[k]]
+        if a >= 0 and b >= 0:
+            st.pair_i[pairs] = a
+            st.pair_j[pairs] = b
+            st.held[pairs] = st.held[k]
+            for c in range(3):
+                st.spring[c, pairs] = st.spring[c, k]
+            pairs += 1
+    st.count[PAIRS] = pairs
+    walls = 0
+    first = 0
+    for w in range(len(p.wall_kind)):
+        last = st.wall_first[w + 1]
+        for k in range(first, last):
+            a = place[st.wall_grain[k]]
+            if a >= 0:
+                st.wall_grain[walls] = a
+                st.wall_held[walls] = st.wall_held[k]
+                for c in range(3):
+                    st.wall_spring[c, walls] = st.wall_spring[c, k]
+                walls += 1
+        first = last
+        st.wall_first[w + 1] = walls
 
 
 @kernel
@@ -100,8 +101,8 @@ def cells_of(st: State, reach):
 
 
 @kernel
-def near_pairs(st: State, p: Params, row, pair_j):
-    """Fill the half list (i < j, j ascending) of grains closer than a diameter and a skin; its length."""
+def near_pairs(st: State, p: Params, pair_i, pair_j):
+    """Fill the list of pairs i < j closer than a diameter and a skin, i then j ascending; its length."""
     n = st.count[GRAINS]
     reach = wide(2.0) * p.radius + p.skin
     reach2 = reach * reach
@@ -113,7 +114,6 @@ def near_pairs(st: State, p: Params, row, pair_j):
         following[i] = head[a, b, c]
         head[a, b, c] = i
     found = 0
-    row[0] = 0
     for i in range(n):
         start = found
         for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, size[0])):
@@ -131,76 +131,80 @@ def near_pairs(st: State, p: Params, row, pair_j):
                                     pair_j[k] = pair_j[k - 1]
                                     k -= 1
                                 pair_j[k] = j
+                                pair_i[found] = i
                             found += 1
                         j = following[j]
-        row[i + 1] = found
     return found
 
 
 @kernel
-def near_walls(st: State, p: Params, row, wall_of):
-    """Fill the list of walls that a grain could touch before the next rebuild; its length."""
+def near_walls(st: State, p: Params, first, grain):
+    """Fill the list of grains that could touch a wall before the next rebuild, wall by wall; its length."""
     found = 0
-    row[0] = 0
+    first[0] = 0
     reach = p.radius + wide(0.5) * p.skin
-    for i in range(st.count[GRAINS]):
-        x = load(st.x, i)
-        for w in range(len(p.wall_kind)):
-            distance, _ = wall_distance(p, w, x)
+    for w in range(len(p.wall_kind)):
+        for i in range(st.count[GRAINS]):
+            distance, _ = wall_distance(p, w, load(st.x, i))
             if distance < reach:
-                if found < len(wall_of):
-                    wall_of[found] = w
+                if found < len(grain):
+                    grain[found] = i
                 found += 1
-        row[i + 1] = found
+        first[w + 1] = found
     return found
 
 
 @kernel
-def carry(n, old_row, old_key, old_spring, row, key, spring):
-    """Springs of entries that are in both lists (rows ascending in key); zero for the new ones."""
-    for i in range(n):
-        old = old_row[i]
-        end = old_row[i + 1]
-        for k in range(row[i], row[i + 1]):
-            while old < end and old_key[old] < key[k]:
-                old += 1
-            if old < end and old_key[old] == key[k]:
-                for c in range(3):
-                    spring[k, c] = old_spring[old, c]
-            else:
-                for c in range(3):
-                    spring[k, c] = 0.0
+def carry(old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i, new_j, held, spring):
+    """Springs of entries that are in both lists, each ascending in (i, j); new entries hold none."""
+    for k in range(first, last):
+        i, j = new_i[k], new_j[k]
+        while old < old_last and (old_i[old] < i or (old_i[old] == i and old_j[old] < j)):
+            old += 1
+        same = old < old_last and old_i[old] == i and old_j[old] == j
+        held[k] = old_held[old] if same else 0
+        for c in range(3):
+            spring[c, k] = old_spring[c, old] if same else 0.0
 
 
 @kernel
 def rebuild(st: State, p: Params):
-    """Rebuild all lists. False, and the lengths needed in count, if an array is too short: nothing has changed then."""
+    """Rebuild all lists. False, and the lengths needed in WANT_*, if an array is too short: lists stay as they were."""
     if OUTLET and st.count[LEAVING] > 0:
         drop_leavers(st, p)
     n = st.count[GRAINS]
     if n == 0:
         return True
-    row = np.empty(n + 1, np.int64)
+    pair_i = np.empty(len(st.pair_i), np.int32)
     pair_j = np.empty(len(st.pair_j), np.int32)
-    pairs = near_pairs(st, p, row, pair_j)
-    wall_row = np.zeros(n + 1, np.int64)
-    wall_of = np.empty(len(st.wall_of), np.int32)
-    walls = near_walls(st, p, wall_row, wall_of) if ANY_WALLS else 0
-    if pairs > len(pair_j) or walls > len(wall_of):
-        st.count[PAIRS] = max(pairs, st.row[n])
-        st.count[WALLS] = max(walls, st.wall_row[n])
+    pairs = near_pairs(st, p, pair_i, pair_j)
+    wall_first = np.zeros(len(st.wall_first), np.int64)
+    wall_grain = np.empty(len(st.wall_grain), np.int32)
+    walls = near_walls(st, p, wall_first, wall_grain) if ANY_WALLS else 0
+    if pairs > len(pair_j) or walls > len(wall_grain):
+        st.count[WANT_PAIRS] = pairs
+        st.count[WANT_WALLS] = walls
         return False
     if FRICTION:
-        old = st.spring[: st.row[n]].copy()
-        carry(n, st.row, st.pair_j, old, row, pair_j, st.spring)
-        wall_old = st.wall_spring[: st.wall_row[n]].copy()
-        carry(n, st.wall_row, st.wall_of, wall_old, wall_row, wall_of, st.wall_spring)
-    st.row[: n + 1] = row
+        m = st.count[PAIRS]
+        spring = st.spring[:, :m].copy()
+        carry(
+            0, m, st.pair_i, st.pair_j, st.held[:m].copy(), spring,
+            0, pairs, pair_i, pair_j, st.held, st.spring,
+        )  # fmt: skip
+        m = st.wall_first[len(p.wall_kind)]
+        wall_held = st.wall_held[:m].copy()
+        wall_spring = st.wall_spring[:, :m].copy()
+        for w in range(len(p.wall_kind)):
+            carry(
+                st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, wall_held, wall_spring,
+                wall_first[w], wall_first[w + 1], wall_grain, wall_grain, st.wall_held, st.wall_spring,
+            )  # fmt: skip
+    st.pair_i[:pairs] = pair_i[:pairs]
     st.pair_j[:pairs] = pair_j[:pairs]
-    st.wall_row[: n + 1] = wall_row
-    st.wall_of[:walls] = wall_of[:walls]
+    st.wall_first[:] = wall_first
+    st.wall_grain[:walls] = wall_grain[:walls]
     st.count[PAIRS] = pairs
-    st.count[WALLS] = walls
     st.sums[MOVED] = 0.0
     st.count[REBUILDS] += 1
     return True

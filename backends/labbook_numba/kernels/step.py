@@ -1,8 +1,10 @@
 """One step of all grains, and many steps in one call."""
 
 from labbook_dem.motion import drift, kick, predict
-from labbook_dem.words import dot, sqrt, wide, wide3
+from labbook_dem.words import sqrt, wide
+
 from labbook_numba.kernels.features import (
+    ANY_WALLS,
     BAD_OVERLAP,
     BAD_SPEED,
     BAD_STATE,
@@ -15,6 +17,7 @@ from labbook_numba.kernels.features import (
     GROW,
     LEAVING,
     LEDGER,
+    MAX_OVERLAP,
     MOVED,
     OUTLET,
     STEP,
@@ -22,75 +25,115 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
-from labbook_numba.kernels.forces import load, pair_forces, store, wall_forces
 from labbook_numba.kernels.neighbours import rebuild
+from labbook_numba.kernels.pairs import pair_forces
+from labbook_numba.kernels.walls import wall_forces
 from labbook_numba.state import Params, State
 
 
 @kernel
-def integrate(st: State, p: Params):
-    """Kick, drift and predict all grains; clear forces; note crossings. Gives the square of the largest speed."""
-    n = uint64(st.count[GRAINS])
+def move(count, x, v, u, f, per_mass, kick_dt, dt):
+    """Kick, drift and predict `count` components of positions, whatever grain they belong to; clear forces."""
+    for q in range(uint64(count)):
+        a = f[q] * per_mass
+        v1 = kick(v[q], a, kick_dt)
+        v[q] = v1
+        x[q] = drift(x[q], v1, dt)
+        u[q] = predict(v1, a, dt)
+        f[q] = wide(0.0)
+
+
+@kernel
+def turn(count, w, o, t, per_inertia, kick_dt, dt):
+    """Kick and predict `count` components of angular velocities; clear torques."""
+    for q in range(uint64(count)):
+        a = t[q] * per_inertia
+        w1 = kick(w[q], a, kick_dt)
+        w[q] = w1
+        o[q] = predict(w1, a, dt)
+        t[q] = wide(0.0)
+
+
+@kernel
+def contact_work(st: State, p: Params, kick_dt):
+    """Work [J] that the contact forces in f and t are about to do: force times mean velocity of the kick."""
+    work = wide(0.0)
+    for i in range(uint64(st.count[GRAINS])):
+        for c in range(3):
+            gravity = -p.gravity if c == 2 else wide(0.0)
+            f = st.f[i, c] - p.mass * gravity
+            v = st.v[i, c] + wide(0.5) * kick_dt * st.f[i, c] / p.mass
+            w = st.w[i, c] + wide(0.5) * kick_dt * st.t[i, c] / p.inertia
+            work += (f * v + st.t[i, c] * w) * kick_dt
+    return work
+
+
+@kernel
+def squares(n, x, v, f, speed2, weight, drop):
+    """Square of each grain's speed, zero below `drop` (where nothing can be touched), and gravity as next force."""
+    for i in range(uint64(n)):
+        f[i, 2] = weight
+        v2 = v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1] + v[i, 2] * v[i, 2]
+        if OUTLET:
+            speed2[i] = v2 if x[i, 2] >= drop else wide(0.0)
+        else:
+            speed2[i] = v2
+
+
+@kernel
+def largest(n, speed2, bits):
+    """Largest of `speed2`, or a NaN if one is among them: by the bits, which unlike floats vectorise."""
+    most = bits[0] - bits[0]
+    for i in range(uint64(n)):
+        most = max(most, bits[i] & 0x7FFFFFFFFFFFFFFF)
+    bits[n] = most
+    return speed2[n]
+
+
+@kernel
+def leave(st: State, p: Params, dt):
+    """Record first passages through p.plane; count the grains that are far enough below the outlet to be dropped."""
     step = st.count[STEP]
-    dt = wide(p.dt)
-    kick_dt = dt if step > 0 else wide(0.5) * dt  # the first kick brings v from a whole to a half step
-    per_mass = wide(1.0) / p.mass
-    per_inertia = wide(1.0) / p.inertia
-    zero = wide(0.0)
-    fastest = zero
-    work = zero
     leaving = 0
-    for i in range(n):
-        x = load(st.x, i)
-        v = load(st.v, i)
-        w = load(st.w, i)
-        f = load(st.f, i)
-        t = load(st.t, i)
-        a = wide3(f.x * per_mass, f.y * per_mass, f.z * per_mass - p.gravity)
-        b = t * per_inertia
-        v1 = kick(v, a, kick_dt)
-        w1 = kick(w, b, kick_dt)
-        x1 = drift(x, v1, dt)
-        store(st.v, i, v1)
-        store(st.w, i, w1)
-        store(st.x, i, x1)
-        store(st.u, i, predict(v1, a, dt))
-        store(st.o, i, predict(w1, b, dt))
-        none = wide3(zero, zero, zero)
-        store(st.f, i, none)
-        store(st.t, i, none)
-        if LEDGER:
-            work += wide(0.5) * kick_dt * (dot(f, v + v1) + dot(t, w + w1))
-        v2 = dot(v1, v1)
-        if CROSSING:
-            if x1.z < p.plane and st.gone[i] == 0:
-                st.gone[i] = 1
-                row = st.count[CROSSED]
-                st.count[CROSSED] += 1
-                part = (x.z - p.plane) / (x.z - x1.z) if x.z > x1.z else zero
-                c = st.cross
-                c[row, 0] = st.ids[i]
-                c[row, 1] = step + 1
-                c[row, 2] = (step + min(max(part, zero), wide(1.0))) * dt
-                c[row, 3] = x1.x
-                c[row, 4] = x1.y
-                c[row, 5] = x1.z
-                c[row, 6] = v1.x
-                c[row, 7] = v1.y
-                c[row, 8] = v1.z
-                c[row, 9] = w1.x
-                c[row, 10] = w1.y
-                c[row, 11] = w1.z
-        if OUTLET and x1.z < p.drop:
+    for i in range(uint64(st.count[GRAINS])):
+        z = st.x[i, 2]
+        if CROSSING and z < p.plane and st.gone[i] == 0:
+            st.gone[i] = 1
+            row = st.count[CROSSED]
+            st.count[CROSSED] += 1
+            before = z - st.v[i, 2] * dt
+            part = (before - p.plane) / (before - z) if before > z else wide(0.0)
+            c = st.cross
+            c[row, 0] = st.ids[i]
+            c[row, 1] = step + 1
+            c[row, 2] = (step + min(max(part, wide(0.0)), wide(1.0))) * dt
+            for axis in range(3):
+                c[row, 3 + axis] = st.x[i, axis]
+                c[row, 6 + axis] = st.u[i, axis]
+                c[row, 9 + axis] = st.o[i, axis]
+        if OUTLET and z < p.drop:
             leaving += 1
-        if not v2 <= fastest:  # so that a NaN is taken over, too
-            fastest = v2
-            st.count[FAIL_GRAIN] = i
-    st.count[STEP] = step + 1
     st.count[LEAVING] = leaving
+
+
+@kernel
+def integrate(st: State, p: Params):
+    """Advance all grains by one step. Gives the square of the largest speed, or a NaN."""
+    n = st.count[GRAINS]
+    dt = wide(p.dt)
+    # the first kick brings velocities from a whole to a half step
+    kick_dt = dt if st.count[STEP] > 0 else wide(0.5) * dt
     if LEDGER:
-        st.sums[WORK] += work
-    return fastest
+        st.sums[WORK] += contact_work(st, p, kick_dt)
+    x = st.x.reshape(-1)
+    v = st.v.reshape(-1)
+    move(3 * n, x, v, st.u.reshape(-1), st.f.reshape(-1), wide(1.0) / p.mass, kick_dt, dt)
+    turn(3 * n, st.w.reshape(-1), st.o.reshape(-1), st.t.reshape(-1), wide(1.0) / p.inertia, kick_dt, dt)
+    squares(n, st.x, st.v, st.f, st.speed2, -p.mass * p.gravity, p.drop)
+    if CROSSING or OUTLET:
+        leave(st, p, dt)
+    st.count[STEP] += 1
+    return largest(n, st.speed2, st.speed_bits)
 
 
 @kernel
@@ -99,17 +142,22 @@ def advance(st: State, p: Params, target):
     limit2 = p.speed_limit * p.speed_limit
     leavers = st.count[LEAVING] > 0  # so that grains far below the outlet go, even when nothing else moves
     while st.count[STEP] < target and st.count[GRAINS] > 0:
-        if leavers or st.sums[MOVED] >= wide(0.5) * p.skin:
+        if leavers or not st.sums[MOVED] < wide(0.5) * p.skin:
             leavers = False
             if not rebuild(st, p):
                 return GROW
-        if not pair_forces(st, p):
-            return BAD_OVERLAP
-        if not wall_forces(st, p):
+        pair_forces(st, p)
+        if ANY_WALLS:
+            wall_forces(st, p)
+        if not st.sums[MAX_OVERLAP] <= p.overlap_limit:
+            st.sums[FAIL_VALUE] = st.sums[MAX_OVERLAP]
             return BAD_OVERLAP
         fastest2 = integrate(st, p)
         if not fastest2 <= limit2:
             st.sums[FAIL_VALUE] = sqrt(fastest2)
+            for i in range(st.count[GRAINS]):
+                if not st.speed2[i] <= limit2:
+                    st.count[FAIL_GRAIN] = st.ids[i]
             return BAD_SPEED if fastest2 > limit2 else BAD_STATE
         st.sums[MOVED] += sqrt(fastest2) * p.dt
     return DONE

@@ -1,0 +1,119 @@
+"""The block of contacts that a law works on: columns of one small buffer, so that the law runs in SIMD registers.
+
+Contacts go through three stages: *gather* copies what the law needs of BLOCK contacts into columns, *law* runs over the
+columns without a branch or an indirect address, *scatter* adds the results to the grains. Three things each silently
+undo the vectorisation of the law loop: signed indices (hence uint64 throughout), columns in separate arrays or at
+offsets unknown to the compiler (hence one buffer, constant offsets), and a law that is not inlined.
+"""
+
+from labbook_dem.contact import rolling, slip, trial
+from labbook_dem.laws.hertz_mindlin import normal, respond
+from labbook_dem.words import cross, dot, func, real, sqrt, vec3, wide
+
+from labbook_numba.kernels.features import FRICTION, ROLLING, TWIST, kernel, uint64
+
+BLOCK = uint64(128)
+# in: normal or branch, gap, relative velocity, spins of i and j, spring; out: force, torque on i and on j, spring
+NX, NY, NZ, GAP = uint64(0), uint64(128), uint64(256), uint64(384)
+VX, VY, VZ = uint64(512), uint64(640), uint64(768)
+AX, AY, AZ = uint64(896), uint64(1024), uint64(1152)
+BX, BY, BZ = uint64(1280), uint64(1408), uint64(1536)
+SX, SY, SZ = uint64(1664), uint64(1792), uint64(1920)
+SPARE = uint64(2048)
+
+
+@func
+def touch(c, rs, ms, lever_i, lever_j, radius, delta, n, v, wi, wj, s, half, inertia_rate):
+    """Force on i, its arm n x f_t, rolling torque on i, and the spring for the next step."""
+    zero = real(0.0)
+    if FRICTION:
+        vn, vt = slip(n, v, wi * lever_i + wj * lever_j)
+        fn, ft, kept = respond(c, rs, ms, delta, vn, trial(s, n, vt, half), vt)
+        force = n * fn + ft
+        arm = cross(n, ft)
+        kept = kept + vt * half
+    else:
+        fn = normal(c, rs, ms, delta, dot(v, n))
+        force = n * fn
+        arm = vec3(zero, zero, zero)
+        kept = arm
+    if ROLLING:
+        roll = rolling(wi - wj, n, c[5] * radius * fn, inertia_rate, TWIST)
+    else:
+        roll = vec3(zero, zero, zero)
+    return force, arm, roll, kept
+
+
+@kernel
+def pair_law(b, count, c, diameter, radius, rs, ms, half, rate):
+    """Law stage of grain on grain. Branch in NX.., (diameter^2 - r^2) in GAP; velocities and spins relative or own."""
+    one = real(1.0)
+    for t in range(uint64(count)):
+        away = vec3(b[NX + t], b[NY + t], b[NZ + t])
+        r = sqrt(dot(away, away))
+        delta = b[GAP + t] / (diameter + r)
+        lever = real(0.5) * r
+        force, arm, roll, kept = touch(
+            c, rs, ms, lever, lever, radius, delta, away * (one / r), vec3(b[VX + t], b[VY + t], b[VZ + t]),
+            vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(b[BX + t], b[BY + t], b[BZ + t]),
+            vec3(b[SX + t], b[SY + t], b[SZ + t]), half, rate,
+        )  # fmt: skip
+        b[VX + t] = force.x
+        b[VY + t] = force.y
+        b[VZ + t] = force.z
+        if FRICTION:
+            arm = arm * lever
+            b[AX + t] = roll.x - arm.x
+            b[AY + t] = roll.y - arm.y
+            b[AZ + t] = roll.z - arm.z
+            b[BX + t] = -roll.x - arm.x
+            b[BY + t] = -roll.y - arm.y
+            b[BZ + t] = -roll.z - arm.z
+            b[SX + t] = kept.x
+            b[SY + t] = kept.y
+            b[SZ + t] = kept.z
+        b[GAP + t] = delta
+
+
+@kernel
+def wall_law(b, count, c, radius, ms, spin, half, rate):
+    """Law stage of grain on wall. Unit normal in NX.., overlap in GAP; the wall turns with `spin` [rad/s] about z."""
+    zero = real(0.0)
+    for t in range(uint64(count)):
+        delta = b[GAP + t]
+        lever = radius - delta
+        force, arm, roll, kept = touch(
+            c, radius, ms, lever, zero, radius, delta, vec3(b[NX + t], b[NY + t], b[NZ + t]),
+            vec3(b[VX + t], b[VY + t], b[VZ + t]), vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(zero, zero, spin),
+            vec3(b[SX + t], b[SY + t], b[SZ + t]), half, rate,
+        )  # fmt: skip
+        b[VX + t] = force.x
+        b[VY + t] = force.y
+        b[VZ + t] = force.z
+        if FRICTION:
+            arm = arm * lever
+            b[AX + t] = roll.x - arm.x
+            b[AY + t] = roll.y - arm.y
+            b[AZ + t] = roll.z - arm.z
+            b[SX + t] = kept.x
+            b[SY + t] = kept.y
+            b[SZ + t] = kept.z
+
+
+@kernel
+def largest_gap(b, bits, count):
+    """Largest of GAP, zero if none. Positive floats sort like the integers of their bits, and integers vectorise."""
+    most = bits[GAP] - bits[GAP]
+    for t in range(uint64(count)):
+        most = max(most, bits[GAP + t])
+    bits[SPARE] = most
+    return wide(b[SPARE])
+
+
+@kernel
+def where_gap(b, count, value):
+    """Place of the first GAP that is not below `value`."""
+    for t in range(uint64(count)):
+        if not b[GAP + t] < value:
+            return t
+    return uint64(0)
