@@ -30,9 +30,7 @@ class FlowRate(Measure):
         plane = scene.container.outlet_plane
         if plane is None:
             kind = scene.container.kind
-            raise MeasureError(
-                f"measure: flow_rate needs an outlet, and this {kind} has none; use a wedge-hopper"
-            )
+            raise MeasureError(f"measure: flow_rate needs an outlet, and this {kind} has none; use a wedge-hopper")
         return (Crossing(plane),)
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
@@ -60,7 +58,7 @@ def _rates(
         )
     covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the grains discharged"
     where = f"{covered} ({flow.begin:.4g} s to {flow.end:.4g} s)"
-    how = "crossings; error from the autocorrelation of times between grains"
+    how = f"crossings; error from {BLOCKS} blocks of equally many grains"
     note = "; ".join(_notes(flow, run, window))
     n = flow.n_effective
     numbers = [

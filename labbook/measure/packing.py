@@ -72,9 +72,7 @@ class PackingStructure(Measure):
         numbers = [_of_cells("packing_fraction", fractions, where, "volume of grains clipped to the bulk")]
         if region.planar:
             areas = np.array([area_fraction(packing, d, cell) for cell in cells])
-            numbers.append(
-                _of_cells("packing_fraction_2d", areas, where, "area of discs clipped to the bulk")
-            )
+            numbers.append(_of_cells("packing_fraction_2d", areas, where, "area of discs clipped to the bulk"))
             numbers.extend(_order(packing, region, cells, where))
         return tuple(numbers)
 

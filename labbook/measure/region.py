@@ -33,11 +33,7 @@ class Region:
         xs = np.linspace(self.low[0], self.high[0], n + 1)
         zs = np.linspace(self.low[2], self.high[2], n + 1)
         y0, y1 = self.low[1], self.high[1]
-        return [
-            Region((xs[i], y0, zs[k]), (xs[i + 1], y1, zs[k + 1]), self.planar)
-            for i in range(n)
-            for k in range(n)
-        ]
+        return [Region((xs[i], y0, zs[k]), (xs[i + 1], y1, zs[k + 1]), self.planar) for i in range(n) for k in range(n)]
 
     def holds(self, x: np.ndarray) -> np.ndarray:
         """Which centres, shape [n, 3], lie inside; shape [n]."""
@@ -56,9 +52,7 @@ def bulk(scene: Scene, packing: Packing) -> Region:
     if isinstance(container, WedgeHopper):
         width, depth = container.width, container.thickness
         bottoms = [
-            wall.shape
-            for wall in container.walls()
-            if wall.name.startswith("bottom") and isinstance(wall.shape, Strip)
+            wall.shape for wall in container.walls() if wall.name.startswith("bottom") and isinstance(wall.shape, Strip)
         ]
         floor = max(max(plate.start[1], plate.end[1]) for plate in bottoms)
     elif isinstance(container, Box):

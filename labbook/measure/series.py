@@ -11,9 +11,7 @@ from labbook.measure.measure import MeasureError
 def crossing_times(run: RunData) -> np.ndarray:
     """Times [s] at which grains left, ascending, shape [n]. Raises MeasureError if none were recorded."""
     if "crossing" not in run.tables:
-        raise MeasureError(
-            "flow_rate: the run recorded no crossings of the outlet; run it again with this measure"
-        )
+        raise MeasureError("flow_rate: the run recorded no crossings of the outlet; run it again with this measure")
     return np.sort(np.asarray(run.tables["crossing"]["time"], float))
 
 

@@ -22,15 +22,16 @@ class SteadyFlow:
     """Outflow within a window.
 
     `rate`: grains per second while flowing, (grains - gaps) / (time - gap time). `error`: its standard error
-    from the autocorrelation of the times between grains, and `block_error`, from 12 blocks of equally many
-    grains; both are checks of the seed-to-seed error. `inefficiency`: below 1 for outflow that is more
-    regular than chance. `begin`, `end` [s]; `fraction`: the part of the initial grains discharged at either
-    end.
+    from 12 blocks of equally many grains (11 degrees of freedom); `correlated_error`, from the
+    autocorrelation of averages over sqrt(n) grains. Both are checks of the seed-to-seed error; for very
+    regular outflow both are too large. `inefficiency`: squared error over that of n independent times between
+    grains, below 1 for outflow that is more regular than chance, and `n_effective` = n over it. `begin`,
+    `end` [s]; `fraction`: the part of the initial grains discharged at either end.
     """
 
     rate: float
     error: float
-    block_error: float
+    correlated_error: float
     inefficiency: float
     n_effective: float
     trend: Trend
@@ -57,20 +58,24 @@ def steady_flow(times: np.ndarray, total: int, window: Window) -> SteadyFlow | N
     kept = waits[flowing]
     if len(kept) < FEWEST:
         return None
-    mean = correlated_mean(kept)
+    n = len(kept)
     blocks = block_mean(kept, BLOCKS)
-    rate = 1 / mean.mean
+    correlated = correlated_mean(block_mean(kept, math.isqrt(n)).means)
+    mean = float(kept.mean())
+    rate = 1 / mean
+    spread = float(kept.std(ddof=1))
+    inefficiency = n * (blocks.error / spread) ** 2 if spread else math.nan
     return SteadyFlow(
         rate=rate,
-        error=rate * mean.error / mean.mean,
-        block_error=rate * blocks.error / mean.mean,
-        inefficiency=mean.inefficiency,
-        n_effective=mean.n_effective,
+        error=rate * blocks.error / mean,
+        correlated_error=rate * correlated.error / mean,
+        inefficiency=inefficiency,
+        n_effective=n / inefficiency if inefficiency else math.nan,
         trend=trend(1 / blocks.means),
         begin=float(times[first]),
         end=float(times[last]),
         fraction=((first + 1) / total, (last + 1) / total),
-        grains=len(kept),
+        grains=n,
         gaps=int((~flowing).sum()),
         gap_time=float(waits[~flowing].sum()),
     )

@@ -33,9 +33,7 @@ def bootstrap(
     value = float(statistic([list(replicates) for replicates in points]))
     drawn = np.empty(draws)
     for k in range(draws):
-        drawn[k] = statistic(
-            [[p[i] for i in rng.integers(0, n, n)] for p, n in zip(points, sizes, strict=True)]
-        )
+        drawn[k] = statistic([[p[i] for i in rng.integers(0, n, n)] for p, n in zip(points, sizes, strict=True)])
     if not np.isfinite(drawn).all():
         raise ValueError("the statistic is not finite for some draws of the replicates")
     # Points of unequal size: the harmonic mean gives each variance its own share when they matter alike.

@@ -47,7 +47,8 @@ def correlated_mean(series: np.ndarray) -> Correlated:
     The sum over lags has a flat-top window whose width is found from the data: twice the first lag after
     which the correlation stays insignificant (Politis, J. Nonparametr. Stat. 15 (2003) 517). Such a sum may
     come out at or below zero for a perfectly regular series; it is bounded by 1/n, the scatter of one
-    interval at the ends of the window.
+    interval at the ends of the window. A weak correlation over many samples, below strong noise, is not
+    significant at any one lag and is missed: average neighbouring samples first, or take blocks.
     """
     x = np.asarray(series, float)
     n = len(x)

@@ -40,7 +40,12 @@ class Equivalence:
 
 
 def tost(
-    a: Sequence[float], b: Sequence[float], margin: float, alpha: float = 0.05, *, paired: bool = False
+    a: Sequence[float] | np.ndarray,
+    b: Sequence[float] | np.ndarray,
+    margin: float,
+    alpha: float = 0.05,
+    *,
+    paired: bool = False,
 ) -> Equivalence:
     """Equivalence of two samples within +-`margin` (absolute).
 
@@ -80,9 +85,7 @@ def _decide(difference: float, error: float, freedom: float, margin: float, alph
     )
     reach = float(stdtrit(freedom, 1 - alpha)) * error
     power = tost_power(margin / error, freedom, alpha)
-    return Equivalence(
-        difference, error, freedom, margin, p, power, difference - reach, difference + reach, alpha
-    )
+    return Equivalence(difference, error, freedom, margin, p, power, difference - reach, difference + reach, alpha)
 
 
 @lru_cache(maxsize=1)
@@ -90,9 +93,7 @@ def _gauss_legendre(order: int) -> tuple[np.ndarray, np.ndarray]:
     return np.polynomial.legendre.leggauss(order)
 
 
-def tost_power(
-    margin: float, degrees_of_freedom: float, alpha: float = 0.05, difference: float = 0.0
-) -> float:
+def tost_power(margin: float, degrees_of_freedom: float, alpha: float = 0.05, difference: float = 0.0) -> float:
     """Power of two one-sided tests; `margin` and the true `difference` in units of the standard error.
 
     Exact: both tests reject if |difference + z| <= margin - t q with z normal and q^2 = chi2/nu, which is

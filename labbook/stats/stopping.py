@@ -15,6 +15,8 @@ from dataclasses import dataclass, replace
 from math import ceil, inf, isfinite
 from typing import Literal
 
+import numpy as np
+
 from labbook.stats.pooling import Pooled, pool, student
 
 FEWEST = 3
@@ -57,9 +59,7 @@ class StoppingRule:
         if self.tolerance is not None and not (self.tolerance > 0 and isfinite(self.tolerance)):
             raise ValueError(f"a tolerance must be positive, not {self.tolerance}")
         if not 1 <= self.minimum <= self.cap:
-            raise ValueError(
-                f"replicates: the minimum ({self.minimum}) must lie between 1 and the cap ({self.cap})"
-            )
+            raise ValueError(f"replicates: the minimum ({self.minimum}) must lie between 1 and the cap ({self.cap})")
 
     @property
     def first(self) -> int:
@@ -71,14 +71,14 @@ class StoppingRule:
         """Whether the number of replicates depends on their values, which is what widens the interval."""
         return self.tolerance is not None and self.first < self.cap
 
-    def pool(self, values: Sequence[float]) -> Pooled:
+    def pool(self, values: Sequence[float] | np.ndarray) -> Pooled:
         """Pooled mean with the interval of this rule: Student's, times 1 + 1.25/n if sequential."""
         pooled = pool(values, self.confidence)
         if not self.sequential:
             return pooled
         return replace(pooled, half_width=pooled.half_width * (1 + _WIDENING / pooled.n))
 
-    def decide(self, values: Sequence[float]) -> Decision:
+    def decide(self, values: Sequence[float] | np.ndarray) -> Decision:
         """Whether `values`, one a replicate in the order of their seeds, suffice; if not, how many to add."""
         n = len(values)
         pooled = self.pool(values) if n else None

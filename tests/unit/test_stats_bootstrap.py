@@ -11,7 +11,7 @@ def mean_of_first(points):
 
 def test_error_of_a_mean_is_the_formulas():
     values = np.random.default_rng(0).normal(5, 1, 6)
-    found, exact = bootstrap([values], mean_of_first, draws=4000), pool(values)
+    found, exact = bootstrap([list(values)], mean_of_first, draws=4000), pool(values)
     assert found.value == exact.value
     assert found.error == pytest.approx(exact.error, rel=0.05)
     assert found.half_width == pytest.approx(exact.half_width, rel=0.05)
@@ -27,7 +27,7 @@ def test_slope_over_points_covers():
     rng = np.random.default_rng(1)
     hits = []
     for trial in range(150):
-        points = [2 * xi + rng.standard_normal(3) for xi in x]
+        points = [list(2 * xi + rng.standard_normal(3)) for xi in x]
         found = bootstrap(points, slope, draws=120, seed=trial)
         hits.append(found.low <= 2 <= found.high)
     assert 0.89 <= np.mean(hits) <= 0.995  # 150 trials: 95 % +- 1.8 %

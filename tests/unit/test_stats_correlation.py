@@ -10,7 +10,7 @@ from labbook.stats.correlation import autocorrelation, block_mean, correlated_me
 def ar1(rng, coefficient, shape):
     """Stationary AR(1) of unit variance along the last axis."""
     noise = rng.standard_normal((*shape[:-1], shape[-1] + 200)) * math.sqrt(1 - coefficient**2)
-    return signal.lfilter([1], [1, -coefficient], noise)[..., 200:]
+    return np.asarray(signal.lfilter([1], [1, -coefficient], noise))[..., 200:]
 
 
 def test_autocorrelation_is_that_of_the_direct_sum():
