@@ -74,12 +74,11 @@ def _factor(units: str, unit: str | None, diameter: float | None) -> float:
             position, sign = term.end(), -1 if "/" in link else 1
         if sign < 0 or link.strip() == "*":
             raise ValueError("not a quantity: a unit is missing at its end")
-        if unit is None:
-            return product.to_base_units().magnitude
-        return product.m_as(unit or "dimensionless")
+        magnitude: Any = (product.to_base_units() if unit is None else product.to(unit or "dimensionless")).magnitude
+        return float(magnitude)
     except pint.DimensionalityError as error:
         wanted = f"a quantity in {unit}" if unit else "a number without unit"
-        raise ValueError(f"{wanted} is needed, not one in {error.units1}") from None
+        raise ValueError(f"{wanted} is needed, not one in {registry.Unit(error.units1):~}") from None
     except ArithmeticError:
         raise ValueError("not a quantity: out of range") from None
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from labbook.study.keys import Key, find, siblings
+from labbook.study.keys import NEGLIGIBLE, Key, find, siblings
 from labbook.study.problems import instead, shown
 from labbook.study.source import Location, dotted
 
@@ -31,12 +31,13 @@ _MAPPING = ("model_type", "model_attributes_type", "dict_type", "model_class_typ
 
 @dataclass(frozen=True)
 class Complaint:
-    """A problem without its file and line: where in the study's data, what, the remedy; whether it is about geometry."""
+    """A problem without its file: its place in the data, what is wrong, the remedy, and whether values clash."""
 
     location: Location
     message: str
     remedy: str
-    geometry: bool = False
+    clash: bool = False
+    """Each value may be right, but not these together."""
 
 
 def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Iterator[Complaint]:
@@ -67,12 +68,14 @@ def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterat
     name = dotted(location)
     if kind == "impossible":
         for fault in context["faults"]:
-            yield Complaint((*location, *fault.key.split(".")), fault.reason, fault.remedy, geometry=True)
+            yield Complaint((*location, *fault.key.split(".")), fault.reason, fault.remedy, clash=True)
     elif kind == "missing":
         yield Complaint(location, "this key is missing", f"add it: {_rule(name, chosen)}")
     elif kind == "extra_forbidden":
-        known = siblings(name, chosen)
-        yield Complaint(location, "unknown key", instead(str(location[-1]), known))
+        remedy = instead(str(location[-1]), siblings(name, chosen))
+        elsewhere = ", ".join(key.of for key in find(name) if key.of and key.of not in chosen)
+        message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
+        yield Complaint(location, message, remedy)
     elif kind == "internal":
         yield Complaint(location, "this key is not for a study to set", "leave it out")
     elif kind in ("union_tag_not_found", "union_tag_invalid"):
@@ -93,9 +96,19 @@ def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterat
             location, f"{shown(detail['input'])}: {context.get('reason', 'not finite')}", _rule(name, chosen)
         )
     elif kind in _RANGE:
-        yield Complaint(location, f"{shown(detail['input'])} is out of range", _rule(name, chosen))
+        bounds = _bounds(context, next((key.unit for key in find(name)), None))
+        yield Complaint(location, f"{shown(detail['input'])} is out of range: {bounds}", _rule(name, chosen))
     else:
         yield Complaint(location, _SIMPLE.get(kind, f"{shown(detail['input'])} cannot be used"), _rule(name, chosen))
+
+
+def _bounds(context: Mapping[str, Any], unit: str | None) -> str:
+    """`it must be above 0 m`, for the limit that was missed."""
+    words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+    kind, limit = next((kind, float(context[kind])) for kind in words if kind in context)
+    if kind == "ge" and 0 < limit <= NEGLIGIBLE:
+        kind, limit = "gt", 0.0
+    return f"it must be {words[kind]} {limit:g} {unit or ''}".rstrip()
 
 
 def _rule(name: str, chosen: frozenset[str]) -> str:

@@ -1,9 +1,10 @@
 """Every key of a study, read off the models that validate it: for checks, for remedies and for the docs."""
 
+import math
 import re
 import types
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -15,7 +16,11 @@ from labbook.numerics import Numerics
 from labbook.scene.model import Internal
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
+from labbook.study import timestep
 from labbook.study.schema import Fill, Settings
+
+NEGLIGIBLE, ENORMOUS = 1e-3, 1e3
+"""Limits of a range beyond these only keep numbers finite and are not shown as limits."""
 
 EXAMPLES = {
     "m": "30 mm",
@@ -42,7 +47,7 @@ class Key:
     unit: str | None = None
     """SI unit of a quantity; "" for a number without unit."""
     limits: str = ""
-    """Range as an interval, for example `(0, 1]`."""
+    """Range in words, for example `in (0, 1]` or `above 0`."""
     choices: tuple[str, ...] = ()
     default: str | None = None
     """As it would be written; None: the key is required."""
@@ -62,18 +67,18 @@ class Key:
         """What may be written here."""
         if self.choices:
             return f"use one of: {', '.join(self.choices)}"
-        within = f" in {self.limits}" if self.limits else ""
+        within = f" {self.limits}" if self.limits else ""
         if self.type == "quantity":
-            unit = f" {self.unit}" if self.unit and within else ""
-            return f"write a {'quantity' if self.unit else 'number'}{within}{unit}, for example {self.example}"
-        return f"write {self.type}{within}" if self.type == "true or false" else f"write a {self.type}{within}"
+            return f"write a {'quantity' if self.unit else 'number'}{within}, for example {self.example}"
+        if self.type == "text":
+            return f"write text ({self.meaning.rstrip('.')})"
+        kind = {"integer": "a whole number", "true or false": "true or false"}.get(self.type, f"a {self.type}")
+        return f"write {kind}{within}"
 
     @property
     def example(self) -> str:
         """A quantity of the right unit."""
-        if self.unit != "":
-            return EXAMPLES.get(self.unit or "", f"1 {self.unit}")
-        return {"(0, 1]": "0.2", "[0, 1]": "0.5"}.get(self.limits, "0.5")
+        return EXAMPLES[self.unit or ""]
 
 
 @lru_cache(maxsize=1)
@@ -81,7 +86,8 @@ def all_keys() -> tuple[Key, ...]:
     """All keys that models validate, in the order in which a study is best written."""
     keys = [*_walk(Settings, ""), *_walk(Scene, "")]
     keys += [*_walk(Fill, "fill."), *_walk(Numerics, "numerics.")]
-    return tuple(keys)
+    steps = ", ".join(f"{step} ({law})" for law, step in timestep.DEFAULT.items())
+    return tuple(replace(key, default=steps) if key.name == "numerics.dt" else key for key in keys)
 
 
 def find(name: str) -> tuple[Key, ...]:
@@ -136,7 +142,7 @@ def _union(name: str, discriminator: str, base: Any) -> Iterator[Key]:
         for key in _walk(member, f"{name}.", f"{discriminator}: {tag}"):
             common = key.name.removeprefix(f"{name}.") in shared and _same_everywhere(key, members)
             if key.name not in seen:
-                yield key if not common else _common(key)
+                yield replace(key, of="") if common else key
             if common or key.name == f"{name}.{discriminator}":
                 seen.add(key.name)
 
@@ -149,10 +155,6 @@ def _same_everywhere(key: Key, members: list[Any]) -> bool:
         and member.model_fields[field].description == first.description
         for member in members
     )
-
-
-def _common(key: Key) -> Key:
-    return Key(**{**key.__dict__, "of": ""})
 
 
 def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Key:
@@ -175,13 +177,9 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         _limits(metadata),
         choices,
         _default(field, unit),
-        " ".join((field.description or ("" if not choices else _first_line_of_choices(choices))).split()),
+        " ".join((field.description or ("The only choice." if len(choices) == 1 else "")).split()),
         of,
     )
-
-
-def _first_line_of_choices(choices: tuple[str, ...]) -> str:
-    return "The only choice." if len(choices) == 1 else ""
 
 
 def _default(field: FieldInfo, unit: str | None) -> str | None:
@@ -202,25 +200,22 @@ def _default(field: FieldInfo, unit: str | None) -> str | None:
 
 
 def _limits(metadata: list[Any]) -> str:
-    low, high = ("-inf", "("), ("inf", ")")
-    bounds: list[tuple[float, str, bool]] = []
-    for mark in metadata:
-        for part in getattr(mark, "metadata", ()) or (mark,):
-            for kind, side, closed in (
-                ("gt", "low", False),
-                ("ge", "low", True),
-                ("lt", "high", False),
-                ("le", "high", True),
-            ):
-                if isinstance(part, getattr(annotated_types, kind.capitalize())):
-                    bounds.append((float(getattr(part, kind)), side, closed))
-    lows = sorted((b for b in bounds if b[1] == "low"), key=lambda b: (b[0], not b[2]))
-    highs = sorted((b for b in bounds if b[1] == "high"), key=lambda b: (b[0], b[2]))
-    if lows:
-        low = (f"{lows[-1][0]:g}", "[" if lows[-1][2] else "(")
-    if highs:
-        high = (f"{highs[0][0]:g}", "]" if highs[0][2] else ")")
-    return f"{low[1]}{low[0]}, {high[0]}{high[1]}" if bounds else ""
+    """The narrowest range that `metadata` states; limits that only keep numbers finite are left out."""
+    flat = [part for mark in metadata for part in (getattr(mark, "metadata", None) or [mark])]
+    lows = [(float(part.gt), 1) for part in flat if isinstance(part, annotated_types.Gt)]  # pyright: ignore[reportArgumentType]
+    lows += [(float(part.ge), 0) for part in flat if isinstance(part, annotated_types.Ge)]  # pyright: ignore[reportArgumentType]
+    highs = [(float(part.lt), 0) for part in flat if isinstance(part, annotated_types.Lt)]  # pyright: ignore[reportArgumentType]
+    highs += [(float(part.le), 1) for part in flat if isinstance(part, annotated_types.Le)]  # pyright: ignore[reportArgumentType]
+    low, above = max(lows, default=(-math.inf, 1))
+    high, included = min(highs, default=(math.inf, 1))
+    if 0 < low <= NEGLIGIBLE:
+        low, above = 0.0, 1
+    bounded_below, bounded_above = low > -ENORMOUS, high < ENORMOUS
+    if bounded_below and bounded_above:
+        return f"in {'(' if above else '['}{low:g}, {high:g}{']' if included else ')'}"
+    if bounded_below:
+        return f"above {low:g}" if above else f"of at least {low:g}"
+    return f"of at most {high:g}" if bounded_above else ""
 
 
 def _unwrap(annotation: Any, metadata: list[Any]) -> tuple[Any, list[Any]]:

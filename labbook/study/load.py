@@ -22,7 +22,7 @@ def load(path: Path) -> Study:
     problems = _unknown_keys(source)
     settings = _settings(source, problems)
     sweep = Sweep(source)
-    reader = PointReader(source, sweep.keys)
+    reader = PointReader(source, sweep.wrong)
     points = reader.read(sweep if sweep.size <= MAX_POINTS else islice(sweep, 1))
     reference = ReferenceReader(source, points, known_names)
     published = reference.read()

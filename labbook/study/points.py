@@ -1,6 +1,7 @@
 """From the sections of a study, with one point's values put in, to that point: scene, filling and numerics."""
 
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
+from dataclasses import replace
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -12,46 +13,57 @@ from labbook.study.explain import Complaint, complaints
 from labbook.study.numerics import resolve
 from labbook.study.problems import Problem, shown
 from labbook.study.schema import SCENE_KEYS, Fill
-from labbook.study.source import Source, dotted
+from labbook.study.source import Location, Source, dotted
 from labbook.study.study import Point
 from labbook.study.sweep import Assignment
 from labbook.study.timestep import TimeStepError
 
-MAX_PROBLEMS = 50
-"""After this many, the remaining points are not looked at: they repeat the same mistakes."""
+MAX_WRONG = 500
+"""After this many points that are wrong, the rest are not looked at: they repeat the same mistakes."""
 
+_STEP = ("numerics", "dt")
 _PLACEHOLDER = Spheres(diameter=1e-3, density=1e3, count=1)  # stands in for grains that are wrong
 
 
 class PointReader:
-    """Validates points; problems are collected in `problems`, each once."""
+    """Validates points and collects what is wrong with them."""
 
-    def __init__(self, source: Source, swept: Set[str]):
+    def __init__(self, source: Source, unswept: Set[str]):
+        """`unswept`: keys whose sweep is wrong, which is known already: that they are missing need not be said."""
         self._source = source
-        self._swept = swept
+        self._unswept = unswept
         self.numerics_stated: Mapping[str, Any] = {}
         """`numerics` as it holds at the first point."""
-        self.problems: dict[Problem, None] = {}
+        self._found: dict[Problem, list[str]] = {}
+
+    @property
+    def problems(self) -> Iterator[Problem]:
+        """What is wrong, each once, with the points that it is wrong at."""
+        for problem, labels in self._found.items():
+            more = f" and {len(labels) - 1} other points" if len(labels) > 1 else ""
+            where = f" (at {labels[0]}{more})" if labels else ""
+            yield replace(problem, message=problem.message + where)
 
     def read(self, assignments: Iterable[Assignment]) -> tuple[Point, ...]:
         """All points that are right. A point that repeats another is a problem."""
-        points: list[Point] = []
+        wrong, points = 0, list[Point]()
         seen: dict[tuple[str, ...], str] = {}
         names: dict[tuple[str, ...], dict[str, str]] = {}
         for assignment in assignments:
             short = names.setdefault(tuple(assignment), _short_names(assignment))
             label = ", ".join(f"{short[key]} {shown(value.raw)}" for key, value in assignment.items())
             point = self._point(len(points), assignment, label)
-            if len(self.problems) >= MAX_PROBLEMS:
-                break
             if point is None:
+                wrong += 1
+                if wrong == MAX_WRONG:
+                    break
                 continue
             identity = tuple(part.model_dump_json() for part in (point.scene, point.fill, point.numerics))
             if identity in seen:
                 key, value = next(iter(assignment.items()), ("points", None))
                 line = value.line if value else self._source.line(("points",))
                 message = f"the point {label} repeats the point {seen[identity]}"
-                self._add(Problem(self._source.path, line, key, message, "leave one of them out"))
+                self._found[Problem(self._source.path, line, key, message, "leave one of them out")] = []
                 continue
             seen[identity] = label
             points.append(point)
@@ -63,15 +75,20 @@ class PointReader:
         grains = self._grains(raw, found)
         diameter = (grains or _PLACEHOLDER).diameter
         context = {"units": "required", "d": diameter}
-        scene = self._scene(raw, grains, context, found)
+        scene, near = self._scene(raw, grains, context, found)
         fill = _validated(Fill, raw.get("fill", {}), context, "fill", found)
-        numerics = self._numerics(raw.get("numerics", {}), scene, context, found)
+        numerics = self._numerics(raw.get("numerics", {}), near, context, found)
+        if scene is None:
+            found = [complaint for complaint in found if complaint.location != _STEP or not complaint.clash]
         for complaint in found:
-            known_already = complaint.geometry and grains is None
-            swept_badly = dotted(complaint.location) in self._swept - assignment.keys()
+            # with grains that stand in for wrong ones, values clash that need not
+            known_already = complaint.clash and grains is None
+            swept_badly = dotted(complaint.location) in self._unswept
             if not known_already and not swept_badly:
-                self._add(self._problem(complaint, assignment, label))
-        if found or scene is None or fill is None or numerics is None:
+                places = self._found.setdefault(self._problem(complaint, assignment), [])
+                if complaint.clash and label:
+                    places.append(label)
+        if found or scene is None or numerics is None:
             return None
         if index == 0:
             self.numerics_stated = raw.get("numerics", {})
@@ -93,13 +110,21 @@ class PointReader:
 
     def _scene(
         self, raw: Mapping[str, Any], grains: Grains | None, context: Mapping[str, Any], found: list[Complaint]
-    ) -> Scene | None:
+    ) -> tuple[Scene | None, Scene | None]:
+        """The scene, and the nearest thing to it if it is wrong: itself without the values that are."""
         stated = {key: raw[key] for key in SCENE_KEYS if key in raw}
-        try:
-            return Scene.model_validate({**stated, "grains": grains or _PLACEHOLDER}, context=dict(context))
-        except ValidationError as error:
-            found += complaints(error, stated)
-            return None
+        stated["grains"] = grains or _PLACEHOLDER
+        first: list[Complaint] = []
+        scene = _validated(Scene, stated, context, None, first)
+        if scene is not None:
+            return scene, scene
+        # Clashes are only looked at once each value is right by itself: look without those that are not.
+        for complaint in first:
+            stated = _without(stated, complaint.location)
+        again: list[Complaint] = []
+        near = _validated(Scene, stated, context, None, again)
+        found += [*first, *(complaint for complaint in again if complaint.clash and complaint not in first)]
+        return None, near
 
     def _numerics(
         self, raw: Any, scene: Scene | None, context: Mapping[str, Any], found: list[Complaint]
@@ -112,27 +137,33 @@ class PointReader:
         try:
             return resolve(raw, scene)
         except TimeStepError as error:
-            place = ("numerics", "dt")
             stated = f"{shown(raw['dt'])}: " if "dt" in raw else ""
-            found.append(Complaint(place, f"{stated}{error}", error.remedy, geometry=True))
+            found.append(Complaint(_STEP, f"{stated}{error}", error.remedy, error.clash))
             return None
 
-    def _problem(self, complaint: Complaint, assignment: Assignment, label: str) -> Problem:
+    def _problem(self, complaint: Complaint, assignment: Assignment) -> Problem:
         key = dotted(complaint.location)
         line = assignment[key].line if key in assignment else self._source.line(complaint.location)
-        where = f" (at {label})" if complaint.geometry and label else ""
-        return Problem(self._source.path, line, shown(key), complaint.message + where, complaint.remedy)
-
-    def _add(self, problem: Problem) -> None:
-        self.problems[problem] = None
+        return Problem(self._source.path, line, shown(key), complaint.message, complaint.remedy)
 
 
-def _validated(model: type[Any], raw: Any, context: Mapping[str, Any], name: str, found: list[Complaint]) -> Any:
+def _validated(model: type[Any], raw: Any, context: Mapping[str, Any], name: str | None, found: list[Complaint]) -> Any:
+    """`raw`, the section `name` (None: the whole study), as a `model`; None and complaints if it is none."""
     try:
         return model.model_validate(raw, context=dict(context))
     except ValidationError as error:
-        found += complaints(error, raw, (name,))
+        found += complaints(error, raw, (name,) if name else ())
         return None
+
+
+def _without(data: Any, location: Location) -> Any:
+    """`data` without what is at `location`, if it is there; `data` itself is not changed."""
+    if not location or not isinstance(data, dict) or location[0] not in data:
+        return data
+    head, *rest = location
+    if not rest:
+        return {key: value for key, value in data.items() if key != head}
+    return {**data, head: _without(data[head], tuple(rest))}
 
 
 def _assign(data: Mapping[str, Any], assignment: Assignment) -> dict[str, Any]:

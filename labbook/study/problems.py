@@ -33,7 +33,7 @@ class StudyError(Exception):
 def instead(word: str, known: Iterable[str]) -> str:
     """The remedy for an unknown word: the known one that it resembles, else all that are known."""
     names = sorted(known)
-    close = get_close_matches(word[:80], names, n=1, cutoff=0.6)
+    close = get_close_matches(word[:80], names, n=1, cutoff=0.7)
     if close:
         return f"did you mean {close[0]}?"
     return f"known here: {', '.join(names)}" if names else "leave it out"

@@ -6,7 +6,7 @@ fastest. What a sweep sets replaces what the study states elsewhere.
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain, product
 from typing import Any
@@ -38,6 +38,8 @@ class Sweep:
     def __init__(self, source: Source):
         self._source = source
         self.problems: list[Problem] = []
+        self.wrong: set[str] = set()
+        """Keys that are not swept although the study says so, because of a problem."""
         grid, zipped = self._sweep()
         listed = self._points()
         self._no_key_twice(grid, zipped, listed)
@@ -52,15 +54,6 @@ class Sweep:
             self._problem(place, message, "sweep fewer values, or split the study")
 
     @property
-    def keys(self) -> Set[str]:
-        """All keys that are swept or listed, rightly or not."""
-        data = self._source.data
-        swept = data.get("sweep") if isinstance(data.get("sweep"), dict) else {}
-        zipped = swept.get("zip") if isinstance(swept.get("zip"), dict) else {}
-        listed = data.get("points") if isinstance(data.get("points"), list) else []
-        return {*swept, *zipped, *(key for point in listed if isinstance(point, dict) for key in point)}
-
-    @property
     def size(self) -> int:
         """Number of points."""
         return math.prod(map(len, self._axes))
@@ -71,9 +64,9 @@ class Sweep:
             yield dict(chain.from_iterable(part.items() for part in parts))
 
     def _sweep(self) -> tuple[dict[str, list[Value]], list[Assignment]]:
-        raw = self._source.data.get("sweep")
-        if "sweep" not in self._source.data or not self._filled_mapping(raw, ("sweep",)):
+        if "sweep" not in self._source.data or not self._filled_mapping(self._source.data["sweep"], ("sweep",)):
             return {}, []
+        raw = _mapping(self._source.data["sweep"])
         grid = {key: self._values(values, ("sweep", key)) for key, values in raw.items() if key != "zip"}
         grid = {key: values for key, values in grid.items() if values and self._may_vary(key, ("sweep", key))}
         zipped = self._zip(raw["zip"]) if "zip" in raw else []
@@ -89,6 +82,7 @@ class Sweep:
         if len(set(lengths.values())) > 1:
             counts = ", ".join(f"{shown(key)}: {n}" for key, n in lengths.items())
             self._problem(place, f"zipped lists differ in length ({counts})", "give each the same number of values")
+            self.wrong.update(columns)
             return []
         return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
@@ -175,7 +169,12 @@ class Sweep:
         self.problems.append(self._at(self._source.line(place), place, message, remedy))
 
     def _at(self, line: int, place: Location, message: str, remedy: str) -> Problem:
+        self.wrong.update(part for part in place if isinstance(part, str))
         return Problem(self._source.path, line, shown(dotted(place)), message, remedy)
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
 def _scalar(text: str) -> str | int | float | bool:

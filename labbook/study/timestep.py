@@ -9,7 +9,7 @@ from labbook.scene.timescales import TIME_SCALES, collision
 from labbook.study.problems import instead
 
 DEFAULT = {"hertz-mindlin": "0.1 rayleigh", "linear": "0.02 collision"}
-"""Steps of the papers: Fan et al. (2023) use at most 0.1 Rayleigh times, Pongó et al. (2022) below 2 % of a collision."""
+"""The papers' steps: at most 0.1 Rayleigh times (Fan et al. 2023), below 2 % of a collision (Pongó et al. 2022)."""
 
 COARSEST = 0.2
 """Part of a collision's duration above which a step is refused: a collision must last five steps."""
@@ -18,11 +18,11 @@ _FRACTION = re.compile(r"\s*(\S.*?)\s*\*?\s*([a-z]+)\s*")
 
 
 class TimeStepError(Exception):
-    """A time step that cannot be used; `remedy` says what can."""
+    """A time step that cannot be used; `remedy` says what can. `clash`: in this scene, that is."""
 
-    def __init__(self, reason: str, remedy: str):
+    def __init__(self, reason: str, remedy: str, clash: bool = False):
         super().__init__(reason)
-        self.remedy = remedy
+        self.remedy, self.clash = remedy, clash
 
 
 def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
@@ -46,7 +46,7 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
     limit = COARSEST * collision(scaled)
     if not 0 < step <= limit:
         reason = f"a step of {step:.3g} s is not between 0 and {limit:.3g} s, a fifth of a collision"
-        raise TimeStepError(reason, f"use {DEFAULT[scene.contact.law]} or less")
+        raise TimeStepError(reason, f"use {DEFAULT[scene.contact.law]} or less", clash=True)
     return step
 
 
@@ -63,9 +63,12 @@ def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:
         return None
     try:
         part = parse(number, "")
-        return float(f"{part * TIME_SCALES[name](scene):.6g}")
     except ValueError as error:
         raise TimeStepError(str(error), remedy) from None
+    try:
+        return float(f"{part * TIME_SCALES[name](scene):.6g}")
+    except ValueError as error:
+        raise TimeStepError(str(error), f"use {DEFAULT[scene.contact.law]}", clash=True) from None
 
 
 def _scaled(scene: Scene, factor: float) -> Scene:
