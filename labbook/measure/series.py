@@ -20,8 +20,8 @@ def flow_series(run: RunData, bin_width: float) -> tuple[np.ndarray, np.ndarray]
 
     Bins of `bin_width` [s] cover the run from the opening to its end; an incomplete last one is left out.
     """
-    count = math.floor(run.duration / bin_width * (1 + 1e-12))
-    if not bin_width > 0 or count < 1:
+    count = math.floor(run.duration / bin_width * (1 + 1e-12)) if bin_width > 0 else 0
+    if count < 1:
         raise ValueError(f"a bin of {bin_width} s does not fit into a run of {run.duration} s")
     edges = bin_width * np.arange(count + 1)
     grains, _ = np.histogram(crossing_times(run), edges)

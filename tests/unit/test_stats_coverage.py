@@ -93,7 +93,7 @@ def test_a_naive_rule_would_fail_here():
     n = np.arange(1, 31)
     mean = x.cumsum(axis=1) / n
     spread = np.sqrt(np.maximum((x**2).cumsum(axis=1) - n * mean**2, 0) / np.maximum(n - 1, 1))
-    reach = np.array([student(0.95, k - 1) if k > 1 else 0 for k in n]) * spread / np.sqrt(n)
+    reach = np.array([student(0.95, float(k - 1)) if k > 1 else 0 for k in n]) * spread / np.sqrt(n)
     narrow = (reach <= 0.6) & (n >= 3)
     narrow[:, -1] = True
     stop = narrow.argmax(axis=1)

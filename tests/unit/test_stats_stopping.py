@@ -49,9 +49,7 @@ def test_a_cap_at_the_minimum_leaves_nothing_to_decide():
 
 def test_the_interval_is_wider_than_a_fixed_samples():
     values = [1.0, 1.1, 1.3, 1.2]
-    assert StoppingRule(0.01, 3, 9).pool(values).half_width == pytest.approx(
-        pool(values).half_width * (1 + 1.25 / 4)
-    )
+    assert StoppingRule(0.01, 3, 9).pool(values).half_width == pytest.approx(pool(values).half_width * (1 + 1.25 / 4))
 
 
 def test_few_replicates_are_ordered_at_a_time():

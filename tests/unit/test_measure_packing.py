@@ -1,0 +1,155 @@
+import math
+
+import numpy as np
+import pytest
+
+from labbook.measure import MEASURES, MeasureError, RunData
+from labbook.measure.order import hexatic
+from labbook.measure.packing import area_fraction, packing_fraction
+from labbook.measure.region import Region, bulk
+from labbook.numerics import Numerics
+from labbook.protocol.packing import Packing
+from labbook.scene import Box, HertzMindlin, Primitives, Scene, Spheres, WedgeHopper
+
+D = 3e-3
+LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
+
+
+class Window:
+    start, end = 0.15, 0.6
+
+
+def packing_of(x):
+    x = np.asarray(x, float).reshape(-1, 3)
+    return Packing(x, np.zeros_like(x), np.zeros_like(x))
+
+
+def scene_of(container, count=1000):
+    return Scene(grains=Spheres(diameter=D, density=2500, count=count), contact=LAW, container=container)
+
+
+def hexagonal_layer(columns, rows):
+    """Touching spheres in rows along x, between x = -columns d/2 and columns d/2, bottom at z = 0."""
+    i, k = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
+    x = (i + 0.25 + 0.5 * (k % 2) - columns / 2) * D
+    z = (0.5 + k * math.sqrt(3) / 2) * D
+    return packing_of(np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()]))
+
+
+def run_of(scene, packing):
+    return RunData(scene, Numerics(dt=1e-6), 1, packing, "finished", 1.0)
+
+
+def numbers(scene, packing):
+    return {m.quantity: m for m in MEASURES["packing"].evaluate(run_of(scene, packing), Window())}
+
+
+HOPPER = WedgeHopper(width=0.1, height=0.4, thickness=1.01 * D, orifice=0.03)
+
+
+def test_a_hexagonal_layer_is_exact_over_whole_periods():
+    layer = hexagonal_layer(40, 40)
+    period = math.sqrt(3) * D
+    region = Region((-10 * D, -0.505 * D, 5 * period), (10 * D, 0.505 * D, 15 * period), True)
+    flat, solid = area_fraction(layer, D, region), packing_fraction(layer, D, region)
+    assert flat == pytest.approx(math.pi / (2 * math.sqrt(3)), rel=1e-12)
+    assert solid == pytest.approx(math.pi / (2 * math.sqrt(3)) / (1.5 * 1.01), rel=1e-4)
+    assert solid == pytest.approx(0.599, abs=1e-3)
+    assert flat / solid == pytest.approx(1.515, rel=1e-4)
+
+
+@pytest.mark.parametrize("container", [HOPPER, Box(width=0.1, depth=1.01 * D, height=0.2)])
+def test_a_hexagonal_layer_measured(container):
+    found = numbers(scene_of(container), hexagonal_layer(33, 40))
+    assert found["packing_fraction"].value == pytest.approx(0.599, abs=0.006)
+    assert found["packing_fraction_2d"].value == pytest.approx(0.9069, abs=0.01)
+    assert found["hexatic_local"].value == pytest.approx(1, abs=1e-9)
+    assert found["hexatic_global"].value == pytest.approx(1, abs=1e-9)
+    assert found["packing_fraction"].error < 0.01
+    assert all(m.unit == "" and "bulk" in m.window for m in found.values())
+
+
+def test_a_dilute_layer_gives_its_density():
+    rng = np.random.default_rng(0)
+    x = np.column_stack([rng.uniform(-0.05, 0.05, 1500), np.zeros(1500), rng.uniform(0, 0.2, 1500)])
+    found = numbers(scene_of(HOPPER), packing_of(x))["packing_fraction_2d"]
+    expected = 1500 * math.pi * D**2 / 4 / (0.1 * 0.2)
+    assert abs(found.value - expected) < 5 * found.error
+    assert found.error < 0.05 * expected
+
+
+def test_a_deep_box_has_a_packing_fraction_only():
+    side = np.arange(-9.5, 10) * D
+    grid = np.stack(np.meshgrid(side, side, side + 10 * D, indexing="ij"), axis=-1)
+    found = numbers(scene_of(Box(width=20 * D, depth=20 * D, height=1.0)), packing_of(grid))
+    assert set(found) == {"packing_fraction"}
+    assert found["packing_fraction"].value == pytest.approx(math.pi / 6, rel=2e-4)  # simple cubic
+
+
+def test_the_bulk_keeps_away_from_an_inclined_bottom():
+    hopper = WedgeHopper(width=0.1, height=0.4, thickness=1.01 * D, orifice=0.03, angle=math.radians(30))
+    region = bulk(scene_of(hopper), hexagonal_layer(33, 100))
+    assert region.low[2] == pytest.approx(0.035 / math.tan(math.radians(30)) + 3 * D)
+    assert region.low[0] == pytest.approx(-0.05 + 3 * D)
+
+
+def test_the_bulk_keeps_below_the_lowest_part_of_the_surface():
+    layer = hexagonal_layer(33, 60).x
+    heap = layer[layer[:, 2] < 0.1 - np.abs(layer[:, 0])]
+    region = bulk(scene_of(HOPPER), packing_of(heap))
+    assert 0.05 - 5 * D < region.high[2] < 0.06 - 3 * D
+
+
+@pytest.mark.parametrize("grains", [np.zeros((0, 3)), hexagonal_layer(33, 6).x])
+def test_too_few_grains_give_no_number_and_say_so(grains):
+    found = numbers(scene_of(HOPPER), packing_of(grains))
+    assert len(found) == 4
+    assert all(math.isnan(m.value) and "fill in more grains" in m.note for m in found.values())
+
+
+def test_unknown_walls_are_refused():
+    with pytest.raises(MeasureError, match="wedge-hopper or a box"):
+        numbers(scene_of(Primitives()), hexagonal_layer(10, 10))
+
+
+def test_packing_needs_no_probes():
+    assert MEASURES["packing"].probes(scene_of(HOPPER)) == ()
+
+
+def test_hexatic_of_random_points():
+    rng = np.random.default_rng(1)
+    x, z = rng.uniform(0, 1, (2, 20_000))
+    inside = (abs(x - 0.5) < 0.45) & (abs(z - 0.5) < 0.45)
+    psi = hexatic(x, z)[inside]
+    # Six random directions alone would give sqrt(pi)/(2 sqrt(6)) = 0.362; neighbours avoid each other a little.
+    assert np.mean(abs(psi)) == pytest.approx(0.37, abs=0.02)
+    assert abs(psi.mean()) < 0.02
+
+
+def test_hexatic_turns_with_the_layer():
+    layer = hexagonal_layer(20, 20).x
+    c, s = math.cos(0.2), math.sin(0.2)
+    x, z = c * layer[:, 0] - s * layer[:, 2], s * layer[:, 0] + c * layer[:, 2]
+    middle = np.hypot(x - x.mean(), z - z.mean()) < 5 * D
+    np.testing.assert_allclose(hexatic(x, z)[middle], np.exp(6j * 0.2), atol=1e-9)
+
+
+def test_two_crystals_are_ordered_locally_only():
+    layer = hexagonal_layer(30, 30).x
+    a = layer[:, [0, 2]] - layer[:, [0, 2]].mean(axis=0)
+    turn = math.radians(30)
+    b = a @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    points = np.concatenate([a[a[:, 0] < -0.5 * D], b[b[:, 0] > 0.5 * D]])
+    psi = hexatic(*points.T)
+    middle = np.hypot(*points.T) < 9 * D
+    assert np.mean(abs(psi[middle])) > 0.85
+    assert abs(psi[middle].mean()) < 0.1
+
+
+@pytest.mark.parametrize("n", [0, 1, 3])
+def test_hexatic_of_almost_nothing_is_nan(n):
+    assert np.isnan(hexatic(np.arange(n), np.arange(n) ** 2)).all()
+
+
+def test_hexatic_of_a_line_is_nan():
+    assert np.isnan(hexatic(np.arange(9.0), np.zeros(9))).all()
