@@ -1,0 +1,177 @@
+"""Recordings of finished runs for the rerun viewer: grains coloured by speed, walls, and W(t) on the same clock.
+
+rerun is imported only here and in `labbook.viewer`, and only when a recording is made or shown.
+"""
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from labbook.measure import RunData
+from labbook.measure.series import crossing_times, smooth_flow
+from labbook.scene import Scene, Strip
+
+VERSION = 1
+"""Raised when recordings made before are no longer what would be written now."""
+FRAMES = 200
+"""Most frames of a recording: its size is frames x grains x 16 bytes."""
+CLOCK = "sim_time"
+"""Name of the timeline: seconds since the opening."""
+WALL_COLOUR = (120, 130, 150, 70)
+PANE_COLOUR = (120, 130, 150, 14)  # front and back walls: the grains behind them must be seen
+EDGE_COLOUR = (60, 66, 80)
+FLOW_COLOUR = (86, 180, 233)
+_GRAINS_SMOOTHED = 30
+
+
+class ViewerMissing(Exception):
+    """rerun is not installed; the message says how to get it."""
+
+
+class NotRecorded(Exception):
+    """The run kept no frames; the message says how to ask for them."""
+
+
+def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *, name: str, run_key: str) -> Path:
+    """Write the recording of one run to `path` (.rrd), in place by one rename. `name` is shown in the viewer.
+
+    `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as `labbook.backend.Sample` lists them.
+    Raises ViewerMissing, or NotRecorded if there are none.
+    """
+    frames = list(_frames(sample))
+    rr = need_rerun()
+    scene, top_speed = data.scene, _top_speed(frames)
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stream = rr.RecordingStream("labbook", recording_id=run_key)
+    try:
+        stream.save(partial, default_blueprint=_blueprint(data, top_speed))
+        stream.send_recording_name(name)
+        clock = rr.TimeColumn(CLOCK, duration=[time for time, _, _ in frames])
+        counts = [len(x) for _, x, _ in frames]
+        positions = np.concatenate([x for _, x, _ in frames])
+        colours = speed_colours(np.concatenate([speed for _, _, speed in frames]), top_speed)
+        stream.log("grains", rr.Points3D.from_fields(radii=scene.grains.radius), static=True)
+        stream.send_columns(
+            "grains", [clock], rr.Points3D.columns(positions=positions, colors=colours).partition(counts)
+        )
+        for wall, corners, colour in wall_quads(scene, positions):
+            mesh = rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=colour)
+            stream.log(f"walls/{wall}", mesh, static=True)
+            if colour == WALL_COLOUR:  # seen from the front, a plate is its edge
+                outline = rr.LineStrips3D([[*corners, corners[0]]], colors=EDGE_COLOUR, radii=scene.grains.radius / 8)
+                stream.log(f"walls/{wall}/outline", outline, static=True)
+        _send_flow_rate(rr, stream, data)
+        stream.flush()
+        stream.disconnect()
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def speed_colours(speed: np.ndarray, top_speed: float) -> np.ndarray:
+    """RGBA bytes, shape [n, 4], of `speed` [m/s] on a square-root scale from 0 (dark) to `top_speed` (yellow).
+
+    The square root keeps slow zones, at a few per cent of the outlet's speed, apart from those at rest.
+    """
+    from matplotlib import colormaps
+
+    part = np.sqrt(np.clip(speed / top_speed, 0, 1)) if top_speed > 0 else np.zeros_like(speed)
+    return colormaps["viridis"](part, bytes=True)
+
+
+def wall_quads(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, np.ndarray, tuple[int, int, int, int]]]:
+    """Name, corners [4, 3] in m and colour of every wall, cut to the box of the grains' `positions` [n, 3]."""
+    r = scene.grains.radius
+    low, high = positions.min(axis=0) - r, positions.max(axis=0) + r
+    for wall in scene.container.walls():
+        shape = wall.shape
+        if isinstance(shape, Strip):
+            (x0, z0), (x1, z1) = shape.start, shape.end
+            z0, z1 = min(z0, high[2] + 4 * r), min(z1, high[2] + 4 * r)
+            corners = [(x0, low[1], z0), (x1, low[1], z1), (x1, high[1], z1), (x0, high[1], z0)]
+            yield wall.name, np.array(corners), WALL_COLOUR
+        else:
+            yield wall.name, _patch(np.array(shape.point), np.array(shape.normal), low, high), PANE_COLOUR
+
+
+def _patch(point: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Square of the plane through `point`, as large as the box from `low` to `high`, about the box's middle."""
+    normal = normal / np.linalg.norm(normal)
+    middle = (low + high) / 2
+    middle = middle - normal * np.dot(middle - point, normal)
+    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    across /= np.linalg.norm(across)
+    up = np.cross(normal, across)
+    box = (high - low) / 2
+    a, b = across * np.abs(across @ box), up * np.abs(up @ box)
+    return np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
+
+
+def _frames(table: Mapping[str, np.ndarray] | None) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """Time [s], positions [n, 3] and speeds [n] of at most FRAMES frames, evenly chosen."""
+    if table is None or not len(table["time"]):
+        raise NotRecorded(
+            "this run kept no frames: add `record: {every: 10 ms, replicates: 1}` to its study and run it"
+        )
+    times, starts = np.unique(table["time"], return_index=True)
+    ends = np.append(starts[1:], len(table["time"]))
+    chosen = np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int))
+    for k in chosen:
+        rows = slice(starts[k], ends[k])
+        x = np.stack([table[c][rows] for c in ("x", "y", "z")], axis=1)
+        v = np.stack([table[c][rows] for c in ("vx", "vy", "vz")], axis=1)
+        yield float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1)
+
+
+def _top_speed(frames: list[tuple[float, np.ndarray, np.ndarray]]) -> float:
+    """Speed [m/s] that only one grain in 200 exceeds."""
+    return float(np.quantile(np.concatenate([speed for _, _, speed in frames]), 0.995))
+
+
+def _blueprint(data: RunData, top_speed: float):
+    """The silo seen from the front, W(t) below it; playback rests at the start."""
+    import rerun.blueprint as rrb
+
+    x = data.start.x
+    low, high = x.min(axis=0), x.max(axis=0)
+    middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    grains = rrb.Spatial3DView(
+        name=f"Grains by speed: dark 0, yellow {top_speed:.2g} m/s and more (square-root scale)",
+        eye_controls=rrb.EyeControls3D(
+            position=middle + size * np.array([0.06, -1.05, 0.12]), look_target=middle, eye_up=(0, 0, 1)
+        ),
+        line_grid=rrb.LineGrid3D(visible=False),
+        background=(244, 245, 247),
+    )
+    flow = rrb.TimeSeriesView(origin="flow_rate", name="W [g/s]", plot_legend=rrb.PlotLegend(visible=False))
+    return rrb.Blueprint(
+        rrb.Vertical(grains, flow, row_shares=[4, 1]),
+        rrb.TimePanel(timeline=CLOCK, play_state="paused", state="collapsed"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )
+
+
+def _send_flow_rate(rr, stream, data: RunData) -> None:
+    """W(t), smoothed over about 30 grains, as scalars on the clock of the grains."""
+    if "crossing" not in data.tables or len(times := crossing_times(data)) < 2:
+        return
+    at = np.linspace(0, data.duration, 500)
+    width = _GRAINS_SMOOTHED / math.sqrt(2 * math.pi) * (times[-1] - times[0]) / (len(times) - 1)
+    rate = smooth_flow(data, at, width) * 1e3
+    stream.log("flow_rate", rr.SeriesLines(colors=FLOW_COLOUR, widths=1.5, names="W [g/s]"), static=True)
+    stream.send_columns("flow_rate", [rr.TimeColumn(CLOCK, duration=at)], rr.Scalars.columns(scalars=rate))
+
+
+def need_rerun():
+    """The rerun package. Raises ViewerMissing."""
+    try:
+        import rerun
+    except ImportError as error:
+        raise ViewerMissing(f"recordings need rerun ({error}); try: pip install 'labbook[viewer]'") from error
+    return rerun

@@ -1,0 +1,169 @@
+"""What a study found: every point with its replicates pooled, series with fits, and the comparison with a reference."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from labbook.measure import MEASURES, RunData
+from labbook.measure.series import crossing_times, flow_series
+from labbook.measure.steady import steady_flow
+from labbook.stats import Measured, Pooled, StoppingRule
+
+if TYPE_CHECKING:
+    from labbook.report.comparison import Comparison
+    from labbook.report.series import Series
+    from labbook.study import Point, Study
+
+FLOW_RATE = "flow_rate"
+UNPOOLED = frozenset({"waiting_time"})
+"""A waiting time of a clogged run is censored: its mean over replicates would mean nothing."""
+_GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
+
+
+class Finished(Protocol):
+    """A run that has ended, as the catalogue hands it out."""
+
+    @property
+    def point(self) -> "Point": ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def run_key(self) -> str: ...
+    @property
+    def outcome(self) -> str: ...
+    @property
+    def provenance(self) -> Mapping[str, Any]: ...
+    def data(self) -> RunData:
+        """What was observed."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """W(t) of one run: times [s] and rates [kg/s], shape [n], and start and end [s] of the window of its mean."""
+
+    time: np.ndarray
+    rate: np.ndarray
+    window: tuple[float, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """One run: how it ended, what was measured of it, by quantity, and its W(t)."""
+
+    seed: int
+    run_key: str
+    outcome: str
+    measured: Mapping[str, Measured]
+    trace: Trace | None
+    provenance: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class PointResult:
+    """One point of a study with its replicates. `pooled`: means over seeds, by quantity, with Student intervals."""
+
+    point: "Point"
+    runs: tuple[RunResult, ...]
+    pooled: Mapping[str, Pooled]
+    tolerance: float | None
+
+    @property
+    def orifice(self) -> float:
+        """Width of the outlet [m]; NaN where the container has none."""
+        return float(getattr(self.point.scene.container, "orifice", math.nan))
+
+    @property
+    def flow_rate(self) -> Pooled | None:
+        """Pooled W [kg/s], or None if no replicate gave one."""
+        return self.pooled.get(FLOW_RATE)
+
+    @property
+    def outcomes(self) -> Counter[str]:
+        """How many replicates ended in which way."""
+        return Counter(run.outcome for run in self.runs)
+
+    @cached_property
+    def notes(self) -> Counter[str]:
+        """How many replicates carry which note on their flow rate (`trending` ...)."""
+        carried = (run.measured[FLOW_RATE].notes for run in self.runs if FLOW_RATE in run.measured)
+        return Counter(note for notes in carried for note in notes)
+
+    @property
+    def trending(self) -> bool:
+        """Whether the flow of more than half of the replicates has no plateau."""
+        return self.notes["trending"] > len(self.runs) / 2
+
+    @property
+    def precise(self) -> bool | None:
+        """Whether the pooled flow rate meets the study's tolerance; None if none was asked for."""
+        if self.tolerance is None:
+            return None
+        return self.flow_rate is not None and self.flow_rate.relative <= self.tolerance
+
+    @property
+    def remark(self) -> str:
+        """What a reader must know of this point, in a few words; empty if nothing."""
+        parts = [f"{n} of {len(self.runs)} {how}" for how, n in self.outcomes.items() if how in ("clogged", "diverged")]
+        return ", ".join((["trending"] if self.trending else []) + parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """All that a report shows of a study. `missing`: points without any finished run."""
+
+    study: "Study"
+    points: tuple[PointResult, ...]
+    missing: tuple["Point", ...]
+    series: tuple["Series", ...]
+    comparisons: tuple["Comparison", ...]
+
+
+def analyse(study: "Study", finished: Sequence[Finished]) -> Analysis:
+    """Measure the finished runs of a study, pool replicates, fit series and compare with the study's reference."""
+    from labbook.report.comparison import compare
+    from labbook.report.series import series_of
+
+    by_point: dict[int, list[Finished]] = {}
+    for run in sorted(finished, key=lambda run: run.seed):
+        by_point.setdefault(run.point.index, []).append(run)
+    points = tuple(_point(study, point, by_point[point.index]) for point in study.points if point.index in by_point)
+    series = series_of(points, study.fit)
+    missing = tuple(point for point in study.points if point.index not in by_point)
+    return Analysis(study, points, missing, series, compare(study.reference, points, series))
+
+
+def _point(study: "Study", point: "Point", finished: Iterable[Finished]) -> PointResult:
+    runs = tuple(_run(study, one) for one in finished)
+    cap = max(study.replicates, study.accuracy.max_replicates)
+    rule = StoppingRule(study.accuracy.flow_rate, study.replicates, cap)
+    values: dict[str, list[float]] = {}
+    for run in runs:
+        for name, measured in run.measured.items():
+            if run.outcome != "diverged" and name not in UNPOOLED and math.isfinite(measured.value):
+                values.setdefault(name, []).append(measured.value)
+    pooled = {name: rule.pool(found) for name, found in values.items()}
+    return PointResult(point, runs, pooled, study.accuracy.flow_rate)
+
+
+def _run(study: "Study", finished: Finished) -> RunResult:
+    data = finished.data()
+    measured = {m.quantity: m for name in study.measure for m in MEASURES[name].evaluate(data, study.window)}
+    return RunResult(
+        finished.seed, finished.run_key, finished.outcome, measured, _trace(study, data), finished.provenance
+    )
+
+
+def _trace(study: "Study", data: RunData) -> Trace | None:
+    """W(t) of a run, if it recorded crossings and any grain left."""
+    if "crossing" not in data.tables or not len(times := crossing_times(data)):
+        return None
+    width = min(max(times[-1] / _BINS, _GRAINS_PER_BIN * times[-1] / len(times)), data.duration)
+    steady = steady_flow(times, len(data.start), study.window)
+    window = (steady.begin, steady.end) if steady is not None else None
+    return Trace(*flow_series(data, float(width)), window)

@@ -1,0 +1,122 @@
+"""Ours beside the paper's: every number of a study's reference, and how far ours lies from it."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from labbook.fit import LAWS
+from labbook.report import display
+from labbook.report.analysis import PointResult
+from labbook.report.series import ORIFICE, Series
+
+if TYPE_CHECKING:
+    from labbook.study import Point, Reference, ReferenceEntry
+
+CLOSE = 2.0
+"""Standard errors within which two numbers are said to agree."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A number of the reference and ours, in SI. `ours` is None where we have none; `why` then says so."""
+
+    quantity: str
+    at: Mapping[str, float | str]
+    label: str
+    reference: float
+    reference_error: float | None
+    ours: float | None
+    error: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    unit: str = ""
+    why: str = ""
+
+    @property
+    def relative(self) -> float:
+        """(ours - reference) / reference; NaN where ours is missing or the reference is zero."""
+        if self.ours is None or self.reference == 0:
+            return math.nan
+        return self.ours / self.reference - 1
+
+    @property
+    def in_errors(self) -> float:
+        """(ours - reference) over the standard error of the difference; NaN where it is not known."""
+        if self.ours is None:
+            return math.nan
+        error = math.hypot(self.error, self.reference_error or 0.0)
+        return (self.ours - self.reference) / error if error > 0 else math.nan
+
+
+def compare(
+    reference: "Reference | None", points: Sequence[PointResult], series: Sequence[Series]
+) -> tuple[Comparison, ...]:
+    """One Comparison for each entry of the reference and each series (`law.parameter`) or point that it speaks of."""
+    if reference is None:
+        return ()
+    return tuple(found for entry in reference.entries for found in _entry(entry, points, series))
+
+
+def agreement(comparisons: Sequence[Comparison], source: str) -> str:
+    """A plain sentence on how ours agree with the source."""
+    known = [c for c in comparisons if math.isfinite(c.in_errors)]
+    if not known:
+        return f"Nothing can be compared with {source} yet."
+    close = sum(abs(c.in_errors) <= CLOSE for c in known)
+    farthest = max(known, key=lambda c: abs(c.in_errors))
+    name = display.quantity(farthest.quantity).name
+    where = f" at {farthest.label}" if farthest.label else ""
+    text = f"Of {len(known)} numbers of {source}, {close} agree with ours within {CLOSE:g} standard errors."
+    return (
+        f"{text} Farthest apart is {name}{where}: ours is {100 * farthest.relative:+.1f} %, "
+        f"or {farthest.in_errors:+.1f} standard errors, away.".replace("-", "−")
+    )
+
+
+def _entry(entry: "ReferenceEntry", points: Sequence[PointResult], series: Sequence[Series]) -> Iterator[Comparison]:
+    head, _, tail = entry.quantity.partition(".")
+    quantity = entry.quantity if head in LAWS else tail or head
+    label = ", ".join(display.setting(name, value) for name, value in entry.at.items())
+    base = Comparison(quantity, entry.at, label, entry.value, entry.error, None)
+    found: list[Comparison] = []
+    if head in LAWS:
+        at = {name: value for name, value in entry.at.items() if name != ORIFICE}
+        for one in (one for one in series if _matches(at, one.points[0].point)):
+            found.append(_of_fit(replace(base, at=one.at or at, label=one.label or label), head, tail, one))
+    else:
+        for result in (result for result in points if _matches(entry.at, result.point)):
+            label = ", ".join(display.setting(name, value) for name, value in result.point.at.items())
+            found.append(_of_point(replace(base, at=result.point.at, label=label), result))
+    yield from found or [replace(base, why="no finished point is at these values")]
+
+
+def _of_fit(base: Comparison, law: str, parameter: str, series: Series) -> Comparison:
+    fitted = series.fits.get(law)
+    if fitted is None:
+        return replace(base, why="; ".join(series.problems) or f"the study does not fit {law}")
+    ours = fitted.parameters.get(parameter)
+    if ours is None:
+        return replace(base, why=f"{law} has no {parameter} here; it has {', '.join(fitted.parameters)}")
+    return replace(base, ours=ours.value, error=ours.error, low=ours.low, high=ours.high, unit=ours.unit)
+
+
+def _of_point(base: Comparison, result: PointResult) -> Comparison:
+    pooled = result.pooled.get(base.quantity)
+    if pooled is None:
+        known = ", ".join(result.pooled) or "nothing"
+        return replace(base, why=f"{base.quantity} was not measured here, but {known}")
+    unit = next(run.measured[base.quantity].unit for run in result.runs if base.quantity in run.measured)
+    return replace(base, ours=pooled.value, error=pooled.error, low=pooled.low, high=pooled.high, unit=unit)
+
+
+def _matches(asked: Mapping[str, float | str], point: "Point") -> bool:
+    """Whether a point has all the asked values, be they swept or the same for all points."""
+    for name, value in asked.items():
+        ours = point.value(name)
+        if isinstance(value, str) or not isinstance(ours, float):
+            if ours != value:
+                return False
+        elif not math.isclose(ours, value, rel_tol=1e-9, abs_tol=1e-12):
+            return False
+    return True

@@ -1,0 +1,104 @@
+"""Numbers and keys as people read them: millimetres, degrees, g/s; no more digits than the error allows."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How a quantity is shown: its name, the unit shown, and the factor from SI to it."""
+
+    name: str
+    unit: str = ""
+    scale: float = 1.0
+
+    @property
+    def heading(self) -> str:
+        """Name with its unit, as on an axis or above a column."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+_MM, _DEGREE = 1e3, 180 / math.pi
+
+KEYS = {
+    "container.orifice": Shown("D", "mm", _MM),
+    "container.angle": Shown("angle", "deg", _DEGREE),
+    "container.gap": Shown("gap", "mm", _MM),
+    "container.width": Shown("width", "mm", _MM),
+    "container.height": Shown("height", "mm", _MM),
+    "container.thickness": Shown("thickness", "mm", _MM),
+    "grains.diameter": Shown("d", "mm", _MM),
+    "grains.density": Shown("density", "kg/m³"),
+    "contact.shear_modulus": Shown("shear modulus", "MPa", 1e-6),
+    "contact.normal_stiffness": Shown("k_n", "N/m"),
+    "numerics.dt": Shown("dt", "µs", 1e6),
+    "gravity": Shown("g", "m/s²"),
+}
+
+QUANTITIES = {  # a superscript is written ^(...)
+    "flow_rate": Shown("W", "g/s", 1e3),
+    "flow_rate_flowing": Shown("W of clogged runs while flowing", "g/s", 1e3),
+    "grain_rate": Shown("Q", "1/s"),
+    "grain_rate_flowing": Shown("Q of clogged runs while flowing", "1/s"),
+    "flow_rate_drift": Shown("drift of W", "%", 100),
+    "flow_rate_drift_flowing": Shown("drift of W of clogged runs", "%", 100),
+    "gap_time": Shown("time without flow", "s"),
+    "packing_fraction": Shown("φ"),
+    "packing_fraction_2d": Shown("φ in 2D"),
+    "hexatic_local": Shown("ψ₆ local"),
+    "hexatic_global": Shown("ψ₆ global"),
+    "beverloo.slope": Shown("slope of W^(2/3)", "(g/s)^(2/3)/mm", 1e2 / _MM),
+    "janda.alpha2": Shown("α₂", "mm", _MM),
+    "janda.alpha1": Shown("α₁"),
+    "janda.alpha2_over_d": Shown("α₂/d"),
+    "janda.C_prime": Shown("C′", "1/(s mm^(3/2))", _MM**-1.5),
+    "beverloo.C": Shown("C (bulk density)"),
+    "beverloo.C_particle": Shown("C (grain density)"),
+    "beverloo.k": Shown("k"),
+}
+
+
+def key(name: str) -> Shown:
+    """How the dotted key of a study is shown; an unknown one by its last part, in SI."""
+    return KEYS.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " ")))
+
+
+def quantity(name: str, unit: str = "") -> Shown:
+    """How a measured or fitted quantity is shown; an unknown one by its own name, in SI (`unit`)."""
+    return QUANTITIES.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " "), unit))
+
+
+def amount(name: str, value: float | str) -> str:
+    """The value of a key, without its unit; words as they are."""
+    return value if isinstance(value, str) else f"{value * key(name).scale:.6g}"
+
+
+def setting(name: str, value: float | str) -> str:
+    """`D = 30 mm` of a key and its value in SI, or the word that it takes."""
+    shown = key(name)
+    return f"{shown.name} = {amount(name, value)} {shown.unit}".rstrip()
+
+
+def number(value: float, error: float | None = None, scale: float = 1.0) -> str:
+    """`value` times `scale`, to the digits that two significant digits of its error ask for; five without an error."""
+    value = value * scale
+    if not math.isfinite(value):
+        return {math.inf: "∞", -math.inf: "−∞"}.get(value, "–")
+    if error is None or not math.isfinite(error) or error <= 0:
+        return _minus(f"{value:.4g}")
+    error = error * scale
+    decimals = 1 - math.floor(math.log10(error))
+    if decimals < 0 or decimals > 8:
+        return _minus(f"{value:.4g}")
+    return _minus(f"{value:.{decimals}f}")
+
+
+def with_error(value: float, error: float, scale: float = 1.0) -> str:
+    """`55.82 ± 0.31`; the error is left out where it is not known."""
+    if not math.isfinite(error):
+        return number(value, None, scale)
+    return f"{number(value, error, scale)} ± {number(error, error, scale)}"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")

@@ -1,0 +1,7 @@
+"""Figures of a report; each function returns a matplotlib figure in the house style and writes nothing."""
+
+from labbook.report.figures.flow import flow_against_time
+from labbook.report.figures.orifice import flow_against_orifice, overview
+from labbook.report.figures.parameters import parameters_against
+
+__all__ = ["flow_against_orifice", "flow_against_time", "overview", "parameters_against"]

@@ -1,0 +1,134 @@
+"""W^{2/3} against D with fits, bands and residuals: a straight line where Beverloo's law of a slot holds."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, house, look
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from labbook.report.analysis import PointResult
+    from labbook.report.comparison import Comparison
+    from labbook.report.series import Series
+
+_POWER = 2 / 3
+_FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow
+
+
+def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] = (), source: str = "") -> "Figure":
+    """One series: the points with 95 % intervals, every fit with its 95 % band, and below it the residuals in percent.
+
+    Points outside a law's range or without a steady flow are hollow; diamonds are flow rates of the reference.
+    """
+    from matplotlib.figure import Figure
+
+    with house():
+        figure = Figure(figsize=(COLUMN, 92 * MILLIMETRE))
+        main, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
+        diameters = np.linspace(0.92 * min(series.diameters), 1.04 * max(series.diameters), 200)
+        for place, (law, fit) in enumerate(series.fits.items()):
+            style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
+            value, low, high = fit.predict(diameters)
+            main.plot(diameters * 1e3, _scaled(value), label=law.capitalize(), **style, zorder=2)
+            main.fill_between(
+                diameters * 1e3, _scaled(low), _scaled(high), color=style["color"], alpha=0.18, linewidth=0
+            )
+            _residuals(below, series.points, fit, style["color"], MARKERS[place], place, len(series.fits))
+        _points(main, series.points, series.flagged, color=INK, marker="o", label="labbook")
+        _reference(main, series, comparisons, source)
+        below.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
+        below.set_xlabel("orifice, $D$ [mm]")
+        below.set_ylabel("(W − fit) / fit [%]")
+        main.set_ylabel("$W^{2/3}$ [(g/s)$^{2/3}$]")
+        main.set_ylim(bottom=0)
+        if series.label:
+            main.set_title(series.label)
+        main.legend(loc="upper left")
+        figure.align_ylabels()
+    return figure
+
+
+def overview(series: Sequence["Series"]) -> "Figure":
+    """All series of a study in one picture, each with its first fit."""
+    from matplotlib.figure import Figure
+
+    with house():
+        figure = Figure(figsize=(COLUMN, 78 * MILLIMETRE))
+        ax = figure.subplots()
+        for index, one in enumerate(series):
+            style = look(index)
+            if one.fits:
+                diameters = np.linspace(min(one.diameters), max(one.diameters), 100)
+                value, _, _ = next(iter(one.fits.values())).predict(diameters)
+                ax.plot(diameters * 1e3, _scaled(value), color=style["color"], linestyle=style["linestyle"])
+            _points(ax, one.points, one.flagged, color=style["color"], marker=style["marker"], label=one.label)
+        ax.set_xlabel("orifice, $D$ [mm]")
+        ax.set_ylabel("$W^{2/3}$ [(g/s)$^{2/3}$]")
+        ax.set_ylim(bottom=0)
+        ax.legend(loc="upper left", ncols=1 + (len(series) > 8))
+    return figure
+
+
+def _scaled(flow_rate: np.ndarray) -> np.ndarray:
+    """(g/s)^{2/3} of a flow rate in kg/s; a band that reaches below zero ends there."""
+    return np.maximum(np.asarray(flow_rate) * 1e3, 0) ** _POWER
+
+
+def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"], source: str) -> None:
+    """Flow rates of the reference at the points of the series."""
+    ours = [result.point.at for result in series.points]
+    theirs = [c for c in comparisons if c.quantity == "flow_rate" and "container.orifice" in c.at and c.at in ours]
+    if theirs:
+        places = [float(c.at["container.orifice"]) * 1e3 for c in theirs]
+        values = _scaled(np.array([c.reference for c in theirs]))
+        look = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
+        ax.plot(places, values, color=INK, label=source, **look)
+
+
+def _points(
+    ax: "Axes", points: Sequence["PointResult"], flagged: frozenset[int], *, color: str, marker: str, label: str
+) -> None:
+    shown = False
+    for result in points:
+        pooled = result.flow_rate
+        if pooled is None:
+            continue
+        value, half = pooled.value, pooled.half_width if np.isfinite(pooled.half_width) else 0.0
+        ends = _scaled(np.array([value - half, value, value + half]))
+        ax.errorbar(
+            result.orifice * 1e3,
+            ends[1],
+            yerr=[[ends[1] - ends[0]], [ends[2] - ends[1]]],
+            color=color,
+            marker=marker,
+            markerfacecolor="white" if result.point.index in flagged else color,
+            linestyle="none",
+            label=None if shown else label,
+            zorder=3,
+        )
+        shown = True
+
+
+def _residuals(
+    ax: "Axes", points: Sequence["PointResult"], fit, color: str, marker: str, place: int, fits: int
+) -> None:
+    offset = 0.35 * (place - (fits - 1) / 2)  # mm: side by side, not on top of each other
+    for result in points:
+        pooled = result.flow_rate
+        if pooled is None:
+            continue
+        expected = float(fit.predict(np.array([result.orifice]))[0][0])
+        half = pooled.half_width if np.isfinite(pooled.half_width) else 0.0
+        ax.errorbar(
+            result.orifice * 1e3 + offset,
+            100 * (pooled.value / expected - 1),
+            yerr=100 * half / expected,
+            color=color,
+            marker=marker,
+            linestyle="none",
+            markersize=3,
+        )

@@ -1,0 +1,98 @@
+"""Series: points that differ only in their orifice, and the laws fitted to their flow rates."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.fit import LAWS, Context, FitError, FitResult, compare, fit
+from labbook.report import display
+from labbook.report.analysis import PointResult
+from labbook.scene import WedgeHopper
+from labbook.stats.choice import UNDECIDED
+
+ORIFICE = "container.orifice"
+PACKING_FRACTION = "packing_fraction"
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Points in order of their orifice. `at`: their common swept values (SI), without the orifice.
+
+    `used`: indices of the points that were fitted; `flagged`: those of them that lie outside a law's range or have no
+    steady flow. `preferred`: the law that the data choose, `undecided`, or None with fewer than two fits. `problems`:
+    why a law could not be fitted.
+    """
+
+    at: Mapping[str, float | str]
+    points: tuple[PointResult, ...]
+    fits: Mapping[str, FitResult]
+    used: frozenset[int]
+    flagged: frozenset[int]
+    preferred: str | None
+    problems: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """What the points have in common; empty if nothing else was swept."""
+        return ", ".join(display.setting(name, value) for name, value in self.at.items())
+
+    @property
+    def diameters(self) -> list[float]:
+        """Orifices [m]."""
+        return [result.orifice for result in self.points]
+
+    @property
+    def verdict(self) -> str:
+        """Which law the data prefer, in a sentence."""
+        if self.preferred is None:
+            return ""
+        if self.preferred == UNDECIDED:
+            return "The data do not decide between " + " and ".join(map(str.capitalize, self.fits)) + "."
+        others = " and ".join(law.capitalize() for law in self.fits if law != self.preferred)
+        return f"The data prefer {self.preferred.capitalize()} to {others} (AICc)."
+
+
+def series_of(points: Sequence[PointResult], laws: Sequence[str]) -> tuple[Series, ...]:
+    """Group points by what was swept beside the orifice, and fit `laws` to each group."""
+    groups: dict[tuple[tuple[str, float | str], ...], list[PointResult]] = {}
+    for result in points:
+        if isinstance(result.point.scene.container, WedgeHopper):
+            key = tuple(sorted((k, v) for k, v in result.point.at.items() if k != ORIFICE))
+            groups.setdefault(key, []).append(result)
+    return tuple(
+        _series(dict(key), sorted(group, key=lambda r: r.orifice), laws)
+        for key, group in sorted(groups.items(), key=lambda item: str(item[0]))
+    )
+
+
+def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: Sequence[str]) -> Series:
+    used = [(result, result.flow_rate) for result in points if result.flow_rate is not None]
+    D = np.array([result.orifice for result, _ in used])
+    W = np.array([pooled.value for _, pooled in used])
+    error = np.array([pooled.error for _, pooled in used])
+    replicates = np.array([pooled.n for _, pooled in used])
+    fits: dict[str, FitResult] = {}
+    problems = []
+    for name in laws:
+        try:
+            fits[name] = fit(LAWS[name], D, W, error, context(points), replicates)
+        except FitError as failure:
+            problems.append(str(failure))
+    outside = np.zeros(len(used), bool)
+    for found in fits.values():
+        outside |= found.outside
+    flagged = {r.point.index for (r, _), out in zip(used, outside, strict=True) if out or r.trending}
+    preferred = compare(list(fits.values())) if len(fits) > 1 else None
+    indices = frozenset(result.point.index for result, _ in used)
+    return Series(dict(at), tuple(points), fits, indices, frozenset(flagged), preferred, tuple(problems))
+
+
+def context(points: Sequence[PointResult]) -> Context:
+    """What the laws need to know of a series; its packing fraction is the mean over points where it was measured."""
+    scene = points[0].point.scene
+    assert isinstance(scene.container, WedgeHopper)
+    fractions = [r.pooled[PACKING_FRACTION].value for r in points if PACKING_FRACTION in r.pooled]
+    density = scene.grains.density
+    bulk = float(np.mean(fractions)) * density if fractions else None
+    return Context(scene.grains.diameter, density, bulk, scene.container.thickness, scene.gravity)

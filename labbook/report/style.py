@@ -1,0 +1,106 @@
+"""House style of all figures: vector, colour-blind safe, readable in grey, and the same bytes on every run."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INK, FAINT = "#1a1a1a", "#8a8a8a"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito 2008: told apart with any kind of colour vision."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+DASHES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 3)))
+
+MILLIMETRE = 1 / 25.4
+COLUMN, PAGE = 86 * MILLIMETRE, 178 * MILLIMETRE
+"""Widths [inch] of one and of two columns of a journal page."""
+
+FORMATS = ("png", "svg", "pdf")
+
+_SETTINGS: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",  # shipped with matplotlib: figures do not depend on the machine's fonts
+    "font.size": 7.5,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7.5,
+    "legend.fontsize": 6.5,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.direction": "out",
+    "ytick.direction": "out",
+    "lines.linewidth": 1.1,
+    "lines.markersize": 4,
+    "errorbar.capsize": 2,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 150,
+    "savefig.dpi": 300,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "labbook",
+    "pdf.fonttype": 42,
+}
+
+_METADATA = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
+@contextmanager
+def house() -> Iterator[None]:
+    """Figures made inside have the house style, whatever the user's own matplotlib settings are."""
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_SETTINGS)
+        yield
+
+
+def encode(figure: "Figure", kind: str) -> bytes:
+    """The figure as a file of `kind` (png, svg, pdf), without dates: equal figures are equal bytes."""
+    buffer = BytesIO()
+    with house():
+        figure.savefig(buffer, format=kind, metadata=_METADATA[kind])
+    return buffer.getvalue()
+
+
+def save(figure: "Figure", stem: Path) -> list[Path]:
+    """Write `stem`.png, .svg and .pdf; the paths."""
+    paths = []
+    for kind in FORMATS:
+        path = stem.with_name(f"{stem.name}.{kind}")
+        path.write_bytes(encode(figure, kind))
+        paths.append(path)
+    return paths
+
+
+def mathtext(text: str) -> str:
+    """Matplotlib's spelling of a label in which superscripts are written ^(...)."""
+    return re.sub(r"\^\(([^)]*)\)", r"$^{\1}$", text)
+
+
+def look(index: int) -> dict:
+    """Colour, marker and dash of the series numbered `index`; the combination repeats only after 49 of them."""
+    turn = index // len(COLOURS)
+    return {
+        "color": COLOURS[index % len(COLOURS)],
+        "marker": MARKERS[(index + turn) % len(MARKERS)],
+        "linestyle": DASHES[(index + turn) % len(DASHES)],
+    }

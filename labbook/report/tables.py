@@ -1,0 +1,202 @@
+"""The tables of a report, as rows of text: the same for the page and for the terminal."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from labbook.fit import FitResult
+from labbook.report import display
+from labbook.report.analysis import Analysis, PointResult
+from labbook.report.comparison import CLOSE, Comparison
+from labbook.stats import Measured
+
+CONVENTIONS = (
+    "± is one standard error, from the scatter between replicates; intervals are 95 %, by Student’s t on the "
+    "replicates."
+)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Headings and rows of text. `text`: columns that are words; `marked`: rows that stand out; `notes` go below."""
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    text: frozenset[int] = frozenset({0})
+    marked: frozenset[int] = frozenset()
+    notes: tuple[str, ...] = ()
+
+
+_FLOW = ("flow_rate", "grain_rate", "flow_rate_drift", "gap_time")
+
+
+def flow_table(analysis: Analysis) -> Table:
+    """Every point: what was swept, its pooled flow rate with errors, and what a reader must know of it."""
+    swept = _swept(analysis)
+    flow, others = _measured(analysis, of_flow=True)[:1], _measured(analysis, of_flow=True)[1:]
+    rows = []
+    for result in analysis.points:
+        pooled = result.flow_rate
+        interval = "–"
+        if pooled is not None:
+            interval = f"±{100 * pooled.relative:.2g} %" if math.isfinite(pooled.relative) else "unknown"
+        cells = (*_cells(result, flow), interval, *_cells(result, others))
+        rows.append((*_at(result, swept), *cells, str(len(result.runs)), "; ".join(_remarks(result))))
+    headings = (*_headings(swept, flow), "95 % interval", *_headings((), others), "runs", "remarks")
+    return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=(CONVENTIONS,))
+
+
+def packing_table(analysis: Analysis) -> Table | None:
+    """Every point: whatever else was measured, pooled over replicates; None if nothing was."""
+    swept, measured = _swept(analysis), _measured(analysis, of_flow=False)
+    if not measured:
+        return None
+    rows = tuple((*_at(result, swept), *_cells(result, measured)) for result in analysis.points)
+    return Table(_headings(swept, measured), rows, frozenset())
+
+
+def _swept(analysis: Analysis) -> list[str]:
+    return list(dict.fromkeys(name for result in analysis.points for name in result.point.at))
+
+
+def _measured(analysis: Analysis, of_flow: bool) -> list[Measured]:
+    """One example of each pooled quantity, flow rate first."""
+    found: dict[str, Measured] = {}
+    for result in analysis.points:
+        for run in result.runs:
+            found |= {name: m for name, m in run.measured.items() if name in result.pooled and name not in found}
+    ordered = sorted(found, key=lambda name: _FLOW.index(name) if name in _FLOW else len(_FLOW))
+    return [found[name] for name in ordered if (name.removesuffix("_flowing") in _FLOW) == of_flow]
+
+
+def _headings(swept: Iterable[str], measured: Iterable[Measured]) -> tuple[str, ...]:
+    named = (display.quantity(m.quantity, m.unit).heading for m in measured)
+    return (*(display.key(name).heading for name in swept), *named)
+
+
+def _at(result: PointResult, swept: Iterable[str]) -> tuple[str, ...]:
+    at = result.point.at
+    return tuple(display.amount(name, at[name]) if name in at else "" for name in swept)
+
+
+def _cells(result: PointResult, measured: Iterable[Measured]) -> tuple[str, ...]:
+    cells = []
+    for m in measured:
+        pooled = result.pooled.get(m.quantity)
+        scale = display.quantity(m.quantity, m.unit).scale
+        cells.append("–" if pooled is None else display.with_error(pooled.value, pooled.error, scale))
+    return tuple(cells)
+
+
+def _remarks(result: PointResult) -> list[str]:
+    remarks = [result.remark] if result.remark else []
+    remarks += [f"{note} ({n})" for note, n in result.notes.items() if note != "trending"]
+    if result.precise is False:
+        remarks.append(f"misses the asked {100 * (result.tolerance or 0):g} %")
+    return remarks
+
+
+def comparison_table(comparisons: Iterable[Comparison]) -> Table:
+    """The reference's numbers beside ours; rows farther apart than two standard errors are marked."""
+    rows, marked, reasons = [], set(), []
+    for place, c in enumerate(comparisons):
+        shown = display.quantity(c.quantity, c.unit)
+        reference = display.with_error(c.reference, c.reference_error or math.nan, shown.scale)
+        if c.ours is None:
+            rows.append((shown.heading, c.label, reference, "–", "–", "–", "–"))
+            reasons.append(f"{shown.name}{f' at {c.label}' if c.label else ''}: {c.why}.")
+            continue
+        interval = f"{display.number(c.low, c.error, shown.scale)} to {display.number(c.high, c.error, shown.scale)}"
+        ours = display.with_error(c.ours, c.error, shown.scale)
+        apart = "–" if math.isnan(c.in_errors) else f"{c.in_errors:+.1f}".replace("-", "−")
+        percent = "–" if math.isnan(c.relative) else f"{100 * c.relative:+.1f} %".replace("-", "−")
+        rows.append((shown.heading, c.label, reference, ours, interval, percent, apart))
+        if abs(c.in_errors) > CLOSE:
+            marked.add(place)
+    headings = ("quantity", "at", "reference", "ours", "95 % interval", "difference", "in standard errors")
+    notes = (
+        "The last column is the difference over its standard error: ours and, where the reference gives one, the "
+        "reference’s. Rows more than two standard errors apart are bold.",
+        *reasons,
+    )
+    return Table(headings, tuple(rows), frozenset({0, 1}), frozenset(marked), notes)
+
+
+def fit_table(law: str, fit: FitResult) -> Table:
+    """Parameters of a fit with standard errors and intervals; its goodness and its notes below."""
+    rows = []
+    for name, parameter in fit.parameters.items():
+        shown = display.quantity(f"{law}.{name}", parameter.unit)
+        s = shown.scale
+        ends = [display.number(end, parameter.error, s) for end in (parameter.low, parameter.high)]
+        rows.append((shown.heading, display.with_error(parameter.value, parameter.error, s), " to ".join(ends)))
+    goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degrees of freedom"
+    if math.isfinite(fit.p_value):
+        goodness += f" (p = {fit.p_value:.2g})"
+    if math.isfinite(fit.aicc):
+        goodness += f"; AICc = {fit.aicc:.4g}".replace("-", "−")
+    notes = (goodness + ".", *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
+    return Table(("parameter", "value", "95 % interval"), tuple(rows), notes=notes)
+
+
+def outcomes_table(analysis: Analysis) -> Table:
+    """How many runs ended in which way, and at which points."""
+    total: Counter[str] = Counter()
+    where: dict[str, list[str]] = {}
+    for result in analysis.points:
+        total.update(result.outcomes)
+        for outcome in result.outcomes:
+            where.setdefault(outcome, []).append(result.point.label)
+        if result.trending:
+            where.setdefault("trending", []).append(result.point.label)
+    total["trending"] = sum(result.trending for result in analysis.points)
+    rows = [
+        (name, str(n), "all" if len(where[name]) == len(analysis.points) else "; ".join(where[name]))
+        for name, n in total.items()
+        if n
+    ]
+    notes = ()
+    if total["trending"]:
+        notes = ("Trending points have no plateau: W still changes within the window. They are counted as points.",)
+    return Table(("outcome", "runs", "points"), tuple(rows), frozenset({0, 2}), notes=notes)
+
+
+def provenance_table(analysis: Analysis) -> Table:
+    """What made the runs: every fact on which they agree, and how many ways there are where they differ."""
+    skipped = {"seed", "sessions"}
+    facts: dict[str, list] = {}
+    for run in (run for result in analysis.points for run in result.runs):
+        for name, value in _flat(run.provenance):
+            if name not in skipped:
+                facts.setdefault(name, []).append(value)
+    rows = []
+    for name, values in facts.items():
+        if all(isinstance(v, float) for v in values):
+            low, high = min(values), max(values)
+            text = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+            if name.endswith("time"):
+                text += f" s, {sum(values):.4g} s in all"
+        else:
+            distinct = list(dict.fromkeys(map(str, values)))
+            text = "; ".join(distinct[:6]) + (f"; and {len(distinct) - 6} more" if len(distinct) > 6 else "")
+        rows.append((name.replace("_", " "), text))
+    return Table(("fact", "of the runs"), tuple(rows), frozenset({0, 1}))
+
+
+def runs_table(analysis: Analysis) -> Table:
+    """Point, seed, outcome and key of every run."""
+    rows = tuple(
+        (result.point.label, str(run.seed), run.outcome, run.run_key)
+        for result in analysis.points
+        for run in result.runs
+    )
+    return Table(("point", "seed", "outcome", "run key"), rows, frozenset({0, 2, 3}))
+
+
+def _flat(facts, prefix: str = ""):
+    for name, value in facts.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name} ")
+        else:
+            yield prefix + name, value
