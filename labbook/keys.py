@@ -27,9 +27,7 @@ def canonical(value: Any) -> str:
 
     Raises ValueError for numbers that are not finite, TypeError for what JSON has no form for.
     """
-    return json.dumps(
-        _plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
-    )
+    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
 
 
 def _plain(value: Any) -> Any:
@@ -111,11 +109,9 @@ def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: Capabi
     return digest({**_packing(closed, filling, numerics, maker.name), "cache_version": maker.cache_version})
 
 
-def lineage_key(
-    scene: str, closed: str, filling: Filling, fill_numerics: Numerics, numerics: Numerics, engine: str
-) -> str:
+def lineage_key(scene: str, closed: str, filling: Filling, numerics: Numerics, engine: str) -> str:
     """As a run's key, but of every version of the engine called `engine`."""
-    packing = _packing(closed, filling, fill_numerics, engine)
+    packing = _packing(closed, filling, numerics, engine)
     return digest({"scene": scene, "packing": packing, **_how(numerics, engine)})
 
 
@@ -123,16 +119,15 @@ def run_keys(
     scene: str,
     closed: str,
     filling: Filling,
-    fill_numerics: Numerics,
     numerics: Numerics,
     engine: Capabilities,
 ) -> Keys:
     """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
     computed."""
-    packing = packing_key(closed, filling, fill_numerics, engine)
+    packing = packing_key(closed, filling, numerics, engine)
     experiment = digest({"scene": scene, "packing": packing})
     run = {"experiment": experiment, **_how(numerics, engine.name), "cache_version": engine.cache_version}
-    lineage = lineage_key(scene, closed, filling, fill_numerics, numerics, engine.name)
+    lineage = lineage_key(scene, closed, filling, numerics, engine.name)
     return Keys(scene=scene, packing=packing, experiment=experiment, run=digest(run), lineage=lineage)
 
 

@@ -16,6 +16,7 @@ from labbook.catalogue.schema import SCHEMA_VERSION, measurements, packings, run
 if TYPE_CHECKING:
     import pandas as pd
 
+    from labbook.measure import Window
     from labbook.study import Study
 
 _CHUNK = 500  # keys in one query, well below SQLite's limit on variables
@@ -49,9 +50,7 @@ class Catalogue:
         path = self.lab.catalogue
         if not path.exists():
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
-                raise NoCatalogue(
-                    f"{path} is missing; make it again: labbook reindex --lab {self.lab.folder}"
-                )
+                raise NoCatalogue(f"{path} is missing; make it again: labbook reindex --lab {self.lab.folder}")
             return empty()
         engine = connect(path, read_only=True)
         if schema_version(engine) != SCHEMA_VERSION:
@@ -61,17 +60,13 @@ class Catalogue:
             )
         return engine
 
-    def runs(
-        self, study: str | None = None, outcome: str | None = None, limit: int | None = None
-    ) -> "pd.DataFrame":
+    def runs(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
         """Runs, the latest first: key, study, point, seed, engine, outcome, how far, speed, size.
 
         Columns: run_key, study, label, seed, engine, cache_version, outcome, grains, discharged, duration
         [s], wall_time [s], rate [grain-steps/s], finished, device, bytes, problem.
         """
-        query = select(*(runs.c[name] for name in RUN_COLUMNS)).order_by(
-            runs.c.finished.desc(), runs.c.run_key
-        )
+        query = select(*(runs.c[name] for name in RUN_COLUMNS)).order_by(runs.c.finished.desc(), runs.c.run_key)
         if study is not None:
             query = query.where(runs.c.study == study)
         if outcome is not None:
@@ -119,9 +114,9 @@ class Catalogue:
         """
         from labbook.plan.coverage import shortfall
         from labbook.plan.demand import demands
+        from labbook.plan.replicates import stopping_rule
 
-        most = max(study.replicates, study.accuracy.max_replicates)
-        asked = {demand.lineage(engine): demand for demand in demands(study, most)}
+        asked = {demand.lineage(engine): demand for demand in demands(study, stopping_rule(study).cap)}
         best: dict[str, Entry] = {}
         for entry in self.entries(lineages=asked):
             shared = asked[entry.lineage_key].shared
@@ -144,9 +139,7 @@ class Catalogue:
             for demand, entry in found
         ]
 
-    def measurements(
-        self, run_keys: Sequence[str] | None = None, quantity: str | None = None
-    ) -> "pd.DataFrame":
+    def measurements(self, run_keys: Sequence[str] | None = None, quantity: str | None = None) -> "pd.DataFrame":
         """Measured numbers, with run, measure, version and window; of all runs unless `run_keys` are
         given."""
         base = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
@@ -162,13 +155,24 @@ class Catalogue:
         ]
         return pd.concat(parts, ignore_index=True)
 
+    def values(self, run_keys: Sequence[str], quantity: str, version: int, window: "Window") -> dict[str, float]:
+        """The finite values of one quantity, by run."""
+        query = select(measurements.c.run_key, measurements.c.value).where(
+            measurements.c.quantity == quantity,
+            measurements.c.version == version,
+            measurements.c.window_start == window.start,
+            measurements.c.window_end == window.end,
+            measurements.c.value.is_not(None),
+            measurements.c.run_key.in_(run_keys),
+        )
+        with self._engine.connect() as connection:
+            return {key: value for key, value in connection.execute(query)}
+
     def speeds(self, engine: str, machine: str, device: str) -> list[tuple[int, float]]:
         """(grains, grain-steps per second) of the latest 50 runs of `engine` on this machine and device."""
         query = (
             select(runs.c.grains, runs.c.rate)
-            .where(
-                runs.c.engine == engine, runs.c.machine == machine, runs.c.device == device, runs.c.rate > 0
-            )
+            .where(runs.c.engine == engine, runs.c.machine == machine, runs.c.device == device, runs.c.rate > 0)
             .order_by(runs.c.finished.desc())
             .limit(50)
         )
@@ -178,9 +182,7 @@ class Catalogue:
     def settling(self, closed_key: str) -> float | None:
         """Mean simulated time [s] that fillings of this closed scene took to settle, or None."""
         with self._engine.connect() as connection:
-            return connection.scalar(
-                select(func.avg(packings.c.duration)).where(packings.c.closed_key == closed_key)
-            )
+            return connection.scalar(select(func.avg(packings.c.duration)).where(packings.c.closed_key == closed_key))
 
     def close(self) -> None:
         """Let go of the file."""

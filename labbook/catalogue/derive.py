@@ -46,8 +46,7 @@ def derive(folder: Path, record: RunRecord, observe: Observe) -> list[dict[str, 
 def _numbers(values: dict[str, Any]) -> dict[str, Any]:
     """SQL has no NaN: what is not finite becomes NULL."""
     return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in values.items()
+        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in values.items()
     }
 
 

@@ -74,10 +74,7 @@ class Index:
         done = 0
         for key in run_keys:
             with self._engine.connect() as connection:
-                had = {
-                    tuple(row)
-                    for row in connection.execute(select(*columns).where(measurements.c.run_key == key))
-                }
+                had = {tuple(row) for row in connection.execute(select(*columns).where(measurements.c.run_key == key))}
             if wanted <= had:
                 continue
             folder = self.lab.run(key)
@@ -119,10 +116,7 @@ class Index:
     def _sync_packings(self, found: Indexed) -> None:
         there = stamps(self.lab.packings)
         with self._engine.connect() as connection:
-            known = {
-                key: stamp
-                for key, stamp in connection.execute(select(packings.c.packing_key, packings.c.stamp))
-            }
+            known = {key: stamp for key, stamp in connection.execute(select(packings.c.packing_key, packings.c.stamp))}
         rows = [packing_row(self.lab.packing(key)) for key, stamp in there.items() if known.get(key) != stamp]
         found.packings = len(rows)
         found.problems += [row["problem"] for row in rows if row["problem"]]
@@ -157,9 +151,7 @@ def _upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) ->
     if not rows:
         return
     statement = insert(table)
-    changed = {
-        column.name: statement.excluded[column.name] for column in table.columns if not column.primary_key
-    }
+    changed = {column.name: statement.excluded[column.name] for column in table.columns if not column.primary_key}
     connection.execute(
         statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed), rows
     )

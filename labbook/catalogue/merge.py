@@ -48,9 +48,7 @@ def _better(theirs: PackingRecord | RunRecord, mine: Path) -> bool:
         had = RunRecord.read(mine)
     except Unreadable:
         return True
-    return theirs.coverage.duration > had.coverage.duration and set(theirs.coverage.probes) >= set(
-        had.coverage.probes
-    )
+    return theirs.coverage.duration > had.coverage.duration and set(theirs.coverage.probes) >= set(had.coverage.probes)
 
 
 def _copy(lab: Lab, key: str, theirs: Path, mine: Path) -> bool:

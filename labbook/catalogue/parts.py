@@ -74,7 +74,5 @@ class Record(Part):
             where = ".".join(map(str, first["loc"])) or "the file"
             raise Unreadable(f"{path}: {where}: {first['msg']}") from error
         if getattr(record, cls.KEY) != folder.name:
-            raise Unreadable(
-                f"{path}: it belongs to {getattr(record, cls.KEY)}: the folder was renamed or copied"
-            )
+            raise Unreadable(f"{path}: it belongs to {getattr(record, cls.KEY)}: the folder was renamed or copied")
         return record

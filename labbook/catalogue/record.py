@@ -41,8 +41,8 @@ class Coverage(Part):
     """At the opening."""
     crossed: int
     """Grains that left through the outlet plane."""
-    waiting: float
-    """Time since the last grain left, or since the opening [s]; censored if the run clogged."""
+    last_crossing: float
+    """When the last grain left [s]; 0 if none did."""
     stop: StopRule
     """The rule that ended it."""
     guards: dict[str, float]
@@ -55,6 +55,11 @@ class Coverage(Part):
     def discharged(self) -> float:
         """Fraction of the grains that have left."""
         return self.crossed / self.grains
+
+    @property
+    def waiting(self) -> float:
+        """Time since the last grain left, or since the opening [s]; censored if the run clogged."""
+        return self.duration - self.last_crossing
 
 
 class Failure(Part):
@@ -145,4 +150,5 @@ def parse_probe(text: str) -> Probe:
     """The probe that `describe_probe` described."""
     given: dict[str, Any] = json.loads(text)
     kind = _KINDS[given.pop("kind")]
-    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in given.items()})
+    values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()}
+    return kind(**values)

@@ -1,5 +1,6 @@
 """Whether a run that exists covers what is asked: how far it went, and what it observed."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,13 +22,24 @@ NOTHING = Shortfall("none")
 
 
 def shortfall(
-    outcome: str, had: Coverage, stop: StopRule, guards: dict[str, float], probes: frozenset[str]
+    outcome: str,
+    had: Coverage,
+    stop: StopRule,
+    guards: Mapping[str, float],
+    probes: frozenset[str],
+    recording: float | None = None,
 ) -> Shortfall:
-    """What a run that ended as `outcome` with coverage `had` lacks of `stop` and `probes`, with the reason in
-    words."""
+    """What a run that ended as `outcome` with coverage `had` lacks of what is asked, with the reason in
+    words.
+
+    `recording`: time between frames [s] if the run is to be recorded; a finer recording will do.
+    """
     missing = sorted(probes - set(had.probes))
     if missing:
         return Shortfall("unobserved", f"not observed: {', '.join(missing)}")
+    if recording is not None and (had.recording is None or had.recording > recording * (1 + 1e-9)):
+        what = "not recorded" if had.recording is None else f"recorded only every {had.recording:.3g} s"
+        return Shortfall("unobserved", what)
     if outcome == "emptied" or had.discharged >= stop.discharged:
         return NOTHING
     if outcome == "diverged":

@@ -36,17 +36,12 @@ class PointDemand:
     @cached_property
     def closed(self) -> Scene:
         """The scene of its filling."""
-        return self.scene.close(self.study.fill.friction)
+        return self.scene.close(self.point.fill.friction)
 
-    @cached_property
+    @property
     def numerics(self) -> Numerics:
-        """How the discharge is computed."""
-        return self.study.numerics(self.scene)
-
-    @cached_property
-    def fill_numerics(self) -> Numerics:
-        """How the filling is computed."""
-        return self.study.numerics(self.closed)
+        """How filling and discharge are computed."""
+        return self.point.numerics
 
     @cached_property
     def scene_key(self) -> str:
@@ -77,8 +72,8 @@ class PointDemand:
         return probes
 
     @cached_property
-    def recording(self) -> Sample | None:
-        """The probe by which recorded runs are filmed; at least one beat lies between two frames."""
+    def film(self) -> Sample | None:
+        """The probe by which runs are recorded; at least one beat lies between two frames."""
         record = self.study.record
         if record is None:
             return None
@@ -118,23 +113,18 @@ class Demand:
     @cached_property
     def filling(self) -> Filling:
         """How its packing is made."""
-        fill = self.shared.study.fill
+        fill = self.point.fill
         return Filling(fill.kind, self.seed, fill.settled_below, placing.VERSION)
 
     @property
-    def recording(self) -> Sample | None:
-        """The probe by which this run is filmed, if it is."""
-        return self.shared.recording if self.recorded else None
+    def film(self) -> Sample | None:
+        """The probe by which this run is recorded, if it is."""
+        return self.shared.film if self.recorded else None
 
     @property
-    def probes(self) -> tuple[Probe, ...]:
-        """All probes of this run."""
-        return tuple(dict.fromkeys((*self.shared.probes, *((self.recording,) if self.recording else ()))))
-
-    @cached_property
-    def probe_names(self) -> frozenset[str]:
-        """All probes of this run, as coverage compares them."""
-        return frozenset(map(describe_probe, self.probes))
+    def recording(self) -> float | None:
+        """Time between recorded frames [s], if this run is recorded."""
+        return self.film.every * self.shared.numerics.beat if self.film else None
 
     @property
     def guards(self) -> dict[str, float]:
@@ -144,12 +134,12 @@ class Demand:
     def keys(self, engine: Capabilities) -> Keys:
         """Identities of this run on `engine`."""
         s = self.shared
-        return keys.run_keys(s.scene_key, s.closed_key, self.filling, s.fill_numerics, s.numerics, engine)
+        return keys.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
 
     def lineage(self, engine: str) -> str:
         """Identity of this run on any version of the engine called `engine`."""
         s = self.shared
-        return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.fill_numerics, s.numerics, engine)
+        return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
 
 
 def demands(study: "Study", seeds: int) -> Iterator[Demand]:

@@ -1,0 +1,103 @@
+"""How long a plan will take and how much disk it needs: estimates, and what they rest on."""
+
+import math
+from dataclasses import dataclass
+from statistics import median
+
+from labbook.catalogue.catalogue import Catalogue
+from labbook.plan.demand import Demand, PointDemand
+from labbook.plan.plan import Plan
+from labbook.protocol import placing
+from labbook.scene import Scene, WedgeHopper
+
+DEFAULT_SPEED = 5e6
+"""Grain-steps per second and lane, where nothing was recorded on this machine yet."""
+FLOW = (0.58, 1.5)
+"""C (normalised by the density of the grains) and k of W = C rho sqrt(g) (D - k d)^{3/2} Z (Fan et al.
+2023)."""
+SETTLING = 4.0
+"""Time that a filling takes to rest, in falls from the top of its start."""
+_ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
+_GRAIN = 1500  # bytes of one grain's share of a checkpoint
+_FRAME = 4 * 6 * 0.9 + 2  # bytes of one grain in one recorded frame, compressed
+_FRAMES = 200
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Time [s] and disk [bytes] still needed; `basis` says what the speed rests on."""
+
+    seconds: float
+    disk: float
+    grain_steps: float
+    speed: float
+    """Grain-steps per second of one lane."""
+    lanes: int
+    basis: str
+
+
+def forecast(plan: Plan, catalogue: Catalogue, machine: str, device: str, lanes: int) -> Forecast:
+    """Time and disk for what `plan` still has to do, on `lanes` lanes."""
+    name = plan.engine.name
+    recorded = [rate for _, rate in catalogue.speeds(name, machine, device)]
+    speed = median(recorded) if recorded else DEFAULT_SPEED
+    basis = (
+        f"median of {len(recorded)} runs on this machine"
+        if recorded
+        else f"no run recorded on this machine yet: {DEFAULT_SPEED:.0e} grain-steps/s a lane assumed"
+    )
+    work = sum(discharge_work(item.demand.shared) for item in plan.todo)
+    work += sum(fill_work(item.demand, catalogue) for item in plan.fillings.values())
+    disk = sum(disk_of(item.demand) for item in plan.todo)
+    disk += sum(100.0 * item.demand.point.scene.grains.count for item in plan.fillings.values())
+    busy = max(1, min(lanes, len(plan.todo)))
+    return Forecast(work / speed / busy, disk, work, speed, busy, basis)
+
+
+def discharge_time(shared: PointDemand) -> float:
+    """Expected simulated time [s] of a discharge: by Beverloo's law where there is a slot, else the longest
+    allowed."""
+    scene, stop = shared.scene, shared.stop
+    flow = mass_flow(scene)
+    if flow <= 0:
+        return stop.max_time
+    return min(stop.max_time, stop.discharged * scene.grains.count * scene.grains.mass / flow)
+
+
+def mass_flow(scene: Scene) -> float:
+    """Expected flow [kg/s] through the slot of a hopper; 0 where none can be told."""
+    hopper, (c, k) = scene.container, FLOW
+    if not isinstance(hopper, WedgeHopper):
+        return 0.0
+    free = max(0.0, hopper.orifice - k * scene.grains.diameter)
+    return c * scene.grains.density * math.sqrt(scene.gravity) * free**1.5 * hopper.thickness
+
+
+def discharge_work(shared: PointDemand) -> float:
+    """Grain-steps of a discharge; grains that left cost nothing."""
+    mean = shared.scene.grains.count * (1 - shared.stop.discharged / 2)
+    return mean * discharge_time(shared) / shared.numerics.dt
+
+
+def fill_work(demand: Demand, catalogue: Catalogue | None = None) -> float:
+    """Grain-steps of a filling, by the mean of recorded fillings of the same container if there are any."""
+    known = catalogue.settling(demand.shared.closed_key) if catalogue else None
+    return demand.shared.scene.grains.count * (known or fill_time(demand)) / demand.shared.numerics.dt
+
+
+def fill_time(demand: Demand) -> float:
+    """Expected simulated time [s] of a filling: a few falls from the height of its start."""
+    scene, grains = demand.shared.scene, demand.shared.scene.grains
+    container = scene.container
+    wide = getattr(container, "width", 10 * grains.diameter)
+    deep = getattr(container, "thickness", getattr(container, "depth", wide))
+    volume = grains.count * math.pi / 6 * grains.diameter**3
+    top = volume / placing.DENSITY[demand.filling.kind] / (wide * deep)
+    return min(demand.point.fill.max_time, SETTLING * math.sqrt(2 * top / scene.gravity))
+
+
+def disk_of(demand: Demand) -> float:
+    """Bytes that a run will keep."""
+    count = demand.shared.scene.grains.count
+    film = _FRAME * count * _FRAMES * (1 - demand.shared.stop.discharged / 2) if demand.recorded else 0.0
+    return 5000 + count * (_ROW * demand.shared.stop.discharged + _GRAIN) + film

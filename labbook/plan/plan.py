@@ -1,0 +1,164 @@
+"""What is done of a study, what is missing, partial or stale, and why: demand minus coverage."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from labbook.backend import Capabilities
+from labbook.catalogue.catalogue import Catalogue, Entry
+from labbook.catalogue.parts import Unreadable
+from labbook.catalogue.record import RunRecord
+from labbook.keys import Keys
+from labbook.plan.coverage import shortfall
+from labbook.plan.demand import Demand, PointDemand
+from labbook.plan.replicates import flow_rates, stopping_rule
+from labbook.stats import Decision
+
+if TYPE_CHECKING:
+    from labbook.study import Study
+
+State = Literal["done", "missing", "partial", "stale"]
+"""`partial`: begun, or covers less than is asked. `stale`: made by another version of the engine."""
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """One run of a study: how it stands, and why."""
+
+    demand: Demand
+    keys: Keys
+    state: State
+    reason: str
+    outcome: str | None
+    packed: bool
+    """Whether its packing is there."""
+    resumes: bool
+    """Whether it goes on from where it was left, rather than from its packing."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointPlan:
+    """The runs of one point that are asked for so far. `decision`: None until all of them are done."""
+
+    shared: PointDemand
+    items: tuple[Item, ...]
+    decision: Decision | None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """All runs of a study, as they stand."""
+
+    study: "Study"
+    engine: Capabilities
+    points: tuple[PointPlan, ...]
+
+    @property
+    def items(self) -> list[Item]:
+        """All runs: the first seed of every point, then the second, and so on."""
+        every = [item for point in self.points for item in point.items]
+        return sorted(every, key=lambda item: (item.demand.seed, item.demand.point.index))
+
+    @property
+    def todo(self) -> list[Item]:
+        """Runs that are not done."""
+        return [item for item in self.items if item.state != "done"]
+
+    @property
+    def fillings(self) -> dict[str, Item]:
+        """One run for each packing that is still to be made, by packing key."""
+        return {item.keys.packing: item for item in reversed(self.todo) if not item.packed}
+
+    def counts(self) -> Counter[str]:
+        """Number of runs by state."""
+        return Counter(item.state for item in self.items)
+
+
+class Planner:
+    """Compares demands with what the catalogue and the lab's folders have."""
+
+    def __init__(self, study: "Study", catalogue: Catalogue, engine: Capabilities):
+        self.study, self.catalogue, self.engine = study, catalogue, engine
+        self.rule = stopping_rule(study)
+        self._there: dict[str, Entry] = {}
+        self._older: dict[str, Entry] = {}
+
+    def plan(self) -> Plan:
+        """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
+        points = [PointDemand(self.study, point) for point in self.study.points]
+        self._look_up(point.run(seed) for point in points for seed in range(1, self.rule.first + 1))
+        return Plan(self.study, self.engine, tuple(self._point(point) for point in points))
+
+    def point(self, shared: PointDemand) -> PointPlan:
+        """One point anew, after some of its runs were done."""
+        self._look_up(shared.run(seed) for seed in range(1, self.rule.first + 1))
+        return self._point(shared)
+
+    def _point(self, shared: PointDemand) -> PointPlan:
+        items = [self._item(shared.run(seed)) for seed in range(1, self.rule.first + 1)]
+        while all(item.state == "done" for item in items):
+            decision = self._decide([item.keys.run for item in items])
+            more = min(decision.more, self.rule.cap - len(items))
+            if more <= 0:
+                return PointPlan(shared, tuple(items), decision)
+            added = [shared.run(seed) for seed in range(len(items) + 1, len(items) + more + 1)]
+            self._look_up(added)
+            items += [self._item(demand) for demand in added]
+        return PointPlan(shared, tuple(items), None)
+
+    def _decide(self, run_keys: list[str]) -> Decision:
+        if self.rule.tolerance is None:
+            return Decision(None, 0, None)
+        decision = self.rule.decide(flow_rates(self.study, self.catalogue, run_keys))
+        if decision.ended is None and len(run_keys) >= self.rule.cap:
+            return Decision(decision.pooled, 0, "cap")
+        return decision
+
+    def _look_up(self, demands: Iterable[Demand]) -> None:
+        asked = list(demands)
+        run_keys = [demand.keys(self.engine).run for demand in asked]
+        lineages = [demand.lineage(self.engine.name) for demand in asked]
+        for entry in self.catalogue.entries(run_keys, lineages):
+            self._there[entry.run_key] = entry
+            if entry.cache_version != self.engine.cache_version:
+                self._older[entry.lineage_key] = entry
+
+    def _item(self, demand: Demand) -> Item:
+        keys = demand.keys(self.engine)
+        lab = self.catalogue.lab
+        entry = self._there.get(keys.run) or self._unlisted(keys.run)
+        state, reason, resumes = self._compare(demand, keys, entry)
+        outcome = entry.outcome if entry else None
+        return Item(demand, keys, state, reason, outcome, lab.packing(keys.packing).is_dir(), resumes)
+
+    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None) -> tuple[State, str, bool]:
+        begun = (self.catalogue.lab.work(keys.run) / "progress.json").exists()
+        if entry is None:
+            older = self._older.get(keys.lineage)
+            if begun:
+                return "partial", "begun, goes on from its checkpoint", True
+            if older:
+                was, name = older.cache_version, self.engine.name
+                return "stale", f"made by version {was} of {name}, which is at {self.engine.cache_version}", False
+            return "missing", "not run yet", False
+        if entry.coverage is None:
+            return "missing", f"cannot be read: {entry.problem}", False
+        shared = demand.shared
+        lacks = shortfall(
+            entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names, demand.recording
+        )
+        if lacks.gap == "none":
+            return "done", entry.outcome, False
+        return "partial", lacks.reason, lacks.gap == "shorter" or begun
+
+    def _unlisted(self, key: str) -> Entry | None:
+        """A run whose process was killed before it was indexed, or that another machine put there."""
+        folder = self.catalogue.lab.run(key)
+        if not folder.is_dir():
+            return None
+        try:
+            record = RunRecord.read(folder)
+        except Unreadable as problem:
+            return Entry(key, "", 0, "unreadable", None, str(problem))
+        return Entry(key, record.lineage_key, record.cache_version, record.outcome, record.coverage)

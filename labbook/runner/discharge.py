@@ -1,0 +1,231 @@
+"""A discharge: from the packing, or from where it was left, until the stop rule ends it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labbook.backend import Crossing, Emptied, Ensemble, Event, Member, Probe, Sample, Table
+from labbook.catalogue.finished import CHECKPOINT, RECORDING
+from labbook.catalogue.lab import Claim
+from labbook.catalogue.packings import load_packing
+from labbook.catalogue.parts import Unreadable
+from labbook.catalogue.record import (
+    Coverage,
+    Failure,
+    Observe,
+    Outcome,
+    RunRecord,
+    describe_probe,
+    parse_probe,
+    table_name,
+)
+from labbook.catalogue.tables import read_checkpoint, read_table, write_checkpoint, write_table
+from labbook.keys import Keys
+from labbook.plan.demand import Demand
+from labbook.protocol import Packing, opened
+from labbook.runner.job import Bench, Job, JobFailed, failure
+from labbook.runner.journal import Saved
+from labbook.runner.provenance import now
+from labbook.runner.recording import FILM, frame_rows, thinned
+
+
+class DischargeJob(Job):
+    """The run of one demand."""
+
+    kind = "run"
+
+    def __init__(self, bench: Bench, demand: Demand, keys: Keys, claim: Claim, observe: Observe):
+        super().__init__(bench, demand, keys, keys.run, bench.lab.run(keys.run), claim)
+        self.scene = demand.point.scene
+        self.observe = observe
+        self._plane = self.scene.container.outlet_plane
+        self._crossed, self._last = 0, 0.0
+        self._failure: Failure | None = None
+        self.film = demand.film
+        self._observes(demand.shared.probes)
+
+    def _observes(self, probes: Sequence[Probe]) -> None:
+        """Observe `probes` and, if the run is recorded, its frames."""
+        self._measured = tuple(probes)
+        self.probes = tuple(dict.fromkeys((*probes, *((self.film,) if self.film else ()))))
+
+    # start
+
+    def fresh(self) -> Packing:
+        """The packing, with the outlet open."""
+        try:
+            packing = load_packing(self.bench.lab.packing(self.keys.packing))
+        except Unreadable as problem:
+            raise JobFailed(f"{self.label}: {problem}; remove the folder, and it is made again") from problem
+        return opened(packing, self.demand.shared.closed, self.scene)
+
+    def recall(self, saved: Saved | None) -> Saved | None:
+        """The later of what is in the work folder and in the run's folder, if it observes all that is
+        asked."""
+        before = self._before()
+        if before and (not saved or saved.state["step"] <= before.coverage.steps):
+            saved = self._from_folder(before)
+        if saved is None or not self._suffices(saved.state):
+            if before:
+                self._observe_also(before.coverage)
+            self.bench.lab.clear(self.key)
+            self.journal = type(self.journal)(self.bench.lab.work(self.key))
+            return None
+        state = saved.state
+        self._crossed, self._last = int(state["crossed"]), float(state["last"])
+        self.film = parse_film(state["film"])
+        self._observes([parse_probe(text) for text in state["probes"]])
+        return saved
+
+    def _before(self) -> RunRecord | None:
+        try:
+            return RunRecord.read(self.place)
+        except Unreadable:
+            return None
+
+    def _from_folder(self, before: RunRecord) -> Saved | None:
+        """A finished run as if it had been saved at its end."""
+        had = before.coverage
+        every = had.recording and max(1, round(had.recording / before.numerics.beat))
+        film = Sample(fields=FILM, every=every) if every else None
+        state = {
+            "step": had.steps,
+            "crossed": had.crossed,
+            "last": had.last_crossing,
+            "probes": list(had.probes),
+            "film": describe_probe(film) if film else None,
+        }
+        try:
+            checkpoint = read_checkpoint(self.place / CHECKPOINT)
+            files = [path for path in sorted(self.place.glob("*.npz")) if path.name != CHECKPOINT]
+            rows = {path.stem: [read_table(path)] for path in files}
+        except (OSError, ValueError, KeyError, EOFError):
+            return None
+        self.bench.lab.clear(self.key)
+        self.journal = type(self.journal)(self.bench.lab.work(self.key))
+        self.journal.save(checkpoint, rows, state, before.sessions)
+        return Saved(checkpoint, state, before.sessions)
+
+    def _suffices(self, state: Mapping[str, Any]) -> bool:
+        film = parse_film(state["film"])
+        filmed = self.film is None or (film is not None and film.every <= self.film.every)
+        return filmed and self.demand.shared.probe_names <= set(state["probes"])
+
+    def _observe_also(self, had: Coverage) -> None:
+        """When running again, observe what the earlier run did too, so that nothing is lost."""
+        kinds = {table_name(probe) for probe in self._measured}
+        more = [probe for probe in map(parse_probe, had.probes) if table_name(probe) not in kinds]
+        if self.film is None and had.recording is not None:
+            self.film = Sample(fields=FILM, every=max(1, round(had.recording / self.numerics.beat)))
+        self._observes((*self._measured, *more))
+
+    # going on
+
+    def state(self) -> dict[str, Any]:
+        """Grains that left, when the last one did, and what is observed."""
+        return {
+            "crossed": self._crossed,
+            "last": self._last,
+            "probes": [describe_probe(probe) for probe in self._measured],
+            "film": describe_probe(self.film) if self.film else None,
+        }
+
+    def absorb(self, probe: Probe, table: Table) -> None:
+        """Keep rows; count grains that left."""
+        if isinstance(probe, Crossing) and probe.plane == self._plane and len(table["time"]):
+            self._crossed += len(table["time"])
+            self._last = max(self._last, float(np.max(table["time"])))
+        if probe == self.film:
+            self.keep(FILM_TABLE, frame_rows(table))
+        if probe in self._measured:
+            self.keep(table_name(probe), table)
+
+    def verdict(self, events: Sequence[Event]) -> Outcome | None:
+        """The stop rule."""
+        failed = failure(events)
+        if failed:
+            self._failure = Failure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
+            return "diverged"
+        stop = self.demand.shared.stop
+        if self._crossed / self.scene.grains.count >= stop.discharged:
+            return "finished"
+        if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
+            return "emptied"
+        if self._plane is not None and self.status.time - self._last >= stop.stall:
+            return "clogged"
+        return "interrupted" if self.status.time >= stop.max_time else None
+
+    def progress(self) -> float:
+        """By discharged fraction or by time, whichever is nearer to its end."""
+        stop = self.demand.shared.stop
+        left = self._crossed / self.scene.grains.count / stop.discharged
+        return min(1.0, max(left, self.status.time / stop.max_time))
+
+    # end
+
+    def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
+        """Tables, the exact last state, the recording, and the record."""
+        tables = self.tables()
+        film = tables.pop(FILM_TABLE, None)
+        if film is not None and self.film is not None:
+            steps_between = self.film.every * self.numerics.steps_per_beat
+            write_table(folder / RECORDING, thinned(film, steps_between))
+        for name, table in tables.items():
+            write_table(folder / f"{name}.npz", table)
+        write_checkpoint(folder / CHECKPOINT, ensemble.checkpoint(member))
+        self.record(verdict).write(folder)
+
+    def record(self, verdict: str) -> RunRecord:
+        """What the run says of itself."""
+        bench, demand, status = self.bench, self.demand, self.status
+        coverage = Coverage(
+            duration=status.time,
+            steps=status.step,
+            grains=self.scene.grains.count,
+            crossed=self._crossed,
+            last_crossing=self._last,
+            stop=demand.shared.stop,
+            guards=demand.guards,
+            probes=tuple(describe_probe(probe) for probe in self._measured),
+            recording=self.film.every * self.numerics.beat if self.film else None,
+        )
+        physics = bench.backend.describe(self.scene, self.numerics)
+        return RunRecord.model_validate(
+            {
+                "run_key": self.keys.run,
+                "experiment_key": self.keys.experiment,
+                "scene_key": self.keys.scene,
+                "packing_key": self.keys.packing,
+                "lineage_key": self.keys.lineage,
+                "engine": bench.backend.capabilities.name,
+                "cache_version": bench.backend.capabilities.cache_version,
+                "study": demand.shared.study.name,
+                "point": demand.point.index,
+                "label": demand.point.label,
+                "at": dict(demand.point.at),
+                "seed": demand.seed,
+                "scene": self.scene,
+                "numerics": self.numerics,
+                "outcome": verdict,
+                "coverage": coverage,
+                "failure": self._failure,
+                "observe": self.observe,
+                "physics": {key: float(value) for key, value in physics.items() if math.isfinite(value)},
+                "device": bench.device,
+                "finished": now(),
+                "sessions": self.sessions(),
+            }
+        )
+
+
+FILM_TABLE = "recording"
+
+
+def parse_film(text: str | None) -> Sample | None:
+    """The recording probe in a saved state."""
+    probe = parse_probe(text) if text else None
+    assert probe is None or isinstance(probe, Sample)
+    return probe

@@ -1,0 +1,26 @@
+"""Frames kept for a recording: single precision, and not more than a recording needs."""
+
+import numpy as np
+
+from labbook.backend import Table
+
+FILM = ("x", "v")
+MOST_FRAMES = 200
+
+_WHOLE = {"id": np.int32, "step": np.int64, "time": np.float64}
+
+
+def frame_rows(table: Table) -> Table:
+    """Rows of a sample in single precision, but for id, step and time."""
+    return {name: np.asarray(column).astype(_WHOLE.get(name, np.float32)) for name, column in table.items()}
+
+
+def thinned(table: Table, steps_between: int) -> Table:
+    """Every frame, every second, every fourth ... so that at most 200 are left; frames lie on multiples of
+    `steps_between`, so that a run that is thinned, continued and thinned again keeps evenly spaced frames."""
+    frame = np.asarray(table["step"]) // steps_between
+    kept, stride = frame >= 0, 1
+    while len(np.unique(frame[kept])) > MOST_FRAMES:
+        stride *= 2
+        kept = frame % stride == 0
+    return {name: np.asarray(column)[kept] for name, column in table.items()}
