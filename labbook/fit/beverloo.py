@@ -37,9 +37,7 @@ class Beverloo2D(Law):
         parameters = (
             Reported("C_particle", "", 0, exponential),
             Reported("k", "", 1, float),
-            Reported(
-                "slope", "kg^(2/3) s^(-2/3) m^(-1)", 0, lambda x: (exponential(x) * by_particle) ** (2 / 3)
-            ),
+            Reported("slope", "kg^(2/3) s^(-2/3) m^(-1)", 0, lambda x: (exponential(x) * by_particle) ** (2 / 3)),
         )
         if context.rho_b is None:
             return parameters

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from labbook.fit.law import Context, Law
-from labbook.fit.profile import Minimum, derivative, interval, minimise
+from labbook.fit.profile import LowerMinimum, Minimum, derivative, interval, minimise
 from labbook.fit.weights import Weights, pooled_weights
-from labbook.stats.choice import UNDECIDED, aicc, prefer
+from labbook.stats.choice import UNDECIDED, aicc, deviance, prefer
 from labbook.stats.pooling import student
+
+_RESTARTS = 8
 
 
 class FitError(ValueError):
@@ -73,9 +75,7 @@ class FitResult:
         slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
         with np.errstate(invalid="ignore"):
             variance = np.einsum("ij,jk,ik->i", slopes, self._minimum.covariance, slopes)
-        reach = (
-            student(self.confidence, _freedom(self.error_dof, self.dof)) * self.widening * np.sqrt(variance)
-        )
+        reach = student(self.confidence, _freedom(self.error_dof, self.dof)) * self.widening * np.sqrt(variance)
         value = self.law.flow(at, best, self.context)
         with np.errstate(over="ignore"):
             return value, value * np.exp(-reach), value * np.exp(reach)
@@ -113,21 +113,29 @@ def fit(
     def residuals(free: np.ndarray) -> np.ndarray:
         return (log_W - law.log_flow(D, free, context)) / weights.relative
 
-    try:
-        minimum = minimise(residuals, law.start(D, W, context))
-    except RuntimeError as failure:
-        raise FitError(f"{law.name}: {failure}") from failure
     dof = len(D) - len(law.free)
+    t = student(confidence, _freedom(weights.degrees_of_freedom, dof))
     replicated = weights.degrees_of_freedom > 0
-    misfit = math.sqrt(minimum.chi2 / dof)
-    widening = max(1.0, misfit) if replicated else misfit
-    rise = (student(confidence, _freedom(weights.degrees_of_freedom, dof)) * widening) ** 2
+    start = law.start(D, W, context)
+    for _ in range(_RESTARTS):
+        try:
+            minimum = minimise(residuals, start)
+            misfit = math.sqrt(minimum.chi2 / dof)
+            widening = max(1.0, misfit) if replicated else misfit
+            parameters = _parameters(law, context, residuals, minimum, t, widening)
+            break
+        except LowerMinimum as lower:
+            start = lower.found
+        except RuntimeError as failure:
+            raise FitError(f"{law.name}: {failure}") from failure
+    else:
+        raise FitError(f"{law.name}: the fit keeps finding lower minima; the data do not determine its parameters")
     outside = law.outside(D, context)
     p_value = _p_value(minimum.chi2, dof, weights)
     return FitResult(
         law=law,
         context=context,
-        parameters=_parameters(law, context, residuals, minimum, rise, widening),
+        parameters=parameters,
         D=D,
         W=W,
         relative_error=weights.relative if replicated else weights.relative * misfit,
@@ -150,24 +158,17 @@ def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates
         raise FitError(f"{law.name}: orifices, flow rates and errors must be lists of equal length")
     orifices, least = len(np.unique(D)), len(law.free) + 1
     if orifices < least:
-        raise FitError(
-            f"{law.name}: {orifices} orifices are too few; its {least - 1} parameters need {least}"
-        )
+        raise FitError(f"{law.name}: {orifices} orifices are too few; its {least - 1} parameters need {least}")
     if not (np.isfinite(W).all() and (W > 0).all() and np.isfinite(D).all() and (D > 0).all()):
-        raise FitError(
-            f"{law.name}: orifices and flow rates must be positive and finite; leave out clogged points"
-        )
+        raise FitError(f"{law.name}: orifices and flow rates must be positive and finite; leave out clogged points")
     known = np.ones(len(D), bool) if replicates is None else np.asarray(replicates) > 1
     if not (np.isfinite(error[known]).all() and (error[known] >= 0).all()):
-        raise FitError(
-            f"{law.name}: the error of a point with several replicates must be finite and not negative"
-        )
+        raise FitError(f"{law.name}: the error of a point with several replicates must be finite and not negative")
 
 
-def _parameters(
-    law, context, residuals, minimum: Minimum, rise: float, widening: float
-) -> dict[str, Parameter]:
+def _parameters(law, context, residuals, minimum: Minimum, t: float, widening: float) -> dict[str, Parameter]:
     reported = law.reported(context)
+    rise = (t * widening) ** 2
     ends = {i: interval(residuals, minimum, i, rise) for i in {entry.free for entry in reported}}
     errors = np.sqrt(np.diag(minimum.covariance)) * widening
     parameters = {}
@@ -200,19 +201,22 @@ def _notes(law: Law, D, outside, weights: Weights, p_value: float, context: Cont
     if weights.uneven:
         notes.append("the relative scatter between replicates differs between points (Bartlett, p < 0.01)")
     if p_value < 0.05:
-        notes.append(
-            "the law misses the points by more than their errors; intervals are widened by sqrt(chi2/dof)"
-        )
+        notes.append("the law misses the points by more than their errors; intervals are widened by sqrt(chi2/dof)")
     return tuple(notes)
 
 
 def compare(results: Sequence[FitResult]) -> str:
-    """Name of the law that the data prefer by AICc, or `undecided`. Raises FitError unless all fit the same
-    data.
+    """Name of the law that the data prefer, or `undecided`.
+
+    By AICc, and by the likelihood alone as well: with 8 points a third parameter costs 9 in AICc, so that a law of two
+    would win by more than 4 on data that both fit alike. Such a choice rests on the count of parameters, not on the
+    data. Raises FitError unless all laws were fitted to the same points.
     """
     if not results:
         return UNDECIDED
     first = results[0]
     if any(not (np.array_equal(r.D, first.D) and np.array_equal(r.W, first.W)) for r in results):
         raise FitError("laws can be compared only on the same points")
-    return prefer({result.law.name: result.aicc for result in results})
+    preferred = prefer({result.law.name: result.aicc for result in results})
+    fits_best = prefer({result.law.name: deviance(result.chi2, len(result.D)) for result in results})
+    return preferred if preferred == fits_best else UNDECIDED

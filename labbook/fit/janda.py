@@ -6,6 +6,9 @@ import numpy as np
 
 from labbook.fit.law import Context, Law, Reported, exponential, extended_log
 
+# Bounds of ln alpha_2/d beyond which the law no longer changes: a constant bracket, or one linear in D.
+_NARROWEST, _WIDEST = math.log(0.05), math.log(1e3)
+
 
 class Janda2D(Law):
     """Q = C' (1 - alpha_1 e^{-D/alpha_2}) D^{3/2}, with Q in grains per second; the mass flow rate is W = m
@@ -25,8 +28,8 @@ class Janda2D(Law):
 
     def log_flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:
         ratio = D / context.d
-        with np.errstate(over="ignore"):
-            bracket = 1 - free[1] * np.exp(-ratio * math.exp(min(-free[2], 50.0)))
+        decay = math.exp(-min(max(free[2], _NARROWEST), _WIDEST))
+        bracket = 1 - free[1] * np.exp(-ratio * decay)
         return math.log(_unit_flow(context)) + free[0] + 1.5 * np.log(ratio) + extended_log(bracket)
 
     def start(self, D: np.ndarray, W: np.ndarray, context: Context) -> np.ndarray:

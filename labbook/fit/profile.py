@@ -9,12 +9,15 @@ it says so where the data set no limit.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 Residuals = Callable[[np.ndarray], np.ndarray]
 """Residuals in units of their standard errors, shape [n], of free parameters, shape [p]."""
 
+_IMPOSSIBLE = 1e30
+"""Sum of squares of parameters for which the law has no value."""
 _FARTHEST = 1e3
 """Standard errors from the best value beyond which an interval counts as having no end."""
 
@@ -28,18 +31,28 @@ class Minimum:
     covariance: np.ndarray
 
 
+class LowerMinimum(Exception):
+    """A profile came upon a lower sum of squares: the minimum that it started from was a local one."""
+
+    def __init__(self, found: np.ndarray):
+        super().__init__("the minimum was not the lowest one")
+        self.found = found
+
+
 def _least_squares(residuals: Residuals, start: np.ndarray):
     from scipy.optimize import leastsq
 
-    solution = leastsq(residuals, start, full_output=True, ftol=1e-12, xtol=1e-10, maxfev=4000)
+    with np.errstate(all="ignore"):  # a law may have no value far from its data: that is a sum of squares of infinity
+        solution = leastsq(residuals, start, full_output=True, ftol=1e-12, xtol=1e-10, maxfev=2000)
     best, _, info, message, status = solution  # pyright: ignore[reportAssignmentType]
-    return best, float(np.sum(info["fvec"] ** 2)), message, status
+    chi2 = float(np.sum(info["fvec"] ** 2))
+    return best, chi2 if math.isfinite(chi2) else _IMPOSSIBLE, message, status
 
 
 def minimise(residuals: Residuals, start: np.ndarray) -> Minimum:
     """The minimum of the sum of squares. Raises RuntimeError if none is found."""
     best, chi2, message, status = _least_squares(residuals, np.asarray(start, float))
-    if status not in (1, 2, 3, 4) or not np.isfinite(best).all():
+    if status not in (1, 2, 3, 4) or not np.isfinite(best).all() or chi2 == _IMPOSSIBLE:
         raise RuntimeError(f"the fit did not converge: {message}")
     jacobian = derivative(residuals, best)
     try:
@@ -64,7 +77,7 @@ def derivative(function: Residuals, at: np.ndarray) -> np.ndarray:
 def interval(residuals: Residuals, minimum: Minimum, index: int, rise: float) -> tuple[float, float]:
     """Ends of the interval of free parameter `index` in which the profile rises by less than `rise`.
 
-    An end that the data do not set is infinite.
+    An end that the data do not set is infinite. Raises LowerMinimum if `minimum` turns out to be a local one.
     """
     error = math.sqrt(minimum.covariance[index, index])
     unit = error if math.isfinite(error) else 1.0
@@ -83,8 +96,11 @@ def _end(residuals: Residuals, minimum: Minimum, index: int, rise: float, unit: 
     along = np.where(np.isfinite(along), along, 0.0)
     guess = {0.0: minimum.best[others]}
 
+    @cache
     def excess(steps: float) -> float:
         """Root of the rise, less the root asked for: nearly linear in the distance."""
+        if steps == 0:
+            return -math.sqrt(rise)
         fixed = centre + steps * unit
 
         def constrained(free: np.ndarray) -> np.ndarray:
@@ -96,6 +112,8 @@ def _end(residuals: Residuals, minimum: Minimum, index: int, rise: float, unit: 
         start = guess[near] + along * unit * (steps - near)
         free, chi2, *_ = _least_squares(constrained, start)
         guess[steps] = free
+        if chi2 < minimum.chi2 * (1 - 1e-6) - 1e-9:
+            raise LowerMinimum(np.insert(free, index, fixed))
         return math.sqrt(max(chi2 - minimum.chi2, 0.0)) - math.sqrt(rise)
 
     inner, outer = 0.0, math.sqrt(rise)

@@ -9,8 +9,15 @@ DECISIVE = 4.0
 """
 
 
+def deviance(chi2: float, points: int) -> float:
+    """-2 ln(likelihood) of a least-squares fit whose errors are known but for their size: n ln(chi2/n)."""
+    if chi2 < 0:
+        raise ValueError("a sum of squares cannot be negative")
+    return points * math.log(chi2 / points) if chi2 > 0 else -math.inf
+
+
 def aicc(chi2: float, points: int, parameters: int) -> float:
-    """AICc of a least-squares fit: n ln(chi2/n) + 2K + 2K(K+1)/(n-K-1), with K = parameters + 1.
+    """AICc of a least-squares fit: deviance + 2K + 2K(K+1)/(n-K-1), with K = parameters + 1.
 
     The K-th parameter is the overall size of the errors, which is left free: replicates give the weights of
     the points relative to each other, but too few of them to be sure of the size. Hurvich & Tsai, Biometrika
@@ -19,14 +26,11 @@ def aicc(chi2: float, points: int, parameters: int) -> float:
     k = parameters + 1
     if points <= parameters + 2:
         return math.nan
-    if chi2 < 0:
-        raise ValueError("a sum of squares cannot be negative")
-    fit = points * math.log(chi2 / points) if chi2 > 0 else -math.inf
-    return fit + 2 * k + 2 * k * (k + 1) / (points - k - 1)
+    return deviance(chi2, points) + 2 * k + 2 * k * (k + 1) / (points - k - 1)
 
 
 def prefer(criteria: Mapping[str, float]) -> str:
-    """Name of the law with the lowest AICc; `undecided` if another is within 4 or any has none (NaN).
+    """Name of the law with the lowest AICc (or deviance); `undecided` if another is within 4 or any has none (NaN).
 
     Raises ValueError for no laws. All must have been fitted to the same data.
     """

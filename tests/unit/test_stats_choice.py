@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from labbook.stats.choice import aicc, prefer
+from labbook.stats.choice import aicc, deviance, prefer
 
 
 def test_aicc_by_hand():
@@ -30,6 +30,16 @@ def test_one_law_is_no_choice_and_none_is_an_error():
     assert prefer({"beverloo": 3.0}) == "beverloo"
     with pytest.raises(ValueError, match="no law"):
         prefer({})
+
+
+def test_deviance_is_that_of_normal_errors_of_free_size():
+    # -2 ln L of n normal residuals at their best sigma, up to a constant: n ln(sigma^2).
+    assert deviance(2.0, 8) - deviance(1.0, 8) == pytest.approx(8 * math.log(2))
+    assert deviance(0.0, 8) == -math.inf
+
+
+def test_two_exact_fits_are_undecided():
+    assert prefer({"beverloo": -math.inf, "janda": -math.inf}) == "undecided"
 
 
 def test_negative_sum_of_squares_is_refused():

@@ -1,0 +1,239 @@
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from labbook.fit import LAWS, Context, FitError, compare, fit
+from labbook.fit.weights import pooled_weights
+from labbook.stats.bootstrap import bootstrap
+from labbook.stats.choice import prefer
+
+FAN = Context(d=3e-3, rho_p=2500, rho_b=0.57 * 2500, Z=3.03e-3, g=9.81)
+D = np.array([18, 21, 24, 30, 36, 45, 52.5, 60]) * 1e-3
+TRUE = {"beverloo": np.array([math.log(0.58), 1.55]), "janda": np.array([0.0, 0.5, math.log(6.0)])}
+
+
+def truth(name):
+    return {r.name: r.of(TRUE[name][r.free]) for r in LAWS[name].reported(FAN)}
+
+
+def replicates_of(name, rng, scatter, n=3, D=D):
+    return LAWS[name].flow(D, TRUE[name], FAN) * (1 + scatter * rng.standard_normal((n, len(D))))
+
+
+def fit_replicates(name, W, D=D, context=FAN):
+    n = len(W)
+    error = W.std(axis=0, ddof=1) / math.sqrt(n) if n > 1 else np.full(len(D), math.nan)
+    return fit(LAWS[name], D, W.mean(axis=0), error, context, [n] * len(D))
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_exact_data_give_the_parameters_back(name):
+    W = LAWS[name].flow(D, TRUE[name], FAN)
+    found = fit(LAWS[name], D, W, 0.01 * W, FAN)
+    for key, value in truth(name).items():
+        assert found.parameters[key].value == pytest.approx(value, rel=1e-5)
+    assert found.chi2 < 1e-8
+    np.testing.assert_allclose(found.residuals, 0, atol=1e-6)
+
+
+def test_beverloo_agrees_with_a_weighted_straight_line():
+    """For small errors W^{2/3} against D is a straight line with relative errors 2/3 of W's."""
+    rng = np.random.default_rng(0)
+    W = replicates_of("beverloo", rng, 1e-4)[0]
+    found = fit(LAWS["beverloo"], D, W, 1e-4 * W, FAN)
+    y = W ** (2 / 3)
+    (slope, shift), cov = np.polyfit(D, y, 1, w=1 / (2 / 3 * 1e-4 * y), cov="unscaled")
+    assert found.parameters["slope"].value == pytest.approx(slope, rel=1e-6)
+    assert found.parameters["k"].value == pytest.approx(-shift / slope / FAN.d, rel=1e-6)
+    widening = max(1, math.sqrt(found.chi2_reduced))
+    assert found.parameters["slope"].error == pytest.approx(math.sqrt(cov[0, 0]) * widening, rel=1e-3)
+
+
+@pytest.mark.parametrize(("name", "draws"), [("beverloo", 2000), pytest.param("janda", 2000, marks=pytest.mark.slow)])
+def test_intervals_cover(name, draws):
+    """Three replicates with 1 % scatter at eight orifices: every parameter's 95 % interval covers 92 to 98 %."""
+    rng = np.random.default_rng(1)
+    hits = {key: 0 for key in truth(name)}
+    for _ in range(draws):
+        found = fit_replicates(name, replicates_of(name, rng, 0.01))
+        for key, value in truth(name).items():
+            hits[key] += found.parameters[key].low <= value <= found.parameters[key].high
+    for key, count in hits.items():
+        assert 0.92 <= count / draws <= 0.98, key
+
+
+def test_prediction_bands_cover_at_every_orifice():
+    rng = np.random.default_rng(2)
+    at = np.array([18, 27, 40, 60]) * 1e-3
+    true = LAWS["beverloo"].flow(at, TRUE["beverloo"], FAN)
+    hits = np.zeros(4)
+    for _ in range(600):
+        value, low, high = fit_replicates("beverloo", replicates_of("beverloo", rng, 0.01)).predict(at)
+        assert ((low < value) & (value < high)).all()
+        hits += (low <= true) & (true <= high)
+    assert ((hits / 600 >= 0.92) & (hits / 600 <= 0.985)).all()
+
+
+def test_chi2_has_the_f_distribution_of_estimated_errors():
+    rng = np.random.default_rng(3)
+    p = [fit_replicates("beverloo", replicates_of("beverloo", rng, 0.01)).p_value for _ in range(400)]
+    assert stats.kstest(p, "uniform").pvalue > 0.01
+
+
+def test_a_law_that_misses_says_so_and_claims_less():
+    rng = np.random.default_rng(4)
+    W = replicates_of("beverloo", rng, 0.002) * (1 + 0.02 * np.cos(np.arange(8) * 2.5))
+    found = fit_replicates("beverloo", W)
+    assert found.p_value < 1e-3
+    assert found.widening == pytest.approx(math.sqrt(found.chi2_reduced))
+    assert any("misses the points" in note for note in found.notes)
+
+
+def test_the_data_choose_the_law_that_made_them():
+    rng = np.random.default_rng(5)
+    wide = np.linspace(18, 90, 14) * 1e-3
+    for name in LAWS:
+        W = replicates_of(name, rng, 0.001, D=wide)
+        assert compare([fit_replicates(law, W, D=wide) for law in LAWS]) == name
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_data_that_both_laws_fit_are_undecided(name):
+    """Scatter of 2 %, eight orifices: AICc alone would prefer the law of two parameters, whichever made the data."""
+    rng = np.random.default_rng(6)
+    alone, choices = [], []
+    for _ in range(50):
+        W = replicates_of(name, rng, 0.02)
+        results = [fit_replicates(law, W) for law in LAWS]
+        alone.append(prefer({result.law.name: result.aicc for result in results}))
+        choices.append(compare(results))
+    assert alone.count("beverloo") > 35
+    assert choices.count("undecided") > 40
+    assert sum(choice not in ("undecided", name) for choice in choices) <= 4
+
+
+def test_too_few_points_to_compare_are_undecided():
+    rng = np.random.default_rng(7)
+    W = replicates_of("beverloo", rng, 0.001, D=D[:5])
+    results = [fit_replicates(law, W, D=D[:5]) for law in LAWS]
+    assert math.isnan(results[1].aicc)
+    assert compare(results) == "undecided"
+
+
+def test_different_data_are_not_compared():
+    rng = np.random.default_rng(8)
+    results = [fit_replicates(law, replicates_of("beverloo", rng, 0.01)) for law in LAWS]
+    with pytest.raises(FitError, match="same points"):
+        compare(results)
+
+
+def test_wide_orifices_leave_alpha2_without_an_end():
+    rng = np.random.default_rng(9)
+    wide = np.linspace(120, 300, 8) * 1e-3  # beyond 6 alpha_2
+    found = fit_replicates("janda", replicates_of("janda", rng, 0.01, D=wide), D=wide)
+    alpha = found.parameters["alpha2"]
+    assert alpha.low == 0 or alpha.high == math.inf
+    assert found.parameters["C_prime"].low < truth("janda")["C_prime"] < found.parameters["C_prime"].high
+
+
+def test_small_orifices_are_used_and_flagged():
+    small = np.array([9, 12, 15, 18, 24, 30, 36, 45]) * 1e-3
+    found = fit_replicates("beverloo", replicates_of("beverloo", np.random.default_rng(10), 0.01, D=small), D=small)
+    assert found.outside.tolist() == [True] * 3 + [False] * 5
+    assert any("D/d = 3, 4, 5 is below 6" in note for note in found.notes)
+    assert len(found.residuals) == 8
+
+
+def test_without_replicates_the_scatter_gives_the_errors():
+    rng = np.random.default_rng(11)
+    hits = []
+    for _ in range(300):
+        found = fit_replicates("beverloo", replicates_of("beverloo", rng, 0.01, n=1))
+        hits.append(found.parameters["k"].low <= 1.55 <= found.parameters["k"].high)
+    assert np.mean(hits) == pytest.approx(0.95, abs=0.035)
+    assert math.isnan(found.p_value)
+    assert any("no replicates" in note for note in found.notes)
+
+
+def test_weights_pool_the_relative_variance():
+    W, n = np.array([1.0, 2.0, 4.0]), np.array([3, 3, 6])
+    error = np.array([0.01, 0.04, 0.02])
+    variance = [(0.01 * math.sqrt(3)) ** 2, (0.02 * math.sqrt(3)) ** 2, (0.005 * math.sqrt(6)) ** 2]
+    pooled = (2 * variance[0] + 2 * variance[1] + 5 * variance[2]) / 9
+    weights = pooled_weights(W, error, n)
+    np.testing.assert_allclose(weights.relative, np.sqrt(pooled / n))
+    assert weights.degrees_of_freedom == 9
+
+
+def test_single_replicates_borrow_the_pooled_scatter():
+    weights = pooled_weights(np.ones(3), np.array([0.01, 0.01, math.nan]), np.array([4, 4, 1]))
+    np.testing.assert_allclose(weights.relative, [0.01, 0.01, 0.02])
+
+
+def test_uneven_scatter_is_noticed_as_scipys_bartlett_does():
+    rng = np.random.default_rng(12)
+    seen = set()
+    for scatter in (np.full(8, 0.01), np.array([0.1] + [0.005] * 7)):
+        W = 1 + scatter * rng.standard_normal((4, 8))
+        error = W.std(axis=0, ddof=1) / 2
+        uneven = pooled_weights(np.ones(8), error, np.full(8, 4)).uneven
+        assert uneven == (stats.bartlett(*W.T).pvalue < 0.01)
+        seen.add(uneven)
+    assert seen == {True, False}
+
+
+def test_the_bootstrap_over_seeds_agrees_with_the_profile():
+    W = replicates_of("beverloo", np.random.default_rng(13), 0.01, n=5)
+    exact = fit_replicates("beverloo", W).parameters["k"]
+
+    def k(points):
+        means = np.array([np.mean(p) for p in points])
+        return fit(LAWS["beverloo"], D, means, 0.01 * means, FAN).parameters["k"].value
+
+    found = bootstrap([list(column) for column in W.T], k, draws=150)
+    assert found.value == pytest.approx(exact.value, rel=1e-6)
+    assert found.error == pytest.approx(exact.error, rel=0.35)  # 150 draws, and scatter not pooled over points
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", LAWS)
+def test_unusable_flow_rates_are_refused(name, bad):
+    W = LAWS[name].flow(D, TRUE[name], FAN)
+    W[3] = bad
+    with pytest.raises(FitError, match="positive and finite"):
+        fit(LAWS[name], D, W, 0.01 * np.ones(8), FAN)
+
+
+@pytest.mark.parametrize(("name", "points"), [("beverloo", 2), ("janda", 3)])
+def test_too_few_orifices_are_refused(name, points):
+    W = LAWS[name].flow(D[:points], TRUE[name], FAN)
+    with pytest.raises(FitError, match="too few"):
+        fit(LAWS[name], D[:points], W, 0.01 * W, FAN)
+
+
+@pytest.mark.parametrize("error", [math.nan, -1.0, 0.0])
+def test_unusable_errors_are_refused(error):
+    W = LAWS["beverloo"].flow(D, TRUE["beverloo"], FAN)
+    with pytest.raises(FitError, match="error"):
+        fit(LAWS["beverloo"], D, W, np.full(8, error), FAN)
+
+
+def test_lists_of_unequal_length_are_refused():
+    with pytest.raises(FitError, match="equal length"):
+        fit(LAWS["beverloo"], D, D[:3], D, FAN)
+
+
+def test_any_positive_flow_rates_are_fitted_or_refused_with_a_reason():
+    """Nonsense data: never another exception than FitError, never a silent NaN."""
+    rng = np.random.default_rng(14)
+    for _ in range(15):
+        W = np.exp(rng.normal(-3, 2, 8))
+        for law in LAWS.values():
+            try:
+                found = fit(law, D, W, 0.1 * W, FAN)
+            except FitError:
+                continue
+            assert not any(math.isnan(p.value) or math.isnan(p.low) for p in found.parameters.values())
+            assert all(p.low <= p.value <= p.high for p in found.parameters.values())

@@ -1,0 +1,69 @@
+import math
+
+import numpy as np
+import pytest
+
+from labbook.fit import LAWS, Context
+
+FAN = Context(d=3e-3, rho_p=2500, rho_b=0.59 * 2500, Z=3.03e-3, g=9.81)
+D = np.array([18, 21, 24, 30, 36, 45, 52.5, 60]) * 1e-3
+
+
+def test_beverloo_gives_the_flow_rates_of_fan():
+    """C = 0.58, k = 1.55: 21/56/112/179 g/s with rho_p, 12.5/33/66/106 g/s with 0.59 rho_p."""
+    law = LAWS["beverloo"]
+    orifices = np.array([18, 30, 45, 60]) * 1e-3
+    by_particle = law.flow(orifices, np.array([math.log(0.58), 1.55]), FAN)
+    np.testing.assert_allclose(by_particle * 1e3, [21, 56, 112, 179], rtol=0.012)
+    by_bulk = law.flow(orifices, np.array([math.log(0.58 * 0.59), 1.55]), FAN)
+    np.testing.assert_allclose(by_bulk * 1e3, [12.5, 33, 66, 106], rtol=0.012)
+
+
+def test_beverloo_is_its_formula():
+    c, k = 0.61, 1.4
+    formula = c * FAN.rho_p * math.sqrt(FAN.g) * (D - k * FAN.d) ** 1.5 * FAN.Z
+    np.testing.assert_allclose(LAWS["beverloo"].flow(D, np.array([math.log(c), k]), FAN), formula, rtol=1e-13)
+
+
+def test_beverloo_reports_both_normalisations_and_the_slope():
+    reported = {r.name: r.of(math.log(0.58)) for r in LAWS["beverloo"].reported(FAN) if r.free == 0}
+    assert reported["C_particle"] == pytest.approx(0.58)
+    assert reported["C"] == pytest.approx(0.58 / 0.59)
+    flow = LAWS["beverloo"].flow(D, np.array([math.log(0.58), 1.55]), FAN)
+    assert reported["slope"] == pytest.approx(np.polyfit(D, flow ** (2 / 3), 1)[0], rel=1e-12)
+
+
+def test_without_a_bulk_density_c_is_left_out():
+    context = Context(d=3e-3, rho_p=2500, rho_b=None, Z=3.03e-3, g=9.81)
+    assert {r.name for r in LAWS["beverloo"].reported(context)} == {"C_particle", "k", "slope"}
+
+
+def test_janda_is_its_formula_times_the_mass_of_a_grain():
+    law = LAWS["janda"]
+    free = np.array([0.1, 0.5, math.log(6)])
+    reported = {r.name: r.of(free[r.free]) for r in law.reported(FAN)}
+    Q = reported["C_prime"] * (1 - reported["alpha1"] * np.exp(-D / reported["alpha2"])) * D**1.5
+    np.testing.assert_allclose(law.flow(D, free, FAN), FAN.grain_mass * Q, rtol=1e-13)
+    assert reported["alpha2"] == pytest.approx(18e-3)
+    assert reported["alpha2_over_d"] == pytest.approx(6)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
+def test_the_start_is_near_for_exact_data(law):
+    free = {"beverloo": np.array([-0.5, 1.5]), "janda": np.array([0.0, 0.5, math.log(6)])}[law.name]
+    start = law.start(D, law.flow(D, free, FAN), FAN)
+    np.testing.assert_allclose(law.flow(D, start, FAN), law.flow(D, free, FAN), rtol=0.02)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
+def test_small_orifices_lie_outside(law):
+    outside = law.outside(np.array([12e-3, 17.9e-3, 18e-3, 6 * 3e-3, 30e-3]), FAN)
+    assert outside.tolist() == [True, True, False, False, False]
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
+def test_every_law_says_what_it_is(law):
+    assert law.version >= 1
+    assert law.formula
+    assert law.source
+    assert {r.free for r in law.reported(FAN)} == set(range(len(law.free)))
