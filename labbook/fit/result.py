@@ -1,0 +1,81 @@
+"""What a fit gives: parameters with intervals, goodness, and prediction bands."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from labbook.fit.law import Context, Law
+from labbook.fit.profile import Minimum, derivative
+from labbook.stats.pooling import student
+
+
+class FitError(ValueError):
+    """The data cannot be fitted; the message says why and what would help."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A fitted parameter: value, ends of its interval, standard error (linearised), unit."""
+
+    value: float
+    low: float
+    high: float
+    error: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A law fitted to n points.
+
+    `D` [m], `W` [kg/s], `relative_error` (of W, as used for the weights), `residuals` (ln W - ln W_law, about
+    the relative deviation), `outside` (points outside the law's range: used all the same, and flagged): shape
+    [n]. `chi2` with `dof` = n - p; `p_value`: probability of a larger chi2 if the law holds (F distribution,
+    since the errors are estimates with `error_dof` degrees of freedom; NaN without replicates). `widening`:
+    factor max(1, sqrt(chi2/dof)) on all intervals, so that a law that misses the data does not claim their
+    precision.
+    """
+
+    law: Law
+    context: Context
+    parameters: Mapping[str, Parameter]
+    D: np.ndarray
+    W: np.ndarray
+    relative_error: np.ndarray
+    residuals: np.ndarray
+    outside: np.ndarray
+    chi2: float
+    dof: int
+    p_value: float
+    error_dof: float
+    widening: float
+    aicc: float
+    confidence: float
+    notes: tuple[str, ...]
+    _minimum: Minimum = field(repr=False)
+
+    @property
+    def chi2_reduced(self) -> float:
+        """chi2 per degree of freedom."""
+        return self.chi2 / self.dof
+
+    def predict(self, D: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """W of the law at orifices D [m], and the ends of its pointwise interval [kg/s], each of shape [m].
+
+        The band of the fitted law (not of a new point), linearised in ln W.
+        """
+        at = np.asarray(D, float)
+        best = self._minimum.best
+        slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
+        with np.errstate(invalid="ignore"):
+            variance = np.einsum("ij,jk,ik->i", slopes, self._minimum.covariance, slopes)
+        reach = student(self.confidence, freedom(self.error_dof, self.dof)) * self.widening * np.sqrt(variance)
+        value = self.law.flow(at, best, self.context)
+        with np.errstate(over="ignore"):
+            return value, value * np.exp(-reach), value * np.exp(reach)
+
+
+def freedom(error_dof: float, dof: int) -> float:
+    """Degrees of freedom of the intervals: of the replicates, else of the scatter about the law."""
+    return error_dof if error_dof else dof
