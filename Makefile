@@ -18,7 +18,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --con
 help:
 	@echo "make quickstart   set up, run $(STUDY) and write its report"
 	@echo "make test         set up, then ruff, pyright and all tests"
-	@echo "make docs         write docs/commands.md from the help texts"
+	@echo "make docs         write docs/commands.md and the tables of docs/studies.md"
 	@echo "make clean        remove $(VENV)"
 
 quickstart: $(VENV)/installed-run
@@ -33,6 +33,7 @@ test: $(VENV)/installed-dev
 
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m labbook.cli.reference docs/commands.md
+	$(BIN)/python -m labbook.study.page docs/studies.md
 
 clean:
 	rm -rf $(VENV)

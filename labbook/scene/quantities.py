@@ -8,6 +8,7 @@ length wherever the context names it (`d` -> diameter [m]).
 import math
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -41,8 +42,11 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
         raise ValueError("not a quantity: it does not begin with a number")
     value = _number(number.group()) if number else 1.0
     units = expression[number.end() if number else 0 :].strip().removeprefix("*").lstrip()
-    value *= _factor(units, unit, diameter)
-    return float(f"{value:.16g}")  # 18 mm is 0.018, not 0.018000000000000002: keys hash these digits
+    factor = _factor(units, unit, diameter)
+    if not math.isfinite(value * factor):
+        return value * factor
+    # in decimals: 18 mm is 0.018, not 0.018000000000000002; keys hash these digits
+    return float(Decimal(repr(value)) * Decimal(f"{factor:.15g}"))
 
 
 def _number(text: str) -> float:

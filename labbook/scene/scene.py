@@ -31,7 +31,7 @@ class Scene(Model):
         return self
 
     def _faults(self) -> Iterator[Fault]:
-        names = self.wall_names
+        names = self.wall_names if self.walls else set()
         for name in self.walls:
             if name not in names:
                 reason = f"the container has no wall named {name}"

@@ -22,6 +22,7 @@ MAX_WRONG = 500
 """After this many points that are wrong, the rest are not looked at: they repeat the same mistakes."""
 
 _STEP = ("numerics", "dt")
+_GRAINS = TypeAdapter(Grains)
 _PLACEHOLDER = Spheres(diameter=1e-3, density=1e3, count=1)  # stands in for grains that are wrong
 
 
@@ -103,7 +104,7 @@ class PointReader:
             found.append(Complaint(("grains",), "this key is missing", remedy))
             return None
         try:
-            return TypeAdapter(Grains).validate_python(raw["grains"], context={"units": "required"})
+            return _GRAINS.validate_python(raw["grains"], context={"units": "required"})
         except ValidationError as error:
             found += complaints(error, raw["grains"], ("grains",))
             return None

@@ -77,16 +77,27 @@ def _compose(path: Path, text: str):
     try:
         root = YAML(typ="safe", pure=True).compose(text)
     except RecursionError:
-        raise StudyError([Problem(path, 0, "", "nested too deeply", "a study needs few levels")]) from None
+        raise StudyError([Problem(path, _deep(text), "", "nested too deeply", "a study needs few levels")]) from None
     except Exception as error:  # a parser on arbitrary text: whatever stops it, the text is not YAML
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        line = mark.line + 1 if mark is not None else 0
+        line = mark.line + 1 if mark is not None else text.count("\n", 0, getattr(error, "position", 0)) + 1
         reason = error.problem if isinstance(error, MarkedYAMLError) and error.problem else "unreadable"
         message = f"not valid YAML: {shown(' '.join(str(reason).split()))}"
         raise StudyError([Problem(path, line, "", message, _yaml_remedy(text, line))]) from None
     if root is None:
-        raise StudyError([Problem(path, 0, "", "the file is empty", "`labbook new NAME` writes a study to begin with")])
+        raise StudyError([Problem(path, 1, "", "the file is empty", "`labbook new NAME` writes a study to begin with")])
     return root
+
+
+def _deep(text: str) -> int:
+    """The line on which brackets first stand deeper than a study nests; 1 if it is not brackets that do."""
+    depth = 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        for character in line:
+            depth += (character in "[{") - (character in "]}")
+            if depth > MAX_DEPTH:
+                return number
+    return 1
 
 
 def _yaml_remedy(text: str, line: int) -> str:

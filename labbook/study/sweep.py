@@ -67,8 +67,8 @@ class Sweep:
         if "sweep" not in self._source.data or not self._filled_mapping(self._source.data["sweep"], ("sweep",)):
             return {}, []
         raw = _mapping(self._source.data["sweep"])
-        grid = {key: self._values(values, ("sweep", key)) for key, values in raw.items() if key != "zip"}
-        grid = {key: values for key, values in grid.items() if values and self._may_vary(key, ("sweep", key))}
+        swept = [key for key in raw if key != "zip" and self._may_vary(key, ("sweep", key))]
+        grid = {key: values for key in swept if (values := self._values(raw[key], ("sweep", key)))}
         zipped = self._zip(raw["zip"]) if "zip" in raw else []
         return grid, zipped
 
@@ -76,8 +76,9 @@ class Sweep:
         place = ("sweep", "zip")
         if not self._filled_mapping(raw, place):
             return []
-        columns = {key: self._values(values, (*place, key), distinct=False) for key, values in raw.items()}
-        columns = {key: values for key, values in columns.items() if values and self._may_vary(key, (*place, key))}
+        swept = [key for key in raw if self._may_vary(key, (*place, key))]
+        columns = {key: self._values(raw[key], (*place, key), distinct=False) for key in swept}
+        columns = {key: values for key, values in columns.items() if values}
         lengths = {key: len(values) for key, values in columns.items()}
         if len(set(lengths.values())) > 1:
             counts = ", ".join(f"{shown(key)}: {n}" for key, n in lengths.items())
@@ -99,9 +100,8 @@ class Sweep:
             place = ("points", index)
             if not self._filled_mapping(point, place):
                 continue
-            values = {key: self._value(raw_value, (*place, key)) for key, raw_value in point.items()}
-            known = {key for key in values if self._may_vary(key, (*place, key))}
-            kept = {key: value for key, value in values.items() if value is not None and key in known}
+            known = [key for key in point if self._may_vary(key, (*place, key))]
+            kept = {key: value for key in known if (value := self._value(point[key], (*place, key))) is not None}
             if kept:
                 listed.append(kept)
         return listed

@@ -35,7 +35,8 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
     if stated is None:
         stated = DEFAULT[scene.contact.law]
     if isinstance(stated, bool) or not isinstance(stated, str):
-        raise TimeStepError("the unit is missing" if isinstance(stated, int | float) else "a time is needed", remedy)
+        number = isinstance(stated, int | float) and not isinstance(stated, bool)
+        raise TimeStepError("the unit is missing" if number else "a time is needed", remedy)
     scaled = _scaled(scene, stiffness_scale)
     step = _part_of_a_scale(stated, scaled, remedy)
     if step is None:

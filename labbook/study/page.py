@@ -1,0 +1,47 @@
+"""The tables of docs/studies.md, written from the models: `python -m labbook.study.page docs/studies.md`.
+
+What stands between `<!-- keys SECTION ... -->` and `<!-- end -->` is replaced; the rest of the page is written by hand.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+from labbook.study.keys import Key, all_keys
+
+_MARKED = re.compile(r"(<!-- keys ([a-z ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def written(text: str) -> str:
+    """`text` with the tables that it asks for."""
+    return _MARKED.sub(lambda found: found[1] + "\n" + _table(found[2].split()) + "\n" + found[3], text)
+
+
+def sections(text: str) -> list[str]:
+    """The sections that `text` has tables of."""
+    return [name for found in _MARKED.finditer(text) for name in found[2].split()]
+
+
+def _table(names: list[str]) -> str:
+    keys = [key for key in all_keys() if key.name.partition(".")[0] in names]
+    rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    return "\n".join(rows + [_row(key) for key in keys]) + "\n"
+
+
+def _row(key: Key) -> str:
+    default = "required" if key.default is None else f"`{key.default}`" if key.default != "none" else "none"
+    of = f" ({key.of})" if key.of else ""
+    return f"| `{key.name}`{of} | {_value(key)} | {default} | {key.meaning.replace('|', '/')} |"
+
+
+def _value(key: Key) -> str:
+    if key.choices:
+        return ", ".join(f"`{choice}`" for choice in key.choices)
+    words = {"quantity": f"quantity [{key.unit}]" if key.unit else "number", "integer": "whole number"}
+    kind = words.get(key.type, f"{key.type} [{key.unit}]" if key.unit else key.type)
+    return f"{kind} {key.limits}".strip()
+
+
+if __name__ == "__main__":
+    page = Path(sys.argv[1])
+    page.write_text(written(page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,48 @@
+"""Time scales against published values and an independent integration."""
+
+import math
+
+import pytest
+from scipy.integrate import solve_ivp
+
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
+from labbook.scene.timescales import collision, rayleigh
+
+GRAINS = Spheres(diameter=0.003, density=2500.0, count=3000)
+HOPPER = WedgeHopper(width=0.1, height=0.4, thickness=0.00303, orifice=0.03)
+FAN = Scene(grains=GRAINS, contact=HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), container=HOPPER)
+
+
+def test_rayleigh_time_of_fan():
+    """Fan et al. 2023, eq 9, with the parameters of Table 1: 2.57e-5 s."""
+    assert rayleigh(FAN) == pytest.approx(2.57e-5, rel=2e-3)
+
+
+def test_hertz_collision_against_integration():
+    mass, radius = GRAINS.mass / 2, GRAINS.radius / 2
+    young = 2 * 1e8 * 1.25
+    modulus = young / (2 * (1 - 0.25**2))
+    speed = math.sqrt(9.81 * 0.003)
+
+    def separated(_, y):
+        return y[0]
+
+    separated.terminal, separated.direction = True, -1  # pyright: ignore[reportFunctionMemberAccess]
+    stiffness = 4 / 3 * modulus * math.sqrt(radius)
+    motion = solve_ivp(
+        lambda _, y: (y[1], -stiffness * max(y[0], 0.0) ** 1.5 / mass),
+        (0, 1e-3),
+        (0.0, speed),
+        events=separated,
+        rtol=1e-10,
+        atol=1e-18,
+    )
+    assert collision(FAN) == pytest.approx(motion.t_events[0][-1], rel=1e-6)
+
+
+def test_linear_collision():
+    stiffness = 1e4
+    scene = Scene(grains=GRAINS, contact=LinearSpringDashpot(normal_stiffness=stiffness), container=HOPPER)
+    assert collision(scene) == pytest.approx(math.pi * math.sqrt(GRAINS.mass / 2 / stiffness))
+    with pytest.raises(ValueError, match="hertz-mindlin"):
+        rayleigh(scene)

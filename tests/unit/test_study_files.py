@@ -1,0 +1,192 @@
+"""The studies that ship, the one that `labbook new` writes, and the page about studies."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from labbook.cli import new
+from labbook.study import load, page
+from labbook.study.keys import all_keys
+from labbook.study.schema import OTHER_KEYS, TOP_KEYS
+from labbook.study.template import NotWritten, write
+
+ROOT = Path(__file__).parents[2]
+STUDIES = ROOT / "studies"
+PAGE = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+
+
+def values(study, key: str) -> set:
+    return {round(point.at[key] * 1e3, 6) for point in study.points if key in point.at}
+
+
+@pytest.mark.parametrize("file", sorted(STUDIES.glob("*.yaml")), ids=lambda file: file.stem)
+def test_studies_load_under_their_own_name(file):
+    assert load(file).name == file.stem
+
+
+@pytest.mark.parametrize("name", ["flat-column", "hopper-angle", "eccentricity"])
+def test_fan_studies_have_the_parameters_of_table_1(name):
+    study = load(STUDIES / f"fan2023-{name}.yaml")
+    assert study.replicates == 3
+    for point in study.points:
+        grains, contact, hopper = point.scene.grains, point.scene.contact, point.scene.container
+        assert (grains.diameter, grains.density) == (0.003, 2500.0)
+        assert contact.model_dump(exclude={"damping", "rolling", "tangential_damping"}) == {
+            "law": "hertz-mindlin",
+            "shear_modulus": 1e8,
+            "poisson_ratio": 0.25,
+            "friction": 0.5,
+            "rolling_friction": 0.01,
+            "restitution": 0.2,
+        }
+        assert point.scene.walls == {}
+        assert (hopper.height, hopper.thickness) == (0.4, 0.00303)  # pyright: ignore[reportAttributeAccessIssue]
+        assert point.numerics.dt <= 2.6e-6
+
+
+def test_fan_flat_column():
+    study = load(STUDIES / "fan2023-flat-column.yaml")
+    assert values(study, "container.orifice") == {18, 21, 24, 30, 36, 45, 52.5, 60}
+    assert study.fit == ("beverloo", "janda")
+    assert study.points[0].numerics.dt == 2.5e-6
+    assert study.reference is not None
+    published = {(e.quantity, e.at.get("container.orifice")): e.value for e in study.reference.entries}
+    assert published[("beverloo.C", None)] == 0.58
+    assert published[("beverloo.k", None)] == 1.55
+    assert published[("flow_rate", 0.06)] == 0.165
+
+
+def test_fan_hopper_angle():
+    study = load(STUDIES / "fan2023-hopper-angle.yaml")
+    angles = {round(math.degrees(float(point.at["container.angle"])), 9) for point in study.points}
+    assert angles == {15, 30, 55, 75, 90}
+    assert values(study, "container.orifice") == {18, 30, 45, 60}
+    assert len(study.points) == 20
+
+
+def test_fan_eccentricity_lists_all_gaps_that_there_are():
+    study = load(STUDIES / "fan2023-eccentricity.yaml")
+    listed = set()
+    for point in study.points:
+        width, orifice = (round(float(point.at[f"container.{key}"]) * 1e3, 6) for key in ("width", "orifice"))
+        gap = point.at.get("container.gap")
+        listed.add((width, orifice, None if gap is None else round(float(gap) * 1e3, 6)))
+        # the bed is as high in both hoppers
+        assert point.scene.grains.count == 30 * width
+    allowed = {
+        (width, orifice, gap)
+        for width in (100, 150)
+        for orifice in (18, 30, 45, 60)
+        for gap in (0, 6, 12, 18, 24, 30, None)
+        if gap is None or gap <= (width - orifice) / 2
+    }
+    assert listed == allowed
+
+
+def test_quickstart_is_small_and_flows():
+    study = load(STUDIES / "quickstart.yaml")
+    assert study.record is not None
+    assert study.replicates == 2
+    assert min(float(p.at["container.orifice"]) / p.scene.grains.diameter for p in study.points) >= 6 - 1e-9
+    assert all(p.numerics.dt > 1e-5 for p in study.points)
+
+
+def app() -> typer.Typer:
+    app = typer.Typer()
+    app.callback()(lambda: None)
+    new.register(app)
+    return app
+
+
+def test_new_writes_a_study_that_loads(tmp_path):
+    result = CliRunner().invoke(app(), ["new", "my-silo", "--folder", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    path = tmp_path / "my-silo.yaml"
+    assert load(path).name == "my-silo"
+    assert f"labbook run {path}" in path.read_text()
+
+
+def test_new_overwrites_nothing(tmp_path):
+    path = write("mine", tmp_path)
+    path.write_text("precious")
+    result = CliRunner().invoke(app(), ["new", "mine", "--folder", str(tmp_path)])
+    assert result.exit_code == 1
+    assert path.read_text() == "precious"
+
+
+@pytest.mark.parametrize("name", ["", "two words", "../up", "9lives", "x" * 81])
+def test_new_refuses_names(tmp_path, name):
+    with pytest.raises(NotWritten, match="letters, digits"):
+        write(name, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_new_says_when_a_folder_is_missing(tmp_path):
+    with pytest.raises(NotWritten, match="cannot be written"):
+        write("mine", tmp_path / "nowhere")
+
+
+def uncommented(text: str) -> str:
+    """The template with every setting switched on that it only shows."""
+    return re.sub(
+        r"^( *)# (?=[a-z]+: \S|  - \{|reference:|points:|  source:|  beverloo)", r"\1", text, flags=re.MULTILINE
+    )
+
+
+def test_what_the_template_shows_is_right_too(tmp_path):
+    path = write("mine", tmp_path)
+    text = uncommented(path.read_text())
+    text = re.sub(r"^points:\n(  - .*\n)+", "", text, flags=re.MULTILINE)  # the sweep has the same key
+    path.write_text(text)
+    study = load(path)
+    assert study.accuracy.flow_rate == 0.01
+    assert study.points[0].scene.walls["all"].friction == 0.1
+    assert study.reference is not None
+    assert study.stop.discharged == 0.65
+
+
+def test_the_page_has_exactly_the_keys_that_there_are():
+    assert page.written(PAGE) == PAGE, "run: make docs"
+    assert sorted(page.sections(PAGE)) == sorted({key.name.partition(".")[0] for key in all_keys()})
+    listed = re.findall(r"^\| `([^`]+)`", PAGE, flags=re.MULTILINE)
+    tops = {name.partition(".")[0] for name in listed}
+    assert tops == set(TOP_KEYS)
+    by_hand = {name for name in listed if name.partition(".")[0] in {"sweep", "points", "reference"}}
+    assert set(listed) - by_hand == {key.name for key in all_keys()}
+    assert {name.partition(".")[0] for name in by_hand} == set(OTHER_KEYS) - {"fill", "numerics"}
+
+
+def test_defaults_on_the_page_are_those_of_the_models(tmp_path):
+    """A default that is written out changes nothing."""
+    base = PAGE.split("```yaml\n")[1].split("```")[0].replace("name: orifices", "name: base")
+    file = tmp_path / "base.yaml"
+    file.write_text(base)
+    plain = load(file)
+    extra = "fill: {kind: rain, settled_below: 1e-6, max_time: 60 s}\ngravity: 9.81 m/s^2\n"
+    extra += "numerics: {dt: 0.1 rayleigh, precision: double, integrator: leapfrog, skin: 0.15, steps_per_beat: 1000}\n"
+    extra += "window: {start: 0.15, end: 0.6}\nstop: {discharged: 0.65, max_time: 60 s, stall: 2 s}\n"
+    file.write_text(base + extra)
+    stated = load(file)
+    assert [(p.scene, p.fill, p.numerics) for p in plain.points] == [
+        (p.scene, p.fill, p.numerics) for p in stated.points
+    ]
+    assert (plain.window, plain.stop) == (stated.window, stated.stop)
+
+
+def test_examples_on_the_page_load(tmp_path):
+    first, *others = (block.split("```")[0] for block in PAGE.split("```yaml\n")[1:])
+    file = tmp_path / "orifices.yaml"
+    without_sweep = re.sub(r"^sweep:\n(  .*\n)+", "", first, flags=re.MULTILINE).replace("60 mm", "100 mm")
+    file.write_text(first)
+    assert len(load(file).points) == 3
+    counts = []
+    for other in others[:3]:
+        file.write_text(without_sweep + other)
+        counts.append(len(load(file).points))
+    assert counts == [20, 2, 2]
+    file.write_text(without_sweep + 'sweep: {container.orifice: "[18, 30] mm"}\n' + others[3])
+    assert load(file).reference is not None
