@@ -35,6 +35,26 @@ class NotRecorded(Exception):
     """The run kept no frames; the message says how to ask for them."""
 
 
+def of_run(folder: Path, lab: Path) -> Path:
+    """The recording of the finished run in `folder`, in `lab`/recordings; made if it is not there yet.
+
+    Raises Unreadable (of labbook.catalogue), NotRecorded or ViewerMissing.
+    """
+    from labbook.catalogue import RunRecord
+    from labbook.catalogue.finished import RECORDING, run_data
+    from labbook.catalogue.tables import read_table
+
+    # Only the viewer's own and the next minor version are promised to read a recording.
+    minor = ".".join(need_rerun().__version__.split(".")[:2])
+    record = RunRecord.read(folder)
+    path = lab / "recordings" / f"{record.run_key}-{VERSION}-rerun-{minor}.rrd"
+    if path.exists():
+        return path
+    sample = read_table(folder / RECORDING) if (folder / RECORDING).exists() else None
+    name = f"{record.study}: {record.label}, seed {record.seed}"
+    return write(run_data(folder, record), sample, path, name=name, run_key=record.run_key)
+
+
 def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *, name: str, run_key: str) -> Path:
     """Write the recording of one run to `path` (.rrd), in place by one rename. `name` is shown in the viewer.
 

@@ -57,7 +57,9 @@ def screenshot(recording: Path, picture: Path, at: float = 0.4) -> None:
 
 def _photograph(viewer: subprocess.Popen, port: int, recording: Path, picture: Path, at: float) -> None:
     client = _connect(viewer, port)
-    client.open(str(recording))
+    opened = client.open(str(recording))
+    if not opened.store_ids and not opened.loading:
+        raise RuntimeError(f"{recording} is no recording that it can read")
     deadline = time.monotonic() + _PATIENCE
     state = client.get_state()
     while state.loading or not state.recordings or not state.recordings[0].timelines:

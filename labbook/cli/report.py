@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.options import Backend, Lab, StudyFile
+from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, analysed
 
 
 def register(app: typer.Typer) -> None:
@@ -15,16 +15,14 @@ def register(app: typer.Typer) -> None:
     def report(
         study: StudyFile,
         out: Annotated[
-            Path | None, typer.Option(help="Folder of the report.  [default: LAB/reports/NAME-OF-THE-STUDY]")
+            Path | None, typer.Option(help="Folder of the report; if not given, LAB/reports/NAME.", show_default=False)
         ] = None,
-        lab: Lab = Path("lab"),
-        backend: Backend = "numba",
+        lab: Lab = LAB,
+        backend: Engine = ENGINE,
     ) -> None:
         """Write the report of a study: one HTML file, and its figures as PNG, SVG and PDF."""
-        from labbook.cli.options import analysed
         from labbook.report.page import write
 
         analysis = analysed(study, lab, backend)
-        folder = out if out is not None else lab / "reports" / analysis.study.name
-        page = write(analysis, folder)
+        page = write(analysis, out if out is not None else lab / "reports" / analysis.study.name)
         typer.echo(f"Report: {page}")

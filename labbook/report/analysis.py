@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
@@ -115,31 +115,47 @@ class PointResult:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """All that a report shows of a study. `missing`: points without any finished run."""
+    """All that a report shows of a study.
+
+    `missing`: points without any finished run that could be read; `unreadable`: why runs could not be.
+    """
 
     study: "Study"
     points: tuple[PointResult, ...]
     missing: tuple["Point", ...]
+    unreadable: tuple[str, ...]
     series: tuple["Series", ...]
     comparisons: tuple["Comparison", ...]
 
 
-def analyse(study: "Study", finished: Sequence[Finished]) -> Analysis:
-    """Measure the finished runs of a study, pool replicates, fit series and compare with the study's reference."""
+def analyse(
+    study: "Study", finished: Sequence[Finished], progress: Callable[[int], None] = lambda done: None
+) -> Analysis:
+    """Measure the finished runs of a study, pool replicates, fit series and compare with the study's reference.
+
+    `progress` is told how many runs have been measured. A run that cannot be read is left out and reported.
+    """
+    from labbook.catalogue import Unreadable
     from labbook.report.comparison import compare
     from labbook.report.series import series_of
 
-    by_point: dict[int, list[Finished]] = {}
-    for run in sorted(finished, key=lambda run: run.seed):
-        by_point.setdefault(run.point.index, []).append(run)
-    points = tuple(_point(study, point, by_point[point.index]) for point in study.points if point.index in by_point)
+    by_point: dict[int, list[RunResult]] = {}
+    unreadable = []
+    for done, run in enumerate(sorted(finished, key=lambda run: (run.point.index, run.seed)), start=1):
+        try:
+            by_point.setdefault(run.point.index, []).append(_run(study, run))
+        except Unreadable as error:
+            unreadable.append(str(error))
+        progress(done)
+    read = [point for point in study.points if by_point.get(point.index)]
+    points = tuple(_point(study, point, tuple(by_point[point.index])) for point in read)
+    missing = tuple(point for point in study.points if not by_point.get(point.index))
     series = series_of(points, study.fit)
-    missing = tuple(point for point in study.points if point.index not in by_point)
-    return Analysis(study, points, missing, series, compare(study.reference, points, series))
+    comparisons = compare(study.reference, points, series)
+    return Analysis(study, points, missing, tuple(unreadable), series, comparisons)
 
 
-def _point(study: "Study", point: "Point", finished: Iterable[Finished]) -> PointResult:
-    runs = tuple(_run(study, one) for one in finished)
+def _point(study: "Study", point: "Point", runs: tuple[RunResult, ...]) -> PointResult:
     cap = max(study.replicates, study.accuracy.max_replicates)
     rule = StoppingRule(study.accuracy.flow_rate, study.replicates, cap)
     values: dict[str, list[float]] = {}

@@ -39,7 +39,7 @@ def write(analysis: Analysis, folder: Path) -> Path:
         about=study.about,
         version=__version__,
         summary=summary(analysis),
-        incomplete=bool(analysis.missing) or any(r.precise is False for r in analysis.points),
+        incomplete=bool(analysis.missing or analysis.unreadable) or any(r.precise is False for r in analysis.points),
         source=source,
         comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
         overview=_overview(analysis, folder),
@@ -66,6 +66,8 @@ def summary(analysis: Analysis) -> list[str]:
         names = "; ".join(point.label for point in analysis.missing[:5])
         more = f" and {len(analysis.missing) - 5} more" if len(analysis.missing) > 5 else ""
         sentences.append(f"Not finished yet: {names}{more}.")
+    if analysis.unreadable:
+        sentences.append(f"{_count(len(analysis.unreadable), 'run')} could not be read: {analysis.unreadable[0]}.")
     if study.accuracy.flow_rate is not None:
         short = [result.point.label for result in analysis.points if result.precise is False]
         asked = f"{100 * study.accuracy.flow_rate:g} %"

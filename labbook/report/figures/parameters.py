@@ -31,7 +31,11 @@ def parameters_against(
         axes = figure.subplots(rows, 2, sharex=True, squeeze=False).flatten()
         for index, (ax, parameter) in enumerate(zip(axes, names, strict=False)):
             colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
-            found = [(float(one.at[key]) * scale, one.fits[law].parameters[parameter]) for one in fitted]
+            found = [
+                (float(one.at[key]) * scale, one.fits[law].parameters[parameter])
+                for one in fitted
+                if parameter in one.fits[law].parameters  # C of the bulk needs a measured packing
+            ]
             shown = display.quantity(f"{law}.{parameter}", found[0][1].unit)
             for place, value in found:
                 ends = [abs(end - value.value) * shown.scale for end in (value.low, value.high)]

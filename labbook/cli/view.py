@@ -1,0 +1,70 @@
+"""`labbook view`: recordings of runs, made if missing, in the rerun viewer."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labbook.cli.options import ENGINE, LAB, Engine, Lab, fail, read_study
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def view(
+        target: Annotated[
+            str, typer.Argument(metavar="STUDY|RUN", help="Study file, or the first digits of a run's key.")
+        ],
+        point: Annotated[
+            int | None, typer.Option(min=1, help="Only this point of the study, counted from 1.", show_default=False)
+        ] = None,
+        screenshot: Annotated[
+            Path | None,
+            typer.Option(help="Write a picture (.png) of the first recording; needs no screen.", show_default=False),
+        ] = None,
+        open_viewer: Annotated[
+            bool, typer.Option("--open/--no-open", help="Open the viewer, or only write the recordings.")
+        ] = True,
+        lab: Lab = LAB,
+        backend: Engine = ENGINE,
+    ) -> None:
+        """Make recordings of runs that kept their frames, and open them in the rerun viewer."""
+        from labbook.catalogue import NoCatalogue, Unreadable
+        from labbook.recording import NotRecorded, ViewerMissing
+        from labbook.viewer import ViewerFailed, show
+        from labbook.viewer import screenshot as photograph
+
+        try:
+            recordings = _recordings(target, point, lab, backend)
+            for path in recordings:
+                typer.echo(f"Recording: {path}")
+            if screenshot is not None:
+                photograph(recordings[0], screenshot)
+                typer.echo(f"Picture: {screenshot}")
+            elif open_viewer:
+                show(recordings)
+        except (NoCatalogue, Unreadable, NotRecorded, ViewerMissing, ViewerFailed) as error:
+            fail(error)
+
+
+def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[Path]:
+    """Recordings of what is asked for; those that are missing are made."""
+    from labbook.catalogue import Catalogue
+    from labbook.recording import NotRecorded, of_run
+
+    catalogue = Catalogue(lab)
+    if not Path(target).is_file():
+        keys = catalogue.matching(target)
+        if len(keys) != 1:
+            known = f"{len(keys)} runs begin so" if keys else f"no such file, and no run of {lab} begins so"
+            fail(f"{target}: {known}; `labbook runs --lab {lab}` lists them")
+        return [of_run(catalogue.lab.run(keys[0]), lab)]
+    study = read_study(Path(target))
+    runs = [run for run in catalogue.finished(study, engine) if point is None or run.point.index == point - 1]
+    recorded = [run for run in runs if run.recording() is not None]
+    if not runs:
+        fail(f"{lab} has no such finished run of {study.name} on {engine}; make some: labbook run {target} --lab {lab}")
+    if not recorded:
+        raise NotRecorded(f"none of these runs kept frames: add `record: {{every: 10 ms}}` to {target} and run it")
+    return [of_run(run.folder, lab) for run in recorded]

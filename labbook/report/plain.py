@@ -1,0 +1,95 @@
+"""An analysis as plain data, for scripts: SI units, and null for what is not known or has no end."""
+
+import math
+from typing import Any
+
+from labbook.report.analysis import Analysis, PointResult
+from labbook.report.comparison import Comparison
+from labbook.report.series import Series
+
+
+def plain(analysis: Analysis) -> dict[str, Any]:
+    """What `labbook fit --json` prints."""
+    return {
+        "study": analysis.study.name,
+        "points": [_point(result) for result in analysis.points],
+        "missing": [point.label for point in analysis.missing],
+        "unreadable": list(analysis.unreadable),
+        "series": [_series(one) for one in analysis.series],
+        "reference": [_comparison(one) for one in analysis.comparisons],
+    }
+
+
+def _point(result: PointResult) -> dict[str, Any]:
+    units = {name: measured.unit for run in result.runs for name, measured in run.measured.items()}
+    return {
+        "at": dict(result.point.at),
+        "label": result.point.label,
+        "seeds": [run.seed for run in result.runs],
+        "outcomes": dict(result.outcomes),
+        "trending": result.trending,
+        "precise": result.precise,
+        "notes": dict(result.notes),
+        "measured": {
+            name: {
+                "value": _finite(pooled.value),
+                "error": _finite(pooled.error),
+                "half_width": _finite(pooled.half_width),
+                "confidence": pooled.confidence,
+                "replicates": pooled.n,
+                "unit": units[name],
+            }
+            for name, pooled in result.pooled.items()
+        },
+    }
+
+
+def _series(series: Series) -> dict[str, Any]:
+    return {
+        "at": dict(series.at),
+        "preferred": series.preferred,
+        "problems": list(series.problems),
+        "fits": {
+            law: {
+                "version": fit.law.version,
+                "formula": fit.law.formula,
+                "parameters": {
+                    name: {
+                        "value": _finite(parameter.value),
+                        "error": _finite(parameter.error),
+                        "low": _finite(parameter.low),
+                        "high": _finite(parameter.high),
+                        "unit": parameter.unit,
+                    }
+                    for name, parameter in fit.parameters.items()
+                },
+                "confidence": fit.confidence,
+                "chi2": _finite(fit.chi2),
+                "degrees_of_freedom": fit.dof,
+                "p_value": _finite(fit.p_value),
+                "aicc": _finite(fit.aicc),
+                "notes": list(fit.notes),
+            }
+            for law, fit in series.fits.items()
+        },
+    }
+
+
+def _comparison(comparison: Comparison) -> dict[str, Any]:
+    return {
+        "quantity": comparison.quantity,
+        "at": dict(comparison.at),
+        "reference": comparison.reference,
+        "reference_error": comparison.reference_error,
+        "ours": comparison.ours,
+        "error": _finite(comparison.error),
+        "low": _finite(comparison.low),
+        "high": _finite(comparison.high),
+        "unit": comparison.unit,
+        "in_errors": _finite(comparison.in_errors),
+        "why": comparison.why,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

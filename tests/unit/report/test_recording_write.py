@@ -1,0 +1,123 @@
+"""Recordings hold the grains, the walls and W(t) on one clock."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from labbook.recording import CLOCK, FRAMES, NotRecorded, ViewerMissing, speed_colours, wall_quads, write
+from labbook.scene import Box
+
+rerun = pytest.importorskip("rerun")
+
+
+@pytest.fixture
+def run(synthetic):
+    return synthetic.observe(synthetic.scene(), seed=1, recorded=True)
+
+
+def chunks(path):
+    """(entity, static?, rows, columns) of all that a recording holds, and its chunks by entity."""
+    from rerun.chunk import RrdReader
+
+    found = {}
+    for chunk in RrdReader(str(path)).stream():
+        found.setdefault((chunk.entity_path, chunk.is_static), []).append(chunk)
+    return found
+
+
+def column(parts, name):
+    """Values of one column of an entity over all its chunks, one array a row."""
+    rows = []
+    for part in parts:
+        batch = part.to_record_batch()
+        rows += [np.array(cell.as_py()) for cell in batch.column(batch.schema.names.index(name))]
+    return rows
+
+
+def test_every_frame_has_the_grains_of_that_time(run, tmp_path):
+    found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", run_key="1" * 16))
+    parts = found["/grains", False]
+    assert all(CLOCK in part.timeline_names for part in parts)
+    times, starts = np.unique(run.tables["sample"]["time"], return_index=True)
+    counts = np.diff([*starts, len(run.tables["sample"]["time"])])
+    positions, colours = column(parts, "Points3D:positions"), column(parts, "Points3D:colors")
+    assert sorted(map(len, positions)) == sorted(counts)
+    assert sorted(map(len, colours)) == sorted(counts)
+    fullest = max(positions, key=len)
+    first = np.stack([run.tables["sample"][c][: counts[0]] for c in ("x", "y", "z")], axis=1)
+    np.testing.assert_allclose(np.array(fullest), first, atol=1e-7)
+    assert len(times) == 30
+
+
+def test_walls_and_flow_rate_are_there(run, tmp_path):
+    found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", run_key="1" * 16))
+    for wall in run.scene.container.walls():
+        assert (f"/walls/{wall.name}", True) in found
+    parts = found["/flow_rate", False]
+    rate = np.concatenate(column(parts, "Scalars:scalars"))
+    assert all(CLOCK in part.timeline_names for part in parts)
+    assert np.median(rate) == pytest.approx(1e3 * 0.0555, rel=0.03)  # g/s: Beverloo's law for this scene
+
+
+def test_there_are_never_more_than_200_frames(synthetic, run, tmp_path):
+    table = synthetic.sample(run.scene, run.tables["crossing"], frames=3 * FRAMES)
+    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))
+    parts = found["/grains", False]
+    assert sum(part.num_rows for part in parts) == FRAMES
+
+
+def test_it_is_put_in_place_whole(run, tmp_path, monkeypatch):
+    path = tmp_path / "deep" / "a.rrd"
+    write(run, run.tables["sample"], path, name="a", run_key="1" * 16)
+    assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
+    before = path.read_bytes()
+    monkeypatch.setattr("labbook.recording._send_flow_rate", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write(run, run.tables["sample"], path, name="a", run_key="1" * 16)
+    assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("table", [None, {"time": np.zeros(0)}])
+def test_a_run_without_frames_is_an_error_that_says_what_to_add(run, table, tmp_path):
+    with pytest.raises(NotRecorded, match="add `record"):
+        write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16)
+
+
+def test_without_rerun_the_error_names_the_remedy(run, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(ViewerMissing, match=r"pip install 'labbook\[viewer\]'"):
+        write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", run_key="1" * 16)
+    assert not list(tmp_path.iterdir())
+
+
+def test_faster_grains_are_brighter():
+    colours = speed_colours(np.array([0, 0.01, 0.1, 0.5, 1.0, 5.0]), 1.0).astype(float)
+    luminance = colours[:, :3] @ [0.2126, 0.7152, 0.0722]
+    assert (np.diff(luminance[:5]) > 5).all()
+    assert (colours[4] == colours[5]).all()
+    assert (speed_colours(np.zeros(3), 0.0) == colours[0]).all()
+
+
+def test_walls_lie_where_the_container_has_them(run):
+    positions = run.start.x
+    quads = {name: corners for name, corners, _ in wall_quads(run.scene, positions)}
+    assert set(quads) == {wall.name for wall in run.scene.container.walls()}
+    assert np.allclose(quads["left"][:, 0], -0.05)
+    assert np.allclose(quads["bottom-right"][:, 2], 0)
+    assert sorted(quads["bottom-right"][:, 0]) == pytest.approx([0.015, 0.015, 0.05, 0.05])
+    # Plates are cut a little above the grains, not drawn to the top of the silo.
+    assert quads["left"][:, 2].max() < positions[:, 2].max() + 0.01
+    assert np.allclose(quads["back"][:, 1], 0.00303 / 2)
+
+
+def test_walls_of_a_box_are_patches_of_their_planes(synthetic):
+    box = Box(width=0.1, depth=0.1, height=0.1)
+    scene = synthetic.scene().model_copy(update={"container": box})
+    grains = np.array([[-0.04, -0.03, 0.01], [0.04, 0.03, 0.09]])
+    quads = {name: corners for name, corners, _ in wall_quads(scene, grains)}
+    assert np.allclose(quads["bottom"][:, 2], 0)
+    assert np.ptp(quads["bottom"][:, 0]) == pytest.approx(0.083)
+    assert np.ptp(quads["bottom"][:, 1]) == pytest.approx(0.063)
+    assert np.allclose(quads["right"][:, 0], 0.05)

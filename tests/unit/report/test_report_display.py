@@ -1,0 +1,41 @@
+"""How numbers are written."""
+
+import math
+
+import pytest
+
+from labbook.report import display
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.055823, 0.00031, "0.05582 ± 0.00031"),
+        (1.55, 0.025, "1.550 ± 0.025"),
+        (123.456, 7.0, "123.5 ± 7.0"),
+        (-0.0123, 0.001, "−0.0123 ± 0.0010"),
+        (12.0, math.nan, "12"),
+    ],
+)
+def test_a_value_has_the_digits_that_its_error_allows(value, error, text):
+    assert display.with_error(value, error) == text
+
+
+def test_ends_that_are_not_there_are_written_so():
+    assert display.number(math.inf) == "∞"
+    assert display.number(-math.inf) == "−∞"
+    assert display.number(math.nan) == "–"
+
+
+def test_settings_are_shown_in_the_units_of_the_field():
+    assert display.setting("container.orifice", 0.0525) == "D = 52.5 mm"
+    assert display.setting("container.angle", math.radians(55)) == "angle = 55 deg"
+    assert display.setting("walls.all.friction", 0.01) == "friction = 0.01"
+    assert display.setting("contact.rolling", "full") == "rolling = full"
+
+
+def test_the_slope_is_scaled_to_grams_and_millimetres():
+    # 1 kg^(2/3) s^(-2/3) m^-1 is (1000 g)^(2/3) / 1000 mm = 0.1 (g/s)^(2/3)/mm.
+    assert display.quantity("beverloo.slope").scale == pytest.approx(1000 ** (2 / 3) / 1000)
+    # 1 s^-1 m^-3/2 is (1000 mm)^-3/2.
+    assert display.quantity("janda.C_prime").scale == pytest.approx(1000**-1.5)

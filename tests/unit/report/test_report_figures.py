@@ -1,0 +1,76 @@
+"""Figures show the numbers of the analysis, and are the same bytes every time."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from labbook.report import figures, style
+from labbook.report.analysis import analyse
+
+
+def test_points_lie_at_d_and_w_to_the_two_thirds(analysis):
+    (series,) = analysis.series
+    main, below = figures.flow_against_orifice(series).axes
+    drawn = np.array([bars[0].get_xydata()[0] for bars in main.containers])
+    expected = [[r.orifice * 1e3, (r.flow_rate.value * 1e3) ** (2 / 3)] for r in series.points]
+    np.testing.assert_allclose(drawn, expected, rtol=1e-12)
+    residuals = np.array([bars[0].get_ydata()[0] for bars in below.containers[:8]])
+    fit = series.fits["beverloo"].predict([r.orifice for r in series.points])[0]
+    np.testing.assert_allclose(
+        residuals, [100 * (r.flow_rate.value / w - 1) for r, w in zip(series.points, fit, strict=True)]
+    )
+    assert len(below.containers) == 8 * len(series.fits)
+
+
+def test_the_reference_is_drawn_where_it_has_a_flow_rate(analysis):
+    (series,) = analysis.series
+    main, _ = figures.flow_against_orifice(series, analysis.comparisons, "Fan et al. 2023").axes
+    (line,) = [line for line in main.lines if line.get_label() == "Fan et al. 2023"]
+    np.testing.assert_allclose(line.get_xydata(), [[30, 56 ** (2 / 3)]])
+
+
+def test_every_point_has_its_panel_with_window_and_replicates(analysis):
+    (series,) = analysis.series
+    panels = figures.flow_against_time(series).axes
+    assert [ax.get_title(loc="left") for ax in panels] == [f"D = {r.orifice * 1e3:g} mm" for r in series.points]
+    for ax, result in zip(panels, series.points, strict=True):
+        assert len(ax.lines) == 4  # three replicates and the mean
+        window = np.mean([run.trace.window for run in result.runs], axis=0)
+        np.testing.assert_allclose(ax.lines[-1].get_xdata(), window)
+        np.testing.assert_allclose(ax.lines[-1].get_ydata(), result.flow_rate.value * 1e3)
+
+
+def test_parameters_are_drawn_against_what_was_swept(synthetic):
+    angles = [math.radians(a) for a in (30, 60, 90)]
+    points = [synthetic.point(10 * i + k, D, a) for i, a in enumerate(angles) for k, D in enumerate((0.02, 0.03, 0.04))]
+    runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
+    analysis = analyse(synthetic.study_of(points), runs)
+    figure = figures.parameters_against(
+        "container.angle", "angle [deg]", 180 / math.pi, "beverloo", analysis.series, analysis.comparisons
+    )
+    k = next(ax for ax in figure.axes if ax.get_ylabel() == "k")
+    marked = [line for line in k.lines if line.get_marker() not in ("D", "None", "_", "|", "")]
+    np.testing.assert_allclose([line.get_xdata()[0] for line in marked], [30, 60, 90])
+    ours = [series.fits["beverloo"].parameters["k"].value for series in analysis.series]
+    np.testing.assert_allclose([line.get_ydata()[0] for line in marked], ours)
+    (reference,) = [line for line in k.lines if line.get_marker() == "D"]
+    np.testing.assert_allclose(reference.get_xydata(), [[90, 1.55]])
+
+
+@pytest.mark.parametrize("kind", style.FORMATS)
+def test_a_figure_is_the_same_bytes_whenever_and_wherever_it_is_made(analysis, kind):
+    import matplotlib
+
+    (series,) = analysis.series
+    first = style.encode(figures.flow_against_orifice(series), kind)
+    with matplotlib.rc_context({"font.size": 23, "svg.hashsalt": "other", "axes.facecolor": "red"}):
+        second = style.encode(figures.flow_against_orifice(series), kind)
+    assert first == second
+    assert not re.search(rb"20\d\d-\d\d-\d\d|D:20\d\d", first)
+
+
+def test_every_series_looks_different():
+    looks = [tuple(map(str, style.look(k).values())) for k in range(49)]
+    assert len(set(looks)) == 49
