@@ -79,6 +79,11 @@ class Catalogue:
             rows = connection.execute(select(runs.c.outcome, func.count()).group_by(runs.c.outcome))
             return {outcome: count for outcome, count in rows}
 
+    def packing_count(self) -> int:
+        """Number of packings."""
+        with self._engine.connect() as connection:
+            return connection.scalar(select(func.count()).select_from(packings)) or 0
+
     def matching(self, prefix: str) -> list[str]:
         """Run keys that begin with `prefix`, at most ten."""
         query = select(runs.c.run_key).where(runs.c.run_key.startswith(prefix, autoescape=True)).limit(10)

@@ -92,6 +92,20 @@ class Lab:
                     return Claim(path, handle)
             os.close(handle)
 
+    def held(self, key: str) -> bool:
+        """Whether some process is working on `key`; looking does not disturb it."""
+        try:
+            handle = os.open(self.works / f"{key}.lock", os.O_RDONLY)
+        except FileNotFoundError:
+            return False
+        try:
+            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(handle)
+        return False
+
     def working(self) -> list[str]:
         """Keys with unfinished work."""
         if not self.works.is_dir():

@@ -77,7 +77,7 @@ class PointDemand:
         record = self.study.record
         if record is None:
             return None
-        return Sample(fields=("x", "v"), every=max(1, round(record.every / self.numerics.beat)))
+        return film_probe(record.every, self.numerics)
 
     @cached_property
     def stop(self) -> StopRule:
@@ -140,6 +140,11 @@ class Demand:
         """Identity of this run on any version of the engine called `engine`."""
         s = self.shared
         return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
+
+
+def film_probe(every: float, numerics: Numerics) -> Sample:
+    """The probe that records a frame every `every` seconds, as near as beats allow."""
+    return Sample(fields=("x", "v"), every=max(1, round(every / numerics.beat)))
 
 
 def demands(study: "Study", seeds: int) -> Iterator[Demand]:

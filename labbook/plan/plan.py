@@ -13,7 +13,7 @@ from labbook.keys import Keys
 from labbook.plan.coverage import shortfall
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.replicates import flow_rates, stopping_rule
-from labbook.stats import Decision
+from labbook.stats import Decision, StoppingRule
 
 if TYPE_CHECKING:
     from labbook.study import Study
@@ -53,6 +53,7 @@ class Plan:
     study: "Study"
     engine: Capabilities
     points: tuple[PointPlan, ...]
+    rule: StoppingRule
 
     @property
     def items(self) -> list[Item]:
@@ -88,12 +89,17 @@ class Planner:
         """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
         points = [PointDemand(self.study, point) for point in self.study.points]
         self._look_up(point.run(seed) for point in points for seed in range(1, self.rule.first + 1))
-        return Plan(self.study, self.engine, tuple(self._point(point) for point in points))
+        return Plan(self.study, self.engine, tuple(self._point(point) for point in points), self.rule)
 
     def point(self, shared: PointDemand) -> PointPlan:
         """One point anew, after some of its runs were done."""
         self._look_up(shared.run(seed) for seed in range(1, self.rule.first + 1))
         return self._point(shared)
+
+    def refresh(self, demand: Demand) -> Item:
+        """One run as its folder has it now, whatever the catalogue says."""
+        keys = demand.keys(self.engine)
+        return self._judged(demand, keys, self._unlisted(keys.run))
 
     def _point(self, shared: PointDemand) -> PointPlan:
         items = [self._item(shared.run(seed)) for seed in range(1, self.rule.first + 1)]
@@ -126,11 +132,13 @@ class Planner:
 
     def _item(self, demand: Demand) -> Item:
         keys = demand.keys(self.engine)
-        lab = self.catalogue.lab
-        entry = self._there.get(keys.run) or self._unlisted(keys.run)
+        return self._judged(demand, keys, self._there.get(keys.run) or self._unlisted(keys.run))
+
+    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None) -> Item:
         state, reason, resumes = self._compare(demand, keys, entry)
         outcome = entry.outcome if entry else None
-        return Item(demand, keys, state, reason, outcome, lab.packing(keys.packing).is_dir(), resumes)
+        packed = self.catalogue.lab.packing(keys.packing).is_dir()
+        return Item(demand, keys, state, reason, outcome, packed, resumes)
 
     def _compare(self, demand: Demand, keys: Keys, entry: Entry | None) -> tuple[State, str, bool]:
         begun = (self.catalogue.lab.work(keys.run) / "progress.json").exists()

@@ -24,12 +24,12 @@ from labbook.catalogue.record import (
 )
 from labbook.catalogue.tables import read_checkpoint, read_table, write_checkpoint, write_table
 from labbook.keys import Keys
-from labbook.plan.demand import Demand
+from labbook.plan.demand import Demand, film_probe
 from labbook.protocol import Packing, opened
 from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Saved
 from labbook.runner.provenance import now
-from labbook.runner.recording import FILM, frame_rows, thinned
+from labbook.runner.recording import frame_rows, thinned
 
 
 class DischargeJob(Job):
@@ -89,8 +89,7 @@ class DischargeJob(Job):
     def _from_folder(self, before: RunRecord) -> Saved | None:
         """A finished run as if it had been saved at its end."""
         had = before.coverage
-        every = had.recording and max(1, round(had.recording / before.numerics.beat))
-        film = Sample(fields=FILM, every=every) if every else None
+        film = None if had.recording is None else film_probe(had.recording, before.numerics)
         state = {
             "step": had.steps,
             "crossed": had.crossed,
@@ -119,7 +118,7 @@ class DischargeJob(Job):
         kinds = {table_name(probe) for probe in self._measured}
         more = [probe for probe in map(parse_probe, had.probes) if table_name(probe) not in kinds]
         if self.film is None and had.recording is not None:
-            self.film = Sample(fields=FILM, every=max(1, round(had.recording / self.numerics.beat)))
+            self.film = film_probe(had.recording, self.numerics)
         self._observes((*self._measured, *more))
 
     # going on

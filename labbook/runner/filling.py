@@ -9,6 +9,7 @@ from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import ARRAYS, PackingRecord
 from labbook.keys import Keys
 from labbook.plan.demand import Demand
+from labbook.plan.forecast import fill_time
 from labbook.protocol import Packing, PlacingError, place
 from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Saved
@@ -90,5 +91,5 @@ class FillJob(Job):
         record.write(folder)
 
     def progress(self) -> float:
-        """Settling has no end that can be seen coming."""
-        return 0.0
+        """By the time that a filling is expected to take; settling has no end that can be seen coming."""
+        return min(0.95, self.status.time / fill_time(self.demand))

@@ -20,7 +20,7 @@ from labbook.catalogue.lab import room, sync_folder, write_bytes
 from labbook.catalogue.parts import Session
 from labbook.catalogue.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
 
-_PROGRESS = "progress.json"
+PROGRESS = "progress.json"
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Journal:
     def restore(self) -> Saved | None:
         """The last save, or None if there is none that can be read."""
         try:
-            progress = json.loads((self.folder / _PROGRESS).read_bytes())
+            progress = json.loads((self.folder / PROGRESS).read_bytes())
             checkpoint = read_checkpoint(self.folder / progress["checkpoint"])
             sessions = tuple(Session.model_validate(session) for session in progress["sessions"])
             self._number, self._chunks = progress["number"], progress["chunks"]
@@ -84,7 +84,7 @@ class Journal:
                 "state": dict(state),
                 "sessions": [session.model_dump(mode="json") for session in sessions],
             }
-            write_bytes(self.folder / _PROGRESS, json.dumps(progress, indent=1).encode())
+            write_bytes(self.folder / PROGRESS, json.dumps(progress, indent=1).encode())
         self._number, self._chunks = number, chunks
         self._written = {saved, *(name for names in chunks.values() for name in names)}
         self._sweep()
@@ -99,6 +99,6 @@ class Journal:
     def _sweep(self) -> None:
         """Remove files that no save names any more; folders are left alone."""
         for entry in os.scandir(self.folder):
-            if entry.is_file() and entry.name not in self._written and entry.name != _PROGRESS:
+            if entry.is_file() and entry.name not in self._written and entry.name != PROGRESS:
                 with suppress(FileNotFoundError):
                     os.unlink(entry.path)

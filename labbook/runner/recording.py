@@ -4,7 +4,6 @@ import numpy as np
 
 from labbook.backend import Table
 
-FILM = ("x", "v")
 MOST_FRAMES = 200
 
 _WHOLE = {"id": np.int32, "step": np.int64, "time": np.float64}

@@ -1,0 +1,48 @@
+"""What verbs that look into a lab share: opening its catalogue, finding the engine, a bar for indexing."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from labbook.cli.options import fail
+
+if TYPE_CHECKING:
+    from labbook.backend import Backend
+    from labbook.catalogue import Catalogue
+
+Device = Annotated[str, typer.Option("--device", help="Device to run on, as the engine names it.")]
+
+
+def engine_called(name: str) -> "Backend":
+    """The engine with this name; if there is none, the reason is printed, and ends the program."""
+    from labbook.backend import BackendMissing, load
+
+    try:
+        return load(name)
+    except BackendMissing as error:
+        fail(error)
+
+
+def open_catalogue(lab: Path) -> "Catalogue":
+    """The catalogue of a lab; if it must be made again first, that is said, and ends the program."""
+    from labbook.catalogue import Catalogue, NoCatalogue
+
+    try:
+        return Catalogue(lab)
+    except NoCatalogue as error:
+        fail(error)
+
+
+@contextmanager
+def ticking(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on a terminal: a function to call with how many of how many are done."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)

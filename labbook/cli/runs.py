@@ -1,0 +1,67 @@
+"""`labbook runs`: the runs in the lab."""
+
+import json
+from typing import Annotated
+
+import typer
+
+from labbook.cli.lab import open_catalogue
+from labbook.cli.options import LAB, AsJson, Lab
+
+OfStudy = Annotated[str | None, typer.Option("--study", help="Only runs first made for the study of this name.")]
+OfOutcome = Annotated[str | None, typer.Option("--outcome", help="Only runs that ended so, or `unreadable`.")]
+Limit = Annotated[int, typer.Option("--limit", help="How many, the latest first; 0: all.", min=0)]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def runs(
+        lab: Lab = LAB, study: OfStudy = None, outcome: OfOutcome = None, limit: Limit = 50, as_json: AsJson = False
+    ) -> None:
+        """List runs, the latest first, with outcome, how far they went and how fast."""
+        catalogue = open_catalogue(lab)
+        found = catalogue.runs(study, outcome, limit or None)
+        if as_json:
+            records = json.loads(found.to_json(orient="records") or "[]")
+            typer.echo(json.dumps(records, indent=2, allow_nan=False))
+            return
+        _show(found)
+        total = sum(catalogue.counts().values())
+        if len(found) < total:
+            typer.echo(f"{len(found)} of {total} runs shown")
+
+
+def _show(found) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in ("run", "study", "point", "seed", "engine", "outcome", "left", "time [s]", "M grain-steps/s"):
+        table.add_column(heading, justify="right" if heading in ("seed", "left", "time [s]") else "left")
+    problems = []
+    for row in found.itertuples(index=False):
+        if row.outcome == "unreadable":
+            table.add_row(row.run_key[:10], "", "", "", "", "unreadable", "", "", "", style="red")
+            problems.append(row.problem)
+            continue
+        rate = "" if row.rate is None or row.rate != row.rate else f"{row.rate / 1e6:.2f}"
+        table.add_row(
+            row.run_key[:10],
+            escape(row.study),
+            escape(row.label),
+            str(int(row.seed)),
+            f"{escape(row.engine)} {int(row.cache_version)}",
+            row.outcome,
+            f"{row.discharged:.0%}",
+            f"{row.duration:.3g}",
+            rate,
+            style="yellow" if row.outcome == "diverged" else None,
+        )
+    console = Console(highlight=False)
+    console.print(table)
+    for problem in problems:
+        console.print(problem, style="red", markup=False)

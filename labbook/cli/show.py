@@ -1,0 +1,78 @@
+"""`labbook show`: everything about one run."""
+
+import json
+from typing import Annotated
+
+import typer
+
+from labbook.cli.lab import open_catalogue
+from labbook.cli.options import LAB, AsJson, Lab, fail
+
+Key = Annotated[str, typer.Argument(help="Key of the run, or how it begins.", metavar="RUN", show_default=False)]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def show(run: Key, lab: Lab = LAB, as_json: AsJson = False) -> None:
+        """Show one run: how it ended, what was measured, and where its numbers come from."""
+        from labbook.catalogue import RunRecord, Unreadable
+
+        catalogue = open_catalogue(lab)
+        found = catalogue.matching(run)
+        if not found:
+            fail(f"no run in {lab} has a key that begins with {run}; list them: labbook runs --lab {lab}")
+        if len(found) > 1:
+            fail(f"several runs begin with {run}: {', '.join(key[:12] for key in found)}; give more of the key")
+        folder = catalogue.lab.run(found[0])
+        try:
+            record = RunRecord.read(folder)
+        except Unreadable as problem:
+            fail(problem)
+        measured = catalogue.measurements([record.run_key])
+        if as_json:
+            rows = json.loads(measured.to_json(orient="records") or "[]")
+            whole = {"folder": str(folder), "run": record.model_dump(mode="json"), "measurements": rows}
+            typer.echo(json.dumps(whole, indent=2, allow_nan=False))
+        else:
+            _show(record, folder, measured)
+
+
+def _show(record, folder, measured) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from labbook.runner.progress import duration
+
+    coverage, provenance = record.coverage, record.provenance
+    lines = {
+        "run": record.run_key,
+        "study": f"{record.study}, {record.label}, seed {record.seed}",
+        "outcome": record.outcome + (f": {record.failure.message}" if record.failure else ""),
+        "covered": f"{coverage.duration:.4g} s, {coverage.crossed} of {coverage.grains} grains left "
+        f"({coverage.discharged:.1%}), the last one {coverage.waiting:.3g} s before the end",
+        "engine": f"{record.engine} version {record.cache_version} on {record.device}, {record.numerics.precision}, "
+        f"dt {record.numerics.dt:.4g} s",
+        "restitution": ", ".join(f"{key} {value:.4g}" for key, value in record.physics.items()),
+        "speed": f"{record.rate / 1e6:.2f} M grain-steps/s, {duration(record.wall_time)} in "
+        f"{len(record.sessions)} session{'s' if len(record.sessions) > 1 else ''}, ended {record.finished}",
+        "made by": f"{provenance.get('machine')}; commit {str(provenance.get('commit'))[:10]}"
+        f"{' (changed)' if provenance.get('dirty') else ''}",
+        "packages": ", ".join(f"{name} {version}" for name, version in provenance.get("packages", {}).items()),
+        "packing": record.packing_key,
+        "experiment": record.experiment_key,
+        "folder": str(folder),
+    }
+    console = Console(highlight=False, markup=False)
+    for name, value in lines.items():
+        console.print(f"{name:12} {value}")
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in ("quantity", "value", "error", "unit", "window", "note"):
+        table.add_column(heading, justify="right" if heading in ("value", "error") else "left")
+    for row in measured.itertuples(index=False):
+        numbers = ("-" if x is None or x != x else f"{x:.5g}" for x in (row.value, row.error))
+        table.add_row(row.quantity, *numbers, row.unit, row.window, row.note)
+    if len(measured):
+        console.print(table)

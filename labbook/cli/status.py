@@ -1,0 +1,31 @@
+"""`labbook status`: what is in the lab, and what is being worked on."""
+
+import json
+
+import typer
+
+from labbook.cli.lab import open_catalogue
+from labbook.cli.options import LAB, AsJson, Lab
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def status(lab: Lab = LAB, as_json: AsJson = False) -> None:
+        """Count runs by outcome and packings, and list unfinished work."""
+        from labbook.runner.unfinished import unfinished
+
+        catalogue = open_catalogue(lab)
+        counts, packings = catalogue.counts(), catalogue.packing_count()
+        works = unfinished(catalogue.lab)
+        if as_json:
+            found = {"runs": counts, "packings": packings, "unfinished": [vars(work) for work in works]}
+            typer.echo(json.dumps(found, indent=2, allow_nan=False))
+            return
+        total = sum(counts.values())
+        by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
+        typer.echo(f"{total} runs{f' ({by})' if by else ''}, {packings} packings")
+        for work in works:
+            state = "being worked on" if work.held else "left, resumable" if work.saved else "left, starts afresh"
+            typer.echo(f"  {work.key}  step {work.step}  {state}")

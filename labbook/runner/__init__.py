@@ -1,0 +1,1 @@
+"""Carrying out a plan: jobs, lanes, checkpoints, stop rules, claims."""

@@ -1,0 +1,193 @@
+"""What is still to be done, and who does it: fillings first, then the runs whose packings are there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from labbook.backend import Checkpoint, Spec
+from labbook.catalogue.index import Index
+from labbook.catalogue.record import Observe
+from labbook.plan.demand import Demand
+from labbook.plan.forecast import discharge_work, fill_work
+from labbook.plan.plan import Item, Plan, Planner, PointPlan
+from labbook.protocol.packing import Packing
+from labbook.runner.discharge import DischargeJob
+from labbook.runner.filling import FillJob
+from labbook.runner.job import Bench, Job, JobFailed
+
+
+@dataclass(eq=False)
+class Started:
+    """A job that has been begun: where it starts, and the Spec that it needs."""
+
+    job: Job
+    start: Packing | Checkpoint
+    spec: Spec
+
+
+@dataclass
+class Tally:
+    """What came of it."""
+
+    ran: dict[str, str] = field(default_factory=dict)
+    """Outcome by run key, of the runs that were done here."""
+    resumed: int = 0
+    packings: int = 0
+    failed: list[str] = field(default_factory=list)
+
+
+class Board:
+    """The study's runs that are not done, and the jobs that are going on here."""
+
+    def __init__(self, bench: Bench, planner: Planner, index: Index, observe: Observe):
+        self._work: dict[str, float] = {}
+        self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
+        self.tally = Tally()
+        self.todo: dict[str, Item] = {}
+        self.going: dict[str, Job] = {}
+        self._lost: set[str] = set()
+        self.points: dict[int, PointPlan] = {}
+        self.elsewhere = 0
+        """Jobs that another process was found to hold at the last look."""
+
+    def pin(self, plan: Plan) -> None:
+        """Take up a plan."""
+        for point in plan.points:
+            self._take(point)
+        self._tidy(plan.items)
+
+    def _take(self, point: PointPlan) -> None:
+        self.points[point.shared.point.index] = point
+        for item in point.items:
+            key = item.keys.run
+            if item.state != "done" and key not in self.going and key not in self._lost:
+                self.todo[key] = item
+
+    def _tidy(self, items: Sequence[Item]) -> None:
+        """Remove the work folders of runs that a process finished but was killed before it could clear
+        them."""
+        lab = self._bench.lab
+        working = set(lab.working())
+        for item in items:
+            if item.state == "done" and item.keys.run in working and (claim := lab.claim(item.keys.run)):
+                lab.clear(item.keys.run)
+                claim.release()
+
+    def next(self, spec: Spec | None = None) -> Started | None:
+        """A job to begin (of `spec`, if one is given), or None if there is none that this process can have
+        now."""
+        self.elsewhere = 0
+        items = sorted(self.todo.values(), key=lambda item: (item.demand.seed, item.demand.point.index))
+        for item in items:
+            if not item.packed and (started := self._fill(item, spec)):
+                return started
+        for item in items:
+            if item.keys.run in self.todo and item.packed and (started := self._discharge(item, spec)):
+                return started
+        return None
+
+    def _fill(self, item: Item, spec: Spec | None) -> Started | None:
+        key, lab = item.keys.packing, self._bench.lab
+        if key in self.going or item.keys.run not in self.todo:
+            return None
+        if lab.packing(key).is_dir():
+            self._packed(key)
+            return None
+        if (claim := lab.claim(key)) is None:
+            self.elsewhere += 1
+            return None
+        if lab.packing(key).is_dir():  # put there between the look and the claim
+            claim.release()
+            self._packed(key)
+            return None
+        return self._begin(FillJob(self._bench, item.demand, item.keys, claim), spec)
+
+    def _discharge(self, item: Item, spec: Spec | None) -> Started | None:
+        key, lab = item.keys.run, self._bench.lab
+        if (claim := lab.claim(key)) is None:
+            self.elsewhere += 1
+            return None
+        lab.mend(key, lab.run(key))
+        if self._planner.refresh(item.demand).state == "done":  # by another process, in the meantime
+            claim.release()
+            self._done(item.demand)
+            return None
+        job = DischargeJob(self._bench, item.demand, item.keys, claim, self._observe)
+        return self._begin(job, spec)
+
+    def _begin(self, job: Job, spec: Spec | None) -> Started | None:
+        try:
+            start = job.begin()
+        except JobFailed as problem:
+            self.failed(job, str(problem))
+            return None
+        needed = self._bench.backend.specialise(job.scene, job.numerics, job.probes)
+        if spec is not None and needed != spec:
+            job.release()
+            return None
+        self.going[job.key] = job
+        if isinstance(job, DischargeJob):
+            self.todo.pop(job.key, None)
+        return Started(job, start, needed)
+
+    def finished(self, job: Job, verdict: str) -> None:
+        """A job's result is in the lab."""
+        job.release()
+        self.going.pop(job.key, None)
+        if isinstance(job, FillJob):
+            self.tally.packings += 1
+            self._index.add_packing(job.place)
+            self._packed(job.key)
+            return
+        self.tally.ran[job.key] = verdict
+        self.tally.resumed += job.resumed
+        self._done(job.demand)
+
+    def _done(self, demand: Demand) -> None:
+        key = demand.keys(self._bench.backend.capabilities).run
+        self.todo.pop(key, None)
+        self._index.add_run(self._bench.lab.run(key), self._observe)
+        self._take(self._planner.point(demand.shared))
+
+    def failed(self, job: Job, why: str) -> None:
+        """A job came to nothing; runs that wait for its packing are given up."""
+        job.release()
+        self.going.pop(job.key, None)
+        self.tally.failed.append(why)
+        for key, item in list(self.todo.items()):
+            if job.key in (key, item.keys.packing):
+                self._lost.add(key)
+                del self.todo[key]
+        self._lost.add(job.key)
+
+    def dropped(self, job: Job) -> None:
+        """A job was saved and is left for another time."""
+        job.release()
+        self.going.pop(job.key, None)
+
+    def _packed(self, key: str) -> None:
+        for run_key, item in self.todo.items():
+            if item.keys.packing == key:
+                self.todo[run_key] = replace(item, packed=True)
+
+    # for progress
+
+    def runs(self) -> tuple[int, int]:
+        """Runs done, and runs asked for so far."""
+        items = [item for point in self.points.values() for item in point.items]
+        return sum(item.state == "done" for item in items), len(items)
+
+    def work_left(self) -> float:
+        """Grain-steps still to be done here, as far as can be told."""
+        waiting = {item.keys.packing: item.demand for item in self.todo.values() if not item.packed}
+        work = sum(self._estimate(key, item.demand, filling=False) for key, item in self.todo.items())
+        work += sum(self._estimate(key, d, filling=True) for key, d in waiting.items() if key not in self.going)
+        for key, job in self.going.items():
+            filling = isinstance(job, FillJob)
+            work += (1 - job.progress()) * self._estimate(key, job.demand, filling=filling)
+        return work
+
+    def _estimate(self, key: str, demand: Demand, *, filling: bool) -> float:
+        if key not in self._work:
+            catalogue = self._planner.catalogue
+            self._work[key] = fill_work(demand, catalogue) if filling else discharge_work(demand.shared)
+        return self._work[key]

@@ -1,0 +1,89 @@
+"""A lane: one ensemble, stepped in a thread of its own.
+
+On a CPU every core gets a lane with one member, so that no run waits for another at the end of a beat; on a
+GPU one lane holds all members of a Spec.
+"""
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from labbook.backend import Backend, Ensemble, Event, Member, Probe, Spec, Table
+from labbook.runner.board import Started
+from labbook.runner.job import Job
+
+_opening = threading.Lock()  # engines compile when they open; one at a time is enough
+
+
+@dataclass
+class Turn:
+    """What one turn gave: events, and its cost [s]."""
+
+    events: Sequence[Event]
+    wall: float
+    process: float
+    """Processor time of the whole process meanwhile."""
+
+
+@dataclass(eq=False)
+class Lane:
+    """An ensemble and the jobs of its members. `slots`: how many members it takes."""
+
+    backend: Backend
+    device: str
+    slots: int
+    jobs: dict[Member, Job] = field(default_factory=dict)
+    spec: Spec | None = None
+    ensemble: Ensemble | None = None
+
+    def turn(self, new: Sequence[Started]) -> Turn:
+        """Admit `new` and take one beat."""
+        for started in new:
+            self._admit(started)
+        assert self.ensemble is not None
+        wall, process = time.perf_counter(), time.process_time()
+        events = self.ensemble.advance(1)
+        return Turn(events, time.perf_counter() - wall, time.process_time() - process)
+
+    def _admit(self, started: Started) -> None:
+        if self.spec != started.spec or self.ensemble is None:
+            assert not self.jobs
+            self.close()
+            with _opening:
+                slots = self.slots if self.device == "cpu" else None
+                self.ensemble = self.backend.open(started.spec, slots, self.device)
+            self.spec = started.spec
+        job = started.job
+        member = self.ensemble.admit(job.scene, job.numerics, started.start, settled_below=job.settled_below)
+        job.status = self.ensemble.status(member)
+        self.jobs[member] = job
+
+    def rows(self) -> dict[Member, dict[Probe, Table]]:
+        """Rows since the last call, by member."""
+        assert self.ensemble is not None
+        found: dict[Member, dict[Probe, Table]] = {member: {} for member in self.jobs}
+        for probe, table in self.ensemble.drain().items():
+            of = np.asarray(table["member"])
+            columns = {name: np.asarray(column) for name, column in table.items() if name != "member"}
+            for member, tables in found.items():
+                mine = of == member.index
+                if mine.all():
+                    tables[probe] = columns
+                elif mine.any():
+                    tables[probe] = {name: column[mine] for name, column in columns.items()}
+        return found
+
+    def retire(self, member: Member) -> None:
+        """Free a member's slot."""
+        assert self.ensemble is not None
+        self.ensemble.retire(member)
+        del self.jobs[member]
+
+    def close(self) -> None:
+        """Free the ensemble."""
+        if self.ensemble is not None:
+            self.ensemble.close()
+        self.ensemble, self.spec = None, None

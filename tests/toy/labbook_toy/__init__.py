@@ -1,0 +1,263 @@
+"""An engine for tests of book-keeping: an hourglass whose grains leave one after another at seeded intervals.
+
+It fulfils the contract to the letter (exact checkpoints, probes that change nothing, guards, members that do
+not know of each other) with next to no arithmetic. In a closed container velocities decay by a tenth a step
+and grains sink to half their height at rest. In an open one the lowest grain leaves at the end of an interval
+drawn from a counter-based generator, seeded by the bits of the start; the mean interval follows Beverloo's
+law. An outlet narrower than 3 d clogs after a third of the grains.
+
+What tests need to arrange comes from the environment, so that it reaches subprocesses: LABBOOK_TOY_DELAY [s]
+per beat; LABBOOK_TOY_VERSION, the cache version; LABBOOK_TOY_FAILS, an orifice [mm] whose runs a guard stops
+at half their grains.
+"""
+
+import hashlib
+import math
+import os
+import time
+from collections import defaultdict
+
+import numpy as np
+
+from labbook.backend import (
+    Capabilities,
+    Checkpoint,
+    Contacts,
+    Crossing,
+    Emptied,
+    Failed,
+    Ledger,
+    Member,
+    Sample,
+    Settled,
+    Spec,
+    Status,
+    Unsupported,
+)
+from labbook.protocol.packing import Packing
+
+DECAY = 0.9
+
+
+class Backend:
+    """The toy engine."""
+
+    def __init__(self, *, version=None, delay=None, fails=None):
+        env = os.environ.get
+        self.delay = float(env("LABBOOK_TOY_DELAY", "0")) if delay is None else delay
+        self.fails = float(env("LABBOOK_TOY_FAILS", "0")) if fails is None else fails
+        self.capabilities = Capabilities(
+            name="toy",
+            cache_version=int(env("LABBOOK_TOY_VERSION", "1")) if version is None else version,
+            shapes=frozenset({"sphere"}),
+            laws=frozenset({"hertz-mindlin", "linear"}),
+            walls=frozenset({"plane", "strip"}),
+            precisions=frozenset({"double"}),
+            devices=("cpu",),
+        )
+
+    def specialise(self, scene, numerics, probes=()):
+        if numerics.precision != "double":
+            raise Unsupported("numerics.precision", "the toy engine has double precision only")
+        features = (("closed", _outlet(scene) is None), ("law", scene.contact.law))
+        return Spec("toy", features, tuple(dict.fromkeys(probes)), numerics.steps_per_beat)
+
+    def open(self, spec, slots=None, device="cpu"):
+        if device != "cpu":
+            raise Unsupported("device", "the toy engine runs on cpu only")
+        return Ensemble(self, spec, slots)
+
+    def describe(self, scene, numerics):
+        e = scene.contact.restitution
+        return {"restitution_asked": e, "restitution_realised": e, "damping_coefficient": 0.0}
+
+
+def _outlet(scene):
+    return None if getattr(scene.container, "closed", False) else scene.container.outlet_plane
+
+
+class Ensemble:
+    """Members side by side."""
+
+    def __init__(self, backend, spec, slots):
+        self._backend, self._spec, self._slots = backend, spec, slots
+        self._glasses, self._settling, self._rows, self._next = {}, {}, defaultdict(list), 0
+
+    def admit(self, scene, numerics, start, *, settled_below=None, settled_beats=3):
+        if self._slots is not None and len(self._glasses) >= self._slots:
+            raise ValueError(f"all {self._slots} slots are taken")
+        if self._backend.specialise(scene, numerics, self._spec.probes) != self._spec:
+            raise ValueError("this member needs another specialisation than the ensemble's")
+        member = Member(self._next)
+        self._next += 1
+        self._glasses[member] = Glass(self._backend, scene, numerics, start)
+        if settled_below is not None:
+            self._settling[member] = [settled_below, settled_beats, 0]
+        return member
+
+    def advance(self, beats=1):
+        events = []
+        for member, glass in self._glasses.items():
+            for _ in range(beats):
+                if glass.failure or not len(glass.x):
+                    break
+                rows = glass.beat()
+                if self._backend.delay:
+                    time.sleep(self._backend.delay)
+                if glass.failure:
+                    events.append(Failed(member, *glass.failure))
+                    break
+                for probe, table in glass.read(self._spec.probes, rows).items():
+                    n = len(table["step"])
+                    if n:
+                        self._rows[probe].append({"member": np.full(n, member.index), **table})
+                if not len(glass.x):
+                    events.append(Emptied(member, glass.time))
+                elif member in self._settling:
+                    rule = self._settling[member]
+                    rule[2] = rule[2] + 1 if glass.status().kinetic < rule[0] else 0
+                    if rule[2] == rule[1]:
+                        events.append(Settled(member, glass.time))
+        return events
+
+    def drain(self):
+        rows, self._rows = self._rows, defaultdict(list)
+        return {
+            probe: {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+            for probe, tables in rows.items()
+        }
+
+    def status(self, member):
+        return self._glasses[member].status()
+
+    def checkpoint(self, member):
+        return self._glasses[member].checkpoint()
+
+    def packing(self, member):
+        glass = self._glasses[member]
+        return Packing(x=glass.x.copy(), v=glass.v.copy(), omega=np.zeros_like(glass.x), ids=glass.ids.copy())
+
+    def retire(self, member):
+        del self._glasses[member]
+        self._settling.pop(member, None)
+
+    def close(self):
+        self._glasses.clear()
+
+
+class Glass:
+    """One hourglass."""
+
+    ARRAYS = ("x", "v", "ids", "count", "next")
+
+    def __init__(self, backend, scene, numerics, start):
+        self.backend, self.scene, self.numerics = backend, scene, numerics
+        self.failure = None
+        if isinstance(start, Checkpoint):
+            own = (backend.capabilities.name, backend.capabilities.cache_version)
+            if (start.engine, start.cache_version) != own:
+                raise ValueError("a checkpoint of another engine or version")
+            for name in self.ARRAYS:
+                setattr(self, name, np.array(start.arrays[name]))
+            return
+        self.x, self.v, self.ids = start.x.copy(), start.v.copy(), start.ids.copy()
+        bits = hashlib.sha256(start.x.tobytes() + start.v.tobytes()).digest()
+        self.count = np.array([0, 0, int.from_bytes(bits[:6], "big"), len(self.x)])  # step, left, seed, grains
+        self.next = np.array([self._interval(0)])
+
+    @property
+    def step(self):
+        return int(self.count[0])
+
+    @property
+    def time(self):
+        return self.step * self.numerics.dt
+
+    def _interval(self, k):
+        scene = self.scene
+        if _outlet(scene) is None:
+            return math.inf
+        hopper, d = scene.container, scene.grains.diameter
+        if hopper.orifice < 3 * d and k >= self.count[3] // 3:
+            return math.inf
+        flow = 0.6 * scene.grains.density * math.sqrt(scene.gravity) * (hopper.orifice - 1.4 * d) ** 1.5
+        mean = scene.grains.mass / (flow * hopper.thickness)
+        return mean * np.random.default_rng([int(self.count[2]), k]).uniform(0.5, 1.5)
+
+    def beat(self):
+        """Rows of the grains that left."""
+        end = self.step + self.numerics.steps_per_beat
+        rows = []
+        if _outlet(self.scene) is None:
+            scale = DECAY ** (end - self.step)
+            rest = 0.5 * self.x[:, 2]
+            self.x[:, 2] = rest + (self.x[:, 2] - rest) * max(scale, 1e-3)
+            self.v *= scale
+        before = {name: np.array(getattr(self, name)) for name in self.ARRAYS}
+        while self.next[0] <= end * self.numerics.dt and len(self.x):
+            when = float(self.next[0])
+            step = max(1, math.ceil(when / self.numerics.dt))
+            if self._fails():
+                for name, array in before.items():
+                    setattr(self, name, array)
+                self.failure = (
+                    "overlap",
+                    step,
+                    int(self.ids[0]),
+                    f"grain {self.ids[0]} at step {step} overlaps by 0.3 d",
+                )
+                return []
+            lowest = int(np.argmin(self.x[:, 2]))
+            rows.append((int(self.ids[lowest]), step, when, *self.x[lowest, :2]))
+            self.x = np.delete(self.x, lowest, axis=0)
+            self.v = np.delete(self.v, lowest, axis=0)
+            self.ids = np.delete(self.ids, lowest)
+            self.count[1] += 1
+            self.next[0] += self._interval(int(self.count[1]))
+        self.count[0] = end
+        return rows
+
+    def _fails(self):
+        orifice = getattr(self.scene.container, "orifice", 0.0) * 1e3
+        half = self.count[1] >= self.count[3] // 2
+        return half and math.isclose(orifice, self.backend.fails, rel_tol=1e-9)
+
+    def read(self, probes, left):
+        beat = self.step // self.numerics.steps_per_beat
+        found = {}
+        for probe in probes:
+            if isinstance(probe, Crossing):
+                found[probe] = self._crossed(left)
+            elif beat % probe.every == 0:
+                found[probe] = self._state(probe)
+        return found
+
+    def _crossed(self, left):
+        columns = np.array(left, float).reshape(-1, 5)
+        zero = np.zeros(len(columns))
+        table = {"id": columns[:, 0].astype(np.int64), "step": columns[:, 1].astype(np.int64), "time": columns[:, 2]}
+        table |= {"x": columns[:, 3], "y": columns[:, 4], "z": zero}
+        return table | {name: zero.copy() for name in ("vx", "vy", "vz", "wx", "wy", "wz")}
+
+    def _state(self, probe):
+        if isinstance(probe, Contacts):
+            raise Unsupported("measure", "the toy engine has no contacts")
+        if isinstance(probe, Ledger):
+            return {"step": np.array([self.step]), "time": np.array([self.time]), "grains": np.array([len(self.x)])}
+        assert isinstance(probe, Sample)
+        n = len(self.x)
+        table = {"id": self.ids.copy(), "step": np.full(n, self.step), "time": np.full(n, self.time)}
+        for name in probe.fields:
+            array = {"x": self.x, "v": self.v, "omega": np.zeros_like(self.x)}[name]
+            prefix = {"x": "", "v": "v", "omega": "w"}[name]
+            table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate("xyz")}
+        return table
+
+    def checkpoint(self):
+        own = self.backend.capabilities
+        return Checkpoint(own.name, own.cache_version, {name: np.array(getattr(self, name)) for name in self.ARRAYS})
+
+    def status(self):
+        g, d = self.scene.gravity, self.scene.grains.diameter
+        kinetic = 0.5 * float(np.mean(np.sum(self.v**2, axis=1))) / (g * d) if len(self.x) else 0.0
+        return Status(self.step, self.time, len(self.x), kinetic)
