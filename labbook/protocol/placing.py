@@ -50,9 +50,7 @@ def place(closed: Scene, kind: str, seed: int) -> Packing:
         drawn = room.draw(rng, 2 * wanted + 16, top)
         x = np.concatenate([x, _apart(drawn, x, grains.diameter * _APART)])[: grains.count]
     else:
-        raise PlacingError(
-            f"{grains.count} grains found no room in the container; make it wider or use fewer grains"
-        )
+        raise PlacingError(f"{grains.count} grains found no room in the container; make it wider or use fewer grains")
     speed = SPEED[kind] * math.sqrt(closed.gravity * grains.diameter)
     return Packing(x=x, v=rng.normal(0, speed, x.shape), omega=np.zeros_like(x))
 
@@ -94,9 +92,7 @@ class _Room:
         low = [*ends, *(p.point[axis] for p in self.planes if _axis(p) == (axis, 1))]
         high = [*ends, *(p.point[axis] for p in self.planes if _axis(p) == (axis, -1))]
         if not low or not high:
-            raise PlacingError(
-                f"the container has no walls across {'xyz'[axis]}: grains would fall beside it"
-            )
+            raise PlacingError(f"the container has no walls across {'xyz'[axis]}: grains would fall beside it")
         first = (min(ends) if ends else max(low)) + self.clearance
         last = (max(ends) if ends else min(high)) - self.clearance
         if first > last:
@@ -139,9 +135,9 @@ class _Room:
         wide, deep = (r[1] - r[0] + 2 * self.clearance for r in (self.x, self.y))
         flat = self.bottom + volume / (wide * deep)
         span = flat - self.bottom
-        points = np.stack(
-            np.meshgrid(np.linspace(*self.x, 200), np.linspace(self.bottom, flat, 400)), -1
-        ).reshape(-1, 2)
+        points = np.stack(np.meshgrid(np.linspace(*self.x, 200), np.linspace(self.bottom, flat, 400)), -1).reshape(
+            -1, 2
+        )
         middle = np.full(len(points), sum(self.y) / 2)
         held = self.holds(np.column_stack([points[:, 0], middle, points[:, 1]])).mean()
         return flat + (1 - float(held)) * span + 2 * self.clearance
