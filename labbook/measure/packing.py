@@ -104,5 +104,5 @@ def _order(packing: Packing, region: Region, cells: list[Region], where: str) ->
     how = "Delaunay neighbours in the x-z plane"
     return [
         Measured("hexatic_local", float(abs(psi[inside]).mean()), error, len(means), where, how, ""),
-        Measured("hexatic_global", float(abs(psi[inside].mean())), math.nan, len(means), where, how, ""),
+        Measured("hexatic_global", float(abs(psi[inside].mean())), math.nan, math.nan, where, how, ""),
     ]
