@@ -7,9 +7,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from labbook.study.keys import NEGLIGIBLE, Key, find, siblings
-from labbook.study.problems import instead, shown
+from labbook.study.problems import instead, meant, shown
 from labbook.study.source import Location, dotted
 
+_MISSING = "this key is missing"
 _TAGS = ("kind", "law", "shape")
 _WRONG_UNIT = ("bad_quantity", "missing_unit", "not_a_quantity", "not_finite")
 _RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
@@ -38,13 +39,21 @@ class Complaint:
     remedy: str
     clash: bool = False
     """Each value may be right, but not these together."""
+    meant: Location | None = None
+    """The key that an unknown one seems to be a misspelling of."""
 
 
 def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Iterator[Complaint]:
-    """What is wrong with `raw`, the value at `prefix` of the study."""
+    """What is wrong with `raw`, the value at `prefix` of the study.
+
+    A key that is missing because it is misspelled is told once, as the unknown key.
+    """
+    found: list[Complaint] = []
     for detail in error.errors(include_url=False):
         location, discriminators = _location(detail["loc"], raw)
-        yield from _complain(detail, (*prefix, *location), discriminators)
+        found += _complain(detail, (*prefix, *location), discriminators)
+    misspelled = {complaint.meant for complaint in found}
+    yield from (each for each in found if each.message != _MISSING or each.location not in misspelled)
 
 
 def _location(loc: tuple[int | str, ...], raw: Any) -> tuple[Location, frozenset[str]]:
@@ -70,12 +79,14 @@ def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterat
         for fault in context["faults"]:
             yield Complaint((*location, *fault.key.split(".")), fault.reason, fault.remedy, clash=True)
     elif kind == "missing":
-        yield Complaint(location, "this key is missing", f"add it: {_rule(name, chosen)}")
+        yield Complaint(location, _MISSING, f"add it: {_rule(name, chosen)}")
     elif kind == "extra_forbidden":
-        remedy = instead(str(location[-1]), siblings(name, chosen))
+        known = siblings(name, chosen)
+        close = meant(str(location[-1]), known)
         elsewhere = ", ".join(key.of for key in find(name) if key.of and key.of not in chosen)
         message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
-        yield Complaint(location, message, remedy)
+        remedy = instead(str(location[-1]), known)
+        yield Complaint(location, message, remedy, meant=(*location[:-1], close) if close else None)
     elif kind == "internal":
         yield Complaint(location, "this key is not for a study to set", "leave it out")
     elif kind in ("union_tag_not_found", "union_tag_invalid"):
@@ -83,7 +94,7 @@ def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterat
         inner = (*location, tag)
         choices = [choice for key in find(dotted(inner)) for choice in key.choices]
         if kind == "union_tag_not_found":
-            yield Complaint(inner, "this key is missing", f"add it: use one of: {', '.join(choices)}")
+            yield Complaint(inner, _MISSING, f"add it: use one of: {', '.join(choices)}")
         else:
             yield Complaint(inner, f"{shown(context['tag'])} is unknown", instead(str(context["tag"]), choices))
     elif kind == "literal_error":

@@ -1,6 +1,6 @@
 """Reading a study file: everything that is wrong with it is found at once, before anything runs."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from itertools import islice
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from labbook.study.explain import complaints
 from labbook.study.points import PointReader
-from labbook.study.problems import Problem, StudyError, instead, shown
+from labbook.study.problems import Problem, StudyError, instead, meant, shown
 from labbook.study.reference import ReferenceReader
 from labbook.study.schema import SETTING_KEYS, TOP_KEYS, Settings
 from labbook.study.source import Source, dotted, read
@@ -20,9 +20,10 @@ def load(path: Path) -> Study:
     """The study in the file `path`. Raises StudyError with all problems that were found."""
     source = read(Path(path))
     problems = _unknown_keys(source)
-    settings = _settings(source, problems)
+    misspelled = {meant(key, TOP_KEYS) for key in source.data if key not in TOP_KEYS}
+    settings = _settings(source, misspelled, problems)
     sweep = Sweep(source)
-    reader = PointReader(source, sweep.wrong)
+    reader = PointReader(source, sweep.wrong | misspelled)
     points = reader.read(sweep if sweep.size <= MAX_POINTS else islice(sweep, 1))
     reference = ReferenceReader(source, points, known_names)
     published = reference.read()
@@ -56,15 +57,15 @@ def _unknown_keys(source: Source) -> list[Problem]:
     return [Problem(source.path, source.line((k,)), shown(k), "unknown key", remedies[k]) for k in unknown]
 
 
-def _settings(source: Source, problems: list[Problem]) -> Settings | None:
+def _settings(source: Source, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
     stated = {key: source.data[key] for key in SETTING_KEYS if key in source.data}
     try:
         return Settings.model_validate(stated, context={"units": "required"})
     except ValidationError as error:
         for found in complaints(error, stated):
-            line = source.line(found.location)
-            key = shown(dotted(found.location))
-            problems.append(Problem(source.path, line, key, found.message, found.remedy))
+            if dotted(found.location) not in misspelled:
+                line, key = source.line(found.location), shown(dotted(found.location))
+                problems.append(Problem(source.path, line, key, found.message, found.remedy))
         return None
 
 

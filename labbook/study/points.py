@@ -29,10 +29,10 @@ _PLACEHOLDER = Spheres(diameter=1e-3, density=1e3, count=1)  # stands in for gra
 class PointReader:
     """Validates points and collects what is wrong with them."""
 
-    def __init__(self, source: Source, unswept: Set[str]):
-        """`unswept`: keys whose sweep is wrong, which is known already: that they are missing need not be said."""
+    def __init__(self, source: Source, wrong_already: Set[str | None]):
+        """`wrong_already`: keys of which it is known that they are misspelled, or that their sweep is wrong."""
         self._source = source
-        self._unswept = unswept
+        self._wrong_already = wrong_already
         self.numerics_stated: Mapping[str, Any] = {}
         """`numerics` as it holds at the first point."""
         self._found: dict[Problem, list[str]] = {}
@@ -83,9 +83,8 @@ class PointReader:
             found = [complaint for complaint in found if complaint.location != _STEP or not complaint.clash]
         for complaint in found:
             # with grains that stand in for wrong ones, values clash that need not
-            known_already = complaint.clash and grains is None
-            swept_badly = dotted(complaint.location) in self._unswept
-            if not known_already and not swept_badly:
+            may_be_right = complaint.clash and grains is None
+            if not may_be_right and dotted(complaint.location) not in self._wrong_already:
                 places = self._found.setdefault(self._problem(complaint, assignment), [])
                 if complaint.clash and label:
                     places.append(label)
@@ -119,9 +118,10 @@ class PointReader:
         scene = _validated(Scene, stated, context, None, first)
         if scene is not None:
             return scene, scene
-        # Clashes are only looked at once each value is right by itself: look without those that are not.
+        # Clashes are only looked at once each value is right by itself: look without those that are not, and with
+        # misspelled keys put right.
         for complaint in first:
-            stated = _without(stated, complaint.location)
+            stated = _moved(stated, complaint.location, complaint.meant)
         again: list[Complaint] = []
         near = _validated(Scene, stated, context, None, again)
         found += [*first, *(complaint for complaint in again if complaint.clash and complaint not in first)]
@@ -157,14 +157,15 @@ def _validated(model: type[Any], raw: Any, context: Mapping[str, Any], name: str
         return None
 
 
-def _without(data: Any, location: Location) -> Any:
-    """`data` without what is at `location`, if it is there; `data` itself is not changed."""
+def _moved(data: Any, location: Location, target: Location | None) -> Any:
+    """`data` without what is at `location`: gone, or under the name that ends `target`. `data` is not changed."""
     if not location or not isinstance(data, dict) or location[0] not in data:
         return data
     head, *rest = location
-    if not rest:
-        return {key: value for key, value in data.items() if key != head}
-    return {**data, head: _without(data[head], tuple(rest))}
+    if rest:
+        return {**data, head: _moved(data[head], tuple(rest), target)}
+    others = {key: value for key, value in data.items() if key != head}
+    return {str(target[-1]): data[head], **others} if target else others
 
 
 def _assign(data: Mapping[str, Any], assignment: Assignment) -> dict[str, Any]:

@@ -33,10 +33,15 @@ class StudyError(Exception):
 def instead(word: str, known: Iterable[str]) -> str:
     """The remedy for an unknown word: the known one that it resembles, else all that are known."""
     names = sorted(known)
-    close = get_close_matches(word[:80], names, n=1, cutoff=0.7)
+    close = meant(word, names)
     if close:
-        return f"did you mean {close[0]}?"
+        return f"did you mean {close}?"
     return f"known here: {', '.join(names)}" if names else "leave it out"
+
+
+def meant(word: str, known: Iterable[str]) -> str | None:
+    """The known word that `word` resembles, if there is one."""
+    return next(iter(get_close_matches(word[:80], sorted(known), n=1, cutoff=0.7)), None)
 
 
 def shown(value: object) -> str:

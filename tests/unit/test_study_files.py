@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from labbook.cli import new
-from labbook.study import load, page
+from labbook.study import StudyError, load, page
 from labbook.study.keys import all_keys
 from labbook.study.schema import OTHER_KEYS, TOP_KEYS
 from labbook.study.template import NotWritten, write
@@ -190,3 +190,14 @@ def test_examples_on_the_page_load(tmp_path):
     assert counts == [20, 2, 2]
     file.write_text(without_sweep + 'sweep: {container.orifice: "[18, 30] mm"}\n' + others[3])
     assert load(file).reference is not None
+
+
+def test_problems_on_the_page_are_what_is_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    block = PAGE.split("```yaml\n")[1].split("```")[0]
+    told = PAGE.split("```text\n")[1].split("```")[0]
+    file = Path("orifices.yaml")
+    file.write_text(block.replace("thickness", "thicknes").replace("24, 30", "24, 80"))
+    with pytest.raises(StudyError) as caught:
+        load(file)
+    assert str(caught.value) == told.rstrip()

@@ -36,6 +36,9 @@ def problems(tmp_path: Path, text: str) -> tuple[Problem, ...]:
     [
         ("  angle: 90 deg", "  angel: 90 deg", 9, "container.angel", "unknown key", "did you mean angle?"),
         ("name: base", "name: base\nsweeep: {}", 2, "sweeep", "unknown key", "did you mean sweep?"),
+        ("name: base", "nmae: base", 1, "nmae", "unknown key", "did you mean name?"),
+        ("container:", "containr:", 4, "containr", "unknown key", "did you mean container?"),
+        ("  thickness", "  thicknes", 8, "container.thicknes", "unknown key", "did you mean thickness?"),
         ("name: base", "name: two words", 1, "name", "characters", "letters, digits, - and _"),
         ("name: base\n", "", 0, "name", "this key is missing", "Name of the study"),
         ("friction: 0.5", "frictoin: 0.5", 3, "contact.frictoin", "unknown key", "did you mean friction?"),
