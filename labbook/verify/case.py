@@ -1,0 +1,89 @@
+"""A case: what is checked, where it comes from, how it is measured, and how large an error may be."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from labbook.verify.stand import Stand
+
+Result = Literal["passed", "failed", "reported"]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One error of a case.
+
+    `limits`: the largest error that passes, by precision; empty: the number is reported, and judged by no one.
+    `unit`: of the error; "" for a relative one or a plain number.
+    """
+
+    limits: Mapping[str, float]
+    unit: str = ""
+
+
+def double(limit: float, unit: str = "") -> Measure:
+    """A measure with a limit for engines that compute in double precision."""
+    return Measure({"double": limit}, unit)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One check. `run` measures every error of `measures` by name on a stand.
+
+    `statement`: what holds, in a line. `source`: where that comes from.
+    """
+
+    name: str
+    statement: str
+    source: str
+    measures: Mapping[str, Measure]
+    run: Callable[[Stand], Mapping[str, float]]
+    slow: bool = False
+    """Takes more than about ten seconds."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one measure of a case came to. `limit` None: reported only."""
+
+    case: str
+    measure: str
+    error: float
+    limit: float | None
+    unit: str
+    source: str
+    result: Result
+
+
+def judge(case: Case, stand: Stand) -> list[Verdict]:
+    """Run a case and compare its errors with their limits; an error that is no number fails.
+
+    Raises ValueError if the case states no limit for the stand's precision, or does not measure what it says.
+    """
+    errors = case.run(stand)
+    if set(errors) != set(case.measures):
+        raise ValueError(f"case {case.name} measures {sorted(errors)}, not {sorted(case.measures)}")
+    return [_verdict(case, name, float(errors[name]), stand.precision) for name in case.measures]
+
+
+def _verdict(case: Case, name: str, error: float, precision: str) -> Verdict:
+    measure = case.measures[name]
+    if measure.limits and precision not in measure.limits:
+        raise ValueError(f"case {case.name} states no limit of {name} for precision {precision}")
+    limit = measure.limits.get(precision)
+    result: Result = "reported" if limit is None else "passed" if error <= limit else "failed"
+    return Verdict(case.name, name, error, limit, measure.unit, case.source, result)
+
+
+def judge_all(
+    cases: Sequence[Case], stand: Stand, tell: Callable[[Case, list[Verdict], float], None]
+) -> list[Verdict]:
+    """Verdicts on all cases; `tell` hears of each as soon as it is known, with the seconds it took."""
+    verdicts: list[Verdict] = []
+    for case in cases:
+        begun = time.perf_counter()
+        found = judge(case, stand)
+        tell(case, found, time.perf_counter() - begun)
+        verdicts += found
+    return verdicts

@@ -1,0 +1,46 @@
+"""Grains and scenes that the cases share: Fan's glass beads, their linear likeness, a roomy box."""
+
+from typing import Any
+
+from labbook.scene import Box, HertzMindlin, LinearSpringDashpot, Plane, Scene, Spheres, Surface, Wall
+from labbook.scene.container import Container
+
+D = 3e-3
+"""Diameter of the grains [m]."""
+G = 9.81
+"""Gravity of the cases that have it [m/s^2]."""
+
+
+def spheres(count: int) -> Spheres:
+    """So many of Fan's grains."""
+    return Spheres(diameter=D, density=2500, count=count)
+
+
+def hertz(**given: Any) -> HertzMindlin:
+    """Fan's material; all that is given replaces its values."""
+    values = {"shear_modulus": 1e8, "poisson_ratio": 0.25, "friction": 0.5, "rolling_friction": 0.01}
+    return HertzMindlin.model_validate({**values, "restitution": 0.2, **given})
+
+
+def linear(**given: Any) -> LinearSpringDashpot:
+    """Linear springs of k_n = 2e5 m g/d; all that is given replaces its values."""
+    values = {"normal_stiffness": 2e5 * spheres(1).mass * G / D, "friction": 0.5, "rolling_friction": 0.01}
+    return LinearSpringDashpot.model_validate({**values, "restitution": 0.2, **given})
+
+
+LAWS = {"hertz-mindlin": hertz, "linear": linear}
+
+
+def scene(count: int, law: Any, container: Container, gravity: float = 0.0, **walls: Surface) -> Scene:
+    """A scene of `count` grains; `walls` are surfaces by wall name."""
+    return Scene(grains=spheres(count), contact=law, container=container, gravity=gravity, walls=walls)
+
+
+def room(size: float = 1.0) -> Box:
+    """A closed cube of `size` [m] around (0, 0, size/2)."""
+    return Box(width=size, depth=size, height=size, lid=True)
+
+
+def floor(normal: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Wall:
+    """A plane through the origin."""
+    return Wall(name="floor", shape=Plane(point=(0.0, 0.0, 0.0), normal=normal))

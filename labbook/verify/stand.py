@@ -1,0 +1,133 @@
+"""The test stand that cases run on: an engine, known by its contract only, in one precision on one device."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from labbook.backend import Backend, Event, Ledger, Probe, Status, Table
+from labbook.numerics import Numerics
+from labbook.protocol.packing import Packing
+from labbook.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What became of one member: rows of its probes, how it stands and the packing at the end, its events."""
+
+    scene: Scene
+    numerics: Numerics
+    tables: Mapping[Probe, Table]
+    status: Status
+    end: Packing
+    events: Sequence[Event]
+
+    def rows(self, probe: Probe) -> Table:
+        """Rows of one probe; an empty mapping's columns do not exist, so ask only for what was declared."""
+        return self.tables[probe]
+
+    def by_beat(self, probe: Probe, names: Sequence[str]) -> np.ndarray:
+        """Columns `names` of a Sample of grains of which none has left: shape [beats, grains, names]."""
+        table = self.rows(probe)
+        steps, first = np.unique(table["step"], return_index=True)
+        grains = len(table["step"]) // len(steps)
+        assert np.array_equal(first, np.arange(len(steps)) * grains), "a grain has left"
+        order = np.lexsort((table["id"], table["step"]))
+        return np.stack([table[name][order].reshape(len(steps), grains) for name in names], axis=-1)
+
+    def times(self, probe: Probe) -> np.ndarray:
+        """Times [s] at which a probe was read."""
+        return np.unique(self.rows(probe)["time"])
+
+
+@dataclass(frozen=True)
+class Start:
+    """One member to be: its scene, time step [s] and start, and further numerics."""
+
+    scene: Scene
+    dt: float
+    packing: Packing
+    settled_below: float | None = None
+    numerics: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Stand:
+    """An engine to be checked."""
+
+    engine: Backend
+    precision: str = "double"
+    device: str = "cpu"
+
+    def numerics(self, dt: float, **further: Any) -> Numerics:
+        """Numerics in the precision of this stand; `dt` [s]."""
+        return Numerics.model_validate({"dt": dt, "precision": self.precision, **further})
+
+    def run_all(
+        self,
+        starts: Sequence[Start],
+        beats: int,
+        steps_per_beat: int = 1000,
+        probes: Sequence[Probe] = (),
+        *,
+        until_event: bool = False,
+    ) -> list[Motion]:
+        """Follow members side by side for `beats` beats each; all must need the same Spec.
+
+        A Ledger is always kept, so that cases share compiled kernels. `until_event`: stop at any event of all
+        members (they settle, or empty). Raises RuntimeError if a guard stops a member.
+        """
+        kept = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger(every=beats)]))
+        numerics = [self.numerics(s.dt, steps_per_beat=steps_per_beat, **s.numerics) for s in starts]
+        spec = self.engine.specialise(starts[0].scene, numerics[0], kept)
+        ensemble = self.engine.open(spec, len(starts), self.device)
+        try:
+            members = [
+                ensemble.admit(start.scene, n, start.packing, settled_below=start.settled_below)
+                for start, n in zip(starts, numerics, strict=True)
+            ]
+            events: list[Event] = []
+            for _ in range(beats) if until_event else (beats,):
+                events += ensemble.advance(1 if until_event else beats)
+                if until_event and {event.member for event in events} == set(members):
+                    break
+            for event in events:
+                if hasattr(event, "guard"):
+                    raise RuntimeError(f"a guard stopped the run: {event}")
+            tables = ensemble.drain()
+            return [
+                Motion(
+                    scene=start.scene,
+                    numerics=n,
+                    tables={probe: _of(table, member.index) for probe, table in tables.items()},
+                    status=ensemble.status(member),
+                    end=ensemble.packing(member),
+                    events=[event for event in events if event.member == member],
+                )
+                for start, n, member in zip(starts, numerics, members, strict=True)
+            ]
+        finally:
+            ensemble.close()
+
+    def run(
+        self, start: Start, beats: int, steps_per_beat: int = 1000, probes: Sequence[Probe] = (), **how: Any
+    ) -> Motion:
+        """Follow one member; see `run_all`."""
+        return self.run_all([start], beats, steps_per_beat, probes, **how)[0]
+
+
+def _of(table: Table, member: int) -> Table:
+    mine = table["member"] == member
+    return {name: column[mine] for name, column in table.items()}
+
+
+def grains_at(x: Any, v: Any = None, omega: Any = None) -> Packing:
+    """A packing of grains at `x` [m] with velocities `v` [m/s] and `omega` [rad/s], at rest where not given."""
+    x = np.atleast_2d(np.asarray(x, float))
+    zero = np.zeros_like(x)
+    return Packing(
+        x=x,
+        v=zero if v is None else np.broadcast_to(v, x.shape),
+        omega=zero if omega is None else np.broadcast_to(omega, x.shape),
+    )
