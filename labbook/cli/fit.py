@@ -1,6 +1,7 @@
 """`labbook fit`: what a study found, as tables."""
 
 import json
+import sys
 
 import typer
 
@@ -28,7 +29,7 @@ def _show(analysis) -> None:
     from labbook.report import tables
     from labbook.report.page import summary
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
     console.print(f"[bold]{analysis.study.name}[/bold]")
     for sentence in summary(analysis):
         console.print(sentence, markup=False)
@@ -55,7 +56,8 @@ def _print(console, table, title: str) -> None:
 
     shown = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD)
     for place, heading in enumerate(table.headings):
-        shown.add_column(escape(heading), justify="left" if place in table.text else "right")
+        words = place in table.text
+        shown.add_column(escape(heading), justify="left" if words else "right", no_wrap=not words)
     for place, row in enumerate(table.rows):
         shown.add_row(*map(escape, row), style="bold" if place in table.marked else None)
     console.print(shown)

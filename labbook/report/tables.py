@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from labbook.fit import FitResult
+from labbook.fit import FitResult, Parameter
 from labbook.report import display
 from labbook.report.analysis import Analysis, PointResult
 from labbook.report.comparison import CLOSE, Comparison
@@ -125,19 +125,29 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
 
 def fit_table(law: str, fit: FitResult) -> Table:
     """Parameters of a fit with standard errors and intervals; its goodness and its notes below."""
-    rows = []
-    for name, parameter in fit.parameters.items():
-        shown = display.quantity(f"{law}.{name}", parameter.unit)
-        s = shown.scale
-        ends = [display.number(end, parameter.error, s) for end in (parameter.low, parameter.high)]
-        rows.append((shown.heading, display.with_error(parameter.value, parameter.error, s), " to ".join(ends)))
+    rows = tuple(_parameter_row(f"{law}.{name}", parameter) for name, parameter in fit.parameters.items())
     goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degrees of freedom"
     if math.isfinite(fit.p_value):
         goodness += f" (p = {fit.p_value:.2g})"
     if math.isfinite(fit.aicc):
         goodness += f"; AICc = {fit.aicc:.4g}".replace("-", "−")
     notes = (goodness + ".", *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
-    return Table(("parameter", "value", "95 % interval"), tuple(rows), notes=notes)
+    return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
+
+
+def _parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
+    """A parameter with its interval; one without an end, or far wider than the value, leaves no value to quote."""
+    shown = display.quantity(quantity, parameter.unit)
+    width = parameter.high - parameter.low
+    digits = width / 4  # about a standard error, also where the linearised one means nothing
+    ends = (display.number(end, digits, shown.scale) for end in (parameter.low, parameter.high))
+    if not math.isfinite(width) or width > 10 * abs(parameter.value):
+        value = "not determined"
+    elif parameter.error > width:
+        value = display.number(parameter.value, digits, shown.scale)
+    else:
+        value = display.with_error(parameter.value, parameter.error, shown.scale)
+    return shown.heading, value, " to ".join(ends)
 
 
 def outcomes_table(analysis: Analysis) -> Table:
@@ -178,7 +188,7 @@ def provenance_table(analysis: Analysis) -> Table:
             if name.endswith("time"):
                 text += f" s, {sum(values):.4g} s in all"
         else:
-            distinct = list(dict.fromkeys(map(str, values)))
+            distinct = list(dict.fromkeys("not known" if v is None else str(v) for v in values))
             text = "; ".join(distinct[:6]) + (f"; and {len(distinct) - 6} more" if len(distinct) > 6 else "")
         rows.append((name.replace("_", " "), text))
     return Table(("fact", "of the runs"), tuple(rows), frozenset({0, 1}))

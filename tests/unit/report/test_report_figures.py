@@ -28,7 +28,7 @@ def test_the_reference_is_drawn_where_it_has_a_flow_rate(analysis):
     (series,) = analysis.series
     main, _ = figures.flow_against_orifice(series, analysis.comparisons, "Fan et al. 2023").axes
     (line,) = [line for line in main.lines if line.get_label() == "Fan et al. 2023"]
-    np.testing.assert_allclose(line.get_xydata(), [[30, 56 ** (2 / 3)]])
+    np.testing.assert_allclose(np.asarray(line.get_xydata()), [[30, 56 ** (2 / 3)]])
 
 
 def test_every_point_has_its_panel_with_window_and_replicates(analysis):
@@ -38,8 +38,8 @@ def test_every_point_has_its_panel_with_window_and_replicates(analysis):
     for ax, result in zip(panels, series.points, strict=True):
         assert len(ax.lines) == 4  # three replicates and the mean
         window = np.mean([run.trace.window for run in result.runs], axis=0)
-        np.testing.assert_allclose(ax.lines[-1].get_xdata(), window)
-        np.testing.assert_allclose(ax.lines[-1].get_ydata(), result.flow_rate.value * 1e3)
+        np.testing.assert_allclose(np.asarray(ax.lines[-1].get_xdata()), window)
+        np.testing.assert_allclose(np.asarray(ax.lines[-1].get_ydata()), result.flow_rate.value * 1e3)
 
 
 def test_parameters_are_drawn_against_what_was_swept(synthetic):
@@ -52,11 +52,11 @@ def test_parameters_are_drawn_against_what_was_swept(synthetic):
     )
     k = next(ax for ax in figure.axes if ax.get_ylabel() == "k")
     marked = [line for line in k.lines if line.get_marker() not in ("D", "None", "_", "|", "")]
-    np.testing.assert_allclose([line.get_xdata()[0] for line in marked], [30, 60, 90])
+    np.testing.assert_allclose([np.asarray(line.get_xdata())[0] for line in marked], [30, 60, 90])
     ours = [series.fits["beverloo"].parameters["k"].value for series in analysis.series]
-    np.testing.assert_allclose([line.get_ydata()[0] for line in marked], ours)
+    np.testing.assert_allclose([np.asarray(line.get_ydata())[0] for line in marked], ours)
     (reference,) = [line for line in k.lines if line.get_marker() == "D"]
-    np.testing.assert_allclose(reference.get_xydata(), [[90, 1.55]])
+    np.testing.assert_allclose(np.asarray(reference.get_xydata()), [[90, 1.55]])
 
 
 @pytest.mark.parametrize("kind", style.FORMATS)

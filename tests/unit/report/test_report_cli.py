@@ -1,0 +1,86 @@
+"""`labbook fit`, `report` and `view`, from a study file to what they print and write, on the toy engine."""
+
+import importlib
+import json
+from pathlib import Path
+
+import pytest
+
+TOY = Path(__file__).parents[2] / "toy"
+
+
+@pytest.fixture(scope="module")
+def toy():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(TOY)
+        yield importlib.import_module("toy_lab")
+
+
+@pytest.fixture(scope="module")
+def done(toy, tmp_path_factory):
+    """A study that was carried out: its file, its lab, and what to add to a command to speak of them."""
+    folder = tmp_path_factory.mktemp("done")
+    lines = ("fit: [beverloo]", "record: {every: 20 ms, replicates: 1}")
+    study = toy.study_file(folder, *lines, orifices="[18, 24, 30, 36]")
+    lab = folder / "lab"
+    toy.labbook("run", study, "--lab", lab, "--backend", "toy")
+    return study, lab, ("--lab", lab, "--backend", "toy")
+
+
+def test_fit_prints_tables_and_json(toy, done):
+    study, _, where = done
+    shown = toy.labbook("fit", study, *where).stdout
+    assert "Flow rates" in shown
+    assert "C (grain density)" in shown
+    found = json.loads(toy.labbook("fit", study, "--json", *where).stdout)
+    assert [point["at"]["container.orifice"] for point in found["points"]] == [0.018, 0.024, 0.03, 0.036]
+    assert all(point["measured"]["flow_rate"]["replicates"] == 2 for point in found["points"])
+    assert set(found["series"][0]["fits"]["beverloo"]["parameters"]) == {"C_particle", "k", "slope"}
+
+
+def test_report_is_written_below_the_lab_or_where_asked(toy, done, tmp_path):
+    study, lab, where = done
+    assert "report.html" in toy.labbook("report", study, *where).stdout
+    assert (lab / "reports/toy-study/report.html").is_file()
+    toy.labbook("report", study, "--out", tmp_path / "here", *where)
+    here, there = tmp_path / "here/report.html", lab / "reports/toy-study/report.html"
+    assert here.read_bytes() == there.read_bytes()
+    assert "name: toy-study" in here.read_text(encoding="utf-8")
+
+
+def test_view_makes_what_is_missing_once(toy, done):
+    pytest.importorskip("rerun")
+    study, lab, where = done
+    toy.labbook("view", study, "--no-open", *where)
+    made = {path: path.stat().st_mtime_ns for path in (lab / "recordings").iterdir()}
+    assert len(made) == 4  # one replicate of each point was to be recorded
+    toy.labbook("view", study, "--no-open", *where)
+    assert {path: path.stat().st_mtime_ns for path in (lab / "recordings").iterdir()} == made
+    key = next(iter(made)).name.split("-")[0]
+    assert key in toy.labbook("view", key[:12], "--no-open", "--lab", lab).stdout
+
+
+def test_view_of_one_point(toy, done):
+    pytest.importorskip("rerun")
+    study, _, where = done
+    assert toy.labbook("view", study, "--point", 2, "--no-open", *where).stdout.count("Recording:") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        (("fit", "no-such.yaml"), "no-such.yaml"),
+        (("fit", "{study}", "--lab", "{empty}"), "labbook run"),
+        (("report", "{study}", "--lab", "{empty}"), "labbook run"),
+        (("view", "{study}", "--lab", "{empty}"), "labbook run"),
+        (("view", "0123456789", "--lab", "{lab}"), "labbook runs"),
+        (("view", "{study}", "--point", "9", "--lab", "{lab}", "--backend", "toy"), "labbook run"),
+    ],
+)
+def test_what_is_not_there_is_an_error_with_its_remedy(toy, done, tmp_path, words, remedy):
+    study, lab, _ = done
+    filled = [word.format(study=study, lab=lab, empty=tmp_path / "empty") for word in words]
+    ended = toy.labbook(*filled, check=False)
+    assert ended.returncode == 1
+    assert remedy in ended.stderr
+    assert "Traceback" not in ended.stderr

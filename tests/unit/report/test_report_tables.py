@@ -1,0 +1,53 @@
+"""Tables say no more than the numbers allow."""
+
+import math
+
+import pytest
+
+from labbook.fit import Parameter
+from labbook.report import tables
+from labbook.report.analysis import analyse
+from labbook.report.comparison import Comparison
+
+
+@pytest.mark.parametrize(
+    ("parameter", "row"),
+    [
+        (Parameter(1.612, 1.03, 2.10, 0.22, ""), ("k", "1.61 ± 0.22", "1.03 to 2.10")),
+        (Parameter(1000.0, 1.9, math.inf, 5e5, ""), ("k", "not determined", "1.9 to ∞")),
+        (Parameter(0.1, -40.0, 60.0, 20.0, ""), ("k", "not determined", "−40 to 60")),
+        (Parameter(2.0, 1.0, 3.0, 1e5, ""), ("k", "2.00", "1.00 to 3.00")),
+    ],
+)
+def test_a_parameter_that_the_data_do_not_set_is_not_quoted(parameter, row):
+    assert tables._parameter_row("beverloo.k", parameter) == row
+
+
+def test_rows_far_from_the_reference_are_marked():
+    near = Comparison("beverloo.k", {}, "", 1.55, None, 1.56, 0.02, 1.5, 1.6)
+    far = Comparison("beverloo.k", {}, "", 1.55, None, 1.65, 0.02, 1.6, 1.7)
+    missing = Comparison("beverloo.k", {}, "angle = 15 deg", 1.55, None, None, why="it clogged")
+    table = tables.comparison_table([near, far, missing])
+    assert table.marked == {1}
+    assert table.rows[1][-1] == "+5.0"
+    assert table.rows[2][3] == "–"
+    assert table.notes[-1] == "k at angle = 15 deg: it clogged."
+
+
+def test_flow_and_packing_are_shown_for_every_point(analysis):
+    flow, packing = tables.flow_table(analysis), tables.packing_table(analysis)
+    assert packing is not None
+    assert flow.headings[:3] == ("D [mm]", "W [g/s]", "95 % interval")
+    assert packing.headings == ("D [mm]", "φ", "φ in 2D", "ψ₆ local", "ψ₆ global")
+    assert [row[0] for row in flow.rows] == ["18", "21", "24", "30", "36", "45", "52.5", "60"]
+    assert all(len(row) == len(flow.headings) for row in flow.rows)
+
+
+def test_facts_on_which_runs_agree_are_told_once(synthetic):
+    point = synthetic.point(0, 0.03)
+    runs = [synthetic.FinishedDouble(point, seed) for seed in (1, 2, 3)]
+    table = tables.provenance_table(analyse(synthetic.study_of([point]), runs))
+    facts = {row[0]: row[1] for row in table.rows}
+    assert facts["engine"] == "double"
+    assert facts["wall time"] == "2.5 to 4.5 s, 10.5 s in all"
+    assert "seed" not in facts
