@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from labbook.scene.quantities import parse
-from labbook.study.keys import Key, all_keys, find
+from labbook.study.key import Key
+from labbook.study.keys import all_keys, find
 from labbook.study.problems import Problem, instead, shown
 from labbook.study.schema import Reference, ReferenceEntry
 from labbook.study.source import Location, Source, dotted

@@ -18,7 +18,7 @@ class Fill(Model):
     """How the closed container is filled, once for all runs that share the packing."""
 
     kind: Literal["rain", "gas"] = "rain"
-    """How grains start: `rain` falls from a loose column, `gas` also with random velocities."""
+    """How grains start: `rain`, a loose column of slow grains, or `gas`, a denser one of fast grains."""
     friction: Coefficient | None = None
     """Friction of grains and walls while filling; none: the study's own."""
     settled_below: Annotated[Ratio, Field(gt=0, le=1)] = 1e-6
