@@ -1,11 +1,12 @@
 """A case: what is checked, where it comes from, how it is measured, and how large an error may be."""
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from labbook.verify.stand import Stand
+from labbook.verify.stand import NotMeasured, Stand
 
 Result = Literal["passed", "failed", "reported"]
 
@@ -54,6 +55,8 @@ class Verdict:
     unit: str
     source: str
     result: Result
+    note: str = ""
+    """Why there is no number, where there is none."""
 
 
 def judge(case: Case, stand: Stand) -> list[Verdict]:
@@ -61,19 +64,24 @@ def judge(case: Case, stand: Stand) -> list[Verdict]:
 
     Raises ValueError if the case states no limit for the stand's precision, or does not measure what it says.
     """
-    errors = case.run(stand)
+    try:
+        errors = case.run(stand)
+    except NotMeasured as reason:
+        return [_verdict(case, name, math.nan, stand.precision, str(reason)) for name in case.measures]
     if set(errors) != set(case.measures):
         raise ValueError(f"case {case.name} measures {sorted(errors)}, not {sorted(case.measures)}")
     return [_verdict(case, name, float(errors[name]), stand.precision) for name in case.measures]
 
 
-def _verdict(case: Case, name: str, error: float, precision: str) -> Verdict:
+def _verdict(case: Case, name: str, error: float, precision: str, note: str = "") -> Verdict:
     measure = case.measures[name]
     if measure.limits and precision not in measure.limits:
         raise ValueError(f"case {case.name} states no limit of {name} for precision {precision}")
     limit = measure.limits.get(precision)
-    result: Result = "reported" if limit is None else "passed" if error <= limit else "failed"
-    return Verdict(case.name, name, error, limit, measure.unit, case.source, result)
+    result: Result = "passed" if limit is not None and error <= limit else "failed"
+    if limit is None and not note:
+        result = "reported"
+    return Verdict(case.name, name, error, limit, measure.unit, case.source, result, note)
 
 
 def judge_all(

@@ -11,7 +11,7 @@ from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
 from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, double
 from labbook.verify.materials import D, LAWS, room, scene
-from labbook.verify.stand import Motion, Stand, Start
+from labbook.verify.stand import Motion, Stand, Start, require
 
 RESTITUTIONS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 SPEEDS = (0.01, 0.1, 1.0)
@@ -120,7 +120,7 @@ def _duration_error(stand: Stand, law: str, speed: float) -> float:
 def _time_below(gap: np.ndarray) -> float:
     """Steps between the falling and the rising zero of `gap`, interpolated between steps."""
     crossings = np.flatnonzero(np.diff(np.sign(gap)))
-    assert len(crossings) == 2, "a pair did not collide once"
+    require(len(crossings) == 2, "a pair did not collide once")
     first, last = (k + gap[k] / (gap[k] - gap[k + 1]) for k in crossings)
     return float(last - first)
 
@@ -149,7 +149,7 @@ def _momenta(stand: Stand) -> Mapping[str, float]:
             _totals(stand.run(Start(rubbing, dt, start), 1, steps, [Ledger()])) for steps in (1, 600)
         )
         touched = np.abs(after["kinetic"] / before["kinetic"] - 1)
-        assert touched > 0.01, "the pairs did not collide"
+        require(touched > 0.01, "the pairs did not collide")
         mass = rubbing.grains.mass
         p = mass * np.linalg.norm(start.v, axis=1).sum()
         spin = rubbing.grains.inertia * np.linalg.norm(start.omega, axis=1).sum()

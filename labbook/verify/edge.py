@@ -15,7 +15,7 @@ from labbook.scene import Scene, Surface, WedgeHopper
 from labbook.verify.case import Case, double
 from labbook.verify.materials import D, G, linear, scene, spheres
 from labbook.verify.rolling import lever
-from labbook.verify.stand import Motion, Stand, Start
+from labbook.verify.stand import Motion, Stand, Start, require
 
 R = D / 2
 DT = 2.5e-7
@@ -126,7 +126,7 @@ def _follows(stand: Stand) -> Mapping[str, float]:
     times, found = path(motion)
     expected = rolling_off(speed, run_up, friction, times)
     flying = np.hypot(found[:, 0], found[:, 1]) > R
-    assert flying.any(), "the grain is still on the edge"
+    require(flying.any(), "the grain is still on the edge")
     off = np.abs(found - expected)
     return {
         "position": float(off[:, :2].max()) / R,
@@ -138,7 +138,7 @@ def _follows(stand: Stand) -> Mapping[str, float]:
 
 def _passage(motion: Motion, times: np.ndarray, expected: np.ndarray) -> float:
     crossing = motion.rows(PROBES[1])["time"]
-    assert len(crossing) == 1, "the grain did not pass the plane below the edge once"
+    require(len(crossing) == 1, "the grain did not pass the plane below the edge once")
     passes = float(np.interp(3 * R, -expected[:, 1], times))
     return abs(float(crossing[0]) / passes - 1)
 

@@ -6,10 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Backend, Event, Ledger, Probe, Status, Table
+from labbook.backend import Backend, Event, Failed, Ledger, Probe, Status, Table
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
+
+
+class NotMeasured(Exception):
+    """A case could not be measured: a guard stopped the engine, or what was to be seen did not happen."""
+
+
+def require(happened: bool, what: str) -> None:
+    """Raises NotMeasured unless what the measurement rests on has happened."""
+    if not happened:
+        raise NotMeasured(what)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +34,8 @@ class Motion:
     events: Sequence[Event]
 
     def rows(self, probe: Probe) -> Table:
-        """Rows of one probe; an empty mapping's columns do not exist, so ask only for what was declared."""
+        """Rows of one probe. Raises NotMeasured if there is none."""
+        require(probe in self.tables, f"there is nothing to read of {probe}")
         return self.tables[probe]
 
     def by_beat(self, probe: Probe, names: Sequence[str]) -> np.ndarray:
@@ -32,7 +43,7 @@ class Motion:
         table = self.rows(probe)
         steps, first = np.unique(table["step"], return_index=True)
         grains = len(table["step"]) // len(steps)
-        assert np.array_equal(first, np.arange(len(steps)) * grains), "a grain has left"
+        require(np.array_equal(first, np.arange(len(steps)) * grains), "a grain has left the scene")
         order = np.lexsort((table["id"], table["step"]))
         return np.stack([table[name][order].reshape(len(steps), grains) for name in names], axis=-1)
 
@@ -76,7 +87,7 @@ class Stand:
         """Follow members side by side for `beats` beats each; all must need the same Spec.
 
         A Ledger is always kept, so that cases share compiled kernels. `until_event`: stop at any event of all
-        members (they settle, or empty). Raises RuntimeError if a guard stops a member.
+        members (they settle, or empty). Raises NotMeasured if a guard stops a member.
         """
         kept = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger(every=beats)]))
         numerics = [self.numerics(s.dt, steps_per_beat=steps_per_beat, **s.numerics) for s in starts]
@@ -93,8 +104,7 @@ class Stand:
                 if until_event and {event.member for event in events} == set(members):
                     break
             for event in events:
-                if hasattr(event, "guard"):
-                    raise RuntimeError(f"a guard stopped the run: {event}")
+                require(not isinstance(event, Failed), f"a guard stopped the run: {event}")
             tables = ensemble.drain()
             return [
                 Motion(

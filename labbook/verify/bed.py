@@ -1,0 +1,84 @@
+"""Grains at rest: walls carry their weight, and nothing drifts."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from labbook.backend import Contacts, Ledger, Sample
+from labbook.protocol.placing import place
+from labbook.scene import Box, Scene, WedgeHopper
+from labbook.verify.case import Case, double
+from labbook.verify.materials import D, G, hertz, scene
+from labbook.verify.stand import Stand, Start
+
+DT = 8e-6
+"""A tenth of the Rayleigh time of grains with a shear modulus of 1e7 Pa."""
+SOFT = {"shear_modulus": 1e7}
+
+
+def _beds() -> list[Scene]:
+    return [
+        scene(
+            100, hertz(**SOFT), WedgeHopper(width=10 * D, height=60 * D, thickness=1.01 * D, angle=a, orifice=4 * D), G
+        ).close()
+        for a in (math.pi / 2, math.radians(60))
+    ]
+
+
+def _carries(stand: Stand) -> Mapping[str, float]:
+    """Errors of the forces on the last beat, largest kinetic energy of the last 50 of 400 beats (3.2 s)."""
+    errors, (ledger, contacts) = {}, (Ledger(), Contacts(every=400))
+    for bed, name in zip(_beds(), ("flat", "inclined"), strict=True):
+        motion = stand.run(Start(bed, DT, place(bed, "gas", 1)), 400, probes=(ledger, contacts))
+        rows = motion.rows(contacts)
+        walls = rows["wall"] >= 0
+        force = np.array([rows[axis][walls].sum() for axis in ("fx", "fy", "fz")])
+        weight = bed.grains.count * bed.grains.mass * G
+        errors[f"|wall force - weight|, {name}"] = float(np.linalg.norm(force - [0, 0, weight])) / weight
+        energy = motion.rows(ledger)["kinetic"][-50:]
+        errors[f"kinetic energy, {name}"] = float(energy.max()) / (weight * D)
+    return errors
+
+
+def _stays(stand: Stand) -> Mapping[str, float]:
+    """A pile of twelve grains in a narrow box: a million steps after it came to rest."""
+    pile = scene(12, hertz(**SOFT), Box(width=3 * D, depth=3 * D, height=20 * D), G)
+    settled = stand.run(Start(pile, DT, place(pile.close(), "gas", 1)), 200)
+    probes = (Ledger(every=10), Sample(fields=("x",), every=100))
+    motion = stand.run(Start(pile, DT, settled.end), 1000, probes=probes)
+    totals, x = motion.rows(probes[0]), motion.by_beat(probes[1], "xyz")
+    unit = pile.grains.count * pile.grains.mass * G * D
+    energy = totals["potential"] / unit
+    return {
+        "largest kinetic energy": float(totals["kinetic"].max()) / unit,
+        "change of potential energy": float(np.ptp(energy)),
+        "drift": float(np.abs(x[-1] - x[0]).max() / D),
+    }
+
+
+CASES = [
+    Case(
+        name="resting-bed",
+        statement="the forces of the walls on a resting bed add up to its weight",
+        source="equilibrium",
+        measures={
+            f"{what}, {name}": measure
+            for name in ("flat", "inclined")
+            for what, measure in (("|wall force - weight|", double(1e-6)), ("kinetic energy", double(1e-9, "m g d")))
+        },
+        run=_carries,
+    ),
+    Case(
+        name="resting-pile",
+        statement="a pile at rest stays at rest for a million steps",
+        source="equilibrium",
+        measures={
+            "largest kinetic energy": double(1e-9, "m g d"),
+            "change of potential energy": double(1e-6, "m g d"),
+            "drift": double(1e-6, "d"),
+        },
+        run=_stays,
+        slow=True,
+    ),
+]

@@ -1,0 +1,161 @@
+"""Symmetries of the equations of motion, on a small hopper that flows through an eccentric outlet."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from labbook.backend import Crossing
+from labbook.protocol.opening import opened
+from labbook.protocol.packing import Packing
+from labbook.protocol.placing import place
+from labbook.scene import Plane, Primitives, Scene, Strip, Wall, WedgeHopper
+from labbook.verify.case import Case, double
+from labbook.verify.materials import D, G, hertz, scene, spheres
+from labbook.verify.stand import Motion, Stand, Start, require
+
+COUNT = 120
+SOFT = 1e6
+"""Shear modulus [Pa]; with it DT is a tenth of the Rayleigh time."""
+DT = 2.5e-5
+OUT = Crossing()
+_FACTORS = {"x": 4.0, "v": 2.0, "omega": 0.5, "pair_spring": 4.0, "wall_spring": 4.0}
+
+
+def hopper(length: float = 1.0) -> Scene:
+    """A hopper of 12 x 80 grains with an eccentric outlet of 5; all lengths times `length`, moduli with rho L."""
+    d = D * length
+    silo = WedgeHopper(width=12 * d, height=80 * d, thickness=1.01 * d, angle=1.0, orifice=5 * d, gap=2 * d)
+    grains = spheres(COUNT).model_copy(update={"diameter": d})
+    return scene(COUNT, hertz(shear_modulus=SOFT * length), silo, G).model_copy(update={"grains": grains})
+
+
+def fallen(stand: Stand) -> tuple[Scene, Packing]:
+    """Grains that have fallen into the closed hopper and still move, ready to flow out."""
+    closed = hopper().close()
+    motion = stand.run(Start(closed, DT, place(closed, "gas", 1)), 4)
+    return hopper(), opened(motion.end, closed, hopper())
+
+
+def discharge(stand: Stand, scene: Scene, start: Packing, dt: float = DT, steps: int = 3000) -> Motion:
+    """What leaves in `steps` steps, and what is left."""
+    return stand.run(Start(scene, dt, start), 1, steps, [OUT])
+
+
+def scaled(packing: Packing) -> Packing:
+    """Lengths times four, times times two."""
+    return replace(packing, **{name: getattr(packing, name) * factor for name, factor in _FACTORS.items()})
+
+
+def mirrored(scene: Scene) -> Scene:
+    """The mirror image in x = 0; left and right walls keep their places in the list and swap names."""
+    swap = {"left": "right", "right": "left", "bottom-left": "bottom-right", "bottom-right": "bottom-left"}
+    parts = []
+    for wall in scene.container.walls():
+        shape = wall.shape
+        if isinstance(shape, Plane):
+            point, normal = ((-a[0], a[1], a[2]) for a in (shape.point, shape.normal))
+            shape = Plane(point=point, normal=normal)
+        else:
+            start, end = ((-a[0], a[1]) for a in (shape.start, shape.end))
+            shape = Strip(start=start, end=end)
+        parts.append(Wall(name=swap.get(wall.name, wall.name), shape=shape))
+    container = Primitives(parts=tuple(parts), outlet_plane=scene.container.outlet_plane)
+    return scene.model_copy(update={"container": container})
+
+
+def renumbered(packing: Packing, order: np.ndarray) -> Packing:
+    """Grain `order[k]` becomes grain k; ids go with the grains."""
+    place = np.argsort(order)
+    pairs = place[packing.pairs]
+    turned = pairs[:, 0] > pairs[:, 1]
+    assert packing.ids is not None
+    return replace(
+        packing,
+        **{name: getattr(packing, name)[order] for name in ("x", "v", "omega", "ids")},
+        pairs=np.where(turned[:, None], pairs[:, ::-1], pairs),
+        pair_spring=np.where(turned[:, None], -packing.pair_spring, packing.pair_spring),
+        wall_grain=place[packing.wall_grain],
+    )
+
+
+def difference(a: Packing, b: Packing) -> float:
+    """Largest difference in position [d], over all grains by id; infinite if they hold other grains."""
+    assert a.ids is not None
+    assert b.ids is not None
+    first, second = np.argsort(a.ids), np.argsort(b.ids)
+    if not np.array_equal(a.ids[first], b.ids[second]):
+        return np.inf
+    return float(np.abs(a.x[first] - b.x[second]).max() / D)
+
+
+def unequal(a: Packing, b: Packing) -> int:
+    """How many components of positions, velocities and spins of a and b differ in any bit."""
+    if len(a) != len(b):
+        return max(a.x.size, b.x.size)
+    return sum(int(np.sum(getattr(a, name) != getattr(b, name))) for name in ("x", "v", "omega"))
+
+
+def _late(a: Motion, b: Motion, factor: float = 1.0) -> int:
+    """How many crossings of a and b differ in grain or in any bit of the time."""
+    first, second = a.rows(OUT), b.rows(OUT)
+    if len(first["id"]) != len(second["id"]):
+        return max(len(first["id"]), len(second["id"]))
+    return int(np.sum((first["id"] != second["id"]) | (first["time"] * factor != second["time"])))
+
+
+def _scales(stand: Stand) -> Mapping[str, float]:
+    open_scene, start = fallen(stand)
+    one = discharge(stand, open_scene, start)
+    other = discharge(stand, hopper(4.0), scaled(start), 2 * DT)
+    _flowed(one)
+    return {"unequal components": unequal(scaled(one.end), other.end), "unequal crossings": _late(one, other, 2.0)}
+
+
+def _mirrors(stand: Stand) -> Mapping[str, float]:
+    open_scene, start = fallen(stand)
+    one = discharge(stand, open_scene, start)
+    other = discharge(stand, mirrored(open_scene), start.mirrored())
+    _flowed(one)
+    return {"unequal components": unequal(one.end.mirrored(), other.end), "unequal crossings": _late(one, other)}
+
+
+def _renumbers(stand: Stand) -> Mapping[str, float]:
+    open_scene, start = fallen(stand)
+    order = np.random.default_rng(4).permutation(len(start))
+    differences = []
+    for steps in (200, 1000):
+        one = discharge(stand, open_scene, start, steps=steps)
+        other = discharge(stand, open_scene, renumbered(start, order), steps=steps)
+        differences.append(difference(one.end, other.end))
+    return {"after 5 ms": differences[0], "after 25 ms": differences[1]}
+
+
+def _flowed(motion: Motion) -> None:
+    require(len(motion.rows(OUT)["id"]) > 20, "too little has flowed for a comparison")
+
+
+_BITS = {"unequal components": double(0), "unequal crossings": double(0)}
+CASES = [
+    Case(
+        name="scale-invariance",
+        statement="lengths x 4, times x 2, moduli x 4: the same discharge bit for bit",
+        source="dimensional analysis",
+        measures=_BITS,
+        run=_scales,
+    ),
+    Case(
+        name="mirror",
+        statement="the mirror image in x of a hopper with an eccentric outlet discharges as the mirror image",
+        source="symmetry",
+        measures=_BITS,
+        run=_mirrors,
+    ),
+    Case(
+        name="renumbering",
+        statement="grains numbered anew move alike, but for round-off that grows in collisions",
+        source="symmetry",
+        measures={"after 5 ms": double(1e-12, "d"), "after 25 ms": double(1e-9, "d")},
+        run=_renumbers,
+    ),
+]
