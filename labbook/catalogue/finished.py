@@ -62,8 +62,8 @@ def run_data(folder: Path, record: RunRecord) -> "RunData":
             continue
         try:
             tables[path.stem] = read_table(path)
-        except (OSError, ValueError, EOFError) as error:
-            raise Unreadable(f"{path}: {error}") from error
+        except (OSError, ValueError) as error:
+            raise Unreadable(f"{path}: not a table of numbers ({type(error).__name__})") from error
     start = load_packing(Lab(folder.parent.parent).packing(record.packing_key))
     return RunData(
         scene=record.scene,

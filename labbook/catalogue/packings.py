@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
+from zipfile import BadZipFile
 
 from pydantic import Field
 
@@ -39,5 +40,5 @@ def load_packing(folder: Path) -> Packing:
     """The packing in `folder`. Raises Unreadable."""
     try:
         return Packing.load(folder / ARRAYS)
-    except (OSError, ValueError, TypeError, KeyError, EOFError) as error:
-        raise Unreadable(f"{folder / ARRAYS}: {error}") from error
+    except (OSError, ValueError, TypeError, KeyError, EOFError, BadZipFile) as error:
+        raise Unreadable(f"{folder / ARRAYS}: not a packing ({type(error).__name__})") from error

@@ -4,6 +4,7 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -20,8 +21,11 @@ def write_table(path: Path, table: Table, *, compress: bool = True) -> None:
 
 def read_table(path: Path) -> dict[str, np.ndarray]:
     """Columns by name. Raises OSError or ValueError on a file that is none."""
-    with np.load(path, allow_pickle=False) as stored:
-        return {name: stored[name] for name in stored.files}
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (BadZipFile, EOFError, KeyError, AttributeError) as error:
+        raise ValueError(f"{path}: not a table of numbers ({type(error).__name__})") from error
 
 
 def join(tables: Sequence[Table]) -> dict[str, np.ndarray]:
@@ -40,6 +44,8 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 def read_checkpoint(path: Path) -> Checkpoint:
     """Read what `write_checkpoint` wrote. Raises OSError or ValueError on a file that is none."""
     arrays = read_table(path)
+    if _META not in arrays:
+        raise ValueError(f"{path}: not a checkpoint")
     meta = json.loads(str(arrays.pop(_META)))
     return Checkpoint(meta["engine"], meta["cache_version"], arrays)
 

@@ -33,7 +33,7 @@ def register(app: typer.Typer) -> None:
         catalogue = open_catalogue(lab)
         try:
             made = Planner(asked, catalogue, engine.capabilities).plan()
-            check(engine, made.points)
+            check(engine, device, made.points)
         except (Unsupported, Conflict, MeasureError) as problem:
             fail(problem)
         lanes = cores() if device == "cpu" else 1

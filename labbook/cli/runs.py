@@ -34,14 +34,16 @@ def register(app: typer.Typer) -> None:
 
 
 def _show(found) -> None:
+    """`left`: grains that left; `t`: time covered; `M/s`: million grain-steps per second."""
     from rich import box
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("run", "study", "point", "seed", "engine", "outcome", "left", "time [s]", "M grain-steps/s"):
-        table.add_column(heading, justify="right" if heading in ("seed", "left", "time [s]") else "left")
+    for heading in ("run", "study", "point", "seed", "engine", "outcome", "left", "t [s]", "M/s"):
+        right = heading in ("seed", "left", "t [s]", "M/s")
+        table.add_column(heading, justify="right" if right else "left", no_wrap=heading != "study")
     problems = []
     for row in found.itertuples(index=False):
         if row.outcome == "unreadable":
@@ -62,6 +64,8 @@ def _show(found) -> None:
             style="yellow" if row.outcome == "diverged" else None,
         )
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=200)
     console.print(table)
     for problem in problems:
         console.print(problem, style="red", markup=False)

@@ -101,7 +101,7 @@ class DischargeJob(Job):
             checkpoint = read_checkpoint(self.place / CHECKPOINT)
             files = [path for path in sorted(self.place.glob("*.npz")) if path.name != CHECKPOINT]
             rows = {path.stem: [read_table(path)] for path in files}
-        except (OSError, ValueError, KeyError, EOFError):
+        except (OSError, ValueError):
             return None
         self.bench.lab.clear(self.key)
         self.journal = type(self.journal)(self.bench.lab.work(self.key))

@@ -50,7 +50,7 @@ class Journal:
             self._number, self._chunks = progress["number"], progress["chunks"]
             if not all((self.folder / name).exists() for names in self._chunks.values() for name in names):
                 raise FileNotFoundError
-        except (OSError, ValueError, KeyError, TypeError, EOFError):
+        except (OSError, ValueError, KeyError, TypeError):
             self._number, self._chunks = 0, {}
             return None
         self._written = {progress["checkpoint"], *(name for names in self._chunks.values() for name in names)}

@@ -15,11 +15,14 @@ def frame_rows(table: Table) -> Table:
 
 
 def thinned(table: Table, steps_between: int) -> Table:
-    """Every frame, every second, every fourth ... so that at most 200 are left; frames lie on multiples of
-    `steps_between`, so that a run that is thinned, continued and thinned again keeps evenly spaced frames."""
+    """Every frame, every second, every fourth ... so that at most 200 are left.
+
+    Frames lie on multiples of `steps_between`. Which are kept depends only on the last one, so that a run that is
+    thinned, continued and thinned again keeps the same frames as one that was never interrupted.
+    """
     frame = np.asarray(table["step"]) // steps_between
-    kept, stride = frame >= 0, 1
-    while len(np.unique(frame[kept])) > MOST_FRAMES:
+    stride = 1
+    while frame.max(initial=0) // stride > MOST_FRAMES:
         stride *= 2
-        kept = frame % stride == 0
+    kept = frame % stride == 0
     return {name: np.asarray(column)[kept] for name, column in table.items()}

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
-from labbook.backend import Backend, Member, Overflow
+from labbook.backend import Backend, Member, Overflow, Unsupported
 from labbook.catalogue.catalogue import Catalogue
 from labbook.catalogue.index import Index
 from labbook.catalogue.lab import Lab, room
@@ -117,7 +117,7 @@ class Runner:
             self.catalogue = Catalogue(self.lab)
             planner = Planner(self.study, self.catalogue, self.backend.capabilities)
             plan = planner.plan()
-            check(self.backend, plan.points)
+            check(self.backend, self.device, plan.points)
             done = [item.keys.run for item in plan.items if item.state == "done"]
             if index.derive(done, observe):
                 plan = planner.plan()
@@ -262,8 +262,11 @@ class Runner:
                 signal.signal(number, handler)
 
 
-def check(backend: Backend, points: tuple[PointPlan, ...]) -> None:
-    """Whether `backend` can do all that is planned. Raises Unsupported."""
+def check(backend: Backend, device: str, points: tuple[PointPlan, ...]) -> None:
+    """Whether `backend` can do all that is planned, on `device`. Raises Unsupported."""
+    can = backend.capabilities
+    if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
+        raise Unsupported("--device", f"the engine {can.name} has no {device} here; it has {', '.join(can.devices)}")
     for point in points:
         shared = point.shared
         film = (shared.film,) if shared.film else ()

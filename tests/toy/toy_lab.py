@@ -1,0 +1,74 @@
+"""A small study for tests of book-keeping, and ways to carry it out: in this process, or as `labbook` in another."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import labbook_toy
+
+from labbook.catalogue import Lab
+from labbook.runner.runner import Runner, Summary
+from labbook.study import Study, load
+
+ROOT = Path(__file__).parents[2]
+
+STUDY = """
+name: toy-study
+grains: {{shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: {count}}}
+contact: {{law: hertz-mindlin, shear_modulus: 100 MPa, poisson_ratio: 0.25, friction: 0.5, restitution: 0.2}}
+container: {{kind: wedge-hopper, width: 60 mm, height: 300 mm, thickness: 1.01 d, angle: 90 deg, orifice: 24 mm}}
+sweep:
+  container.orifice: "{orifices} mm"
+replicates: {replicates}
+numerics: {{dt: 20 us, steps_per_beat: 100}}
+measure: [flow_rate]
+"""
+
+
+def study_file(folder: Path, *more: str, count=200, orifices="[18, 24]", replicates=2) -> Path:
+    """A study file in `folder`, with `more` lines at its end."""
+    path = Path(folder) / "toy.yaml"
+    text = STUDY.format(count=count, orifices=orifices, replicates=replicates)
+    path.write_text(text + "".join(f"{line}\n" for line in more))
+    return path
+
+
+def study(folder: Path, *more: str, **changes) -> Study:
+    """The study of such a file."""
+    return load(study_file(folder, *more, **changes))
+
+
+def carry_out(asked: Study, lab: Path, **options) -> Summary:
+    """Carry out a study on the toy engine in this process."""
+    engine = options.pop("engine", None) or labbook_toy.Backend()
+    return Runner(asked, Lab(lab), engine, **options).run()
+
+
+def labbook(*words: object, delay: float = 0.0, check: bool = True, **environment: str) -> subprocess.CompletedProcess:
+    """`labbook WORDS` in a process of its own, to its end."""
+    process = start(*words, delay=delay, **environment)
+    out, err = process.communicate(timeout=120)
+    if check and process.returncode:
+        raise AssertionError(f"labbook {' '.join(map(str, words))} ended with {process.returncode}:\n{out}\n{err}")
+    return subprocess.CompletedProcess(words, process.returncode, out, err)
+
+
+def start(*words: object, delay: float = 0.0, **environment: str) -> subprocess.Popen:
+    """`labbook WORDS` in a process of its own, going."""
+    folders = [str(ROOT), str(ROOT / "backends"), str(ROOT / "tests/toy"), os.environ.get("PYTHONPATH", "")]
+    path = os.pathsep.join(filter(None, folders))
+    given = {**os.environ, "PYTHONPATH": path, "LABBOOK_TOY_DELAY": str(delay), **environment}
+    command = [sys.executable, "-c", "from labbook.cli import main; main()", *map(str, words)]
+    return subprocess.Popen(command, env=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def arrays(folder: Path) -> dict[str, bytes]:
+    """The bits of every array in a run's folder, by file and name."""
+    import numpy as np
+
+    found = {}
+    for path in sorted(Path(folder).glob("*.npz")):
+        with np.load(path) as stored:
+            found |= {f"{path.name}/{name}": stored[name].tobytes() for name in stored.files}
+    return found

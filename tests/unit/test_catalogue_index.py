@@ -1,0 +1,224 @@
+"""The catalogue is an index: it can be made again, merged, and survives folders that cannot be read."""
+
+import json
+import shutil
+import time
+
+import pandas as pd
+import pytest
+from labbook_toy import Backend
+from sqlalchemy import text
+from toy_lab import carry_out, study, study_file
+from typer.testing import CliRunner
+
+from labbook.catalogue import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
+from labbook.catalogue.connect import connect
+from labbook.catalogue.index import Index
+from labbook.catalogue.merge import merge
+from labbook.catalogue.schema import SCHEMA_VERSION, metadata, runs
+from labbook.cli import build
+from labbook.measure import MEASURES
+
+EVERYTHING = ("runs", "packings", "measurements")
+
+
+@pytest.fixture
+def lab(tmp_path):
+    """A lab with four finished runs."""
+    carry_out(study(tmp_path), tmp_path / "lab")
+    return tmp_path / "lab"
+
+
+def tables(lab) -> dict[str, list]:
+    with connect(lab / "catalogue.db", read_only=True).connect() as connection:
+        return {name: sorted(map(repr, connection.execute(metadata.tables[name].select()))) for name in EVERYTHING}
+
+
+def cli(*words) -> tuple[int, str]:
+    done = CliRunner().invoke(build(), [str(word) for word in words])
+    return done.exit_code, done.output
+
+
+def test_made_again_it_is_the_same(lab):
+    before = tables(lab)
+    assert [len(before[name]) for name in EVERYTHING] == [4, 2, 12]
+    for suffix in ("", "-wal", "-shm"):
+        (lab / f"catalogue.db{suffix}").unlink(missing_ok=True)
+    with pytest.raises(NoCatalogue, match="labbook reindex"):
+        Catalogue(lab)
+    code, out = cli("reindex", "--lab", lab)
+    assert (code, out.strip()) == (0, "4 runs and 2 packings indexed")
+    assert tables(lab) == before
+
+
+def test_one_of_another_version_is_made_again_by_whoever_writes(lab):
+    before = tables(lab)
+    with connect(lab / "catalogue.db", read_only=False).connect() as connection:
+        connection.execute(text(f"UPDATE about SET schema_version = {SCHEMA_VERSION + 1}"))
+        connection.execute(text("ALTER TABLE runs ADD COLUMN later TEXT"))
+        connection.commit()
+    with pytest.raises(NoCatalogue, match="another version"):
+        Catalogue(lab)
+    Index(Lab(lab)).close()
+    assert tables(lab) == before
+
+
+def test_a_lab_without_anything_is_empty_not_wrong(tmp_path):
+    assert Catalogue(tmp_path / "none").counts() == {}
+    assert cli("runs", "--lab", tmp_path / "none")[0] == 0
+    assert not (tmp_path / "none").exists(), "looking makes nothing"
+
+
+@pytest.mark.parametrize("harm", ["cut", "empty", "gone", "renamed", "table", "half a table"])
+def test_a_folder_that_cannot_be_read_is_one_red_row(lab, harm):
+    victim = sorted((lab / "runs").iterdir())[0]
+    record = victim / "run.json"
+    if harm == "cut":
+        record.write_bytes(record.read_bytes()[:100])
+    elif harm == "empty":
+        record.write_bytes(b"")
+    elif harm == "gone":
+        record.unlink()
+    elif harm == "renamed":
+        victim = victim.rename(victim.with_name("0" * 24))
+    elif harm == "table":
+        (victim / "crossing.npz").write_bytes(b"nothing")
+    else:
+        table = victim / "crossing.npz"
+        table.write_bytes(table.read_bytes()[:300])
+    code, out = cli("reindex", "--lab", lab)
+    assert code == 0
+    assert "Unreadable" in out
+    found = Catalogue(lab).runs()
+    assert sorted(found.outcome) == ["finished"] * 3 + ["unreadable"]
+    (row,) = found[found.outcome == "unreadable"].itertuples()
+    assert row.run_key == victim.name
+    assert str(victim) in row.problem
+    code, out = cli("runs", "--lab", lab)
+    assert code == 0
+    assert "unreadable" in out
+    assert json.loads(cli("status", "--lab", lab, "--json")[1])["runs"] == {"finished": 3, "unreadable": 1}
+
+
+def test_an_unreadable_run_is_run_again(lab, tmp_path):
+    victim = sorted((lab / "runs").iterdir())[0]
+    (victim / "run.json").write_bytes(b"{}")
+    with pytest.raises(Unreadable, match=r"run\.json"):
+        RunRecord.read(victim)
+    cli("reindex", "--lab", lab)
+    asked = study_file(tmp_path)
+    code, out = cli("plan", asked, "--lab", lab, "--backend", "toy", "--json")
+    plan = json.loads(out)
+    assert code == 0
+    assert plan["counts"] == {"done": 3, "missing": 1}
+    assert "cannot be read" in next(run["reason"] for run in plan["runs"] if run["state"] == "missing")
+    summary = carry_out(study(tmp_path), lab)
+    assert list(summary.tally.ran) == [victim.name]
+    assert Catalogue(lab).counts() == {"finished": 4}
+
+
+def test_a_run_that_was_not_indexed_is_found(lab):
+    key = sorted((lab / "runs").iterdir())[0].name
+    with connect(lab / "catalogue.db", read_only=False).connect() as connection:
+        connection.execute(runs.delete().where(runs.c.run_key == key))
+        connection.commit()
+    assert len(Catalogue(lab).runs()) == 3
+    found = Index(Lab(lab)).sync()
+    assert (found.runs, found.gone) == (1, 0)
+    shutil.rmtree(lab / "runs" / key)
+    found = Index(Lab(lab)).sync()
+    assert (found.runs, found.gone) == (0, 1)
+    assert key not in set(Catalogue(lab).measurements().run_key)
+
+
+def test_labs_merge(lab, tmp_path):
+    other = tmp_path / "other"
+    carry_out(study(tmp_path, orifices="[24, 30]"), other)
+    code, out = cli("import", other, "--lab", lab)
+    assert (code, out.strip()) == (0, "2 runs and packings imported"), "one point is new, with both seeds"
+    carry_out(study(tmp_path, orifices="[18, 24, 30]"), tmp_path / "both")
+    names = [list(Catalogue(folder).runs().run_key.sort_values()) for folder in (lab, tmp_path / "both")]
+    assert names[0] == names[1]
+    assert not carry_out(study(tmp_path, orifices="[18, 24, 30]"), lab).tally.ran
+    assert cli("import", other, "--lab", lab)[1].strip() == "0 runs and packings imported"
+    assert cli("import", tmp_path / "nothing", "--lab", lab)[0] == 1
+
+
+def test_of_two_the_one_that_covers_more_is_imported(tmp_path):
+    short, long = tmp_path / "short", tmp_path / "long"
+    carry_out(study(tmp_path, "stop: {max_time: 20 ms}", replicates=1), short)
+    carry_out(study(tmp_path, replicates=1), long)
+    copied, problems = merge(Lab(long), short)
+    assert (copied, problems) == ([], [])
+    copied, problems = merge(Lab(short), long)
+    assert (len(copied), problems) == (2, [])
+    Index(Lab(short)).sync()
+    assert Catalogue(short).counts() == {"finished": 2}
+
+
+def test_numbers_are_derived_again_when_a_measure_or_the_window_changes(lab, tmp_path, monkeypatch):
+    before = Catalogue(lab).measurements(quantity="flow_rate")
+    assert len(before) == 4
+    other = study(tmp_path, "window: {start: 0.3, end: 0.6}")
+    summary = carry_out(other, lab)
+    assert summary.work_done == 0, "without simulating"
+    after = Catalogue(lab).measurements(quantity="flow_rate")
+    assert sorted(after.window_start) == [0.15] * 4 + [0.3] * 4
+    monkeypatch.setattr(type(MEASURES["flow_rate"]), "version", 99)
+    summary = carry_out(other, lab)
+    assert summary.work_done == 0
+    newest = Catalogue(lab).measurements(quantity="flow_rate")
+    assert len(newest[newest.version == 99]) == 4
+    assert list(newest[newest.version == 99].value) == list(after[after.window_start == 0.3].value)
+
+
+def test_a_run_is_shown_by_the_beginning_of_its_key(lab):
+    key = sorted((lab / "runs").iterdir())[0].name
+    code, out = cli("show", key[:8], "--lab", lab, "--json")
+    assert code == 0
+    shown = json.loads(out)
+    assert shown["run"]["run_key"] == key
+    assert {row["quantity"] for row in shown["measurements"]} >= {"flow_rate", "grain_rate"}
+    assert cli("show", key[:8], "--lab", lab)[0] == 0
+    code, out = cli("show", "zzz", "--lab", lab)
+    assert code == 1
+    assert "labbook runs" in out
+
+
+def test_a_hundred_thousand_runs_are_listed_in_well_under_a_second(tmp_path):
+    index = Index(Lab(tmp_path / "lab"))
+    index.close()
+    count = 100_000
+    row = {"study": "s", "label": "orifice 18 mm", "engine": "toy", "cache_version": 1, "outcome": "finished"}
+    row |= {"grains": 3000, "discharged": 0.6, "duration": 1.5, "wall_time": 90.0, "rate": 9e6, "stamp": 1}
+    synthetic = [
+        {**row, "run_key": f"{n:024x}", "lineage_key": f"{n:024x}", "seed": n, "finished": f"2026-{n:06d}"}
+        for n in range(count)
+    ]
+    with connect(tmp_path / "lab/catalogue.db", read_only=False).connect() as connection:
+        connection.execute(text("BEGIN"))
+        connection.execute(runs.insert(), synthetic)
+        connection.commit()
+    catalogue = Catalogue(tmp_path / "lab")
+    pd.DataFrame()  # the library is loaded before the clock starts
+    clock = time.process_time()
+    latest = catalogue.runs(limit=50)
+    assert catalogue.counts() == {"finished": count}
+    assert catalogue.matching("0000000000000000000186") == [f"{n:024x}" for n in range(0x18600, 0x1860A)]
+    listed = time.process_time() - clock
+    assert len(latest) == 50
+    assert latest.seed[0] == count - 1
+    assert listed < 0.3
+    clock = time.process_time()
+    assert len(catalogue.runs()) == count
+    assert time.process_time() - clock < 2.0, "all of them, as a table in memory"
+
+
+def test_versions_of_the_engine_do_not_mix(tmp_path):
+    asked = study(tmp_path, replicates=1)
+    carry_out(asked, tmp_path / "lab", engine=Backend(version=1))
+    old = {run.run_key for run in Catalogue(tmp_path / "lab").finished(asked, "toy")}
+    carry_out(asked, tmp_path / "lab", engine=Backend(version=2))
+    new = {run.run_key for run in Catalogue(tmp_path / "lab").finished(asked, "toy")}
+    assert len(old) == len(new) == 2
+    assert not old & new

@@ -1,0 +1,136 @@
+"""Keys tell apart what gives different results, and nothing else."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labbook import keys
+from labbook.backend import Capabilities
+from labbook.keys import Filling
+from labbook.numerics import Numerics
+from labbook.scene import HertzMindlin, Primitives, Scene, Spheres, Surface, WedgeHopper
+
+
+def scene(**changes) -> Scene:
+    contact = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25, friction=0.5, restitution=0.2)
+    given = {
+        "grains": Spheres(diameter=3e-3, density=2500, count=3000),
+        "contact": contact,
+        "container": WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=0.03),
+    }
+    return Scene(**{**given, **changes})
+
+
+def engine(name="numba", version=1) -> Capabilities:
+    none: frozenset[str] = frozenset()
+    return Capabilities(name, version, none, none, none, none, ("cpu",))
+
+
+def identities(scene_=None, engine_=None, filling=None, numerics=None) -> keys.Keys:
+    one = scene_ or scene()
+    return keys.run_keys(
+        keys.scene_key(one),
+        keys.scene_key(one.close()),
+        filling or Filling("rain", 1, 1e-6, 1),
+        numerics or Numerics(dt=2.5e-6),
+        engine_ or engine(),
+    )
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=20,
+)
+
+
+@given(JSON)
+def test_the_order_in_which_keys_were_written_does_not_matter(value):
+    def turned(item):
+        if isinstance(item, dict):
+            return {key: turned(item[key]) for key in reversed(list(item))}
+        return [turned(one) for one in item] if isinstance(item, list) else item
+
+    assert keys.digest(value) == keys.digest(turned(value))
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_count_to_the_last_digit_and_minus_zero_is_zero(a, b):
+    assert (keys.digest({"x": a}) == keys.digest({"x": b})) == (a == b)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_has_no_key(bad):
+    with pytest.raises(ValueError, match="JSON"):
+        keys.digest({"x": [bad]})
+
+
+def test_canonical_form_is_frozen():
+    assert keys.canonical({"b": [1.0, -0.0], "a": {"é": None}}) == '{"a":{"\\u00e9":null},"b":[1.0,0.0]}'
+    assert keys.digest({"b": 1}) == "eb8ed3ccb5023093b56f490a"  # printf '{"b":1}' | sha256sum
+
+
+def test_a_scene_is_known_by_its_walls_not_by_how_it_is_spelled():
+    hopper = scene()
+    explicit = scene(walls={"left": Surface(friction=0.5)})
+    parts = Primitives(parts=hopper.container.walls(), outlet_plane=0.0)
+    assert keys.scene_key(hopper) == keys.scene_key(explicit) == keys.scene_key(scene(container=parts))
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        scene(gravity=9.8),
+        scene(grains=Spheres(diameter=3e-3, density=2500, count=3001)),
+        scene(walls={"left": Surface(friction=0.4)}),
+        scene(container=WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=0.0301)),
+        scene(contact=HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25, friction=0.5, restitution=0.21)),
+    ],
+)
+def test_what_changes_the_motion_changes_the_key(other):
+    assert keys.scene_key(other) != keys.scene_key(scene())
+
+
+def test_flat_bottoms_share_packings_and_inclined_ones_do_not():
+    def packing(**change):
+        hopper = WedgeHopper(**{"width": 0.1, "height": 0.4, "thickness": 3.03e-3, "orifice": 0.03, **change})
+        return identities(scene(container=hopper)).packing
+
+    assert packing() == packing(orifice=0.045) == packing(gap=0.006) == packing(height=0.5)
+    assert packing(angle=math.radians(55)) != packing(angle=math.radians(55), orifice=0.045)
+
+
+def test_guards_are_no_part_of_a_key_but_steps_are():
+    plain = identities()
+    assert identities(numerics=Numerics(dt=2.5e-6, speed_limit=5.0, overlap_limit=0.1)) == plain
+    for change in (
+        {"dt": 1e-6},
+        {"precision": "mixed"},
+        {"skin": 0.2},
+        {"steps_per_beat": 500},
+        {"stiffness_scale": 0.1},
+    ):
+        assert identities(numerics=Numerics(**{"dt": 2.5e-6, **change})).run != plain.run
+
+
+def test_engines_share_an_experiment_only_by_sharing_a_packing():
+    one, other = identities(), identities(engine_=engine("warp"))
+    assert one.scene == other.scene
+    assert one.experiment != other.experiment
+    assert one.run != other.run
+
+
+def test_a_new_version_of_the_engine_is_another_run_of_the_same_lineage():
+    old, new = identities(), identities(engine_=engine(version=2))
+    assert old.run != new.run
+    assert old.packing != new.packing
+    assert old.lineage == new.lineage
+
+
+@pytest.mark.parametrize("change", [{"seed": 2}, {"kind": "gas"}, {"settled_below": 1e-7}, {"placing": 2}])
+def test_the_filling_decides_the_packing(change):
+    filling = Filling(**{"kind": "rain", "seed": 1, "settled_below": 1e-6, "placing": 1, **change})
+    assert identities(filling=filling).packing != identities().packing
+    assert identities(filling=filling).scene == identities().scene

@@ -1,0 +1,166 @@
+"""What a plan says of a study: done, missing, partial, stale, why, and what is ahead."""
+
+import json
+import time
+
+import pytest
+from labbook_toy import Backend
+from toy_lab import carry_out, start, study, study_file
+from typer.testing import CliRunner
+
+from labbook.backend import Unsupported
+from labbook.catalogue import Catalogue
+from labbook.catalogue.record import Coverage, StopRule
+from labbook.cli import build
+from labbook.plan.coverage import shortfall
+from labbook.plan.demand import demands
+from labbook.plan.forecast import DEFAULT_SPEED, discharge_time, forecast
+from labbook.plan.plan import Planner
+from labbook.runner.provenance import provenance
+
+ENGINE = Backend().capabilities
+STOP = StopRule(discharged=0.6, max_time=10.0, stall=1.0)
+CROSSING = '{"kind":"crossing","plane":0.0}'
+
+
+def plan(asked, lab, engine=ENGINE):
+    return Planner(asked, Catalogue(lab), engine).plan()
+
+
+def coverage(**changes) -> Coverage:
+    had = {"duration": 2.0, "steps": 1000, "grains": 100, "crossed": 60, "last_crossing": 1.99, "stop": STOP}
+    return Coverage.model_validate({**had, "guards": {"speed_limit": 100.0}, "probes": (CROSSING,), **changes})
+
+
+@pytest.mark.parametrize(
+    ("outcome", "had", "asked", "gap"),
+    [
+        ("finished", {}, {}, "none"),
+        ("finished", {}, {"discharged": 0.61}, "shorter"),
+        ("finished", {}, {"discharged": 0.4}, "none"),
+        ("emptied", {"crossed": 99}, {"discharged": 1.0}, "none"),
+        ("interrupted", {"crossed": 10}, {}, "shorter"),
+        ("interrupted", {"crossed": 10, "duration": 10.0, "last_crossing": 9.9}, {}, "none"),
+        ("interrupted", {"crossed": 10, "duration": 10.0, "last_crossing": 9.9}, {"max_time": 11.0}, "shorter"),
+        ("clogged", {"crossed": 10, "last_crossing": 1.0}, {}, "none"),
+        ("clogged", {"crossed": 10, "last_crossing": 1.0}, {"stall": 1.5}, "shorter"),
+        ("diverged", {"crossed": 10}, {}, "none"),
+        ("diverged", {"crossed": 10, "guards": {"speed_limit": 10.0}}, {}, "shorter"),
+        ("finished", {"probes": ()}, {}, "unobserved"),
+    ],
+)
+def test_demand_minus_coverage(outcome, had, asked, gap):
+    stop = STOP.model_copy(update=asked)
+    assert shortfall(outcome, coverage(**had), stop, {"speed_limit": 100.0}, frozenset({CROSSING})).gap == gap
+
+
+@pytest.mark.parametrize(
+    ("had", "asked", "gap"),
+    [
+        (None, 0.01, "unobserved"),
+        (0.01, 0.01, "none"),
+        (0.01, None, "none"),
+        (0.01, 0.02, "none"),
+        (0.02, 0.01, "unobserved"),
+    ],
+)
+def test_a_finer_recording_will_do(had, asked, gap):
+    found = shortfall("finished", coverage(recording=had), STOP, {}, frozenset(), asked)
+    assert found.gap == gap
+
+
+def test_first_the_first_seed_of_all_points(tmp_path):
+    order = [(demand.seed, demand.point.index) for demand in demands(study(tmp_path), 2)]
+    assert order == [(1, 0), (1, 1), (2, 0), (2, 1)]
+
+
+def test_nothing_there_is_all_missing(tmp_path):
+    made = plan(study(tmp_path), tmp_path / "lab")
+    assert dict(made.counts()) == {"missing": 4}
+    assert len(made.fillings) == 2
+    assert not (tmp_path / "lab").exists(), "planning makes nothing"
+
+
+def test_states_come_with_reasons(tmp_path):
+    lab = tmp_path / "lab"
+    carry_out(study(tmp_path, replicates=1), lab)
+    made = plan(study(tmp_path), lab)
+    assert dict(made.counts()) == {"done": 2, "missing": 2}
+    assert {item.outcome for item in made.items if item.state == "done"} == {"finished"}
+    longer = plan(study(tmp_path, "stop: {discharged: 90 %}", replicates=1), lab)
+    assert dict(longer.counts()) == {"partial": 2}
+    assert "90.0%" in longer.items[0].reason
+    assert longer.items[0].resumes
+    filmed = plan(study(tmp_path, "record: {every: 4 ms}", replicates=1), lab)
+    assert {(item.state, item.reason, item.resumes) for item in filmed.items} == {("partial", "not recorded", False)}
+    stale = plan(study(tmp_path, replicates=1), lab, Backend(version=2).capabilities)
+    assert {(item.state, item.reason) for item in stale.items} == {("stale", "made by version 1 of toy, which is at 2")}
+
+
+def test_work_that_was_cut_short_is_partial(tmp_path):
+    path, lab = study_file(tmp_path), tmp_path / "lab"
+    process = start("run", path, "--lab", lab, "--backend", "toy", "--checkpoint-every", 0.01, delay=0.02)
+    deadline = time.monotonic() + 30
+    while not (list((lab / "packings").glob("*")) and list((lab / "work").glob("*/progress.json"))):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+    process.kill()
+    process.communicate()
+    made = plan(study(tmp_path), lab)
+    assert "begun, goes on from its checkpoint" in {item.reason for item in made.items}
+
+
+def test_a_forecast_rests_on_recorded_speeds(tmp_path):
+    asked, lab = study(tmp_path), tmp_path / "lab"
+    machine = provenance("cpu")["machine"]
+    ahead = forecast(plan(asked, lab), Catalogue(lab), machine, "cpu", 2)
+    assert ahead.speed == DEFAULT_SPEED
+    assert "assumed" in ahead.basis
+    assert ahead.seconds == pytest.approx(ahead.grain_steps / DEFAULT_SPEED / 2)
+    carry_out(asked, lab)
+    rates = Catalogue(lab).runs().rate
+    more = plan(study(tmp_path, replicates=3), lab)
+    ahead = forecast(more, Catalogue(lab), machine, "cpu", 2)
+    assert ahead.speed == pytest.approx(rates.median())
+    assert "4 runs" in ahead.basis
+    done = forecast(plan(asked, lab), Catalogue(lab), machine, "cpu", 2)
+    assert (done.seconds, done.disk) == (0, 0)
+
+
+def test_the_forecast_of_a_discharge_is_of_the_right_size(tmp_path):
+    """The toy's flow follows the same law with nearly the same constants, so the times must be close."""
+    asked, lab = study(tmp_path, replicates=1), tmp_path / "lab"
+    carry_out(asked, lab)
+    for run in Catalogue(lab).finished(asked, "toy"):
+        demand = next(one for one in demands(asked, 1) if one.point.index == run.point.index)
+        assert discharge_time(demand.shared) == pytest.approx(run.record.coverage.duration, rel=0.25)
+
+
+def test_what_the_engine_lacks_is_said_before_anything_runs(tmp_path):
+    asked = study_file(tmp_path)
+    asked.write_text(asked.read_text().replace("numerics: {", "numerics: {precision: mixed, "))
+    for verb in ("plan", "run"):
+        done = CliRunner().invoke(build(), [verb, str(asked), "--lab", str(tmp_path / "lab"), "--backend", "toy"])
+        assert done.exit_code == 1
+        assert "numerics.precision" in done.output
+    assert not list((tmp_path / "lab").glob("*/*"))
+    with pytest.raises(Unsupported):
+        carry_out(study(tmp_path), tmp_path / "lab", device="cuda")
+
+
+def test_the_plan_in_json(tmp_path):
+    carry_out(study(tmp_path, replicates=1), tmp_path / "lab")
+    path = study_file(tmp_path)
+    done = CliRunner().invoke(
+        build(), ["plan", str(path), "--lab", str(tmp_path / "lab"), "--backend", "toy", "--json"]
+    )
+    assert done.exit_code == 0
+    found = json.loads(done.output)
+    assert found["counts"] == {"done": 2, "missing": 2}
+    assert found["packings_missing"] == 1
+    assert found["forecast"]["seconds"] > 0
+    assert [run["seed"] for run in found["runs"]] == [1, 1, 2, 2]
+    assert (
+        CliRunner().invoke(build(), ["plan", str(path), "--lab", str(tmp_path / "lab"), "--backend", "toy"]).exit_code
+        == 0
+    )

@@ -1,0 +1,142 @@
+"""Where grains start, and what becomes of their friction springs when the outlet opens."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+from scipy.stats import kstest
+
+from labbook.protocol import Packing, PlacingError, opened, place
+from labbook.scene import Box, HertzMindlin, Primitives, Scene, Spheres, WedgeHopper
+
+D = 3e-3
+
+
+def hopper(angle=90.0, orifice=0.03, gap=None, count=3000, **changes) -> Scene:
+    container = WedgeHopper(
+        width=0.1, height=0.9, thickness=1.01 * D, angle=math.radians(angle), orifice=orifice, gap=gap
+    )
+    return scene(container, count, **changes)
+
+
+def scene(container, count=3000, **changes) -> Scene:
+    contact = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
+    grains = Spheres(diameter=D, density=2500, count=count)
+    return Scene(**{"grains": grains, "contact": contact, "container": container, **changes})
+
+
+def distance(x, start, end):
+    """Of points in the x-z plane from a segment."""
+    start, end = np.array(start), np.array(end)
+    along = end - start
+    t = np.clip((x - start) @ along / (along @ along), 0, 1)
+    return np.linalg.norm(x - start - t[:, None] * along, axis=1)
+
+
+@pytest.mark.parametrize("kind", ["gas", "rain"])
+@pytest.mark.parametrize(("angle", "gap"), [(90, None), (90, 0.0), (55, None), (55, 0.0), (15, None)])
+def test_grains_start_inside_and_touch_nothing(kind, angle, gap):
+    closed = hopper(angle, gap=gap).close()
+    x = place(closed, kind, 1).x
+    assert x.shape == (3000, 3)
+    assert KDTree(x).query(x, k=2)[0][:, 1].min() >= D
+    assert np.abs(x[:, 0]).max() <= 0.05 - D / 2
+    assert np.abs(x[:, 1]).max() <= 0.505 * D - D / 2
+    for wall in closed.container.walls():
+        if wall.shape.kind == "strip":
+            assert distance(x[:, [0, 2]], wall.shape.start, wall.shape.end).min() >= D / 2, wall.name
+    floor = np.full(len(x), -np.inf)
+    for wall in closed.container.walls():
+        if wall.shape.kind == "strip" and wall.shape.start[0] != wall.shape.end[0]:
+            (x0, z0), (x1, z1) = wall.shape.start, wall.shape.end
+            over = (x[:, 0] >= min(x0, x1)) & (x[:, 0] <= max(x0, x1))
+            floor[over] = z0 + (z1 - z0) * (x[over, 0] - x0) / (x1 - x0)
+    assert np.all(x[:, 2] > floor), "above the bottom, not behind it"
+
+
+def test_a_seed_gives_the_same_start_and_another_seed_another():
+    closed = hopper(count=500).close()
+    one, same, other = (place(closed, "gas", seed) for seed in (1, 1, 2))
+    assert np.array_equal(one.x, same.x)
+    assert np.array_equal(one.v, same.v)
+    assert not np.any(np.isclose(one.x, other.x, rtol=0, atol=1e-12).all(axis=1))
+
+
+def test_the_start_is_random_in_all_directions():
+    """No lattice: x and z modulo any spacing near d, and y, are uniform."""
+    closed = hopper(count=3000).close()
+    x = place(closed, "gas", 3).x
+    depth = 0.005 * D
+    assert kstest((x[:, 1] + depth) / (2 * depth), "uniform").pvalue > 1e-3
+    for spacing in np.linspace(1.0, 2.0, 21) * D:
+        for axis in (0, 2):
+            phase = np.exp(2j * np.pi * x[:, axis] / spacing).mean()
+            assert abs(phase) < 5 / math.sqrt(len(x)), (axis, spacing / D)
+
+
+def test_a_gas_moves_with_the_stated_speed():
+    v = place(hopper().close(), "gas", 1).v
+    asked = math.sqrt(9.81 * D)
+    assert v.std(axis=0) == pytest.approx([asked] * 3, rel=0.06)
+    assert np.abs(v.mean(axis=0)).max() < 5 * asked / math.sqrt(3000)
+
+
+@pytest.mark.parametrize(("kind", "density"), [("gas", 0.25), ("rain", 0.12)])
+@pytest.mark.parametrize("container", [Box(width=0.05, depth=0.04, height=0.1), None])
+def test_the_column_is_as_dense_as_stated(kind, density, container):
+    closed = (scene(container) if container else hopper(30)).close()
+    x = place(closed, kind, 1).x
+    volume = 3000 * math.pi / 6 * D**3
+    if container:
+        room = 0.05 * 0.04 * x[:, 2].max()
+    else:
+        rise = 0.035 / math.tan(math.radians(30))
+        room = 1.01 * D * (0.1 * x[:, 2].max() - 0.035 * rise)
+    assert volume / room == pytest.approx(density, rel=0.1)
+
+
+def test_what_cannot_be_filled_says_why():
+    with pytest.raises(PlacingError, match="gravity"):
+        place(hopper(gravity=0.0).close(), "gas", 1)
+    with pytest.raises(PlacingError, match="walls across x"):
+        place(scene(Primitives()), "gas", 1)
+
+
+def springs(packing: Packing) -> dict[str, list[int]]:
+    found: dict[str, list[int]] = {}
+    for name, grain in zip(packing.wall_name, packing.wall_grain, strict=True):
+        found.setdefault(str(name), []).append(int(grain))
+    return found
+
+
+def resting(xs, names, z=D / 2) -> Packing:
+    n = len(xs)
+    zs = np.broadcast_to(z, n)
+    x = np.column_stack([xs, np.zeros(n), zs])
+    spring = np.arange(3 * n, dtype=float).reshape(n, 3) * 1e-9
+    zero = np.zeros((n, 3))
+    return Packing(
+        x=x, v=zero, omega=zero, wall_grain=np.arange(n), wall_name=np.array(names, "U40"), wall_spring=spring
+    )
+
+
+def test_a_flat_bottom_hands_its_springs_to_the_plate_that_is_left_under_the_grain():
+    open_ = hopper(orifice=0.03)
+    packing = resting([-0.04, -0.0151, -0.0149, 0.0, 0.0149, 0.0151, 0.04], ["bottom"] * 7)
+    start = opened(packing, open_.close(), open_)
+    assert springs(start) == {"bottom-left": [0, 1], "bottom-right": [5, 6]}
+    assert np.array_equal(start.wall_spring, packing.wall_spring[[0, 1, 5, 6]])
+    assert np.array_equal(start.x, packing.x)
+
+
+def test_an_outlet_at_the_wall_leaves_no_left_plate():
+    open_ = hopper(orifice=0.03, gap=0.0)
+    packing = resting([-0.04, 0.0, 0.04], ["bottom", "bottom", "left"])
+    assert springs(opened(packing, open_.close(), open_)) == {"bottom-right": [1], "left": [2]}
+
+
+def test_walls_that_stay_keep_their_springs_and_the_lid_loses_them():
+    open_ = hopper(55, orifice=0.03)
+    packing = resting([-0.04, 0.0, 0.04, 0.0], ["bottom-left", "lid", "right", "front"])
+    assert springs(opened(packing, open_.close(), open_)) == {"bottom-left": [0], "right": [2], "front": [3]}

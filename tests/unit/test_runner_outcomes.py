@@ -1,0 +1,215 @@
+"""How runs end, what is kept of them, and what a longer or wider demand does with them."""
+
+import numpy as np
+import pytest
+from labbook_toy import Backend
+from toy_lab import arrays, carry_out, study
+
+from labbook.catalogue import Catalogue, Lab, RunRecord
+from labbook.catalogue.tables import read_checkpoint
+
+
+def records(lab) -> dict[tuple[str, int], RunRecord]:
+    found = [RunRecord.read(folder) for folder in (lab / "runs").iterdir()]
+    return {(record.label, record.seed): record for record in found}
+
+
+def outcomes(summary) -> list[str]:
+    return sorted(summary.tally.ran.values())
+
+
+def test_a_study_is_carried_out_once(tmp_path):
+    asked = study(tmp_path)
+    first = carry_out(asked, tmp_path / "lab")
+    assert outcomes(first) == ["finished"] * 4
+    assert first.tally.packings == 2, "flat bottoms share one packing a seed"
+    again = carry_out(asked, tmp_path / "lab")
+    assert not again.tally.ran
+    assert not again.tally.packings
+    assert again.work_done == 0
+    assert not list((tmp_path / "lab/work").iterdir())
+
+
+def test_a_run_knows_how_it_came_about(tmp_path):
+    asked = study(tmp_path)
+    carry_out(asked, tmp_path / "lab")
+    record = records(tmp_path / "lab")["orifice 24 mm", 2]
+    assert record.study == "toy-study"
+    assert record.at == {"container.orifice": 0.024}
+    assert record.scene == asked.points[1].scene
+    assert record.coverage.discharged >= asked.window.end
+    assert record.physics["restitution_asked"] == 0.2
+    told = record.provenance
+    assert told["seed"] == 2
+    assert told["precision"] == "double"
+    assert {"commit", "dirty", "packages", "processor", "threads", "machine", "wall_time"} <= told.keys()
+    assert told["packages"]["numpy"] == np.__version__
+    assert told["grain_steps_per_second"] > 0
+    (session,) = record.sessions
+    assert (session.from_step, session.to_step) == (0, record.coverage.steps)
+    left = record.coverage.crossed
+    mean = (2 * record.coverage.grains - left) / 2
+    assert session.grain_steps == pytest.approx(record.coverage.steps * mean, rel=0.02)
+
+
+def test_finished_runs_give_their_data(tmp_path):
+    asked = study(tmp_path)
+    carry_out(asked, tmp_path / "lab")
+    finished = Catalogue(tmp_path / "lab").finished(asked, "toy")
+    assert [(run.point.index, run.seed) for run in finished] == [(0, 1), (0, 2), (1, 1), (1, 2)]
+    for run in finished:
+        data = run.data()
+        crossing = data.tables["crossing"]
+        assert len(crossing["id"]) == run.record.coverage.crossed == len(np.unique(crossing["id"]))
+        assert np.all(np.diff(crossing["time"]) > 0)
+        assert crossing["time"][-1] == run.record.coverage.last_crossing <= data.duration
+        assert len(data.start) == 200
+        assert "member" not in crossing
+
+
+def test_an_outlet_that_clogs_leaves_a_censored_waiting_time(tmp_path):
+    asked = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[8, 24]", replicates=1)
+    carry_out(asked, tmp_path / "lab")
+    found = records(tmp_path / "lab")
+    assert found["orifice 24 mm", 1].outcome == "finished"
+    clogged = found["orifice 8 mm", 1]
+    assert clogged.outcome == "clogged"
+    assert clogged.coverage.waiting >= 0.5
+    assert clogged.coverage.crossed == 200 // 3
+
+
+def test_a_run_out_of_time_is_interrupted_and_goes_on_when_more_is_asked(tmp_path):
+    short = study(tmp_path, "stop: {max_time: 20 ms}", replicates=1)
+    carry_out(short, tmp_path / "lab")
+    assert {record.outcome for record in records(tmp_path / "lab").values()} == {"interrupted"}
+    longer = study(tmp_path, replicates=1)
+    summary = carry_out(longer, tmp_path / "lab")
+    assert outcomes(summary) == ["finished"] * 2
+    assert summary.tally.resumed == 2
+    carry_out(longer, tmp_path / "whole")
+    for (label, seed), record in records(tmp_path / "lab").items():
+        assert [session.from_step for session in record.sessions] == [0, 1000], (label, seed)
+        assert arrays(tmp_path / "lab/runs" / record.run_key) == arrays(tmp_path / "whole/runs" / record.run_key)
+    assert not list((tmp_path / "lab/work").iterdir())
+
+
+def test_what_is_emptied_is_done_whatever_is_asked(tmp_path):
+    asked = study(tmp_path, "stop: {discharged: 1}", replicates=1, orifices="[24, 30]")
+    carry_out(asked, tmp_path / "lab")
+    found = records(tmp_path / "lab")
+    assert {record.coverage.discharged for record in found.values()} == {1.0}
+    longer = study(tmp_path, "stop: {max_time: 99 s}", replicates=1, orifices="[24, 30]")
+    assert not carry_out(longer, tmp_path / "lab").tally.ran
+
+
+def test_a_guard_ends_one_run_and_others_go_on(tmp_path):
+    asked = study(tmp_path, replicates=1)
+    summary = carry_out(asked, tmp_path / "lab", engine=Backend(fails=18))
+    assert outcomes(summary) == ["diverged", "finished"]
+    failed = records(tmp_path / "lab")["orifice 18 mm", 1]
+    assert failed.failure is not None
+    assert failed.failure.guard == "overlap"
+    assert 0 <= failed.failure.grain < 200
+    assert failed.coverage.steps <= failed.failure.step < failed.coverage.steps + 100, "the last good beat is kept"
+    kept = read_checkpoint(Lab(tmp_path / "lab").run(failed.run_key) / "checkpoint.npz")
+    assert kept.arrays["count"][0] == failed.coverage.steps
+    assert not carry_out(asked, tmp_path / "lab").tally.ran, "it is deterministic: it is not run again"
+    other = study(tmp_path, replicates=1)
+    wider = [p.numerics.model_copy(update={"overlap_limit": 0.5}) for p in other.points]
+    points = tuple(
+        type(p)(p.index, p.scene, p.fill, n, p.at, p.label) for p, n in zip(other.points, wider, strict=True)
+    )
+    object.__setattr__(other, "points", points)
+    again = carry_out(other, tmp_path / "lab")
+    assert again.tally.resumed == 1, "under another guard it goes on from its last good state"
+    assert records(tmp_path / "lab")["orifice 18 mm", 1].outcome == "finished"
+
+
+def test_a_filling_that_does_not_settle_says_what_to_do_and_goes_on_when_allowed(tmp_path):
+    hasty = study(tmp_path, "fill: {max_time: 2 ms}")
+    summary = carry_out(hasty, tmp_path / "lab")
+    assert len(summary.tally.failed) == 2
+    assert all("fill.max_time" in why for why in summary.tally.failed)
+    assert not summary.tally.ran
+    patient = carry_out(study(tmp_path), tmp_path / "lab")
+    assert outcomes(patient) == ["finished"] * 4
+    carry_out(study(tmp_path), tmp_path / "whole")
+    for key in (path.name for path in (tmp_path / "whole/packings").iterdir()):
+        assert arrays(tmp_path / "lab/packings" / key) == arrays(tmp_path / "whole/packings" / key)
+
+
+def test_recorded_runs_keep_frames_and_others_do_not(tmp_path):
+    asked = study(tmp_path, "record: {every: 2 ms, replicates: 1}")
+    carry_out(asked, tmp_path / "lab")
+    for run in Catalogue(tmp_path / "lab").finished(asked, "toy"):
+        frames = run.recording()
+        assert "sample" not in run.data().tables
+        if run.seed > 1:
+            assert frames is None
+            continue
+        assert frames is not None
+        assert frames["x"].dtype == np.float32
+        times = np.unique(frames["time"])
+        assert len(times) <= 200
+        assert np.allclose(np.diff(times), 2e-3 * round(np.diff(times)[0] / 2e-3))
+
+
+def test_long_recordings_are_thinned_evenly_also_when_continued(tmp_path):
+    def every(*more):
+        return study(
+            tmp_path, "record: {every: 2 ms, replicates: 1}", *more, replicates=1, orifices="[10, 24]", count=400
+        )
+
+    carry_out(every("stop: {max_time: 0.5 s}"), tmp_path / "lab")
+    (run, _) = Catalogue(tmp_path / "lab").finished(every("stop: {max_time: 0.5 s}"), "toy")
+    frames = run.recording()
+    assert frames is not None
+    assert np.allclose(np.diff(np.unique(frames["time"])), 4e-3)
+    asked = every("stop: {max_time: 1.2 s}")
+    carry_out(asked, tmp_path / "lab")
+    (run, _) = Catalogue(tmp_path / "lab").finished(asked, "toy")
+    frames = run.recording()
+    assert frames is not None
+    assert np.allclose(np.diff(np.unique(frames["time"])), 8e-3)
+    carry_out(asked, tmp_path / "whole")
+    assert arrays(run.folder) == arrays(tmp_path / "whole/runs" / run.run_key)
+
+
+def test_a_missing_observable_is_run_again_and_nothing_is_lost(tmp_path):
+    carry_out(study(tmp_path, replicates=1), tmp_path / "lab")
+    before = {key: record.run_key for key, record in records(tmp_path / "lab").items()}
+    summary = carry_out(study(tmp_path, "record: {every: 4 ms, replicates: 1}", replicates=1), tmp_path / "lab")
+    assert set(summary.tally.ran) == set(before.values()), "probes are coverage: the keys stay"
+    assert summary.tally.resumed == 0
+    assert not carry_out(study(tmp_path, replicates=1), tmp_path / "lab").tally.ran
+
+
+def test_replicates_are_added_until_the_flow_rate_is_precise_enough(tmp_path):
+    asked = study(tmp_path, "accuracy: {flow_rate: 2 %, max_replicates: 30}", replicates=2, orifices="[24]", count=400)
+    summary = carry_out(asked, tmp_path / "lab")
+    (point,) = summary.points
+    assert point.decision is not None
+    assert point.decision.ended == "tolerance"
+    assert point.decision.pooled is not None
+    assert point.decision.pooled.relative <= 0.02
+    assert 3 < point.decision.pooled.n <= 30
+    assert len(Catalogue(tmp_path / "lab").finished(asked, "toy")) == point.decision.pooled.n
+
+
+def test_a_cap_on_replicates_is_kept_and_reported(tmp_path):
+    asked = study(tmp_path, "accuracy: {flow_rate: 0.01 %, max_replicates: 4}", replicates=2, orifices="[24]")
+    (point,) = carry_out(asked, tmp_path / "lab").points
+    assert point.decision is not None
+    assert point.decision.ended == "cap"
+    assert len(point.items) == 4
+
+
+def test_lanes_do_not_change_a_bit(tmp_path):
+    asked = study(tmp_path, "record: {every: 4 ms, replicates: 1}")
+    for lanes in (1, 3):
+        carry_out(asked, tmp_path / str(lanes), lanes=lanes, checkpoint_every=0.03 if lanes == 1 else 1e9)
+    for folder in ("runs", "packings"):
+        keys = sorted(path.name for path in (tmp_path / "1" / folder).iterdir())
+        assert keys == sorted(path.name for path in (tmp_path / "3" / folder).iterdir())
+        for key in keys:
+            assert arrays(tmp_path / "1" / folder / key) == arrays(tmp_path / "3" / folder / key)
