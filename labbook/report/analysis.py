@@ -12,6 +12,7 @@ import numpy as np
 from labbook.measure import MEASURES, RunData
 from labbook.measure.series import crossing_times, flow_series
 from labbook.measure.steady import steady_flow
+from labbook.report import display
 from labbook.stats import Measured, Pooled, StoppingRule
 
 if TYPE_CHECKING:
@@ -66,12 +67,22 @@ class RunResult:
 
 @dataclass(frozen=True, eq=False)
 class PointResult:
-    """One point of a study with its replicates. `pooled`: means over seeds, by quantity, with Student intervals."""
+    """One point of a study with its replicates.
+
+    `at`: what was swept, without what follows from the rest; `pooled`: means over seeds, by quantity, with Student
+    intervals; `tolerance`: the relative half-width that the study asks for.
+    """
 
     point: "Point"
+    at: Mapping[str, float | str]
     runs: tuple[RunResult, ...]
     pooled: Mapping[str, Pooled]
     tolerance: float | None
+
+    @property
+    def label(self) -> str:
+        """What was swept, in the units of the field."""
+        return display.label(self.at)
 
     @property
     def orifice(self) -> float:
@@ -148,14 +159,27 @@ def analyse(
             unreadable.append(str(error))
         progress(done)
     read = [point for point in study.points if by_point.get(point.index)]
-    points = tuple(_point(study, point, tuple(by_point[point.index])) for point in read)
+    extra = redundant(study.points)
+    points = tuple(_point(study, point, extra, tuple(by_point[point.index])) for point in read)
     missing = tuple(point for point in study.points if not by_point.get(point.index))
     series = series_of(points, study.fit)
     comparisons = compare(study.reference, points, series)
     return Analysis(study, points, missing, tuple(unreadable), series, comparisons)
 
 
-def _point(study: "Study", point: "Point", runs: tuple[RunResult, ...]) -> PointResult:
+def redundant(points: Sequence["Point"]) -> frozenset[str]:
+    """Swept keys that follow from another one, such as a number of grains given for every width."""
+    names = list(dict.fromkeys(name for point in points for name in point.at))
+    extra: set[str] = set()
+    for place, name in enumerate(names):
+        for other in (other for other in names[:place] if other not in extra):
+            pairs = {(point.at.get(other), point.at.get(name)) for point in points}
+            if len(pairs) == len({first for first, _ in pairs}) == len({second for _, second in pairs}) > 1:
+                extra.add(name)
+    return frozenset(extra)
+
+
+def _point(study: "Study", point: "Point", extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
     cap = max(study.replicates, study.accuracy.max_replicates)
     rule = StoppingRule(study.accuracy.flow_rate, study.replicates, cap)
     values: dict[str, list[float]] = {}
@@ -164,7 +188,8 @@ def _point(study: "Study", point: "Point", runs: tuple[RunResult, ...]) -> Point
             if run.outcome != "diverged" and name not in UNPOOLED and math.isfinite(measured.value):
                 values.setdefault(name, []).append(measured.value)
     pooled = {name: rule.pool(found) for name, found in values.items()}
-    return PointResult(point, runs, pooled, study.accuracy.flow_rate)
+    at = {name: value for name, value in point.at.items() if name not in extra}
+    return PointResult(point, at, runs, pooled, study.accuracy.flow_rate)
 
 
 def _run(study: "Study", finished: Finished) -> RunResult:

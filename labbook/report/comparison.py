@@ -77,7 +77,7 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
 def _entry(entry: "ReferenceEntry", points: Sequence[PointResult], series: Sequence[Series]) -> Iterator[Comparison]:
     head, _, tail = entry.quantity.partition(".")
     quantity = entry.quantity if head in LAWS else tail or head
-    label = ", ".join(display.setting(name, value) for name, value in entry.at.items())
+    label = display.label(entry.at)
     base = Comparison(quantity, entry.at, label, entry.value, entry.error, None)
     found: list[Comparison] = []
     if head in LAWS:
@@ -86,9 +86,25 @@ def _entry(entry: "ReferenceEntry", points: Sequence[PointResult], series: Seque
             found.append(_of_fit(replace(base, at=one.at or at, label=one.label or label), head, tail, one))
     else:
         for result in (result for result in points if _matches(entry.at, result.point)):
-            label = ", ".join(display.setting(name, value) for name, value in result.point.at.items())
-            found.append(_of_point(replace(base, at=result.point.at, label=label), result))
-    yield from found or [replace(base, why="no finished point is at these values")]
+            found.append(_of_point(replace(base, at=result.at, label=result.label), result))
+    yield from _merged(found, len(points)) or [replace(base, why="no finished point is at these values")]
+
+
+def _merged(found: Sequence[Comparison], points: int) -> list[Comparison]:
+    """Points that share what was compared (their packing, say) as one, told by what they have in common."""
+    groups: dict[tuple, list[Comparison]] = {}
+    for one in found:
+        groups.setdefault((one.ours, one.why), []).append(one)
+    merged = []
+    for group in groups.values():
+        first = group[0]
+        if len(group) > 1:
+            common = {name: value for name, value in first.at.items() if all(c.at.get(name) == value for c in group)}
+            said = f" at {display.label(common)}" if common else ""
+            label = "all points" if len(group) == points else f"{len(group)} points{said}"
+            first = replace(first, at=common, label=label)
+        merged.append(first)
+    return merged
 
 
 def _of_fit(base: Comparison, law: str, parameter: str, series: Series) -> Comparison:

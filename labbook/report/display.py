@@ -1,6 +1,7 @@
 """Numbers and keys as people read them: millimetres, degrees, g/s; no more digits than the error allows."""
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 
@@ -77,6 +78,11 @@ def setting(name: str, value: float | str) -> str:
     """`D = 30 mm` of a key and its value in SI, or the word that it takes."""
     shown = key(name)
     return f"{shown.name} = {amount(name, value)} {shown.unit}".rstrip()
+
+
+def label(at: Mapping[str, float | str], leave_out: Collection[str] = ()) -> str:
+    """`width = 100 mm, D = 30 mm`: what was swept, but for keys to leave out."""
+    return ", ".join(setting(name, value) for name, value in at.items() if name not in leave_out)
 
 
 def number(value: float, error: float | None = None, scale: float = 1.0) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from labbook import __version__
 from labbook.report import display, figures, style, tables
-from labbook.report.analysis import Analysis
+from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
 
 if TYPE_CHECKING:
@@ -63,19 +63,20 @@ def summary(analysis: Analysis) -> list[str]:
     study, runs = analysis.study, sum(len(result.runs) for result in analysis.points)
     sentences = [f"{_count(runs, 'run')} of {_count(len(analysis.points), 'point')}."]
     if analysis.missing:
-        names = "; ".join(point.label for point in analysis.missing[:5])
+        extra = redundant(study.points)
+        names = "; ".join(display.label(point.at, extra) for point in analysis.missing[:5])
         more = f" and {len(analysis.missing) - 5} more" if len(analysis.missing) > 5 else ""
         sentences.append(f"Not finished yet: {names}{more}.")
     if analysis.unreadable:
         sentences.append(f"{_count(len(analysis.unreadable), 'run')} could not be read: {analysis.unreadable[0]}.")
     if study.accuracy.flow_rate is not None:
-        short = [result.point.label for result in analysis.points if result.precise is False]
+        short = [result.label for result in analysis.points if result.precise is False]
         asked = f"{100 * study.accuracy.flow_rate:g} %"
         if short:
             sentences.append(f"The asked error of {asked} on the flow rate is not met at {'; '.join(short)}.")
         elif analysis.points:
             sentences.append(f"The flow rate of every point is known to the asked {asked} (95 % interval).")
-    trending = [result.point.label for result in analysis.points if result.trending]
+    trending = [result.label for result in analysis.points if result.trending]
     if trending:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
     if analysis.comparisons and study.reference is not None:
@@ -97,20 +98,21 @@ def _overview(analysis: Analysis, folder: Path) -> Picture | None:
 
 
 def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
-    """Fitted parameters against every key that tells series apart by itself."""
-    keys = {name for one in analysis.series for name in one.at}
+    """Fitted parameters of every law against the key that takes most values, if it takes several."""
+    values = {
+        name: {one.at[name] for one in analysis.series if name in one.at} for one in analysis.series for name in one.at
+    }
+    numbers = {name: len(found) for name, found in values.items() if not any(isinstance(v, str) for v in found)}
+    key = max(numbers, key=lambda name: numbers[name], default="")
     pictures = []
-    for name in sorted(keys):
-        group = [one for one in analysis.series if set(one.at) == {name}]
-        for law in dict.fromkeys(law for one in group for law in one.fits):
-            fitted = [one for one in group if law in one.fits]
-            if len(fitted) < 2:
-                continue
-            shown = display.key(name)
-            figure = figures.parameters_against(name, shown.heading, shown.scale, law, fitted, analysis.comparisons)
+    for law in dict.fromkeys(law for one in analysis.series for law in one.fits):
+        places = {one.at[key] for one in analysis.series if law in one.fits and key in one.at}
+        if len(places) > 1:
+            figure = figures.parameters_against(key, law, analysis.series, analysis.comparisons)
             caption = f"Parameters of {law.capitalize()} with 95 % intervals; diamonds: the reference."
-            stem = folder / f"{law}-{_slug(shown.name)}"
-            pictures.append(_picture(figure, stem, f"parameters of {law} against {shown.name}", caption))
+            name = display.key(key).name
+            stem = folder / f"{law}-{_slug(name)}"
+            pictures.append(_picture(figure, stem, f"parameters of {law} against {name}", caption))
     return pictures
 
 

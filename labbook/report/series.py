@@ -1,7 +1,7 @@
 """Series: points that differ only in their orifice, and the laws fitted to their flow rates."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,8 @@ PACKING_FRACTION = "packing_fraction"
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Points in order of their orifice. `at`: their common swept values (SI), without the orifice.
+    """Points in order of their orifice. `at`: their common swept values (SI), without the orifice; `unset`: what is
+    swept elsewhere in the study and not set here.
 
     `used`: indices of the points that were fitted; `flagged`: those of them that lie outside a law's range or have no
     steady flow. `preferred`: the law that the data choose, `undecided`, or None with fewer than two fits. `problems`:
@@ -31,11 +32,17 @@ class Series:
     flagged: frozenset[int]
     preferred: str | None
     problems: tuple[str, ...]
+    unset: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
         """What the points have in common; empty if nothing else was swept."""
-        return ", ".join(display.setting(name, value) for name, value in self.at.items())
+        return self.label_without("")
+
+    def label_without(self, key: str) -> str:
+        """The label, leaving out what it says of `key`."""
+        unset = [f"{display.key(name).name} not set" for name in self.unset if name != key]
+        return ", ".join(filter(None, (display.label(self.at, {key}), *unset)))
 
     @property
     def diameters(self) -> list[float]:
@@ -58,12 +65,12 @@ def series_of(points: Sequence[PointResult], laws: Sequence[str]) -> tuple[Serie
     groups: dict[tuple[tuple[str, float | str], ...], list[PointResult]] = {}
     for result in points:
         if isinstance(result.point.scene.container, WedgeHopper):
-            key = tuple(sorted((k, v) for k, v in result.point.at.items() if k != ORIFICE))
+            key = tuple((k, v) for k, v in result.at.items() if k != ORIFICE)
             groups.setdefault(key, []).append(result)
-    return tuple(
-        _series(dict(key), sorted(group, key=lambda r: r.orifice), laws)
-        for key, group in sorted(groups.items(), key=lambda item: str(item[0]))
-    )
+    ordered = sorted(groups.items(), key=lambda item: [(isinstance(v, str), v) for _, v in item[0]])
+    names = dict.fromkeys(name for key in groups for name, _ in key)
+    found = (_series(dict(key), sorted(group, key=lambda r: r.orifice), laws) for key, group in ordered)
+    return tuple(replace(one, unset=tuple(name for name in names if name not in one.at)) for one in found)
 
 
 def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: Sequence[str]) -> Series:

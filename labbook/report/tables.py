@@ -57,7 +57,7 @@ def packing_table(analysis: Analysis) -> Table | None:
 
 
 def _swept(analysis: Analysis) -> list[str]:
-    return list(dict.fromkeys(name for result in analysis.points for name in result.point.at))
+    return list(dict.fromkeys(name for result in analysis.points for name in result.at))
 
 
 def _measured(analysis: Analysis, of_flow: bool) -> list[Measured]:
@@ -76,8 +76,8 @@ def _headings(swept: Iterable[str], measured: Iterable[Measured]) -> tuple[str, 
 
 
 def _at(result: PointResult, swept: Iterable[str]) -> tuple[str, ...]:
-    at = result.point.at
-    return tuple(display.amount(name, at[name]) if name in at else "" for name in swept)
+    at = result.at
+    return tuple(display.amount(name, at[name]) if name in at else "–" for name in swept)
 
 
 def _cells(result: PointResult, measured: Iterable[Measured]) -> tuple[str, ...]:
@@ -157,9 +157,9 @@ def outcomes_table(analysis: Analysis) -> Table:
     for result in analysis.points:
         total.update(result.outcomes)
         for outcome in result.outcomes:
-            where.setdefault(outcome, []).append(result.point.label)
+            where.setdefault(outcome, []).append(result.label)
         if result.trending:
-            where.setdefault("trending", []).append(result.point.label)
+            where.setdefault("trending", []).append(result.label)
     total["trending"] = sum(result.trending for result in analysis.points)
     rows = [
         (name, str(n), "all" if len(where[name]) == len(analysis.points) else "; ".join(where[name]))
@@ -197,9 +197,7 @@ def provenance_table(analysis: Analysis) -> Table:
 def runs_table(analysis: Analysis) -> Table:
     """Point, seed, outcome and key of every run."""
     rows = tuple(
-        (result.point.label, str(run.seed), run.outcome, run.run_key)
-        for result in analysis.points
-        for run in result.runs
+        (result.label, str(run.seed), run.outcome, run.run_key) for result in analysis.points for run in result.runs
     )
     return Table(("point", "seed", "outcome", "run key"), rows, frozenset({0, 2, 3}))
 

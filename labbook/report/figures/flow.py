@@ -25,7 +25,7 @@ def flow_against_time(series: "Series") -> "Figure":
     columns = min(_COLUMNS, len(series.points))
     rows = math.ceil(len(series.points) / columns)
     with house():
-        figure = Figure(figsize=(PAGE * max(columns, 2) / _COLUMNS, (14 + 34 * rows) * MILLIMETRE))
+        figure = Figure(figsize=(PAGE * max(columns, 3) / _COLUMNS, (14 + 34 * rows) * MILLIMETRE))
         axes = figure.subplots(rows, columns, squeeze=False)
         for ax, result in zip(axes.flat, series.points, strict=False):
             _draw(ax, result)

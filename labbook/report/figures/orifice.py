@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, house, look
+from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, PAGE, house, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,8 @@ def overview(series: Sequence["Series"]) -> "Figure":
     from matplotlib.figure import Figure
 
     with house():
-        figure = Figure(figsize=(COLUMN, 78 * MILLIMETRE))
+        many = len(series) > 5
+        figure = Figure(figsize=(PAGE * 0.75 if many else COLUMN, 78 * MILLIMETRE))
         ax = figure.subplots()
         for index, one in enumerate(series):
             style = look(index)
@@ -69,7 +70,10 @@ def overview(series: Sequence["Series"]) -> "Figure":
         ax.set_xlabel("orifice, $D$ [mm]")
         ax.set_ylabel("$W^{2/3}$ [(g/s)$^{2/3}$]")
         ax.set_ylim(bottom=0)
-        ax.legend(loc="upper left", ncols=1 + (len(series) > 8))
+        if many:
+            figure.legend(loc="outside right upper")
+        else:
+            ax.legend(loc="upper left")
     return figure
 
 
@@ -80,7 +84,7 @@ def _scaled(flow_rate: np.ndarray) -> np.ndarray:
 
 def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"], source: str) -> None:
     """Flow rates of the reference at the points of the series."""
-    ours = [result.point.at for result in series.points]
+    ours = [result.at for result in series.points]
     theirs = [c for c in comparisons if c.quantity == "flow_rate" and "container.orifice" in c.at and c.at in ours]
     if theirs:
         places = [float(c.at["container.orifice"]) * 1e3 for c in theirs]

@@ -5,52 +5,68 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from labbook.report import display
-from labbook.report.style import COLOURS, INK, MARKERS, MILLIMETRE, PAGE, house, mathtext
+from labbook.report.style import INK, MILLIMETRE, PAGE, house, look, mathtext
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from labbook.fit import Parameter
     from labbook.report.comparison import Comparison
     from labbook.report.series import Series
 
 
-def parameters_against(
-    key: str, name: str, scale: float, law: str, series: Sequence["Series"], comparisons: Sequence["Comparison"]
-) -> "Figure":
-    """The parameters of `law`, a panel each, against `key` (axis label `name`, SI value times `scale`).
+def parameters_against(key: str, law: str, series: Sequence["Series"], comparisons: Sequence["Comparison"]) -> "Figure":
+    """The parameters of `law`, a panel each, against the swept `key`; series that differ in another key look different.
 
-    Error bars are the fits' 95 % intervals; open black diamonds are the reference's values.
+    Error bars are the fits' 95 % intervals, left out where they have no end; open black diamonds are the reference's
+    values.
     """
     from matplotlib.figure import Figure
 
-    fitted = [one for one in series if law in one.fits]
+    fitted = [one for one in series if law in one.fits and key in one.at]
     names = list(dict.fromkeys(p for one in fitted for p in one.fits[law].parameters))
-    rows = math.ceil(len(names) / 2)
+    columns = min(len(names), 3 if len(names) % 2 else 2)
+    rows = math.ceil(len(names) / columns)
+    groups = list(dict.fromkeys(one.label_without(key) for one in fitted))
     with house():
         figure = Figure(figsize=(PAGE, (8 + 44 * rows) * MILLIMETRE))
-        axes = figure.subplots(rows, 2, sharex=True, squeeze=False).flatten()
-        for index, (ax, parameter) in enumerate(zip(axes, names, strict=False)):
-            colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
-            found = [
-                (float(one.at[key]) * scale, one.fits[law].parameters[parameter])
-                for one in fitted
-                if parameter in one.fits[law].parameters  # C of the bulk needs a measured packing
-            ]
-            shown = display.quantity(f"{law}.{parameter}", found[0][1].unit)
-            for place, value in found:
-                ends = [abs(end - value.value) * shown.scale for end in (value.low, value.high)]
-                if all(map(math.isfinite, ends)):
-                    ax.errorbar(place, value.value * shown.scale, yerr=[[ends[0]], [ends[1]]], color=colour)
-                ax.plot(place, value.value * shown.scale, color=colour, marker=marker)
+        axes = figure.subplots(rows, columns, sharex=True, squeeze=False).flatten()
+        for ax, parameter in zip(axes, names, strict=False):
+            scale = display.key(key).scale
+            for one in fitted:
+                found = one.fits[law].parameters.get(parameter)  # C of the bulk needs a measured packing
+                if found is not None:
+                    shown = display.quantity(f"{law}.{parameter}", found.unit)
+                    ax.set_ylabel(mathtext(shown.heading))
+                    group = groups.index(one.label_without(key))
+                    _draw(ax, float(one.at[key]) * scale, found, shown.scale, group)
             for entry in comparisons:
                 if entry.quantity == f"{law}.{parameter}" and key in entry.at:
-                    place = float(entry.at[key]) * scale
-                    ax.plot(place, entry.reference * shown.scale, marker="D", color=INK, markerfacecolor="none")
-            ax.set_ylabel(mathtext(shown.heading))
+                    place, value = float(entry.at[key]) * scale, entry.reference * shown.scale
+                    ax.plot(place, value, marker="D", markersize=5, color=INK, markerfacecolor="none", zorder=4)
         for ax in axes[len(names) :]:
             ax.set_axis_off()
-        for ax in axes[max(len(names) - 2, 0) : len(names)]:
-            ax.set_xlabel(name)
+        for ax in axes[max(len(names) - columns, 0) : len(names)]:
+            ax.set_xlabel(display.key(key).heading)
             ax.xaxis.set_tick_params(labelbottom=True)
+        if len(groups) > 1:
+            figure.legend(handles=_legend(groups), loc="outside upper right", ncols=min(len(groups), 4))
         figure.align_ylabels()
     return figure
+
+
+def _draw(ax: "Axes", place: float, parameter: "Parameter", scale: float, group: int) -> None:
+    style = {**look(group), "linestyle": "none"}
+    value = parameter.value * scale
+    ends = [abs(end - parameter.value) * scale for end in (parameter.low, parameter.high)]
+    if all(map(math.isfinite, ends)):
+        ax.errorbar(place, value, yerr=[[ends[0]], [ends[1]]], **style)
+    else:
+        ax.plot(place, value, **style)
+
+
+def _legend(groups: Sequence[str]) -> list:
+    from matplotlib.lines import Line2D
+
+    return [Line2D([], [], **{**look(k), "linestyle": "none"}, label=name) for k, name in enumerate(groups)]

@@ -2,13 +2,14 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from labbook.catalogue import Unreadable
-from labbook.report.analysis import analyse
+from labbook.report.analysis import analyse, redundant
 from labbook.report.comparison import Comparison, agreement
 from labbook.report.plain import plain
 from labbook.study.schema import Accuracy, Reference, ReferenceEntry
@@ -166,3 +167,39 @@ def test_plain_data_are_strict_json_with_the_same_numbers(analysis):
     assert first["value"] == analysis.points[0].flow_rate.value
     assert first["unit"] == "kg/s"
     assert back["series"][0]["fits"]["beverloo"]["parameters"]["k"]["low"] > 0
+
+
+def test_points_that_share_a_packing_are_compared_once(synthetic):
+    points = [synthetic.point(k, D) for k, D in enumerate((0.02, 0.03, 0.04))]
+    entries = (ReferenceEntry("packing.packing_fraction", {}, 0.59), ReferenceEntry("flow_rate", {}, 0.05))
+    study = synthetic.study_of(points, reference=Reference("nobody", entries), measure=("flow_rate", "packing"))
+    found = analyse(study, [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]).comparisons
+    assert [c.label for c in found] == ["all points", "D = 20 mm", "D = 30 mm", "D = 40 mm"]
+    # A hexagonal layer between walls 1.01 d apart: pi / (2 sqrt 3) / 1.515.
+    assert found[0].ours == pytest.approx(math.pi / (2 * math.sqrt(3)) / 1.515, rel=1e-2)
+
+
+def test_a_key_that_follows_from_another_is_not_told(synthetic):
+    points = []
+    for k, (width, count) in enumerate([(0.1, 1200), (0.1, 1200), (0.15, 1800), (0.15, 1800)]):
+        D = (0.02, 0.03)[k % 2]
+        point = synthetic.point(k, D, count=count)
+        container = point.scene.container.model_copy(update={"width": width})
+        at = {"container.width": width, "grains.count": float(count), "container.orifice": D}
+        points.append(replace(point, at=at, scene=point.scene.model_copy(update={"container": container})))
+    found = analyse(synthetic.study_of(points, fit=()), [synthetic.FinishedDouble(point, 1) for point in points])
+    assert [result.label for result in found.points[::2]] == ["width = 100 mm, D = 20 mm", "width = 150 mm, D = 20 mm"]
+    assert [series.label for series in found.series] == ["width = 100 mm", "width = 150 mm"]
+
+
+def test_keys_are_kept_where_neither_follows_from_the_other(synthetic):
+    points = [replace(synthetic.point(0, 0.03), at={"a": a, "b": b}) for a, b in ((1, 1), (1, 2), (2, 1))]
+    assert redundant(points) == frozenset()
+    assert redundant(points[:1]) == frozenset()
+
+
+def test_a_key_that_some_points_leave_out_is_said_to_be_unset(synthetic):
+    points = [synthetic.point(k, D) for k, D in enumerate((0.02, 0.03))]
+    points[1] = replace(points[1], at={**points[1].at, "container.gap": 0.006})
+    found = analyse(synthetic.study_of(points, fit=()), [synthetic.FinishedDouble(point, 1) for point in points]).series
+    assert [series.label for series in found] == ["gap not set", "gap = 6 mm"]

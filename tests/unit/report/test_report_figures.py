@@ -47,9 +47,7 @@ def test_parameters_are_drawn_against_what_was_swept(synthetic):
     points = [synthetic.point(10 * i + k, D, a) for i, a in enumerate(angles) for k, D in enumerate((0.02, 0.03, 0.04))]
     runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
     analysis = analyse(synthetic.study_of(points), runs)
-    figure = figures.parameters_against(
-        "container.angle", "angle [deg]", 180 / math.pi, "beverloo", analysis.series, analysis.comparisons
-    )
+    figure = figures.parameters_against("container.angle", "beverloo", analysis.series, analysis.comparisons)
     k = next(ax for ax in figure.axes if ax.get_ylabel() == "k")
     marked = [line for line in k.lines if line.get_marker() not in ("D", "None", "_", "|", "")]
     np.testing.assert_allclose([np.asarray(line.get_xdata())[0] for line in marked], [30, 60, 90])

@@ -95,5 +95,5 @@ def test_the_summary_says_what_is_missing_and_what_falls_short(column, synthetic
     accuracy = Accuracy(flow_rate=1e-5, max_replicates=3)
     changed = type(study)(**{**vars(study), "accuracy": accuracy, "measure": ("flow_rate",)})
     sentences = " ".join(summary(analyse(changed, [run for run in finished if run.point.index])))
-    assert "Not finished yet: orifice = 18 mm." in sentences
-    assert re.search(r"asked error of 0\.001 % on the flow rate is not met at orifice = 21 mm; ", sentences)
+    assert "Not finished yet: D = 18 mm." in sentences
+    assert re.search(r"asked error of 0\.001 % on the flow rate is not met at D = 21 mm; ", sentences)
