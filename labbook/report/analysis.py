@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from labbook.study import Point, Study
 
 FLOW_RATE = "flow_rate"
+ORIFICE = "container.orifice"
 UNPOOLED = frozenset({"waiting_time"})
 """A waiting time of a clogged run is censored: its mean over replicates would mean nothing."""
 _GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
@@ -168,8 +169,11 @@ def analyse(
 
 
 def redundant(points: Sequence["Point"]) -> frozenset[str]:
-    """Swept keys that follow from another one, such as a number of grains given for every width."""
-    names = list(dict.fromkeys(name for point in points for name in point.at))
+    """Swept keys that follow from another one, such as a number of grains given for every width.
+
+    The orifice counts by itself: what varies with it makes series of its own.
+    """
+    names = list(dict.fromkeys(name for point in points for name in point.at if name != ORIFICE))
     extra: set[str] = set()
     for place, name in enumerate(names):
         for other in (other for other in names[:place] if other not in extra):

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from labbook.fit import LAWS
 from labbook.report import display
-from labbook.report.analysis import PointResult
-from labbook.report.series import ORIFICE, Series
+from labbook.report.analysis import ORIFICE, PointResult
+from labbook.report.series import Series
 
 if TYPE_CHECKING:
     from labbook.study import Point, Reference, ReferenceEntry

@@ -7,11 +7,10 @@ import numpy as np
 
 from labbook.fit import LAWS, Context, FitError, FitResult, compare, fit
 from labbook.report import display
-from labbook.report.analysis import PointResult
+from labbook.report.analysis import ORIFICE, PointResult
 from labbook.scene import WedgeHopper
 from labbook.stats.choice import UNDECIDED
 
-ORIFICE = "container.orifice"
 PACKING_FRACTION = "packing_fraction"
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook.report.analysis import ORIFICE
 from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, PAGE, house, look
 
 if TYPE_CHECKING:
@@ -85,9 +86,9 @@ def _scaled(flow_rate: np.ndarray) -> np.ndarray:
 def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"], source: str) -> None:
     """Flow rates of the reference at the points of the series."""
     ours = [result.at for result in series.points]
-    theirs = [c for c in comparisons if c.quantity == "flow_rate" and "container.orifice" in c.at and c.at in ours]
+    theirs = [c for c in comparisons if c.quantity == "flow_rate" and ORIFICE in c.at and c.at in ours]
     if theirs:
-        places = [float(c.at["container.orifice"]) * 1e3 for c in theirs]
+        places = [float(c.at[ORIFICE]) * 1e3 for c in theirs]
         values = _scaled(np.array([c.reference for c in theirs]))
         look = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
         ax.plot(places, values, color=INK, label=source, **look)
