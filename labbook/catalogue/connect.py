@@ -5,12 +5,13 @@ from pathlib import Path
 from urllib.parse import quote
 
 from sqlalchemy import Engine, create_engine, event, text
-from sqlalchemy.exc import DatabaseError
+from sqlalchemy.exc import DatabaseError, OperationalError
 
 from labbook.catalogue.schema import metadata
 
 BUSY = 30.0
 """How long a transaction waits for another process's [s]."""
+DAMAGED = -1
 
 
 def connect(path: Path, *, read_only: bool) -> Engine:
@@ -31,12 +32,16 @@ def connect(path: Path, *, read_only: bool) -> Engine:
 
 
 def schema_version(engine: Engine) -> int | None:
-    """Version of the index, or None if it has none or cannot be read."""
+    """Version of the index; None if it has none, DAMAGED if the file is no database at all."""
     try:
         with engine.connect() as connection:
             return connection.scalar(text("SELECT schema_version FROM about"))
+    except OperationalError as error:
+        if "no such" in str(error.orig):
+            return None
+        raise
     except DatabaseError:
-        return None
+        return DAMAGED
 
 
 def empty() -> Engine:

@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Table, delete, inspect, select, text
 from sqlalchemy.dialects.sqlite import insert
 from sqlalchemy.exc import OperationalError
 
-from labbook.catalogue.connect import connect, schema_version
+from labbook.catalogue.connect import DAMAGED, connect, schema_version
 from labbook.catalogue.derive import derive, expected
 from labbook.catalogue.lab import DiskFull, Lab
 from labbook.catalogue.parts import Unreadable
@@ -35,15 +35,24 @@ class Indexed:
 
 
 class Index:
-    """The writer's side of a catalogue. Opening it makes the index, or makes it again if it is of another
-    version."""
+    """The writer's side of a catalogue.
 
-    def __init__(self, lab: Lab):
+    Opening it brings the index up to date with the folders; it is made again if it is of another version or damaged,
+    or if `again` says so. `found` has what that gave.
+    """
+
+    def __init__(self, lab: Lab, *, again: bool = False, tick: Tick | None = None):
         self.lab = lab
         lab.folder.mkdir(parents=True, exist_ok=True)
         self._engine = connect(lab.catalogue, read_only=False)
-        if schema_version(self._engine) != SCHEMA_VERSION:
-            self.rebuild()
+        version = schema_version(self._engine)
+        if version == DAMAGED:
+            self._engine.dispose()
+            for suffix in ("", "-wal", "-shm"):
+                lab.catalogue.with_name(lab.catalogue.name + suffix).unlink(missing_ok=True)
+        if again or version != SCHEMA_VERSION:
+            self._clear()
+        self.found = self._sync(tick)
 
     def close(self) -> None:
         """Let go of the file."""
@@ -89,7 +98,7 @@ class Index:
             done += 1
         return done
 
-    def sync(self, tick: Tick | None = None) -> Indexed:
+    def _sync(self, tick: Tick | None) -> Indexed:
         """Index folders that are new or replaced, and forget those that are gone."""
         found = Indexed()
         self._sync_packings(found)
@@ -125,14 +134,13 @@ class Index:
             for key in known.keys() - there.keys():
                 connection.execute(delete(packings).where(packings.c.packing_key == key))
 
-    def rebuild(self, tick: Tick | None = None) -> Indexed:
-        """Forget everything and index all folders again."""
+    def _clear(self) -> None:
+        """Forget everything."""
         with self._transaction() as connection:
             for name in inspect(connection).get_table_names():
                 connection.execute(text(f'DROP TABLE "{name}"'))
             metadata.create_all(connection)
             connection.execute(about.insert().values(schema_version=SCHEMA_VERSION))
-        return self.sync(tick)
 
     @contextmanager
     def _transaction(self) -> Iterator[Connection]:

@@ -35,10 +35,10 @@ def join(tables: Sequence[Table]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
-def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
-    """Write an engine's exact state, not compressed: it is written often and kept once."""
+def write_checkpoint(path: Path, checkpoint: Checkpoint, *, compress: bool = False) -> None:
+    """Write an engine's exact state; while work goes on it is written often, so not compressed."""
     meta = json.dumps({"engine": checkpoint.engine, "cache_version": checkpoint.cache_version})
-    _write(path, {**checkpoint.arrays, _META: np.array(meta)}, compress=False)
+    _write(path, {**checkpoint.arrays, _META: np.array(meta)}, compress)
 
 
 def read_checkpoint(path: Path) -> Checkpoint:

@@ -27,7 +27,7 @@ def register(app: typer.Typer) -> None:
             with room(lab):
                 copied, problems = merge(target, folder)
                 with ticking("indexing") as tick:
-                    Index(target).sync(tick)
+                    Index(target, tick=tick)
         except (FileNotFoundError, DiskFull) as problem:
             fail(problem)
         typer.echo(f"{len(copied)} runs and packings imported")

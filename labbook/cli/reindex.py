@@ -15,9 +15,8 @@ def register(app: typer.Typer) -> None:
         from labbook.catalogue.index import Index
         from labbook.catalogue.lab import Lab as Folder
 
-        index = Index(Folder(lab))
         with ticking("indexing") as tick:
-            found = index.rebuild(tick)
+            found = Index(Folder(lab), again=True, tick=tick).found
         typer.echo(f"{found.runs} runs and {found.packings} packings indexed")
         for problem in found.problems:
             typer.echo(f"Unreadable: {problem}", err=True)

@@ -15,11 +15,11 @@ DEFAULT_SPEED = 5e6
 FLOW = (0.58, 1.5)
 """C (normalised by the density of the grains) and k of W = C rho sqrt(g) (D - k d)^{3/2} Z (Fan et al.
 2023)."""
-SETTLING = 4.0
+SETTLING = 2.0
 """Time that a filling takes to rest, in falls from the top of its start."""
 _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
-_GRAIN = 1500  # bytes of one grain's share of a checkpoint
-_FRAME = 4 * 6 * 0.9 + 2  # bytes of one grain in one recorded frame, compressed
+_GRAIN = 400  # bytes of one grain's share of a checkpoint
+_FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
 _FRAMES = 200
 
 

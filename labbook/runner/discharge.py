@@ -174,7 +174,7 @@ class DischargeJob(Job):
             write_table(folder / RECORDING, thinned(film, steps_between))
         for name, table in tables.items():
             write_table(folder / f"{name}.npz", table)
-        write_checkpoint(folder / CHECKPOINT, ensemble.checkpoint(member))
+        write_checkpoint(folder / CHECKPOINT, ensemble.checkpoint(member), compress=True)
         self.record(verdict).write(folder)
 
     def record(self, verdict: str) -> RunRecord:

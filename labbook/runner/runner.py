@@ -112,10 +112,9 @@ class Runner:
         window = self.study.window
         observe = Observe(measure=self.study.measure, start=window.start, end=window.end)
         index = Index(self.lab)
+        catalogue = Catalogue(self.lab)
         try:
-            problems = index.sync().problems
-            self.catalogue = Catalogue(self.lab)
-            planner = Planner(self.study, self.catalogue, self.backend.capabilities)
+            planner = Planner(self.study, catalogue, self.backend.capabilities)
             plan = planner.plan()
             check(self.backend, self.device, plan.points)
             done = [item.keys.run for item in plan.items if item.state == "done"]
@@ -126,12 +125,13 @@ class Runner:
             self._board.pin(plan)
             with self._signals():
                 self._carry_out()
+            self._tell()
         finally:
+            catalogue.close()
             index.close()
-        self._tell()
         points = tuple(self._board.points[at] for at in sorted(self._board.points))
         wall = time.perf_counter() - begun
-        return Summary(self._board.tally, points, self._stop.is_set(), wall, self._work, tuple(problems))
+        return Summary(self._board.tally, points, self._stop.is_set(), wall, self._work, tuple(index.found.problems))
 
     def _carry_out(self) -> None:
         many = self.lanes or (cores() if self.device == "cpu" else 1)

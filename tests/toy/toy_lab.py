@@ -51,7 +51,7 @@ def labbook(*words: object, delay: float = 0.0, check: bool = True, **environmen
     out, err = process.communicate(timeout=120)
     if check and process.returncode:
         raise AssertionError(f"labbook {' '.join(map(str, words))} ended with {process.returncode}:\n{out}\n{err}")
-    return subprocess.CompletedProcess(words, process.returncode, out, err)
+    return subprocess.CompletedProcess(list(map(str, words)), process.returncode, out, err)
 
 
 def start(*words: object, delay: float = 0.0, **environment: str) -> subprocess.Popen:

@@ -63,6 +63,17 @@ def test_one_of_another_version_is_made_again_by_whoever_writes(lab):
     assert tables(lab) == before
 
 
+def test_a_damaged_one_is_made_again(lab):
+    before = tables(lab)
+    for suffix in ("-wal", "-shm"):
+        (lab / f"catalogue.db{suffix}").unlink(missing_ok=True)
+    (lab / "catalogue.db").write_bytes(b"this is no database " * 300)
+    with pytest.raises(NoCatalogue, match="damaged"):
+        Catalogue(lab)
+    assert cli("reindex", "--lab", lab)[0] == 0
+    assert tables(lab) == before
+
+
 def test_a_lab_without_anything_is_empty_not_wrong(tmp_path):
     assert Catalogue(tmp_path / "none").counts() == {}
     assert cli("runs", "--lab", tmp_path / "none")[0] == 0
@@ -91,9 +102,9 @@ def test_a_folder_that_cannot_be_read_is_one_red_row(lab, harm):
     assert "Unreadable" in out
     found = Catalogue(lab).runs()
     assert sorted(found.outcome) == ["finished"] * 3 + ["unreadable"]
-    (row,) = found[found.outcome == "unreadable"].itertuples()
-    assert row.run_key == victim.name
-    assert str(victim) in row.problem
+    red = found.set_index("outcome").loc["unreadable"]
+    assert red.run_key == victim.name
+    assert str(victim) in red.problem
     code, out = cli("runs", "--lab", lab)
     assert code == 0
     assert "unreadable" in out
@@ -123,10 +134,10 @@ def test_a_run_that_was_not_indexed_is_found(lab):
         connection.execute(runs.delete().where(runs.c.run_key == key))
         connection.commit()
     assert len(Catalogue(lab).runs()) == 3
-    found = Index(Lab(lab)).sync()
+    found = Index(Lab(lab)).found
     assert (found.runs, found.gone) == (1, 0)
     shutil.rmtree(lab / "runs" / key)
-    found = Index(Lab(lab)).sync()
+    found = Index(Lab(lab)).found
     assert (found.runs, found.gone) == (0, 1)
     assert key not in set(Catalogue(lab).measurements().run_key)
 
@@ -152,7 +163,7 @@ def test_of_two_the_one_that_covers_more_is_imported(tmp_path):
     assert (copied, problems) == ([], [])
     copied, problems = merge(Lab(short), long)
     assert (len(copied), problems) == (2, [])
-    Index(Lab(short)).sync()
+    Index(Lab(short)).close()
     assert Catalogue(short).counts() == {"finished": 2}
 
 

@@ -165,8 +165,8 @@ def test_a_claim_is_free_as_soon_as_its_process_is_killed(tmp_path):
     claim.release()
 
 
-@pytest.mark.parametrize("room", [0, 5, 40, 77])
-def test_a_full_disk_loses_no_finished_run(tmp_path, monkeypatch, room):
+@pytest.mark.parametrize(("room", "every"), [(0, 0.0), (41, 0.0), (3, 1e9), (10, 1e9), (20, 1e9), (27, 1e9)])
+def test_a_full_disk_loses_no_finished_run(tmp_path, monkeypatch, room, every):
     lab, asked = tmp_path / "lab", study(tmp_path)
     carry_out(study(tmp_path, orifices="[24, 30]", replicates=1), lab)
     before = folders(lab)
@@ -182,7 +182,7 @@ def test_a_full_disk_loses_no_finished_run(tmp_path, monkeypatch, room):
     with monkeypatch.context() as patch:
         patch.setattr(lab_module.os, "fsync", full)
         with pytest.raises(DiskFull, match="make room and give the same command again"):
-            carry_out(asked, lab, checkpoint_every=0.01)
+            carry_out(asked, lab, checkpoint_every=every)
     assert {key: folders(lab)[key] for key in before} == before
     carry_out(asked, lab)
     carry_out(asked, tmp_path / "whole")
