@@ -1,8 +1,7 @@
 """A case: what is checked, where it comes from, how it is measured, and how large an error may be."""
 
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -82,16 +81,3 @@ def _verdict(case: Case, name: str, error: float, precision: str, note: str = ""
     if limit is None and not note:
         result = "reported"
     return Verdict(case.name, name, error, limit, measure.unit, case.source, result, note)
-
-
-def judge_all(
-    cases: Sequence[Case], stand: Stand, tell: Callable[[Case, list[Verdict], float], None]
-) -> list[Verdict]:
-    """Verdicts on all cases; `tell` hears of each as soon as it is known, with the seconds it took."""
-    verdicts: list[Verdict] = []
-    for case in cases:
-        begun = time.perf_counter()
-        found = judge(case, stand)
-        tell(case, found, time.perf_counter() - begun)
-        verdicts += found
-    return verdicts

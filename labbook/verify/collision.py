@@ -7,10 +7,10 @@ import numpy as np
 
 from labbook.backend import Ledger, Sample
 from labbook.protocol.packing import Packing
-from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
+from labbook.scene import LinearSpringDashpot, Scene
 from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, double
-from labbook.verify.materials import D, LAWS, room, scene
+from labbook.verify.materials import LAWS, D, room, scene
 from labbook.verify.stand import Motion, Stand, Start, require
 
 RESTITUTIONS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
@@ -66,9 +66,7 @@ def restitution_errors(stand: Stand, law: str, fraction: float) -> np.ndarray:
     asked = [(e, speed) for e in RESTITUTIONS for speed in SPEEDS]
     scenes = [_bouncing(law, e) for e, _ in asked]
     steps = [fraction * duration(s, speed) for s, (_, speed) in zip(scenes, asked, strict=True)]
-    starts = [
-        Start(s, dt, head_on(speed, dt)) for s, dt, (_, speed) in zip(scenes, steps, asked, strict=True)
-    ]
+    starts = [Start(s, dt, head_on(speed, dt)) for s, dt, (_, speed) in zip(scenes, steps, asked, strict=True)]
     motions = stand.run_all(starts, beats=1, steps_per_beat=round(20 / fraction))
     realised = [rebound(motion) / speed for motion, (_, speed) in zip(motions, asked, strict=True)]
     return np.array([e - wanted for e, (wanted, _) in zip(realised, asked, strict=True)])
@@ -145,9 +143,7 @@ def _momenta(stand: Stand) -> Mapping[str, float]:
         rubbing = scene(12, material(), room(4.0))
         start = oblique(6, 0.2, seed=2)
         dt = duration(rubbing, 0.2) / 100
-        before, after = (
-            _totals(stand.run(Start(rubbing, dt, start), 1, steps, [Ledger()])) for steps in (1, 600)
-        )
+        before, after = (_totals(stand.run(Start(rubbing, dt, start), 1, steps, [Ledger()])) for steps in (1, 600))
         touched = np.abs(after["kinetic"] / before["kinetic"] - 1)
         require(touched > 0.01, "the pairs did not collide")
         mass = rubbing.grains.mass
@@ -210,9 +206,7 @@ CASES = [
         name="pair-momenta",
         statement="contacts with friction, damping and rolling resistance conserve momentum and angular momentum",
         source="Newton's third law",
-        measures={
-            f"{what}, {law}": double(5e-14) for law in LAWS for what in ("momentum", "angular momentum")
-        },
+        measures={f"{what}, {law}": double(5e-14) for law in LAWS for what in ("momentum", "angular momentum")},
         run=_momenta,
     ),
 ]

@@ -126,7 +126,7 @@ def _follows(stand: Stand) -> Mapping[str, float]:
     times, found = path(motion)
     expected = rolling_off(speed, run_up, friction, times)
     flying = np.hypot(found[:, 0], found[:, 1]) > R
-    require(flying.any(), "the grain is still on the edge")
+    require(bool(flying.any()), "the grain is still on the edge")
     off = np.abs(found - expected)
     return {
         "position": float(off[:, :2].max()) / R,
@@ -146,7 +146,7 @@ def _passage(motion: Motion, times: np.ndarray, expected: np.ndarray) -> float:
 CASES = [
     Case(
         name="edge-without-slip",
-        statement="a sphere that turns about an edge without slip, from rest at t0, leaves it at cos t = (10/17) cos t0",
+        statement="a sphere turning about an edge without slip from rest at t0 leaves it at cos t = (10/17) cos t0",
         source="energy of a rigid body",
         measures={"|cos t / (10/17 cos t0) - 1|": double(1e-3)},
         run=_leaves,

@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend import Contacts, Ledger, Sample
 from labbook.scene import Primitives, Scene, Surface
 from labbook.verify.case import Case, double
-from labbook.verify.materials import G, LAWS, D, floor, scene
+from labbook.verify.materials import LAWS, D, G, floor, scene
 from labbook.verify.rolling import static_overlap
 from labbook.verify.stand import Motion, Stand, Start, grains_at
 

@@ -11,7 +11,7 @@ from labbook.scene import HertzMindlin, Scene
 from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, double
 from labbook.verify.collision import duration
-from labbook.verify.materials import D, LAWS, room, scene
+from labbook.verify.materials import LAWS, D, room, scene
 from labbook.verify.stand import Motion, Stand, Start
 
 COUNT = 32

@@ -1,0 +1,24 @@
+"""All cases, in the order in which they are best read: simple contacts first, flow last."""
+
+from labbook.verify import bed, collision, edge, energy, flow, gas, rolling, symmetry, turntable
+from labbook.verify.case import Case
+
+CASES: tuple[Case, ...] = (
+    *collision.CASES,
+    *gas.CASES,
+    *rolling.CASES,
+    *turntable.CASES,
+    *edge.CASES,
+    *energy.CASES,
+    *symmetry.CASES,
+    *bed.CASES,
+    *flow.CASES,
+)
+
+
+def chosen(names: list[str]) -> list[Case]:
+    """Cases whose name is, or begins with, one of `names`; all if there are none. Raises KeyError for no match."""
+    for name in names:
+        if not any(case.name.startswith(name) for case in CASES):
+            raise KeyError(name)
+    return [case for case in CASES if not names or any(case.name.startswith(name) for name in names)]

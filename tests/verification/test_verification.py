@@ -1,0 +1,87 @@
+"""Every case of `labbook verify`, on every engine and precision that is there."""
+
+import pytest
+
+from labbook.backend import BackendMissing, installed, load
+from labbook.verify.case import Case, Measure, judge
+from labbook.verify.cases import CASES, chosen
+from labbook.verify.stand import Stand, require
+
+
+BUNDLED = ("numba", "warp")
+
+
+def stands() -> list[Stand]:
+    """One for each bundled engine that is there, in each of its precisions, on each of its devices."""
+    found = []
+    for name in sorted(set(installed()).intersection(BUNDLED)):
+        try:
+            engine = load(name)
+        except BackendMissing:
+            continue
+        can = engine.capabilities
+        found += [Stand(engine, precision, device) for precision in sorted(can.precisions) for device in can.devices]
+    return found
+
+
+def marked(case: Case):
+    return pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.slow else [])
+
+
+@pytest.mark.parametrize("stand", stands(), ids=lambda s: f"{s.engine.capabilities.name}-{s.precision}-{s.device}")
+@pytest.mark.parametrize("case", [marked(case) for case in CASES])
+def test_case(case, stand):
+    bad = [
+        f"{v.measure}: {v.note or f'{v.error:.3g} > {v.limit:.3g} {v.unit}'}"
+        for v in judge(case, stand)
+        if v.result == "failed"
+    ]
+    assert not bad, "\n".join(bad)
+
+
+def test_there_is_an_engine_to_check():
+    assert stands()
+
+
+def test_names_are_unique_and_chosen_by_their_beginning():
+    names = [case.name for case in CASES]
+    assert len(set(names)) == len(names)
+    assert [case.name for case in chosen(["restitution-lin"])] == ["restitution-linear"]
+    assert chosen([]) == list(CASES)
+    with pytest.raises(KeyError):
+        chosen(["no-such-case"])
+
+
+def invented(run, **measures: Measure) -> Case:
+    return Case(name="invented", statement="", source="", measures=measures, run=run)
+
+
+@pytest.mark.parametrize(
+    ("error", "limits", "result"),
+    [
+        (0.9, {"double": 1.0}, "passed"),
+        (1.1, {"double": 1.0}, "failed"),
+        (float("nan"), {"double": 1.0}, "failed"),
+        (1.1, {}, "reported"),
+    ],
+)
+def test_verdicts(error, limits, result):
+    (verdict,) = judge(invented(lambda _: {"a": error}, a=Measure(limits)), stands()[0])
+    assert verdict.result == result
+
+
+def test_what_cannot_be_measured_has_failed():
+    def run(_):
+        require(False, "nothing moved")
+        return {"a": 0.0}
+
+    (verdict,) = judge(invented(run, a=Measure({})), stands()[0])
+    assert verdict.result == "failed"
+    assert verdict.note == "nothing moved"
+
+
+def test_a_case_must_measure_what_it_says_and_state_a_limit():
+    with pytest.raises(ValueError, match="measures"):
+        judge(invented(lambda _: {"b": 0.0}, a=Measure({"double": 1})), stands()[0])
+    with pytest.raises(ValueError, match="no limit"):
+        judge(invented(lambda _: {"a": 0.0}, a=Measure({"other": 1})), stands()[0])
