@@ -133,8 +133,16 @@ class Demand:
 
     def keys(self, engine: Capabilities) -> Keys:
         """Identities of this run on `engine`."""
-        s = self.shared
-        return keys.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
+        found = self._keys.get((engine.name, engine.cache_version))
+        if found is None:
+            s = self.shared
+            found = keys.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
+            self._keys[engine.name, engine.cache_version] = found
+        return found
+
+    @cached_property
+    def _keys(self) -> dict[tuple[str, int], Keys]:
+        return {}
 
     def lineage(self, engine: str) -> str:
         """Identity of this run on any version of the engine called `engine`."""

@@ -88,21 +88,27 @@ class Planner:
     def plan(self) -> Plan:
         """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
         points = [PointDemand(self.study, point) for point in self.study.points]
-        self._look_up(point.run(seed) for point in points for seed in range(1, self.rule.first + 1))
-        return Plan(self.study, self.engine, tuple(self._point(point) for point in points), self.rule)
+        first = {point: self._first(point) for point in points}
+        self._look_up(demand for demands in first.values() for demand in demands)
+        planned = tuple(self._point(point, demands) for point, demands in first.items())
+        return Plan(self.study, self.engine, planned, self.rule)
 
     def point(self, shared: PointDemand) -> PointPlan:
         """One point anew, after some of its runs were done."""
-        self._look_up(shared.run(seed) for seed in range(1, self.rule.first + 1))
-        return self._point(shared)
+        first = self._first(shared)
+        self._look_up(first)
+        return self._point(shared, first)
 
     def refresh(self, demand: Demand) -> Item:
         """One run as its folder has it now, whatever the catalogue says."""
         keys = demand.keys(self.engine)
         return self._judged(demand, keys, self._unlisted(keys.run))
 
-    def _point(self, shared: PointDemand) -> PointPlan:
-        items = [self._item(shared.run(seed)) for seed in range(1, self.rule.first + 1)]
+    def _first(self, shared: PointDemand) -> list[Demand]:
+        return [shared.run(seed) for seed in range(1, self.rule.first + 1)]
+
+    def _point(self, shared: PointDemand, demands: list[Demand]) -> PointPlan:
+        items = [self._item(demand) for demand in demands]
         while all(item.state == "done" for item in items):
             decision = self._decide([item.keys.run for item in items])
             more = min(decision.more, self.rule.cap - len(items))
@@ -124,7 +130,7 @@ class Planner:
     def _look_up(self, demands: Iterable[Demand]) -> None:
         asked = list(demands)
         run_keys = [demand.keys(self.engine).run for demand in asked]
-        lineages = [demand.lineage(self.engine.name) for demand in asked]
+        lineages = [demand.keys(self.engine).lineage for demand in asked]
         for entry in self.catalogue.entries(run_keys, lineages):
             self._there[entry.run_key] = entry
             if entry.cache_version != self.engine.cache_version:

@@ -5,6 +5,7 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import arrays, carry_out, study
 
+from labbook.backend import Overflow
 from labbook.catalogue import Catalogue, Lab, RunRecord
 from labbook.catalogue.tables import read_checkpoint
 
@@ -213,3 +214,28 @@ def test_lanes_do_not_change_a_bit(tmp_path):
         assert keys == sorted(path.name for path in (tmp_path / "3" / folder).iterdir())
         for key in keys:
             assert arrays(tmp_path / "1" / folder / key) == arrays(tmp_path / "3" / folder / key)
+
+
+def test_an_overflow_fails_its_run_loudly_and_others_go_on(tmp_path):
+    class Small(Backend):
+        def open(self, spec, slots=None, device="cpu"):
+            ensemble = super().open(spec, slots, device)
+            drain = ensemble.drain
+
+            def full():
+                rows = drain()
+                if any(x < 0.012 for table in rows.values() for x in np.abs(table["x"])) and self.overflows:
+                    self.overflows -= 1
+                    raise Overflow("crossings: 1 row for 2")
+                return rows
+
+            ensemble.drain = full
+            return ensemble
+
+        overflows = 1
+
+    summary = carry_out(study(tmp_path), tmp_path / "lab", engine=Small())
+    assert outcomes(summary) == ["finished"] * 3
+    (why,) = summary.tally.failed
+    assert "crossings: 1 row for 2" in why
+    assert len(carry_out(study(tmp_path), tmp_path / "lab").tally.ran) == 1
