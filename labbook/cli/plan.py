@@ -23,11 +23,11 @@ def register(app: typer.Typer) -> None:
         """Show what is done, missing, partial or stale and why, with a forecast of time and disk."""
         from labbook.backend import Unsupported
         from labbook.measure import MeasureError
+        from labbook.plan.check import check
         from labbook.plan.demand import Conflict
         from labbook.plan.forecast import forecast
         from labbook.plan.plan import Planner
         from labbook.runner.provenance import cores, provenance
-        from labbook.runner.runner import check
 
         asked, engine = read_study(study), engine_called(backend)
         catalogue = open_catalogue(lab)

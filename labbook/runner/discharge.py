@@ -22,12 +22,13 @@ from labbook.catalogue.record import (
     parse_probe,
     table_name,
 )
-from labbook.catalogue.tables import read_checkpoint, read_table, write_checkpoint, write_table
+from labbook.catalogue.tables import write_checkpoint, write_table
 from labbook.keys import Keys
 from labbook.plan.demand import Demand, film_probe
 from labbook.protocol import Packing, opened
+from labbook.runner.earlier import at_its_end
 from labbook.runner.job import Bench, Job, JobFailed, failure
-from labbook.runner.journal import Saved
+from labbook.runner.journal import Journal, Saved
 from labbook.runner.provenance import now
 from labbook.runner.recording import frame_rows, thinned
 
@@ -71,8 +72,7 @@ class DischargeJob(Job):
         if saved is None or not self._suffices(saved.state):
             if before:
                 self._observe_also(before.coverage)
-            self.bench.lab.clear(self.key)
-            self.journal = type(self.journal)(self.bench.lab.work(self.key))
+            self._start_over()
             return None
         state = saved.state
         self._crossed, self._last = int(state["crossed"]), float(state["last"])
@@ -87,26 +87,18 @@ class DischargeJob(Job):
             return None
 
     def _from_folder(self, before: RunRecord) -> Saved | None:
-        """A finished run as if it had been saved at its end."""
-        had = before.coverage
-        film = None if had.recording is None else film_probe(had.recording, before.numerics)
-        state = {
-            "step": had.steps,
-            "crossed": had.crossed,
-            "last": had.last_crossing,
-            "probes": list(had.probes),
-            "film": describe_probe(film) if film else None,
-        }
-        try:
-            checkpoint = read_checkpoint(self.place / CHECKPOINT)
-            files = [path for path in sorted(self.place.glob("*.npz")) if path.name != CHECKPOINT]
-            rows = {path.stem: [read_table(path)] for path in files}
-        except (OSError, ValueError):
+        """A finished run as if it had been saved at its end; None if its state cannot be read."""
+        found = at_its_end(self.place, before)
+        if found is None:
             return None
+        saved, rows = found
+        self._start_over()
+        self.journal.save(saved.checkpoint, rows, saved.state, saved.sessions)
+        return saved
+
+    def _start_over(self) -> None:
         self.bench.lab.clear(self.key)
-        self.journal = type(self.journal)(self.bench.lab.work(self.key))
-        self.journal.save(checkpoint, rows, state, before.sessions)
-        return Saved(checkpoint, state, before.sessions)
+        self.journal = Journal(self.bench.lab.work(self.key))
 
     def _suffices(self, state: Mapping[str, Any]) -> bool:
         film = parse_film(state["film"])

@@ -5,7 +5,7 @@ import time
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
-from labbook.runner.runner import View
+from labbook.runner.watch import View
 
 _REDRAW = 0.25  # s
 

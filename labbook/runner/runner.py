@@ -4,23 +4,24 @@ stop rule."""
 import signal
 import threading
 import time
-from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from labbook.backend import Backend, Member, Overflow, Unsupported
+from labbook.backend import Backend, Member, Overflow
 from labbook.catalogue.catalogue import Catalogue
 from labbook.catalogue.index import Index
 from labbook.catalogue.lab import Lab, room
 from labbook.catalogue.record import Observe
+from labbook.plan.check import check
 from labbook.plan.plan import Planner, PointPlan
 from labbook.runner.board import Board, Started, Tally
 from labbook.runner.job import Bench, Job, JobFailed
 from labbook.runner.lane import Lane, Turn
 from labbook.runner.provenance import cores
+from labbook.runner.watch import Meter, Unwatched, View, Watcher
 
 if TYPE_CHECKING:
     from labbook.study import Study
@@ -29,38 +30,6 @@ CHECKPOINT_EVERY = 20.0
 """Wall time between two saves of a job [s]: what a kill loses at most."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _POLL = 0.5  # s: how often claims that others hold are tried again
-_WINDOW = 30.0  # s over which the rate is taken
-
-
-@dataclass(frozen=True)
-class View:
-    """What a progress bar shows."""
-
-    runs_done: int
-    runs_asked: int
-    going: tuple[str, ...]
-    elsewhere: int
-    """Jobs that another process holds."""
-    work_done: float
-    """Grain-steps of this session."""
-    work_left: float
-    rate: float
-    """Grain-steps per second over the last half minute, all lanes together."""
-
-
-class Watcher(Protocol):
-    """Someone to tell how it goes."""
-
-    def show(self, view: View) -> None:
-        """Take note of where things stand."""
-        ...
-
-
-class Unwatched:
-    """Nobody to tell."""
-
-    def show(self, view: View) -> None:
-        """Nothing."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +75,7 @@ class Runner:
     def _run(self) -> Summary:
         begun = time.perf_counter()
         self._stop = threading.Event()
-        self._work = 0.0
-        self._history: deque[tuple[float, float]] = deque([(begun, 0.0)])
+        self._meter, self._told = Meter(), begun
         self._saved: dict[Job, float] = {}
         window = self.study.window
         observe = Observe(measure=self.study.measure, start=window.start, end=window.end)
@@ -131,7 +99,9 @@ class Runner:
             index.close()
         points = tuple(self._board.points[at] for at in sorted(self._board.points))
         wall = time.perf_counter() - begun
-        return Summary(self._board.tally, points, self._stop.is_set(), wall, self._work, tuple(index.found.problems))
+        return Summary(
+            self._board.tally, points, self._stop.is_set(), wall, self._meter.work, tuple(index.found.problems)
+        )
 
     def _carry_out(self) -> None:
         many = self.lanes or (cores() if self.device == "cpu" else 1)
@@ -192,7 +162,7 @@ class Runner:
         for member, job in list(lane.jobs.items()):
             status, before = ensemble.status(member), job.status
             work = (status.step - before.step) * (status.grains + before.grains) / 2
-            self._work += work
+            self._meter.add(work)
             job.after(status, rows[member], took.wall, took.process / share, work)
             verdict = job.verdict([event for event in took.events if event.member == member])
             if verdict:
@@ -223,22 +193,19 @@ class Runner:
                 job.save(lane.ensemble, member)
 
     def _tell(self) -> None:
-        now = time.perf_counter()
-        if now - self._history[-1][0] < _LOOK:
+        if time.perf_counter() - self._told < _LOOK:
             return
-        self._history.append((now, self._work))
-        while len(self._history) > 2 and now - self._history[1][0] > _WINDOW:
-            self._history.popleft()
-        (then, work), board = self._history[0], self._board
+        self._told = time.perf_counter()
+        board = self._board
         done, asked = board.runs()
         view = View(
             runs_done=done,
             runs_asked=asked,
             going=tuple(job.label for job in board.going.values()),
             elsewhere=board.elsewhere,
-            work_done=self._work,
+            work_done=self._meter.work,
             work_left=board.work_left(),
-            rate=(self._work - work) / (now - then) if now > then else 0.0,
+            rate=self._meter.rate(),
         )
         self.watcher.show(view)
 
@@ -260,15 +227,3 @@ class Runner:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
-
-
-def check(backend: Backend, device: str, points: tuple[PointPlan, ...]) -> None:
-    """Whether `backend` can do all that is planned, on `device`. Raises Unsupported."""
-    can = backend.capabilities
-    if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
-        raise Unsupported("--device", f"the engine {can.name} has no {device} here; it has {', '.join(can.devices)}")
-    for point in points:
-        shared = point.shared
-        film = (shared.film,) if shared.film else ()
-        backend.specialise(shared.closed, shared.numerics, ())
-        backend.specialise(shared.scene, shared.numerics, tuple(dict.fromkeys((*shared.probes, *film))))

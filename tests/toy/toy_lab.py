@@ -16,12 +16,12 @@ ROOT = Path(__file__).parents[2]
 STUDY = """
 name: toy-study
 grains: {{shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: {count}}}
-contact: {{law: hertz-mindlin, shear_modulus: 100 MPa, poisson_ratio: 0.25, friction: 0.5, restitution: 0.2}}
+contact: {{law: hertz-mindlin, shear_modulus: 2 MPa, poisson_ratio: 0.25, friction: 0.5, restitution: 0.2}}
 container: {{kind: wedge-hopper, width: 60 mm, height: 300 mm, thickness: 1.01 d, angle: 90 deg, orifice: 24 mm}}
 sweep:
   container.orifice: "{orifices} mm"
 replicates: {replicates}
-numerics: {{dt: 20 us, steps_per_beat: 100}}
+numerics: {{dt: 10 us, steps_per_beat: 200}}
 measure: [flow_rate]
 """
 

@@ -13,6 +13,7 @@ import pytest
 from toy_lab import arrays, carry_out, labbook, start, study, study_file
 from typer.testing import CliRunner
 
+from labbook.backend import load
 from labbook.catalogue import Catalogue, DiskFull, Lab, RunRecord
 from labbook.catalogue import lab as lab_module
 from labbook.cli import build
@@ -51,19 +52,23 @@ def begun(lab: Path) -> Iterator[str]:
     return (path.parent.name for path in (lab / "work").glob("*/progress.json"))
 
 
-def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path):
-    path = study_file(tmp_path, "record: {every: 4 ms, replicates: 1}", count=300)
-    lab, whole = tmp_path / "lab", tmp_path / "whole"
-    carry_out(study(tmp_path, "record: {every: 4 ms, replicates: 1}", count=300), whole)
-    words = ("run", path, "--lab", lab, *ENGINE, "--checkpoint-every", 0.05)
-    moments = random.Random(7)
+@pytest.mark.parametrize(
+    ("engine", "count", "delay", "moments"),
+    [("toy", 300, 0.004, (0.05, 0.6)), pytest.param("numba", 400, 0.0, (0.3, 1.5), marks=pytest.mark.slow)],
+)
+def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path, engine, count, delay, moments):
+    more = ("record: {every: 4 ms, replicates: 1}",)
+    path, lab, whole = study_file(tmp_path, *more, count=count), tmp_path / "lab", tmp_path / "whole"
+    carry_out(study(tmp_path, *more, count=count), whole, engine=load(engine))
+    words = ("run", path, "--lab", lab, "--backend", engine, "--checkpoint-every", 0.05)
+    chance = random.Random(7)
     kills, cut = 0, set()
     for _ in range(5):
         before = folders(lab)
-        process = start(*words, delay=0.004)
+        process = start(*words, delay=delay)
         while not any(begun(lab)) and folders(lab) == before and process.poll() is None:
             time.sleep(0.01)  # not before it has done something
-        kills += kill_within(process, moments.uniform(0.05, 0.6))
+        kills += kill_within(process, chance.uniform(*moments))
         cut |= set(begun(lab))
         after = folders(lab)
         assert {key: after[key] for key in before} == before, "what was finished is not touched again"

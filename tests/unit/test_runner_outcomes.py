@@ -89,7 +89,7 @@ def test_a_run_out_of_time_is_interrupted_and_goes_on_when_more_is_asked(tmp_pat
     assert summary.tally.resumed == 2
     carry_out(longer, tmp_path / "whole")
     for (label, seed), record in records(tmp_path / "lab").items():
-        assert [session.from_step for session in record.sessions] == [0, 1000], (label, seed)
+        assert [session.from_step for session in record.sessions] == [0, 2000], (label, seed)
         assert arrays(tmp_path / "lab/runs" / record.run_key) == arrays(tmp_path / "whole/runs" / record.run_key)
     assert not list((tmp_path / "lab/work").iterdir())
 
