@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Backend, Event, Failed, Ledger, Probe, Status, Table
+from labbook.backend import Backend, Event, Failed, Ledger, Member, Probe, Status, Table
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
@@ -110,7 +110,7 @@ class Stand:
                 Motion(
                     scene=start.scene,
                     numerics=n,
-                    tables={probe: _of(table, member.index) for probe, table in tables.items()},
+                    tables={probe: rows_of(table, member) for probe, table in tables.items()},
                     status=ensemble.status(member),
                     end=ensemble.packing(member),
                     events=[event for event in events if event.member == member],
@@ -127,9 +127,19 @@ class Stand:
         return self.run_all([start], beats, steps_per_beat, probes, **how)[0]
 
 
-def _of(table: Table, member: int) -> Table:
-    mine = table["member"] == member
+def rows_of(table: Table, member: Member) -> Table:
+    """The rows of one member."""
+    mine = table["member"] == member.index
     return {name: column[mine] for name, column in table.items()}
+
+
+def identical(a: Packing | Table, b: Packing | Table) -> bool:
+    """Whether two packings, or two tables, agree in every bit of every array, but for the number of the member."""
+    first, second = (
+        {name: array for name, array in (p.arrays() if isinstance(p, Packing) else p).items() if name != "member"}
+        for p in (a, b)
+    )
+    return set(first) == set(second) and all(np.array_equal(first[name], second[name]) for name in first)
 
 
 def grains_at(x: Any, v: Any = None, omega: Any = None) -> Packing:

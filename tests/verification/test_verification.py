@@ -7,7 +7,6 @@ from labbook.verify.case import Case, Measure, judge
 from labbook.verify.cases import CASES, chosen
 from labbook.verify.stand import Stand, require
 
-
 BUNDLED = ("numba", "warp")
 
 

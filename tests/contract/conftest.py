@@ -1,0 +1,105 @@
+"""The engines under the contract: every bundled one, in each of its precisions, on each of its devices."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from labbook.backend import (
+    BackendMissing,
+    Checkpoint,
+    Crossing,
+    Ensemble,
+    Ledger,
+    Member,
+    Probe,
+    Table,
+    installed,
+    load,
+)
+from labbook.numerics import Numerics
+from labbook.protocol.opening import opened
+from labbook.protocol.packing import Packing
+from labbook.protocol.placing import place
+from labbook.scene import Scene
+from labbook.verify.stand import Stand, rows_of
+from labbook.verify.symmetry import DT, hopper
+
+BUNDLED = ("numba", "warp")
+STEPS = 250
+"""Steps per beat of these tests."""
+
+
+def stands() -> list[Stand]:
+    found = []
+    for name in sorted(set(installed()).intersection(BUNDLED)):
+        try:
+            engine = load(name)
+        except BackendMissing:
+            continue
+        can = engine.capabilities
+        found += [Stand(engine, precision, device) for precision in sorted(can.precisions) for device in can.devices]
+    return found
+
+
+@pytest.fixture(
+    scope="session", params=stands(), ids=lambda s: f"{s.engine.capabilities.name}-{s.precision}-{s.device}"
+)
+def stand(request) -> Stand:
+    return request.param
+
+
+@dataclass(frozen=True)
+class Silo:
+    """A small hopper that is about to flow out, and how to open ensembles of it."""
+
+    stand: Stand
+    scene: Scene
+    start: Packing
+    crossing = Crossing()
+    ledger = Ledger()
+
+    def numerics(self, dt: float = DT, **further: Any) -> Numerics:
+        return self.stand.numerics(dt, **{"steps_per_beat": STEPS, **further})
+
+    @contextmanager
+    def ensemble(
+        self,
+        scene: Scene | None = None,
+        numerics: Numerics | None = None,
+        probes: Sequence[Probe] = (Crossing(), Ledger()),
+        slots: int | None = None,
+    ) -> Iterator[Ensemble]:
+        engine = self.stand.engine
+        spec = engine.specialise(scene or self.scene, numerics or self.numerics(), probes)
+        ensemble = engine.open(spec, slots, self.stand.device)
+        try:
+            yield ensemble
+        finally:
+            ensemble.close()
+
+    def admit(self, ensemble: Ensemble, start: Packing | Checkpoint | None = None, **further: Any) -> Member:
+        return ensemble.admit(self.scene, self.numerics(), start or self.start, **further)
+
+    def discharge(self, beats: int) -> tuple[Packing, dict[Probe, Table]]:
+        """The member alone, advanced in one go: its state and rows."""
+        with self.ensemble() as ensemble:
+            member = self.admit(ensemble)
+            ensemble.advance(beats)
+            tables = {probe: rows_of(table, member) for probe, table in ensemble.drain().items()}
+            return ensemble.packing(member), tables
+
+
+@pytest.fixture(scope="session")
+def silo(stand) -> Silo:
+    """Grains that have fallen into the closed hopper and still move; the outlet is open."""
+    closed = hopper().close()
+    numerics = stand.numerics(DT)
+    ensemble = stand.engine.open(stand.engine.specialise(closed, numerics, [Ledger()]), 1, stand.device)
+    member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
+    ensemble.advance(4)
+    fallen = ensemble.packing(member)
+    ensemble.close()
+    return Silo(stand, hopper(), opened(fallen, closed, hopper()))

@@ -1,0 +1,95 @@
+"""A checkpoint is exact: it changes nothing when taken, and continues bit for bit when restored."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labbook.verify.stand import identical, rows_of
+
+BEATS = 12
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(silo):
+    return silo.discharge(BEATS)
+
+
+@pytest.mark.parametrize("at", [0, 1, 5, 11])
+def test_restored_it_continues_bit_for_bit(silo, uninterrupted, at):
+    """Also across rebuilds and with grains leaving, which go on before and after most of these beats."""
+    state, tables = uninterrupted
+    with silo.ensemble() as first:
+        member = silo.admit(first)
+        if at:
+            first.advance(at)
+        before = first.drain()
+        checkpoint = first.checkpoint(member)
+        status = first.status(member)
+    with silo.ensemble(slots=1) as second:
+        restored = silo.admit(second, checkpoint)
+        assert second.status(restored) == status
+        second.advance(BEATS - at)
+        after = second.drain()
+        assert identical(second.packing(restored), state)
+        for probe, table in tables.items():
+            parts = [rows_of(r[probe], m) for r, m in ((before, member), (after, restored)) if probe in r]
+            joined = {name: np.concatenate([part[name] for part in parts]) for name in table}
+            assert identical(joined, table), probe
+
+
+def test_taking_it_or_a_packing_changes_nothing(silo, uninterrupted):
+    state, tables = uninterrupted
+    with silo.ensemble() as ensemble:
+        member = silo.admit(ensemble)
+        for _ in range(BEATS):
+            ensemble.checkpoint(member)
+            ensemble.packing(member)
+            ensemble.status(member)
+            ensemble.advance(1)
+        assert identical(ensemble.packing(member), state)
+        rows = ensemble.drain()
+        for probe, table in tables.items():
+            assert identical(rows_of(rows[probe], member), table)
+
+
+def test_it_does_not_follow_the_member(silo):
+    with silo.ensemble() as ensemble:
+        member = silo.admit(ensemble)
+        ensemble.advance(3)
+        checkpoint = ensemble.checkpoint(member)
+        kept = {name: array.copy() for name, array in checkpoint.arrays.items()}
+        ensemble.advance(3)
+        assert identical(checkpoint.arrays, kept)
+        again = silo.admit(ensemble, checkpoint)
+        ensemble.advance(1)
+        assert identical(checkpoint.arrays, kept)
+        assert ensemble.status(again).step == 4 * silo.numerics().steps_per_beat
+
+
+def test_it_may_be_restored_twice(silo):
+    with silo.ensemble() as ensemble:
+        member = silo.admit(ensemble)
+        ensemble.advance(3)
+        checkpoint = ensemble.checkpoint(member)
+        twins = [silo.admit(ensemble, checkpoint) for _ in range(2)]
+        ensemble.advance(3)
+        states = [ensemble.packing(m) for m in (member, *twins)]
+        assert identical(states[0], states[1])
+        assert identical(states[0], states[2])
+
+
+@pytest.mark.parametrize("change", [{"engine": "another"}, {"cache_version": -1}])
+def test_of_another_engine_or_version_it_is_refused(silo, change):
+    with silo.ensemble() as ensemble:
+        checkpoint = ensemble.checkpoint(silo.admit(ensemble))
+        with pytest.raises(ValueError, match="checkpoint"):
+            silo.admit(ensemble, replace(checkpoint, **change))
+
+
+def test_it_is_made_of_plain_arrays(silo):
+    with silo.ensemble() as ensemble:
+        checkpoint = ensemble.checkpoint(silo.admit(ensemble))
+    assert checkpoint.engine == silo.stand.engine.capabilities.name
+    assert checkpoint.cache_version == silo.stand.engine.capabilities.cache_version
+    assert all(isinstance(a, np.ndarray) and a.dtype != object for a in checkpoint.arrays.values())

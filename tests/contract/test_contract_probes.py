@@ -1,0 +1,220 @@
+"""Probes see what is there, once, and never change it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from labbook.backend import Contacts, Crossing, Ledger, Sample
+from labbook.scene import Plane, Primitives, Spheres, Wall
+from labbook.verify.stand import Start, grains_at, identical, rows_of
+from labbook.verify.symmetry import DT, difference
+
+BEATS = 12
+SAMPLE, CONTACTS = Sample(fields=("x", "v", "omega")), Contacts()
+EVERYTHING = (Crossing(), Ledger(), SAMPLE, CONTACTS)
+
+
+def test_declaring_and_reading_them_changes_no_bit(silo):
+    states = []
+    for probes in ((), EVERYTHING):
+        with silo.ensemble(probes=probes) as ensemble:
+            member = silo.admit(ensemble)
+            for _ in range(BEATS):
+                ensemble.advance(1)
+                ensemble.drain()
+            states.append(ensemble.packing(member))
+    assert len(states[0]) < len(silo.start)
+    assert identical(*states)
+
+
+def test_drained_rows_come_once_and_none_is_lost(silo):
+    _, whole = silo.discharge(BEATS)
+    with silo.ensemble() as ensemble:
+        member = silo.admit(ensemble)
+        parts = []
+        for _ in range(BEATS):
+            ensemble.advance(1)
+            parts.append(ensemble.drain())
+        assert not any(len(table["step"]) for table in ensemble.drain().values())
+    for probe, table in whole.items():
+        found = [rows_of(part[probe], member) for part in parts if probe in part]
+        assert identical({name: np.concatenate([f[name] for f in found]) for name in table}, table)
+
+
+COLUMNS = {
+    "Crossing": "id time x y z vx vy vz wx wy wz",
+    "Sample": "id x y z vx vy vz wx wy wz",
+    "Contacts": "i j wall fx fy fz bx by bz",
+    "Ledger": "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz",
+}
+
+
+def test_tables_have_the_columns_of_the_contract(silo):
+    with silo.ensemble(probes=EVERYTHING) as ensemble:
+        silo.admit(ensemble)
+        ensemble.advance(BEATS)
+        tables = ensemble.drain()
+    assert set(tables) == set(EVERYTHING)
+    for probe, table in tables.items():
+        assert set(table) == {"member", "step", "time", *COLUMNS[type(probe).__name__].split()}
+        assert len({len(column) for column in table.values()}) == 1
+        for name, column in table.items():
+            whole = name in ("member", "step", "id", "i", "j", "wall")
+            assert not whole or np.issubdtype(column.dtype, np.integer), name
+
+
+def test_they_are_read_on_their_beats(silo):
+    probes = (Ledger(every=3), Sample(fields=("x",), every=2))
+    with silo.ensemble(probes=probes) as ensemble:
+        silo.admit(ensemble)
+        ensemble.advance(7)
+        tables = ensemble.drain()
+    for probe, beats in zip(probes, ([3, 6], [2, 4, 6]), strict=True):
+        steps = np.array(beats) * silo.numerics().steps_per_beat
+        assert np.array_equal(np.unique(tables[probe]["step"]), steps)
+        assert np.allclose(np.unique(tables[probe]["time"]), steps * DT, rtol=1e-12)
+    assert set(tables[probes[1]]) == {"member", "step", "time", "id", "x", "y", "z"}
+
+
+def test_sample_and_ledger_agree_with_the_packing(silo):
+    with silo.ensemble(probes=EVERYTHING) as ensemble:
+        member = silo.admit(ensemble)
+        ensemble.advance(BEATS)
+        packing, tables = ensemble.packing(member), ensemble.drain()
+        status = ensemble.status(member)
+    grains, last = silo.scene.grains, BEATS * silo.numerics().steps_per_beat
+    sample = {name: c[tables[SAMPLE]["step"] == last] for name, c in tables[SAMPLE].items()}
+    assert np.array_equal(sample["id"], packing.ids)
+    for prefix, array in (("", packing.x), ("v", packing.v), ("w", packing.omega)):
+        assert np.array_equal(np.column_stack([sample[prefix + axis] for axis in "xyz"]), array)
+    row = {name: column[-1] for name, column in tables[silo.ledger].items()}
+    n, m = len(packing), grains.mass
+    kinetic = 0.5 * m * np.sum(packing.v**2) + 0.5 * grains.inertia * np.sum(packing.omega**2)
+    spin = m * np.cross(packing.x, packing.v).sum(axis=0) + grains.inertia * packing.omega.sum(axis=0)
+    assert row["grains"] == n == status.grains
+    assert row["mass"] == pytest.approx(n * m, rel=1e-13)
+    assert row["kinetic"] == pytest.approx(kinetic, rel=1e-12)
+    assert status.kinetic == pytest.approx(kinetic / (n * m * silo.scene.gravity * grains.diameter), rel=1e-12)
+    assert row["potential"] == pytest.approx(m * silo.scene.gravity * packing.x[:, 2].sum(), rel=1e-12)
+    assert [row[p] for p in ("px", "py", "pz")] == pytest.approx(list(m * packing.v.sum(axis=0)), rel=1e-10)
+    assert [row[l] for l in ("lx", "ly", "lz")] == pytest.approx(list(spin), rel=1e-10)
+
+
+def test_touching_and_overlap_of_the_ledger_are_those_of_the_contacts(silo):
+    """The ledger counts at the step whose forces were last computed: the one before."""
+    numerics = silo.numerics(steps_per_beat=1)
+    with silo.ensemble(numerics=numerics, probes=EVERYTHING) as ensemble:
+        ensemble.admit(silo.scene, numerics, silo.start)
+        ensemble.advance(40)
+        tables = ensemble.drain()
+    contacts, ledger = tables[CONTACTS], tables[silo.ledger]
+    branch = np.sqrt(contacts["bx"] ** 2 + contacts["by"] ** 2 + contacts["bz"] ** 2)
+    d = silo.scene.grains.diameter
+    overlap = np.where(contacts["wall"] < 0, d, d / 2) - branch
+    steps = ledger["step"][:-1]
+    assert [np.sum(contacts["step"] == s) for s in steps] == list(ledger["touching"][1:])
+    deepest = [overlap[contacts["step"] == s].max() for s in steps]
+    assert np.allclose(deepest, ledger["max_overlap"][1:], rtol=1e-9, atol=1e-12 * d)
+
+
+def test_contact_forces_add_up_to_accelerations(silo):
+    """x_{n+1} - 2 x_n + x_{n-1} = dt^2 (sum of contact forces / m + g), in any leapfrog or Verlet scheme."""
+    numerics = silo.numerics(steps_per_beat=1)
+    with silo.ensemble(numerics=numerics, probes=EVERYTHING) as ensemble:
+        ensemble.admit(silo.scene, numerics, silo.start)
+        ensemble.advance(6)
+        tables = ensemble.drain()
+    sample, contacts, n = tables[SAMPLE], tables[CONTACTS], len(silo.start)
+    x = np.stack([sample[axis].reshape(6, n) for axis in "xyz"], axis=-1)
+    found = (x[2:] - 2 * x[1:-1] + x[:-2]) / DT**2
+    expected = np.zeros((4, n, 3))
+    expected[..., 2] = -silo.scene.gravity
+    mass = silo.scene.grains.mass
+    for row in range(4):
+        now = contacts["step"] == row + 2
+        force = np.column_stack([contacts["f" + axis][now] for axis in "xyz"]) / mass
+        pair = contacts["j"][now] >= 0
+        np.add.at(expected[row], contacts["i"][now], force)
+        np.add.at(expected[row], contacts["j"][now][pair], -force[pair])
+    assert np.abs(expected).max() > 10 * silo.scene.gravity
+    # second differences of positions lose ten digits
+    assert np.abs(found - expected).max() < 1e-8 * np.abs(expected).max() + 20 * np.spacing(np.abs(x).max()) / DT**2
+
+
+def test_springs_survive_rebuilds(silo):
+    """With a thin skin lists are rebuilt many times as often; if that lost springs, grains would slide apart."""
+    states, rebuilds = [], []
+    for skin in (0.02, 0.5):
+        numerics = silo.numerics(skin=skin)
+        with silo.ensemble(numerics=numerics) as ensemble:
+            member = ensemble.admit(silo.scene, numerics, silo.start)
+            ensemble.advance(4)
+            states.append(ensemble.packing(member))
+            rebuilds.append(ensemble.drain()[silo.ledger]["rebuilds"][-1])
+    assert rebuilds[0] > 10 * rebuilds[1]
+    assert len(states[0].pair_spring) > 20
+    assert difference(*states) < 1e-9
+
+
+# crossings
+
+
+def test_every_grain_crosses_once_and_the_bookkeeping_agrees(silo):
+    beats = 80
+    with silo.ensemble() as ensemble:
+        member = silo.admit(ensemble)
+        ensemble.advance(beats)
+        rows, left = ensemble.drain()[silo.crossing], ensemble.packing(member)
+    assert len(set(rows["id"])) == len(rows["id"]) > 0.8 * len(silo.start)
+    assert left.ids is not None
+    still_above = left.ids[left.x[:, 2] >= 0]
+    assert set(rows["id"]) == set(range(len(silo.start))) - set(still_above)
+    assert np.all((rows["step"] - 1) * DT <= rows["time"])
+    assert np.all(rows["time"] <= rows["step"] * DT)
+    assert np.all(rows["z"] < 0)
+    assert np.all(rows["z"] >= rows["vz"] * DT * (1 + 1e-6))
+    assert np.all(np.diff(rows["step"]) >= 0)
+
+
+def falling(silo, heights, speeds):
+    """Grains that fall freely, far apart, past the outlet plane of nothing."""
+    grains = Spheres(diameter=3e-3, density=2500, count=len(heights))
+    scene = silo.scene.model_copy(update={"grains": grains, "container": Primitives(outlet_plane=0.0)})
+    x = np.column_stack([0.1 * np.arange(len(heights)), np.zeros(len(heights)), heights])
+    v = np.column_stack([np.zeros((len(heights), 2)), speeds])
+    return scene, grains_at(x, v)
+
+
+def test_times_of_crossings_are_interpolated(silo):
+    heights, speeds = np.linspace(0.01, 0.05, 9), np.linspace(0.5, -0.5, 9)
+    scene, start = falling(silo, heights, speeds)
+    motion = silo.stand.run(Start(scene, DT, start), 10, 1000, [silo.crossing])
+    rows = motion.rows(silo.crossing)
+    assert sorted(rows["id"]) == list(range(9))
+    expected = (speeds + np.sqrt(speeds**2 + 2 * scene.gravity * heights)) / scene.gravity
+    assert np.abs(rows["time"] - expected[rows["id"]]).max() < 0.02 * DT
+    assert np.abs(rows["vz"] + np.sqrt(speeds**2 + 2 * scene.gravity * heights)[rows["id"]]).max() < 10 * DT
+
+
+def test_a_grain_that_starts_below_does_not_cross(silo):
+    scene, start = falling(silo, np.array([-1e-3, 1e-3]), np.array([0.3, 0.0]))
+    rows = silo.stand.run(Start(scene, DT, start), 5, 1000, [silo.crossing]).rows(silo.crossing)
+    assert list(rows["id"]) == [1]
+
+
+def test_only_the_first_passage_counts(silo):
+    """A grain thrown up again from below the plane would pass it twice."""
+    floor = Wall(name="floor", shape=Plane(point=(0, 0, -0.05), normal=(0, 0, 1)))
+    contact = silo.scene.contact.model_copy(update={"restitution": 1.0, "shear_modulus": 1e7})
+    grains = Spheres(diameter=3e-3, density=2500, count=1)
+    scene = silo.scene.model_copy(
+        update={"grains": grains, "contact": contact, "container": Primitives(parts=(floor,))}
+    )
+    passing, sample = Crossing(plane=0.0), Sample()
+    motion = silo.stand.run(Start(scene, DT / 4, grains_at([0, 0, 0.02])), 100, 1000, [passing, sample])
+    z = motion.by_beat(sample, ("z",))[:, 0, 0]
+    assert np.sum((z[1:] < 0) & (z[:-1] >= 0)) > 2
+    rows = motion.rows(passing)
+    assert len(rows["time"]) == 1
+    assert rows["time"][0] == pytest.approx(math.sqrt(2 * 0.02 / scene.gravity), abs=0.02 * DT)
