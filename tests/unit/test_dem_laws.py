@@ -1,0 +1,158 @@
+"""Coefficients by hand, and laws against their printed formulas."""
+
+import math
+
+import numpy as np
+import pytest
+from labbook_dem import contact
+from labbook_dem.laws import hertz_mindlin, linear
+from labbook_dem.words import vec3
+
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface
+
+SURFACE = Surface(friction=0.5, rolling_friction=0.01, restitution=0.2)
+FAN = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
+RS, MS = 0.75e-3, 1.8e-5
+
+
+def test_coefficients_of_hertz_mindlin_by_hand():
+    """E = 2 G (1 + nu) = 2.5e8, 1/E* = 2 (1 - nu^2)/E: E* = 1.3333e8; kappa = (2 - 1/4)/(2 (3/4)) = 7/6."""
+    c = hertz_mindlin.coefficients(FAN, SURFACE)
+    assert c[0] == pytest.approx(4 / 3 / (2 * (1 - 0.0625) / 2.5e8), rel=1e-12)
+    assert c[1] == pytest.approx(0.6675, abs=5e-5)
+    assert c[2] == c[1]
+    assert c[3] == pytest.approx(7 / 6, rel=1e-12)
+    assert c[4:6] == (0.5, 0.01)
+    softer = hertz_mindlin.coefficients(FAN.model_copy(update={"tangential_damping": 2.0}), SURFACE, 0.1)
+    assert softer[0] == pytest.approx(0.1 * c[0], rel=1e-12)
+    assert softer[2] == pytest.approx(2 * c[1], rel=1e-12)
+    textbook = hertz_mindlin.coefficients(FAN.model_copy(update={"damping": "textbook"}), SURFACE)
+    assert textbook[1] == pytest.approx(0.416, abs=5e-4)
+
+
+def test_coefficients_of_the_linear_law_by_hand():
+    """Textbook: gamma_n = sqrt(4 k_n m*/((pi/ln e)^2 + 1)); c holds it over sqrt(k_n m*)."""
+    law = LinearSpringDashpot(normal_stiffness=5e4, tangential_damping=0.5, damping="textbook")
+    c = linear.coefficients(law, SURFACE)
+    gamma = math.sqrt(4 * 5e4 * MS / ((math.pi / math.log(0.2)) ** 2 + 1))
+    assert c[1] * math.sqrt(5e4 * MS) == pytest.approx(gamma, rel=1e-12)
+    assert (c[0], c[2], c[3], c[4], c[5]) == (5e4, 0.5, 2 / 7, 0.5, 0.01)
+    assert linear.coefficients(law, Surface(restitution=1.0), 3.0)[:2] == pytest.approx((1.5e5, 0.0))
+
+
+def test_no_friction_given_is_none():
+    for module, law in ((hertz_mindlin, FAN), (linear, LinearSpringDashpot(normal_stiffness=1.0))):
+        assert module.coefficients(law, Surface())[4:6] == (0.0, 0.0)
+
+
+def printed(delta, vn, s, vt, mu=0.5, nu=0.25):
+    """Fan's eqs 6 and 7 as printed, with the elastic part and the damping apart, and the limits of spec and text."""
+    e_star, c_n = 1e8 / (1 - nu), hertz_mindlin.coefficients(FAN, SURFACE)[1]
+    elastic = 4 / 3 * e_star * math.sqrt(RS) * delta**1.5
+    fn = max(elastic - c_n * math.sqrt(8 * MS * e_star * math.sqrt(RS * delta)) * vn, 0.0)
+    s_max = mu * (2 - nu) / (2 * (1 - nu)) * delta
+    part = min(s, s_max) / s_max
+    spring = mu * elastic * (1 - (1 - part) ** 1.5)
+    damping = c_n * math.sqrt(6 * mu * MS * elastic * math.sqrt(1 - part) / s_max) * vt
+    ft = -(spring + damping)
+    return fn, math.copysign(min(abs(ft), mu * fn), ft)
+
+
+@pytest.mark.parametrize("delta", [1e-7, 3e-6])
+@pytest.mark.parametrize("vn", [-0.1, 0.0, 0.02, 5.0])
+@pytest.mark.parametrize("part", [0.05, 0.5, 0.99, 1.7])
+@pytest.mark.parametrize("vt", [0.0, 1e-3, 0.1])
+def test_hertz_mindlin_is_the_printed_law(delta, vn, part, vt):
+    c = hertz_mindlin.coefficients(FAN, SURFACE)
+    s = part * 0.5 * 7 / 6 * delta
+    fn, ft, kept = hertz_mindlin.respond(c, RS, MS, delta, vn, vec3(s, 0, 0), vec3(vt, 0, 0), 0.0, 0.0)
+    expected = printed(delta, vn, s, vt)
+    assert fn == pytest.approx(expected[0], rel=1e-12, abs=1e-15)
+    assert ft.x == pytest.approx(expected[1], rel=1e-9, abs=1e-15)
+    assert (ft.y, ft.z) == (0, 0)
+    assert kept.x == pytest.approx(min(s, 0.5 * 7 / 6 * delta), rel=1e-12)
+
+
+def test_tangential_stiffness_at_first_is_mindlin_s():
+    """dF_t/ds at s = 0 is (3/2) K_t with K_t = mu F_n/delta_max, whatever mu: no division by the spring."""
+    c = hertz_mindlin.coefficients(FAN, SURFACE)
+    delta, s = 1e-6, 1e-15
+    fn, ft, _ = hertz_mindlin.respond(c, RS, MS, delta, 0.0, vec3(s, 0, 0), vec3(0, 0, 0), 0.0, 0.0)
+    assert -ft.x / s == pytest.approx(1.5 * fn / (7 / 6 * delta), rel=1e-6)
+    still, rest, _ = hertz_mindlin.respond(c, RS, MS, delta, 0.0, vec3(0, 0, 0), vec3(0, 0, 0), 0.0, 0.0)
+    assert still == fn
+    assert (rest.x, rest.y, rest.z) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("shear", [1e-8, 1e-6, 1e-5])
+@pytest.mark.parametrize("vt", [0.0, 0.01, -0.3])
+def test_the_linear_law_is_the_printed_law_and_keeps_the_spring_at_the_limit(shear, vt):
+    law = LinearSpringDashpot(normal_stiffness=5e4, friction=0.5)
+    c = linear.coefficients(law, SURFACE)
+    gamma = c[1] * math.sqrt(5e4 * MS)
+    delta, vn = 2e-6, -0.05
+    fn, ft, kept = linear.respond(c, RS, MS, delta, vn, vec3(0, shear, 0), vec3(0, vt, 0), 0.0, 0.0)
+    assert fn == pytest.approx(5e4 * delta - gamma * vn, rel=1e-12)
+    k_t = 2 / 7 * 5e4
+    free = -k_t * shear - gamma * vt
+    assert ft.y == pytest.approx(math.copysign(min(abs(free), 0.5 * fn), free), rel=1e-12)
+    # so shortened that spring and dashpot together give the limited force
+    assert -k_t * kept.y - gamma * vt == pytest.approx(ft.y, rel=1e-9)
+
+
+@pytest.mark.parametrize(("module", "law"), [(hertz_mindlin, FAN), (linear, LinearSpringDashpot(normal_stiffness=5e4))])
+def test_forces_are_never_attractive_and_never_beyond_coulomb(module, law):
+    c = module.coefficients(law, SURFACE)
+    rng = np.random.default_rng(6)
+    for _ in range(500):
+        delta, vn, hn = rng.uniform(0, 5e-6), rng.normal() * 0.3, rng.uniform(0, 0.1)
+        s, vt = (vec3(*(rng.normal(size=3) * size)) for size in (2e-6, 0.1))
+        fn, ft, _ = module.respond(c, RS, MS, delta, vn, s, vt, hn, 3.5 * hn)
+        assert fn >= 0
+        assert math.hypot(ft.x, ft.y, ft.z) <= 0.5 * fn * (1 + 1e-12)
+        assert module.normal(c, RS, MS, delta, vn, hn) == pytest.approx(fn, rel=1e-12)
+
+
+@pytest.mark.parametrize(("module", "law"), [(hertz_mindlin, FAN), (linear, LinearSpringDashpot(normal_stiffness=5e4))])
+def test_damping_acts_on_the_velocity_at_the_time_of_the_force(module, law):
+    """With half steps hn, ht of a unit force the law is its own solution: F = F(v + h F) with no half step."""
+    c = module.coefficients(law, Surface(friction=1e3, restitution=0.4))
+    delta, vn, s, vt, hn, ht = 2e-6, 0.01, vec3(1e-9, 0, 0), vec3(2e-3, 0, 0), 0.02, 0.07
+    fn, ft, _ = module.respond(c, RS, MS, delta, vn, s, vt, hn, ht)
+    now, across, _ = module.respond(c, RS, MS, delta, vn + hn * fn, s, vt + ft * ht, 0.0, 0.0)
+    assert fn == pytest.approx(now, rel=1e-12)
+    assert ft.x == pytest.approx(across.x, rel=1e-12)
+
+
+# from bodies to contacts
+
+
+def test_slip_by_hand():
+    """Grain i above j, both turning the same way about y: their surfaces meet at v + 2 omega x lever."""
+    n = vec3(0.0, 0.0, 1.0)
+    lever, spin = 1e-3, 10.0
+    vn, vt = contact.slip(n, vec3(0.3, 0.0, -0.2), vec3(0.0, 2 * lever * spin, 0.0))
+    assert vn == pytest.approx(-0.2)
+    # at the bottom of i, omega x (-lever n) = -lever omega along x; at the top of j the opposite
+    assert (vt.x, vt.y, vt.z) == pytest.approx((0.3 - 2 * lever * spin, 0.0, 0.0))
+
+
+def test_a_spring_is_truncated_into_the_contact_plane_and_advanced():
+    n = vec3(0.6, 0.0, 0.8)
+    s = contact.trial(vec3(1.0, 2.0, 3.0), n, vec3(0.8, 0.0, -0.6), 0.5)
+    along = 0.6 * 1 + 0.8 * 3
+    assert (s.x, s.y, s.z) == pytest.approx((1 - 0.6 * along + 0.4, 2.0, 3 - 0.8 * along - 0.3))
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_rolling_resistance_opposes_and_is_limited(full):
+    n = vec3(0.0, 0.0, 1.0)
+    fast = contact.rolling(vec3(3.0, 0.0, 4.0), n, 1e-6, 1.0, full)
+    expected = (-0.6e-6, 0, -0.8e-6) if full else (-1e-6, 0, 0)
+    assert (fast.x, fast.y, fast.z) == pytest.approx(expected)
+    slow = contact.rolling(vec3(3e-9, 0.0, 4e-9), n, 1e-6, 2.0, full)
+    assert (slow.x, slow.y, slow.z) == pytest.approx((-6e-9, 0, -8e-9 if full else 0))
+    rest = contact.rolling(vec3(0.0, 0.0, 0.0), n, 1e-6, 2.0, full)
+    assert (rest.x, rest.y, rest.z) == (0, 0, 0)
+    unloaded = contact.rolling(vec3(1.0, 0.0, 0.0), n, 0.0, 2.0, full)
+    assert (unloaded.x, unloaded.y, unloaded.z) == (0, 0, 0)

@@ -1,0 +1,125 @@
+"""Compiled kernels are kept on disk: a second process finds them, an edited law does not."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("numba")
+
+ROOT = Path(__file__).parents[2]
+COLLISION = """
+import json, sys
+import numpy as np
+from labbook.backend import Ledger
+from labbook.numerics import Numerics
+from labbook.protocol.packing import Packing
+from labbook.scene import HertzMindlin, Primitives, Scene, Spheres
+from labbook_numba import Backend, build
+
+grains = Spheres(diameter=3e-3, density=2500, count=2)
+law = HertzMindlin(shear_modulus=1e6, poisson_ratio=0.25, restitution=0.5)
+scene = Scene(grains=grains, contact=law, container=Primitives(), gravity=0)
+x = np.array([[0, 0, 0], [3.001e-3, 0, 0]])
+v = np.array([[0.1, 0, 0], [-0.1, 0, 0]])
+engine, numerics = Backend(), Numerics(dt=1e-5)
+spec = engine.specialise(scene, numerics)
+ensemble = engine.open(spec)
+member = ensemble.admit(scene, numerics, Packing(x=x, v=v, omega=np.zeros((2, 3))))
+ensemble.advance(1)
+switches = tuple((name, spec.feature(name)) for name in build.SWITCHES)
+module = build.kernels(spec.feature("law"), spec.feature("precision"), switches)
+stats = module.advance.stats
+print(json.dumps({
+    "hits": sum(stats.cache_hits.values()),
+    "misses": sum(stats.cache_misses.values()),
+    "module": module.__name__,
+    "file": module.__file__,
+    "v": ensemble.packing(member).v[1, 0],
+}))
+"""
+
+
+def collide(sources: Path, cache: Path) -> dict:
+    """In a process of its own: the collision, and what Numba's cache did."""
+    environment = {**os.environ, "LABBOOK_CACHE": str(cache)}
+    environment["PYTHONPATH"] = os.pathsep.join([str(sources), str(ROOT)])
+    done = subprocess.run([sys.executable, "-c", COLLISION], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.fixture
+def sources(tmp_path) -> Path:
+    """A copy of the engine and its physics that may be edited."""
+    folder = tmp_path / "sources"
+    for package in ("labbook_dem", "labbook_numba"):
+        shutil.copytree(ROOT / "backends" / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+@pytest.mark.slow
+def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
+    cache = tmp_path / "cache"
+    first = collide(sources, cache)
+    assert first["misses"] > 0
+    assert Path(first["file"]).is_relative_to(cache)
+
+    second = collide(sources, cache)
+    assert second["hits"] > 0
+    assert second["misses"] == 0
+    assert second["module"] == first["module"]
+    assert second["v"] == first["v"]
+
+    law = sources / "labbook_dem/laws/hertz_mindlin.py"
+    text = law.read_text(encoding="utf-8")
+    edited = text.replace("c[0] * sqrt(rs * delta)", "real(4.0) * c[0] * sqrt(rs * delta)")
+    assert edited != text
+    law.write_text(edited, encoding="utf-8")
+    third = collide(sources, cache)
+    assert third["misses"] > 0
+    assert third["module"] != first["module"]
+    assert third["v"] != first["v"]
+
+    # the old law is still there for whoever has it
+    law.write_text(text, encoding="utf-8")
+    fourth = collide(sources, cache)
+    assert (fourth["misses"], fourth["v"]) == (0, first["v"])
+
+
+def key_of(**changes) -> str:
+    from labbook_numba import build
+
+    switches = dict.fromkeys(build.SWITCHES, False) | changes
+    return build.digest(build.module_text("hertz-mindlin", "double", switches))
+
+
+def test_features_and_versions_are_part_of_the_key(monkeypatch):
+    from labbook_numba import build
+
+    plain = key_of()
+    assert key_of() == plain
+    assert key_of(FRICTION=True) != plain
+    assert build.digest(build.module_text("linear", "double", dict.fromkeys(build.SWITCHES, False))) != plain
+    monkeypatch.setattr(build.numba, "__version__", "0.0")
+    assert key_of() != plain
+    monkeypatch.undo()
+    monkeypatch.setattr(build.llvmlite, "__version__", "0.0")
+    assert key_of() != plain
+
+
+def test_where_the_cache_is(monkeypatch, tmp_path):
+    from labbook_numba.build import cache_folder
+
+    monkeypatch.setenv("LABBOOK_CACHE", str(tmp_path / "own"))
+    assert cache_folder() == tmp_path / "own"
+    monkeypatch.delenv("LABBOOK_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_folder() == tmp_path / "xdg/labbook/numba"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert cache_folder() == tmp_path / "home/.cache/labbook/numba"
