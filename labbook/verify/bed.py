@@ -7,10 +7,12 @@ import numpy as np
 
 from labbook.backend import Contacts, Ledger, Sample
 from labbook.protocol.placing import place
-from labbook.scene import Box, Scene, WedgeHopper
+from labbook.scene import Box, Primitives, Scene, WedgeHopper
 from labbook.verify.case import Case, double
-from labbook.verify.materials import D, G, hertz, scene
-from labbook.verify.stand import Stand, Start
+from labbook.verify.collision import STUDY_STEP
+from labbook.verify.materials import LAWS, D, G, floor, hertz, scene
+from labbook.verify.rolling import static_overlap
+from labbook.verify.stand import Stand, Start, grains_at
 
 DT = 8e-6
 """A tenth of the Rayleigh time of grains with a shear modulus of 1e7 Pa."""
@@ -24,6 +26,17 @@ def _beds() -> list[Scene]:
         ).close()
         for a in (math.pi / 2, math.radians(60))
     ]
+
+
+def _sinks_in(stand: Stand) -> Mapping[str, float]:
+    """One grain dropped from its static overlap's height, at the study's step: it comes to rest at that overlap."""
+    errors = {}
+    for law, material in LAWS.items():
+        rests = scene(1, material(), Primitives(parts=(floor(),)), G)
+        expected = static_overlap(rests, rests.grains.mass * G)
+        end = stand.run(Start(rests, STUDY_STEP, grains_at([0, 0, D / 2 + expected])), 40).end
+        errors[law] = abs((D / 2 - float(end.x[0, 2])) / expected - 1)
+    return errors
 
 
 def _carries(stand: Stand) -> Mapping[str, float]:
@@ -58,6 +71,13 @@ def _stays(stand: Stand) -> Mapping[str, float]:
 
 
 CASES = [
+    Case(
+        name="static-overlap",
+        statement="a grain at rest on a floor overlaps it by as much as carries its weight, whatever the damping",
+        source="contact laws at rest",
+        measures={law: double(1e-8) for law in LAWS},
+        run=_sinks_in,
+    ),
     Case(
         name="resting-bed",
         statement="the forces of the walls on a resting bed add up to its weight",

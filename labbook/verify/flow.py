@@ -18,7 +18,7 @@ WIDTH = 12
 """Of the silo [d]; COUNT grains stand 3.4 widths high."""
 DT = 2.5e-5
 """A tenth of the Rayleigh time of grains with a shear modulus of 1e6 Pa."""
-SEEDS = (1, 2, 3)
+SEEDS = (1, 2, 3, 4)
 HIGH, MIDDLE, LOW = 460, 320, 180
 """Grains left: after the start-up; half-way; when they stand 1.2 widths high."""
 OUT = Crossing()
@@ -57,19 +57,20 @@ def _falling(rates: Sequence[float]) -> float:
 
 
 def _with_outlet(stand: Stand) -> Mapping[str, float]:
-    scenes = [silo(orifice, 0.5) for orifice in (8, 6.5, 5)]
+    scenes = [silo(orifice, 0.5) for orifice in (9, 7.5, 6)]
     rates = [rate(times, HIGH, LOW) for times in passages(stand, scenes)]
     return {"largest W(smaller D)/W(D)": _falling(rates)}
 
 
 def _with_friction(stand: Stand) -> Mapping[str, float]:
-    scenes = [silo(6.5, friction) for friction in (0.05, 0.2, 0.8)]
+    scenes = [silo(7.5, friction) for friction in (0.05, 0.2, 0.8)]
     rates = [rate(times, HIGH, LOW) for times in passages(stand, scenes)]
     return {"largest W(larger mu)/W(mu)": _falling(rates)}
 
 
 def _with_height(stand: Stand) -> Mapping[str, float]:
-    (times,) = passages(stand, [silo(6.5, 0.5)])
+    """A liquid would flow 25 % faster from the upper half, which stands 2.7 widths high in the mean, not 1.7."""
+    (times,) = passages(stand, [silo(7.5, 0.5)])
     return {"|W(upper half)/W(lower half) - 1|": abs(rate(times, HIGH, MIDDLE) / rate(times, MIDDLE, LOW) - 1)}
 
 
@@ -94,7 +95,7 @@ CASES = [
         name="flow-height",
         statement="W does not depend on the filling height above 1.2 widths",
         source="Janssen 1895; Beverloo et al. 1961",
-        measures={"|W(upper half)/W(lower half) - 1|": double(0.05)},
+        measures={"|W(upper half)/W(lower half) - 1|": double(0.1)},
         run=_with_height,
         slow=True,
     ),

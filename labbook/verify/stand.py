@@ -139,7 +139,11 @@ def identical(a: Packing | Table, b: Packing | Table) -> bool:
         {name: array for name, array in (p.arrays() if isinstance(p, Packing) else p).items() if name != "member"}
         for p in (a, b)
     )
-    return set(first) == set(second) and all(np.array_equal(first[name], second[name]) for name in first)
+    return set(first) == set(second) and all(_same_bits(first[name], second[name]) for name in first)
+
+
+def _same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    return (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
 
 
 def grains_at(x: Any, v: Any = None, omega: Any = None) -> Packing:

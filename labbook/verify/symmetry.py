@@ -23,9 +23,9 @@ _FACTORS = {"x": 4.0, "v": 2.0, "omega": 0.5, "pair_spring": 4.0, "wall_spring":
 
 
 def hopper(length: float = 1.0) -> Scene:
-    """A hopper of 12 x 80 grains with an eccentric outlet of 5; all lengths times `length`, moduli with rho L."""
+    """A hopper of 12 x 80 grains with an eccentric outlet of 6.5; all lengths times `length`, moduli with rho L."""
     d = D * length
-    silo = WedgeHopper(width=12 * d, height=80 * d, thickness=1.01 * d, angle=1.0, orifice=5 * d, gap=2 * d)
+    silo = WedgeHopper(width=12 * d, height=80 * d, thickness=1.01 * d, angle=1.0, orifice=6.5 * d, gap=2 * d)
     grains = spheres(COUNT).model_copy(update={"diameter": d})
     return scene(COUNT, hertz(shear_modulus=SOFT * length), silo, G).model_copy(update={"grains": grains})
 

@@ -32,8 +32,8 @@ def test_settled_grains_hardly_move(silo):
     below = 1e-6
     with silo.ensemble(scene=closed, probes=(Ledger(),)) as ensemble:
         start = Packing(x=silo.start.x, v=silo.start.v, omega=silo.start.omega)
-        member = ensemble.admit(closed, silo.numerics(), start, settled_below=below)
-        for _ in range(400):
+        member = ensemble.admit(closed, silo.numerics(dt=DT / 2), start, settled_below=below)
+        for _ in range(800):
             if happened(ensemble.advance(1), Settled):
                 break
         else:
@@ -88,7 +88,6 @@ def failures(silo, start=None, beats=6, numerics=None):
         assert status.step % numerics.steps_per_beat == 0
         assert status.step <= event.step <= status.step + numerics.steps_per_beat
         assert identical(state, good[status.step // numerics.steps_per_beat])
-        assert np.all(np.isfinite(state.x))
         alone, _ = silo.discharge(beats)
         assert identical(ensemble.packing(sound), alone)
         assert f"grain {event.grain}" in event.message
@@ -97,12 +96,15 @@ def failures(silo, start=None, beats=6, numerics=None):
 
 @pytest.mark.parametrize("component", ["v", "omega"])
 def test_a_state_that_is_no_number_is_caught_and_named(silo, component):
+    touching = np.bincount(silo.start.pairs.ravel(), minlength=len(silo.start))
+    assert touching[17] > 0
     start = with_changed(silo.start, 17, **{component: [0, np.nan, 0]})
     event, status, _ = failures(silo, start)
     assert event.guard == "state"
     assert status.step == 0
-    touching = silo.start.pairs[np.any(silo.start.pairs == 17, axis=1)]
-    assert event.grain in {17, *touching.ravel()}
+    # one step is enough for it to reach those that it touches
+    apart = np.linalg.norm(silo.start.x - silo.start.x[17], axis=1)
+    assert event.grain in np.flatnonzero(apart < 1.01 * silo.scene.grains.diameter)
 
 
 def test_a_grain_that_runs_away_is_caught_and_named(silo):
