@@ -79,7 +79,7 @@ def _impact(stand: Stand) -> Mapping[str, float]:
     """A grain that hits the floor obliquely and leaves it: all work is done, and the balance is exact."""
     errors = {}
     for law in LAWS:
-        table = _vibrating(stand, law, 2 * DT, (0.3, 0.0, -0.3), 3.0).rows(LEDGER)
+        table = _vibrating(stand, law, 2 * DT, (0.3, 0.0, -0.3), 100.0).rows(LEDGER)
         energy = table["kinetic"] + table["potential"]
         lost = float(energy[0] - energy[-1])
         errors[law] = abs(lost + float(table["contact_work"][-1])) / lost
