@@ -12,6 +12,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root_scalar
 
+from labbook_dem.motion import drift, kick, predict
+
 LARGEST_RATIO = 1e3
 
 
@@ -91,14 +93,13 @@ def realised(normal, c, rs: float, ms: float, dt: float, speed: float, phases: i
 
 
 def _collide(normal, c, rs, ms, dt, speed, phase) -> float:
-    overlap, v, a = -phase * speed * dt, -speed, 0.0  # v: half-step rate of change of the gap
+    overlap, v, a = -phase * speed * dt, -speed, 0.0  # v: rate of change of the gap, half a step before
     touched = False
     while True:
-        u = v + a * dt / 2
-        force = normal(c, rs, ms, overlap, u) if overlap > 0 else 0.0
+        force = normal(c, rs, ms, overlap, predict(v, a, dt)) if overlap > 0 else 0.0
         touched = touched or overlap > 0
         a = force / ms
-        v += a * dt
+        v = kick(v, a, dt)
         if touched and overlap <= 0:
             return v / speed
-        overlap -= v * dt
+        overlap = drift(overlap, -v, dt)

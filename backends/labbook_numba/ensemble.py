@@ -25,6 +25,7 @@ from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_numba.member import Run
+from labbook_numba.reading import read
 from labbook_numba.specialise import specialise
 
 
@@ -86,7 +87,7 @@ class Ensemble:
             if run.failure:
                 guard, step, grain, message = run.failure
                 return rows, [*events, Failed(member, guard, step, grain, message)]
-            rows += run.read(run.step // self._spec.steps_per_beat).items()
+            rows += read(run, run.step // self._spec.steps_per_beat).items()
             if run.empty:
                 return rows, [*events, Emptied(member, run.step * run.params.dt)]
             if member in self._settling and self._is_settled(member, run):

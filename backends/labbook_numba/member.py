@@ -1,12 +1,10 @@
 """One running scene: its arrays, its kernels, and how it starts, stops and is read."""
 
-import math
-from collections.abc import Mapping
 from types import ModuleType
 
 import numpy as np
 
-from labbook.backend import Checkpoint, Contacts, Crossing, Probe, Sample, Status, Table
+from labbook.backend import Checkpoint, Crossing, Status
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
@@ -37,7 +35,7 @@ class Run:
         self.state = st = S.allocate(n, near, len(self.names), walls, self._crossings(n))
         st.count[S.GRAINS] = n
         st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
-        st.u[:], st.o[:] = packing.v, packing.omega
+        st.u[:] = packing.v
         st.f[:, 2] = -self.params.mass * self.params.gravity
         st.gone[:] = packing.x[:, 2] < self.params.plane
         self._rebuild()
@@ -132,12 +130,7 @@ class Run:
         st, p = self.state, self.params
         n = int(st.count[S.GRAINS])
         scale = p.mass * (p.gravity * 2 * p.radius or (2 * p.radius) ** 2)
-        return Status(self.step, self.step * p.dt, n, self._kinetic() / max(n, 1) / scale)
-
-    def _kinetic(self) -> float:
-        st, p = self.state, self.params
-        n = int(st.count[S.GRAINS])
-        return 0.5 * p.mass * float(np.sum(st.u[:n] ** 2)) + 0.5 * p.inertia * float(np.sum(st.o[:n] ** 2))
+        return Status(self.step, self.step * p.dt, n, kinetic(p, *self.whole_step()) / max(n, 1) / scale)
 
     def packing(self) -> Packing:
         """The portable state."""
@@ -145,10 +138,11 @@ class Run:
         walls = int(st.wall_first[-1])
         wall = np.repeat(np.arange(len(self.names)), np.diff(st.wall_first))
         held, wall_held = st.held[:pairs] == 1, st.wall_held[:walls] == 1
+        v, w = self.whole_step()
         return Packing(
             x=st.x[:n].copy(),
-            v=st.u[:n].copy(),
-            omega=st.o[:n].copy(),
+            v=v,
+            omega=w,
             ids=st.ids[:n].copy(),
             pairs=np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[held].astype(np.int64),
             pair_spring=st.spring[:, :pairs].T[held],
@@ -157,67 +151,30 @@ class Run:
             wall_spring=st.wall_spring[:, :walls].T[wall_held],
         )
 
-    def read(self, beat: int) -> Mapping[Probe, Table]:
-        """Rows of every probe that is due on this beat."""
-        due = [p for p in self.probes if isinstance(p, Crossing) or beat % p.every == 0]
-        return {probe: self._rows(probe) for probe in due}
+    def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities [m/s] and spins [rad/s], shape [n, 3], at the same time as the positions."""
+        self._fresh_lists()
+        n = int(self.state.count[S.GRAINS])
+        v, w = np.empty((n, 3)), np.empty((n, 3))
+        changed = ("f", "t", "held", "spring", "wall_held", "wall_spring", "sums", "count")
+        copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
+        self.kernels.whole_step(copy, self.params, v, w)
+        return v, w
 
-    def _rows(self, probe: Probe) -> Table:
-        if isinstance(probe, Crossing):
-            return self._crossed()
-        if isinstance(probe, Sample):
-            return self._sampled(probe)
-        if isinstance(probe, Contacts):
-            return self._touching()
-        return self._totals()
+    def contacts(self) -> np.ndarray:
+        """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as in `labbook.backend.Contacts`."""
+        self._fresh_lists()
+        out = np.zeros((int(self.state.count[S.PAIRS] + self.state.wall_first[-1]), 9))
+        return out[: self.kernels.contact_rows(self.state, self.params, out)]
 
-    def _crossed(self) -> Table:
-        st = self.state
-        rows = st.cross[: st.count[S.CROSSED]].copy()
-        st.count[S.CROSSED] = 0
-        table = dict(zip(S.CROSS_COLUMNS, rows.T, strict=True))
-        return {**table, "id": table["id"].astype(np.int64), "step": table["step"].astype(np.int64)}
-
-    def _sampled(self, probe: Sample) -> Table:
-        st, n = self.state, int(self.state.count[S.GRAINS])
-        parts = {"x": ("", st.x), "v": ("v", st.u), "omega": ("w", st.o)}
-        table = {"id": st.ids[:n].copy()}
-        for name in probe.fields:
-            prefix, array = parts[name]
-            table |= {prefix + axis: array[:n, c].copy() for c, axis in enumerate("xyz")}
-        return self._stamped(table, n)
-
-    def _touching(self) -> Table:
+    def _fresh_lists(self) -> None:
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
             self._rebuild()  # lists decide nothing about the motion, so this changes none
-        st = self.state
-        out = np.zeros((int(st.count[S.PAIRS] + st.wall_first[-1]), 9))
-        rows = out[: self.kernels.contact_rows(st, self.params, out)]
-        names = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
-        table = dict(zip(names, rows.T.copy(), strict=True))
-        return self._stamped({**table, **{k: table[k].astype(np.int64) for k in ("i", "j", "wall")}}, len(rows))
 
-    def _totals(self) -> Table:
-        st, p, n = self.state, self.params, int(self.state.count[S.GRAINS])
-        x, u, o = st.x[:n], st.u[:n], st.o[:n]
-        momentum = p.mass * u.sum(axis=0)
-        angular = p.mass * np.cross(x, u).sum(axis=0) + p.inertia * o.sum(axis=0)
-        row = {
-            "grains": n,
-            "kinetic": self._kinetic(),
-            "potential": p.mass * p.gravity * math.fsum(x[:, 2]),
-            "contact_work": float(st.sums[S.WORK]),
-            "mass": p.mass * n,
-            "max_overlap": float(st.sums[S.MAX_OVERLAP]),
-            "touching": int(st.count[S.TOUCHING]),
-            "rebuilds": int(st.count[S.REBUILDS]),
-            **dict(zip(("px", "py", "pz"), momentum, strict=True)),
-            **dict(zip(("lx", "ly", "lz"), angular, strict=True)),
-        }
-        return self._stamped({name: np.array([value]) for name, value in row.items()}, 1)
 
-    def _stamped(self, table: dict[str, np.ndarray], n: int) -> Table:
-        return {"step": np.full(n, self.step), "time": np.full(n, self.step * self.params.dt), **table}
+def kinetic(p: Params, v: np.ndarray, w: np.ndarray) -> float:
+    """Kinetic energy [J] of velocities v [m/s] and spins w [rad/s]."""
+    return 0.5 * p.mass * float(np.sum(v**2)) + 0.5 * p.inertia * float(np.sum(w**2))
 
 
 def _lengthened(array: np.ndarray, to: int) -> np.ndarray:

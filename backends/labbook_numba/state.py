@@ -10,7 +10,7 @@ COUNTERS = 10
 # sums and clocks, in State.sums
 MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
 SUMS = 4
-BLOCK_COLUMNS = 16
+BLOCK_COLUMNS = 20
 # columns of a row of State.cross
 CROSS_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 
@@ -18,7 +18,7 @@ CROSS_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "w
 class State(NamedTuple):
     """Grains are rows 0..GRAINS-1 of arrays of n rows; vectors are columns 0..2, in double.
 
-    x [m] at whole steps; v [m/s], w [rad/s] at half steps; u, o: v and w predicted for the whole step; f [N], t [N m].
+    x [m] at whole steps; v [m/s], w [rad/s] half a step before; u: v predicted for now; f [N], t [N m].
     Near pairs: grains pair_i < pair_j, both ascending, with the spring [m] of each, shape [3, pairs], valid where
     `held`. Near walls likewise: those of wall w are wall_first[w]..wall_first[w + 1], grains ascending.
     """
@@ -27,7 +27,6 @@ class State(NamedTuple):
     v: np.ndarray
     w: np.ndarray
     u: np.ndarray
-    o: np.ndarray
     f: np.ndarray
     t: np.ndarray
     ids: np.ndarray
@@ -81,7 +80,7 @@ def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int) ->
     """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
     block, speed2 = _aligned(BLOCK_COLUMNS * 128 + 8), _aligned(n + 1)
     return State(
-        **{name: np.zeros((n, 3)) for name in ("x", "v", "w", "u", "o", "f", "t")},
+        **{name: np.zeros((n, 3)) for name in ("x", "v", "w", "u", "f", "t")},
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
         pair_i=np.zeros(pairs, np.int32),

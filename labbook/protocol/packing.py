@@ -12,10 +12,11 @@ _DOUBLE = ("x", "v", "omega")
 class Packing:
     """State of n grains, in double precision and SI, portable between engines.
 
-    `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit quaternions
-    (w, x, y, z), shape [n, 4], or None for spheres. `ids`: shape [n], what grains are called in every table; 0..n-1
-    unless grains have left. Friction springs [m]: `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices
-    with i < j, acting on i; `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k].
+    `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit
+    quaternions (w, x, y, z), shape [n, 4], or None for spheres. `ids`: shape [n], what grains are called in
+    every table; 0..n-1 unless grains have left. Friction springs [m]: `pair_spring` [m, 3] on the grains (i,
+    j) of `pairs` [m, 2], indices with i < j, acting on i; `wall_spring` [k, 3] on grain `wall_grain` [k] at
+    the wall named `wall_name` [k].
     """
 
     x: np.ndarray

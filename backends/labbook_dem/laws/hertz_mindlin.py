@@ -29,7 +29,8 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     one = real(1.0)
     six = real(6.0)
     stiff = c[0] * sqrt(rs * delta)
-    fn = max(stiff * delta - c[1] * sqrt(six * ms * stiff) * vn, zero)
+    damp = c[1] * sqrt(six * ms * stiff)
+    fn = max(stiff * delta - damp * vn, zero)
     stiff_t = stiff / c[3]
     s_max = c[4] * c[3] * delta
     length = sqrt(dot(s, s))
@@ -38,7 +39,8 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     s = s * ((s_max / length) if length > s_max else one)
     root = sqrt(u)
     k_t = stiff_t * (one + u + u * u) / (one + u * root)
-    ft = -(s * k_t) - vt * (c[2] * sqrt(six * ms * stiff_t * root))
+    damp_t = c[2] * sqrt(six * ms * stiff_t * root)
+    ft = -(s * k_t) - vt * damp_t
     size = sqrt(dot(ft, ft))
     limit = c[4] * fn
     ft = ft * ((limit / size) if size > limit else one)
@@ -49,4 +51,5 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
 def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
     """Normal force alone, for contacts without friction."""
     stiff = c[0] * sqrt(rs * delta)
-    return max(stiff * delta - c[1] * sqrt(real(6.0) * ms * stiff) * vn, real(0.0))
+    damp = c[1] * sqrt(real(6.0) * ms * stiff)
+    return max(stiff * delta - damp * vn, real(0.0))

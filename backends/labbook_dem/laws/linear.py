@@ -26,7 +26,8 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     gamma = c[1] * sqrt(c[0] * ms)
     fn = max(c[0] * delta - gamma * vn, real(0.0))
     k_t = c[3] * c[0]
-    drag = vt * (c[2] * gamma)
+    gamma_t = c[2] * gamma
+    drag = vt * gamma_t
     ft = -(s * k_t) - drag
     size = sqrt(dot(ft, ft))
     limit = c[4] * fn
@@ -39,4 +40,5 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
 @func
 def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
     """Normal force alone, for contacts without friction."""
-    return max(c[0] * delta - c[1] * sqrt(c[0] * ms) * vn, real(0.0))
+    gamma = c[1] * sqrt(c[0] * ms)
+    return max(c[0] * delta - gamma * vn, real(0.0))

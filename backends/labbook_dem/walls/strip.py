@@ -1,4 +1,4 @@
-"""A thin plate seen edge on: a segment in the x-z plane, endless along y. Its ends are edges that a grain rolls over."""
+"""A thin plate seen edge on: a segment in the x-z plane, endless along y. A grain rolls over its ends."""
 
 import math
 

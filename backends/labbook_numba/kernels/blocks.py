@@ -13,27 +13,29 @@ from labbook_dem.words import cross, dot, func, real, sqrt, vec3, wide
 from labbook_numba.kernels.features import FRICTION, ROLLING, TWIST, kernel, uint64
 
 BLOCK = uint64(128)
-# in: normal or branch, gap, relative velocity, spins of i and j, spring; out: force, torque on i and on j, spring
+# in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
+# out, in the places of the velocities, spins and spring: force, torque on i and on j, spring
 NX, NY, NZ, GAP = uint64(0), uint64(128), uint64(256), uint64(384)
-VX, VY, VZ = uint64(512), uint64(640), uint64(768)
-AX, AY, AZ = uint64(896), uint64(1024), uint64(1152)
-BX, BY, BZ = uint64(1280), uint64(1408), uint64(1536)
-SX, SY, SZ = uint64(1664), uint64(1792), uint64(1920)
-SPARE = uint64(2048)
+UX, UY, UZ = uint64(512), uint64(640), uint64(768)
+VX, VY, VZ = uint64(896), uint64(1024), uint64(1152)
+AX, AY, AZ = uint64(1280), uint64(1408), uint64(1536)
+BX, BY, BZ = uint64(1664), uint64(1792), uint64(1920)
+SX, SY, SZ, DT = uint64(2048), uint64(2176), uint64(2304), uint64(2432)
+SPARE = uint64(2560)
 
 
 @func
-def touch(c, rs, ms, lever_i, lever_j, radius, delta, n, v, wi, wj, s, half, inertia_rate):
-    """Force on i, its arm n x f_t, rolling torque on i, and the spring for the next step."""
+def touch(c, rs, ms, lever_i, lever_j, radius, delta, n, u, v, wi, wj, s, dt, inertia_rate):
+    """Force on i, its arm n x f_t, rolling torque on i, and the spring. dt: by how much to advance it [s]."""
     zero = real(0.0)
+    vn = dot(u, n)
     if FRICTION:
-        vn, vt = slip(n, v, wi * lever_i + wj * lever_j)
-        fn, ft, kept = respond(c, rs, ms, delta, vn, trial(s, n, vt, half), vt)
+        vt = slip(n, v, wi * lever_i + wj * lever_j)
+        fn, ft, kept = respond(c, rs, ms, delta, vn, trial(s, n, vt, dt), vt)
         force = n * fn + ft
         arm = cross(n, ft)
-        kept = kept + vt * half
     else:
-        fn = normal(c, rs, ms, delta, dot(v, n))
+        fn = normal(c, rs, ms, delta, vn)
         force = n * fn
         arm = vec3(zero, zero, zero)
         kept = arm
@@ -45,22 +47,27 @@ def touch(c, rs, ms, lever_i, lever_j, radius, delta, n, v, wi, wj, s, half, ine
 
 
 @kernel
-def pair_law(b, count, c, diameter, radius, rs, ms, half, rate):
-    """Law stage of grain on grain. Branch in NX.., (diameter^2 - r^2) in GAP; velocities and spins relative or own."""
+def pair_law(b, count, c, radius, mass, inertia_rate):
+    """Law stage of grain on grain. Branch in NX.., (diameter^2 - r^2) in GAP; velocities relative, spins own."""
     one = real(1.0)
+    half = real(0.5)
+    diameter = real(2.0) * radius
+    ms = half * mass
+    rs = half * radius
     for t in range(uint64(count)):
         away = vec3(b[NX + t], b[NY + t], b[NZ + t])
         r = sqrt(dot(away, away))
         delta = b[GAP + t] / (diameter + r)
-        lever = real(0.5) * r
+        lever = half * r
         force, arm, roll, kept = touch(
-            c, rs, ms, lever, lever, radius, delta, away * (one / r), vec3(b[VX + t], b[VY + t], b[VZ + t]),
+            c, rs, ms, lever, lever, radius, delta, away * (one / r),
+            vec3(b[UX + t], b[UY + t], b[UZ + t]), vec3(b[VX + t], b[VY + t], b[VZ + t]),
             vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(b[BX + t], b[BY + t], b[BZ + t]),
-            vec3(b[SX + t], b[SY + t], b[SZ + t]), half, rate,
+            vec3(b[SX + t], b[SY + t], b[SZ + t]), b[DT + t], inertia_rate,
         )  # fmt: skip
-        b[VX + t] = force.x
-        b[VY + t] = force.y
-        b[VZ + t] = force.z
+        b[UX + t] = force.x
+        b[UY + t] = force.y
+        b[UZ + t] = force.z
         if FRICTION:
             arm = arm * lever
             b[AX + t] = roll.x - arm.x
@@ -76,20 +83,20 @@ def pair_law(b, count, c, diameter, radius, rs, ms, half, rate):
 
 
 @kernel
-def wall_law(b, count, c, radius, ms, spin, half, rate):
+def wall_law(b, count, c, radius, mass, inertia_rate, spin):
     """Law stage of grain on wall. Unit normal in NX.., overlap in GAP; the wall turns with `spin` [rad/s] about z."""
     zero = real(0.0)
     for t in range(uint64(count)):
         delta = b[GAP + t]
         lever = radius - delta
         force, arm, roll, kept = touch(
-            c, radius, ms, lever, zero, radius, delta, vec3(b[NX + t], b[NY + t], b[NZ + t]),
-            vec3(b[VX + t], b[VY + t], b[VZ + t]), vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(zero, zero, spin),
-            vec3(b[SX + t], b[SY + t], b[SZ + t]), half, rate,
+            c, radius, mass, lever, zero, radius, delta, vec3(b[NX + t], b[NY + t], b[NZ + t]),
+            vec3(b[UX + t], b[UY + t], b[UZ + t]), vec3(b[VX + t], b[VY + t], b[VZ + t]),
+            vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(zero, zero, spin), vec3(b[SX + t], b[SY + t], b[SZ + t]), b[DT + t], inertia_rate,
         )  # fmt: skip
-        b[VX + t] = force.x
-        b[VY + t] = force.y
-        b[VZ + t] = force.z
+        b[UX + t] = force.x
+        b[UY + t] = force.y
+        b[UZ + t] = force.z
         if FRICTION:
             arm = arm * lever
             b[AX + t] = roll.x - arm.x

@@ -34,7 +34,6 @@ def drop_leavers(st: State, p: Params):
                 st.v[kept, c] = st.v[i, c]
                 st.w[kept, c] = st.w[i, c]
                 st.u[kept, c] = st.u[i, c]
-                st.o[kept, c] = st.o[i, c]
                 st.f[kept, c] = st.f[i, c]
             st.ids[kept] = st.ids[i]
             st.gone[kept] = st.gone[i]

@@ -1,10 +1,12 @@
 """Reading forces without changing the motion."""
 
+from labbook_dem.contact import rolling_rate
 from labbook_dem.words import dot, func, narrow, real, sqrt, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import touch
-from labbook_numba.kernels.features import ANY_WALLS, MOVING, PAIRS, kernel
-from labbook_numba.kernels.walls import load, wall_distance, wall_velocity
+from labbook_numba.kernels.features import ANY_WALLS, GRAINS, MOVING, PAIRS, STEP, kernel
+from labbook_numba.kernels.pairs import pair_forces
+from labbook_numba.kernels.walls import load, wall_distance, wall_forces, wall_velocity
 from labbook_numba.state import Params, State
 
 
@@ -12,8 +14,8 @@ from labbook_numba.state import Params, State
 def contact_rows(st: State, p: Params, out):
     """Rows i, j, wall, force on i [N], branch vector from i [m] of all touching contacts; how many there are."""
     found = 0
-    half = real(wide(0.5) * p.dt)
-    rate = real(wide(0.125) * p.inertia / p.dt)
+    dt = real(p.dt)
+    rate = rolling_rate(real(p.inertia), real(p.dt))
     zero = real(0.0)
     diameter = wide(2.0) * p.radius
     for k in range(st.count[PAIRS]):
@@ -26,7 +28,8 @@ def contact_rows(st: State, p: Params, out):
             force, _, _, _ = touch(
                 p.c, real(wide(0.5) * p.radius), real(wide(0.5) * p.mass), lever, lever, real(p.radius),
                 real(diameter - r), narrow(away * (wide(1.0) / r)), narrow(load(st.u, i) - load(st.u, j)),
-                narrow(load(st.o, i)), narrow(load(st.o, j)), spring_of(st.spring, st.held, k), half, rate,
+                narrow(load(st.v, i) - load(st.v, j)), narrow(load(st.w, i)), narrow(load(st.w, j)),
+                spring_of(st.spring, st.held, k), advance_of(st.held, k, dt), rate,
             )  # fmt: skip
             put(out, found, st.ids[i], st.ids[j], -1, force, -away)
             found += 1
@@ -42,12 +45,15 @@ def contact_rows(st: State, p: Params, out):
             distance, normal_w = wall_distance(p, w, x)
             if distance < p.radius:
                 u = load(st.u, i)
+                v = load(st.v, i)
                 if MOVING:
-                    u = u - wall_velocity(p, w, x - normal_w * distance)
+                    surface = wall_velocity(p, w, x - normal_w * distance)
+                    u = u - surface
+                    v = v - surface
                 force, _, _, _ = touch(
                     row, real(p.radius), real(p.mass), real(distance), zero, real(p.radius),
-                    real(p.radius - distance), narrow(normal_w), narrow(u), narrow(load(st.o, i)), spin,
-                    spring_of(st.wall_spring, st.wall_held, k), half, rate,
+                    real(p.radius - distance), narrow(normal_w), narrow(u), narrow(v), narrow(load(st.w, i)),
+                    spin, spring_of(st.wall_spring, st.wall_held, k), advance_of(st.wall_held, k, dt), rate,
                 )  # fmt: skip
                 put(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
                 found += 1
@@ -59,6 +65,12 @@ def spring_of(spring, held, k):
     """The spring of entry k; none if it is not held."""
     kept = wide(held[k])
     return narrow(wide3(spring[0, k] * kept, spring[1, k] * kept, spring[2, k] * kept))
+
+
+@func
+def advance_of(held, k, dt):
+    """By how much the spring of entry k is to be advanced [s]."""
+    return real(0.5) * dt * (real(1.0) + real(held[k]))
 
 
 @kernel
@@ -73,3 +85,19 @@ def put(out, row, i, j, wall, force, branch):
     out[row, 6] = branch.x
     out[row, 7] = branch.y
     out[row, 8] = branch.z
+
+
+@kernel
+def whole_step(st: State, p: Params, v, w):
+    """Velocities [m/s] and spins [rad/s] at the whole step into v and w: half a kick by the forces there.
+
+    The forces are computed in st.f and st.t, and springs advanced: call it on a copy of the state.
+    """
+    pair_forces(st, p)
+    if ANY_WALLS:
+        wall_forces(st, p)
+    part = wide(0.5) * p.dt if st.count[STEP] > 0 else wide(0.0)
+    for i in range(st.count[GRAINS]):
+        for c in range(3):
+            v[i, c] = st.v[i, c] + st.f[i, c] * (part / p.mass)
+            w[i, c] = st.w[i, c] + st.t[i, c] * (part / p.inertia)

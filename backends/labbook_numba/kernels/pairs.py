@@ -1,5 +1,6 @@
 """Forces of grains on grains, a block of touching pairs at a time: pack, gather, law, scatter."""
 
+from labbook_dem.contact import rolling_rate
 from labbook_dem.words import real, wide
 
 from labbook_numba.kernels.blocks import (
@@ -10,6 +11,7 @@ from labbook_numba.kernels.blocks import (
     BX,
     BY,
     BZ,
+    DT,
     GAP,
     NX,
     NY,
@@ -17,6 +19,9 @@ from labbook_numba.kernels.blocks import (
     SX,
     SY,
     SZ,
+    UX,
+    UY,
+    UZ,
     VX,
     VY,
     VZ,
@@ -59,11 +64,12 @@ def pack_pairs(x, pair_i, pair_j, held, slot, k, last, reach2):
 
 
 @kernel
-def gather_pairs(st: State, slot, b, count, reach2):
-    """Fill the block's columns: branch, gap, relative velocity, both spins, spring."""
+def gather_pairs(st: State, slot, b, count, reach2, half_dt):
+    """Fill the block's columns: branch, gap, relative velocity, both spins, spring and its advance."""
     x = st.x
     u = st.u
-    o = st.o
+    v = st.v
+    w = st.w
     s = st.spring
     for t in range(uint64(count)):
         k = uint64(slot[t])
@@ -76,20 +82,24 @@ def gather_pairs(st: State, slot, b, count, reach2):
         b[NY + t] = dy
         b[NZ + t] = dz
         b[GAP + t] = reach2 - (dx * dx + dy * dy + dz * dz)
-        b[VX + t] = u[i, 0] - u[j, 0]
-        b[VY + t] = u[i, 1] - u[j, 1]
-        b[VZ + t] = u[i, 2] - u[j, 2]
+        b[UX + t] = u[i, 0] - u[j, 0]
+        b[UY + t] = u[i, 1] - u[j, 1]
+        b[UZ + t] = u[i, 2] - u[j, 2]
         if FRICTION:
-            b[AX + t] = o[i, 0]
-            b[AY + t] = o[i, 1]
-            b[AZ + t] = o[i, 2]
-            b[BX + t] = o[j, 0]
-            b[BY + t] = o[j, 1]
-            b[BZ + t] = o[j, 2]
+            b[VX + t] = v[i, 0] - v[j, 0]
+            b[VY + t] = v[i, 1] - v[j, 1]
+            b[VZ + t] = v[i, 2] - v[j, 2]
+            b[AX + t] = w[i, 0]
+            b[AY + t] = w[i, 1]
+            b[AZ + t] = w[i, 2]
+            b[BX + t] = w[j, 0]
+            b[BY + t] = w[j, 1]
+            b[BZ + t] = w[j, 2]
             kept = real(st.held[k])
             b[SX + t] = s[0, k] * kept
             b[SY + t] = s[1, k] * kept
             b[SZ + t] = s[2, k] * kept
+            b[DT + t] = half_dt * (real(1.0) + kept)
             st.held[k] = 1
 
 
@@ -103,9 +113,9 @@ def scatter_pairs(st: State, slot, b, count):
         k = uint64(slot[t])
         i = uint64(st.pair_i[k])
         j = uint64(st.pair_j[k])
-        fx = b[VX + t]
-        fy = b[VY + t]
-        fz = b[VZ + t]
+        fx = b[UX + t]
+        fy = b[UY + t]
+        fz = b[UZ + t]
         f[i, 0] += fx
         f[i, 1] += fy
         f[i, 2] += fz
@@ -130,17 +140,14 @@ def pair_forces(st: State, p: Params):
     last = uint64(st.count[PAIRS])
     diameter = wide(2.0) * p.radius
     reach2 = diameter * diameter
-    half = real(wide(0.5) * p.dt)
-    rate = real(wide(0.125) * p.inertia / p.dt)
-    half_radius = real(wide(0.5) * p.radius)
-    half_mass = real(wide(0.5) * p.mass)
+    rate = rolling_rate(real(p.inertia), real(p.dt))
     touching = uint64(0)
     deepest = wide(0.0)
     k = uint64(0)
     while k < last:
         k, count = pack_pairs(st.x, st.pair_i, st.pair_j, st.held, st.slot, k, last, reach2)
-        gather_pairs(st, st.slot, st.block, count, reach2)
-        pair_law(st.block, count, p.c, real(diameter), real(p.radius), half_radius, half_mass, half, rate)
+        gather_pairs(st, st.slot, st.block, count, reach2, real(wide(0.5) * p.dt))
+        pair_law(st.block, count, p.c, real(p.radius), real(p.mass), rate)
         scatter_pairs(st, st.slot, st.block, count)
         touching += count
         overlap = largest_gap(st.block, st.bits, count)

@@ -44,13 +44,10 @@ def move(count, x, v, u, f, per_mass, kick_dt, dt):
 
 
 @kernel
-def turn(count, w, o, t, per_inertia, kick_dt, dt):
-    """Kick and predict `count` components of angular velocities; clear torques."""
+def turn(count, w, t, per_inertia, kick_dt):
+    """Kick `count` components of angular velocities; clear torques."""
     for q in range(uint64(count)):
-        a = t[q] * per_inertia
-        w1 = kick(w[q], a, kick_dt)
-        w[q] = w1
-        o[q] = predict(w1, a, dt)
+        w[q] = kick(w[q], t[q] * per_inertia, kick_dt)
         t[q] = wide(0.0)
 
 
@@ -75,7 +72,7 @@ def squares(n, x, v, f, speed2, weight, drop):
         f[i, 2] = weight
         v2 = v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1] + v[i, 2] * v[i, 2]
         if OUTLET:
-            speed2[i] = v2 if x[i, 2] >= drop else wide(0.0)
+            speed2[i] = wide(0.0) if x[i, 2] < drop else v2
         else:
             speed2[i] = v2
 
@@ -109,8 +106,8 @@ def leave(st: State, p: Params, dt):
             c[row, 2] = (step + min(max(part, wide(0.0)), wide(1.0))) * dt
             for axis in range(3):
                 c[row, 3 + axis] = st.x[i, axis]
-                c[row, 6 + axis] = st.u[i, axis]
-                c[row, 9 + axis] = st.o[i, axis]
+                c[row, 6 + axis] = st.v[i, axis]
+                c[row, 9 + axis] = st.w[i, axis]
         if OUTLET and z < p.drop:
             leaving += 1
     st.count[LEAVING] = leaving
@@ -128,7 +125,7 @@ def integrate(st: State, p: Params):
     x = st.x.reshape(-1)
     v = st.v.reshape(-1)
     move(3 * n, x, v, st.u.reshape(-1), st.f.reshape(-1), wide(1.0) / p.mass, kick_dt, dt)
-    turn(3 * n, st.w.reshape(-1), st.o.reshape(-1), st.t.reshape(-1), wide(1.0) / p.inertia, kick_dt, dt)
+    turn(3 * n, st.w.reshape(-1), st.t.reshape(-1), wide(1.0) / p.inertia, kick_dt)
     squares(n, st.x, st.v, st.f, st.speed2, -p.mass * p.gravity, p.drop)
     if CROSSING or OUTLET:
         leave(st, p, dt)

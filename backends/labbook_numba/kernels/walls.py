@@ -1,5 +1,6 @@
 """Forces of walls on grains, wall by wall, a block of touching grains at a time."""
 
+from labbook_dem.contact import rolling_rate
 from labbook_dem.walls.plane import plane_distance
 from labbook_dem.walls.strip import strip_distance
 from labbook_dem.words import func, real, wide, wide3
@@ -9,6 +10,7 @@ from labbook_numba.kernels.blocks import (
     AY,
     AZ,
     BLOCK,
+    DT,
     GAP,
     NX,
     NY,
@@ -16,6 +18,9 @@ from labbook_numba.kernels.blocks import (
     SX,
     SY,
     SZ,
+    UX,
+    UY,
+    UZ,
     VX,
     VY,
     VZ,
@@ -63,7 +68,7 @@ def wall_velocity(p, w, at):
 
 @kernel
 def pack_walls(st: State, p: Params, w, k, last, b):
-    """Write near grains of wall w that touch it to the block (normal, overlap, velocity) and to `slot`."""
+    """Write near grains of wall w that touch it to the block (normal, overlap, surface velocity) and to `slot`."""
     count = uint64(0)
     while k < last and count < BLOCK:
         i = uint64(st.wall_grain[k])
@@ -75,10 +80,10 @@ def pack_walls(st: State, p: Params, w, k, last, b):
         b[NZ + count] = normal.z
         b[GAP + count] = p.radius - distance
         if MOVING:
-            u = load(st.u, i) - wall_velocity(p, w, x - normal * distance)
-            b[VX + count] = u.x
-            b[VY + count] = u.y
-            b[VZ + count] = u.z
+            surface = wall_velocity(p, w, x - normal * distance)
+            b[UX + count] = surface.x
+            b[UY + count] = surface.y
+            b[UZ + count] = surface.z
         st.slot[count] = k
         st.wall_held[k] &= touches
         count += uint64(touches)
@@ -87,18 +92,29 @@ def pack_walls(st: State, p: Params, w, k, last, b):
 
 
 @kernel
-def gather_walls(st: State, slot, b, count):
+def gather_walls(st: State, slot, b, count, half_dt):
     """Fill the other columns of the block: velocity, spin, spring."""
     u = st.u
-    o = st.o
+    v = st.v
+    o = st.w
     s = st.wall_spring
     for t in range(uint64(count)):
         k = uint64(slot[t])
         i = uint64(st.wall_grain[k])
-        if not MOVING:
-            b[VX + t] = u[i, 0]
-            b[VY + t] = u[i, 1]
-            b[VZ + t] = u[i, 2]
+        if MOVING:
+            b[VX + t] = v[i, 0] - b[UX + t]
+            b[VY + t] = v[i, 1] - b[UY + t]
+            b[VZ + t] = v[i, 2] - b[UZ + t]
+            b[UX + t] = u[i, 0] - b[UX + t]
+            b[UY + t] = u[i, 1] - b[UY + t]
+            b[UZ + t] = u[i, 2] - b[UZ + t]
+        else:
+            b[VX + t] = v[i, 0]
+            b[VY + t] = v[i, 1]
+            b[VZ + t] = v[i, 2]
+            b[UX + t] = u[i, 0]
+            b[UY + t] = u[i, 1]
+            b[UZ + t] = u[i, 2]
         if FRICTION:
             b[AX + t] = o[i, 0]
             b[AY + t] = o[i, 1]
@@ -107,6 +123,7 @@ def gather_walls(st: State, slot, b, count):
             b[SX + t] = s[0, k] * kept
             b[SY + t] = s[1, k] * kept
             b[SZ + t] = s[2, k] * kept
+            b[DT + t] = half_dt * (real(1.0) + kept)
             st.wall_held[k] = 1
 
 
@@ -119,9 +136,9 @@ def scatter_walls(st: State, slot, b, count):
     for t in range(uint64(count)):
         k = uint64(slot[t])
         i = uint64(st.wall_grain[k])
-        f[i, 0] += b[VX + t]
-        f[i, 1] += b[VY + t]
-        f[i, 2] += b[VZ + t]
+        f[i, 0] += b[UX + t]
+        f[i, 1] += b[UY + t]
+        f[i, 2] += b[UZ + t]
         if FRICTION:
             q[i, 0] += b[AX + t]
             q[i, 1] += b[AY + t]
@@ -134,8 +151,7 @@ def scatter_walls(st: State, slot, b, count):
 @kernel
 def wall_forces(st: State, p: Params):
     """Add the forces of walls on grains to f and t; after `pair_forces`, whose totals it goes on with."""
-    half = real(wide(0.5) * p.dt)
-    rate = real(wide(0.125) * p.inertia / p.dt)
+    rate = rolling_rate(real(p.inertia), real(p.dt))
     touching = uint64(0)
     deepest = st.sums[MAX_OVERLAP]
     a = p.wall_c
@@ -146,8 +162,8 @@ def wall_forces(st: State, p: Params):
         last = uint64(st.wall_first[w + uint64(1)])
         while k < last:
             k, count = pack_walls(st, p, w, k, last, st.block)
-            gather_walls(st, st.slot, st.block, count)
-            wall_law(st.block, count, c, real(p.radius), real(p.mass), spin, half, rate)
+            gather_walls(st, st.slot, st.block, count, real(wide(0.5) * p.dt))
+            wall_law(st.block, count, c, real(p.radius), real(p.mass), rate, spin)
             scatter_walls(st, st.slot, st.block, count)
             touching += count
             overlap = largest_gap(st.block, st.bits, count)

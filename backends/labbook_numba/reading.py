@@ -1,0 +1,83 @@
+"""Rows of the probes, read from a member between two beats."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table
+from labbook_numba import state as S
+from labbook_numba.member import Run, kinetic
+
+
+def read(run: Run, beat: int) -> Mapping[Probe, Table]:
+    """Rows of every probe of `run` that is due on this beat."""
+    due = [probe for probe in run.probes if isinstance(probe, Crossing) or beat % probe.every == 0]
+    return {probe: _rows(run, probe) for probe in due}
+
+
+def _rows(run: Run, probe: Probe) -> Table:
+    match probe:
+        case Crossing():
+            return _crossed(run)
+        case Sample():
+            return _sampled(run, probe)
+        case Contacts():
+            return _touching(run)
+        case Ledger():
+            return _totals(run)
+
+
+def _crossed(run: Run) -> Table:
+    st = run.state
+    rows = st.cross[: st.count[S.CROSSED]].copy()
+    st.count[S.CROSSED] = 0
+    table = dict(zip(S.CROSS_COLUMNS, rows.T, strict=True))
+    return {**table, "id": table["id"].astype(np.int64), "step": table["step"].astype(np.int64)}
+
+
+def _sampled(run: Run, probe: Sample) -> Table:
+    v, w = run.whole_step()
+    parts = {"x": ("", run.state.x), "v": ("v", v), "omega": ("w", w)}
+    table = {"id": run.state.ids[: len(v)].copy()}
+    for name in probe.fields:
+        prefix, array = parts[name]
+        table |= {prefix + axis: array[: len(v), c].copy() for c, axis in enumerate("xyz")}
+    return _stamped(run, table, len(v))
+
+
+def _touching(run: Run) -> Table:
+    rows = run.contacts()
+    names = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
+    table = dict(zip(names, rows.T.copy(), strict=True))
+    return _stamped(run, {**table, **{k: table[k].astype(np.int64) for k in ("i", "j", "wall")}}, len(rows))
+
+
+def _totals(run: Run) -> Table:
+    v, w = run.whole_step()
+    st, p, n = run.state, run.params, len(v)
+    x, before = st.x[:n], st.v[:n]
+    energy = kinetic(p, v, w)
+    # the work of the last half kick: its gain in kinetic energy, less what gravity did
+    part = 0.5 * p.dt if run.step > 0 else 0.0
+    gained = energy - kinetic(p, before, st.w[:n])
+    by_gravity = -p.mass * p.gravity * part * 0.5 * float(np.sum(v[:, 2] + before[:, 2]))
+    momentum = p.mass * v.sum(axis=0)
+    angular = p.mass * np.cross(x, v).sum(axis=0) + p.inertia * w.sum(axis=0)
+    row = {
+        "grains": n,
+        "kinetic": energy,
+        "potential": p.mass * p.gravity * math.fsum(x[:, 2]),
+        "contact_work": float(st.sums[S.WORK]) + gained - by_gravity,
+        "mass": p.mass * n,
+        "max_overlap": float(st.sums[S.MAX_OVERLAP]),
+        "touching": int(st.count[S.TOUCHING]),
+        "rebuilds": int(st.count[S.REBUILDS]),
+        **dict(zip(("px", "py", "pz"), momentum, strict=True)),
+        **dict(zip(("lx", "ly", "lz"), angular, strict=True)),
+    }
+    return _stamped(run, {name: np.array([value]) for name, value in row.items()}, 1)
+
+
+def _stamped(run: Run, table: dict[str, np.ndarray], n: int) -> Table:
+    return {"step": np.full(n, run.step), "time": np.full(n, run.step * run.params.dt), **table}

@@ -1,0 +1,1 @@
+"""How fast the engines are, measured so that anyone can repeat it."""

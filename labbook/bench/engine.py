@@ -1,0 +1,149 @@
+"""Speed of an engine on Fan's hopper: settled and flowing, one member and one a core, memory, and time to start.
+
+Rates are grain-steps per second of processor time, summed over threads: other jobs on the machine cost little. Only
+the scaling over members is taken from the wall clock, and is a ratio within one run.
+"""
+
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+from labbook import backend
+from labbook.backend import Crossing, Ensemble, Member, Settled
+from labbook.bench.scenes import FAN_STEP, fan
+from labbook.protocol.opening import opened
+from labbook.protocol.packing import Packing
+from labbook.protocol.placing import place
+
+SETTLED = 1e-6  # kinetic energy per grain [m g d] of the bed that is timed
+OUTFLOW = 0.2  # s of discharge before the flow is timed
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Millions of grain-steps per second of processor time: median and range over `repeats`."""
+
+    case: str
+    median: float
+    low: float
+    high: float
+    grains: int
+    repeats: int
+
+
+@dataclass(frozen=True)
+class EngineBench:
+    """What one engine does on this machine."""
+
+    backend: str
+    hardware: dict[str, object]
+    rates: tuple[Rate, ...]
+    members: int
+    speed_up: float
+    memory: float
+    first_step: float
+    compile: float
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON; rates in 1e6 grain-steps per processor second, memory in MB, times in s."""
+        return asdict(self)
+
+
+def run(name: str = "numba", repeats: int = 7, say: Callable[[str], None] = lambda _: None) -> EngineBench:
+    """Measure the engine called `name`. Takes about two minutes on one core."""
+    import psutil
+
+    from labbook.bench.hardware import hardware
+
+    engine = backend.load(name)
+    scene, closed, step = fan(), fan().close(), FAN_STEP
+    say("settling 3000 grains")
+    began = time.perf_counter()
+    still = engine.open(engine.specialise(closed, step), 1)
+    bed = still.admit(closed, step, place(closed, "gas", 1), settled_below=SETTLED)
+    still.advance(1)
+    compiled = time.perf_counter() - began
+    while not any(isinstance(event, Settled) for event in still.advance(4)):
+        pass
+    packing = still.packing(bed)
+    say("timing the settled bed")
+    rates = [_rate("fan settled", still, [bed], 4, repeats)]
+    still.close()
+    say("timing the discharge")
+    probes = (Crossing(0.0),)
+    start = opened(packing, closed, scene)
+    flow = engine.open(engine.specialise(scene, step, probes), 1)
+    flowing = flow.admit(scene, step, start)
+    flow.advance(round(OUTFLOW / step.beat))
+    rates.append(_rate("fan flowing", flow, [flowing], 4, repeats))
+    flow.close()
+    memory = psutil.Process().memory_info().rss / 1e6
+    say("timing members side by side")
+    members = _cores()
+    speed_up = _speed_up(engine, packing, members)
+    say("timing a fresh start")
+    return EngineBench(name, hardware(), tuple(rates), members, speed_up, memory, _first_step(name), compiled)
+
+
+def _rate(case: str, ensemble: Ensemble, members: list[Member], beats: int, repeats: int) -> Rate:
+    rates = []
+    for _ in range(repeats):
+        before = [ensemble.status(member) for member in members]
+        began = time.process_time()
+        ensemble.advance(beats)
+        spent = time.process_time() - began
+        after = [ensemble.status(member) for member in members]
+        done = sum((b.step - a.step) * (a.grains + b.grains) / 2 for a, b in zip(before, after, strict=True))
+        rates.append(done / spent / 1e6)
+    grains = ensemble.status(members[0]).grains
+    return Rate(case, statistics.median(rates), min(rates), max(rates), grains, repeats)
+
+
+def _speed_up(engine: backend.Backend, packing: Packing, members: int) -> float:
+    """Throughput of `members` settled members over that of one, by the wall clock: median of five pairs."""
+    closed, step = fan().close(), FAN_STEP
+    spec = engine.specialise(closed, step)
+    one, many = engine.open(spec, 1), engine.open(spec, members)
+    one.admit(closed, step, packing)
+    for _ in range(members):
+        many.admit(closed, step, packing)
+    ratios = []
+    for _ in range(5):
+        spent = []
+        for ensemble in (one, many):
+            began = time.perf_counter()
+            ensemble.advance(4)
+            spent.append(time.perf_counter() - began)
+        ratios.append(members * spent[0] / spent[1])
+    one.close()
+    many.close()
+    return statistics.median(ratios)
+
+
+def _first_step(name: str) -> float:
+    """Wall time [s] from the start of a fresh process to the end of its first step, kernels cached: best of three."""
+    code = f"from labbook.bench.engine import first_step; first_step({name!r})"
+    times = []
+    for _ in range(3):
+        began = time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True)
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def first_step(name: str) -> None:
+    """Take one beat of one step of Fan's settling hopper."""
+    closed, step = fan().close(), FAN_STEP
+    engine = backend.load(name)
+    ensemble = engine.open(engine.specialise(closed, step), 1)
+    ensemble.admit(closed, step.model_copy(update={"steps_per_beat": 1000}), place(closed, "gas", 1))
+    ensemble.advance(1)
+    ensemble.close()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,56 @@
+"""`labbook bench`: how fast an engine is on this machine."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def bench(
+        what: Annotated[Literal["engine"], typer.Argument(help="What to measure.")],
+        backend: Annotated[str, typer.Option(help="Engine to measure.")] = "numba",
+        repeats: Annotated[int, typer.Option(min=1, help="Times that each rate is measured.")] = 7,
+        out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
+        as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    ) -> None:
+        """Measure grain-steps per second and core on Fan's hopper, settled and flowing."""
+        from rich.console import Console
+
+        from labbook.backend import BackendMissing
+        from labbook.bench.engine import run
+
+        console = Console(stderr=True)
+        try:
+            with console.status("preparing") as status:
+                result = run(backend, repeats, say=status.update)
+        except BackendMissing as error:
+            raise typer.BadParameter(str(error), param_hint="--backend") from None
+        text = json.dumps(result.as_dict(), indent=2)
+        if out:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.write_text(text + "\n", encoding="utf-8")
+        if as_json:
+            print(text)
+        else:
+            _show(result)
+
+
+def _show(result) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("case", "million grain-steps/s/core", "range", "grains")
+    for rate in result.rates:
+        table.add_row(rate.case, f"{rate.median:.1f}", f"{rate.low:.1f}-{rate.high:.1f}", str(rate.grains))
+    console = Console()
+    console.print(f"engine {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
+    console.print(table)
+    console.print(
+        f"{result.members} members side by side: {result.speed_up:.2f} times one; memory {result.memory:.0f} MB; "
+        f"from process start to the first beat {result.first_step:.1f} s; first use (compiling) {result.compile:.1f} s"
+    )

@@ -1,0 +1,48 @@
+"""`labbook doctor`: what is installed, and which engines work here."""
+
+import json
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def doctor(
+        as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    ) -> None:
+        """Tell what is installed, and let every engine take a few steps. Exit status 1 if none works."""
+        from labbook.doctor import examine
+
+        found = examine()
+        if as_json:
+            print(json.dumps(found.as_dict(), indent=2))
+        else:
+            _show(found)
+        if not any(engine.works for engine in found.engines):
+            raise typer.Exit(1)
+
+
+def _show(found) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    console.print(f"labbook {found.version}, Python {found.hardware['python']} on {found.hardware['processor']}")
+    packages = Table("package", "version", "needed for")
+    for package in found.packages:
+        packages.add_row(package.name, package.version or "not installed", package.purpose)
+    console.print(packages)
+    engines = Table("engine", "works", "devices", "precisions", "laws", "note")
+    for engine in found.engines:
+        engines.add_row(
+            engine.name,
+            "yes" if engine.works else "no",
+            ", ".join(engine.devices),
+            ", ".join(engine.precisions),
+            ", ".join(engine.laws),
+            engine.note,
+        )
+    console.print(engines)
