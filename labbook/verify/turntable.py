@@ -28,7 +28,7 @@ def _circles(stand: Stand) -> Mapping[str, float]:
     omega = [(SPIN * x[0] - v[1]) / arm, (v[0] + SPIN * x[1]) / arm, 0.0]
     start = grains_at([x[0], x[1], arm], [v[0], v[1], 0.0], omega)
     rate = SPIN * 0.4 / (0.4 + (arm / (D / 2)) ** 2)
-    dt, steps = 2.5e-6, 2000
+    dt, steps = 1e-6, 5000
     beats = round(2 * math.pi / rate / dt / steps)
     motion = stand.run(Start(turns, dt, start), beats, steps, [MOTION])
     p = motion.by_beat(MOTION, ("x", "y", "vx", "vy"))[:, 0]

@@ -92,7 +92,8 @@ def wall_law(b, count, c, radius, mass, inertia_rate, spin):
         force, arm, roll, kept = touch(
             c, radius, mass, lever, zero, radius, delta, vec3(b[NX + t], b[NY + t], b[NZ + t]),
             vec3(b[UX + t], b[UY + t], b[UZ + t]), vec3(b[VX + t], b[VY + t], b[VZ + t]),
-            vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(zero, zero, spin), vec3(b[SX + t], b[SY + t], b[SZ + t]), b[DT + t], inertia_rate,
+            vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(zero, zero, spin),
+            vec3(b[SX + t], b[SY + t], b[SZ + t]), b[DT + t], inertia_rate,
         )  # fmt: skip
         b[UX + t] = force.x
         b[UY + t] = force.y
