@@ -18,6 +18,7 @@ from labbook.bench.scenes import FAN_STEP, fan
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place
+from labbook.scene import Scene
 
 SETTLED = 1e-6  # kinetic energy per grain [m g d] of the bed that is timed
 OUTFLOW = 0.2  # s of discharge before the flow is timed
@@ -53,15 +54,18 @@ class EngineBench:
         return asdict(self)
 
 
-def run(name: str = "numba", repeats: int = 7, say: Callable[[str], None] = lambda _: None) -> EngineBench:
-    """Measure the engine called `name`. Takes about two minutes on one core."""
+def run(
+    name: str = "numba", repeats: int = 7, say: Callable[[str], None] = lambda _: None, grains: int = 3000
+) -> EngineBench:
+    """Measure the engine called `name` on Fan's hopper with `grains`. Takes about two minutes with 3000."""
     import psutil
 
     from labbook.bench.hardware import hardware
 
     engine = backend.load(name)
-    scene, closed, step = fan(), fan().close(), FAN_STEP
-    say("settling 3000 grains")
+    scene, step = fan(grains=grains), FAN_STEP
+    closed = scene.close()
+    say(f"settling {grains} grains")
     began = time.perf_counter()
     still = engine.open(engine.specialise(closed, step), 1)
     bed = still.admit(closed, step, place(closed, "gas", 1), settled_below=SETTLED)
@@ -84,7 +88,7 @@ def run(name: str = "numba", repeats: int = 7, say: Callable[[str], None] = lamb
     memory = psutil.Process().memory_info().rss / 1e6
     say("timing members side by side")
     members = _cores()
-    speed_up = _speed_up(engine, packing, members)
+    speed_up = _speed_up(engine, scene, packing, members)
     say("timing a fresh start")
     return EngineBench(name, hardware(), tuple(rates), members, speed_up, memory, _first_step(name), compiled)
 
@@ -103,9 +107,9 @@ def _rate(case: str, ensemble: Ensemble, members: list[Member], beats: int, repe
     return Rate(case, statistics.median(rates), min(rates), max(rates), grains, repeats)
 
 
-def _speed_up(engine: backend.Backend, packing: Packing, members: int) -> float:
+def _speed_up(engine: backend.Backend, scene: Scene, packing: Packing, members: int) -> float:
     """Throughput of `members` settled members over that of one, by the wall clock: median of five pairs."""
-    closed, step = fan().close(), FAN_STEP
+    closed, step = scene.close(), FAN_STEP
     spec = engine.specialise(closed, step)
     one, many = engine.open(spec, 1), engine.open(spec, members)
     one.admit(closed, step, packing)
@@ -136,11 +140,11 @@ def _first_step(name: str) -> float:
 
 
 def first_step(name: str) -> None:
-    """Take one beat of one step of Fan's settling hopper."""
-    closed, step = fan().close(), FAN_STEP
+    """Take one step of Fan's settling hopper."""
+    closed, step = fan().close(), FAN_STEP.model_copy(update={"steps_per_beat": 1})
     engine = backend.load(name)
     ensemble = engine.open(engine.specialise(closed, step), 1)
-    ensemble.admit(closed, step.model_copy(update={"steps_per_beat": 1000}), place(closed, "gas", 1))
+    ensemble.admit(closed, step, place(closed, "gas", 1))
     ensemble.advance(1)
     ensemble.close()
 

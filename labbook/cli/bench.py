@@ -52,5 +52,5 @@ def _show(result) -> None:
     console.print(table)
     console.print(
         f"{result.members} members side by side: {result.speed_up:.2f} times one; memory {result.memory:.0f} MB; "
-        f"from process start to the first beat {result.first_step:.1f} s; first use (compiling) {result.compile:.1f} s"
+        f"from process start to the first step {result.first_step:.1f} s; first use (compiling) {result.compile:.1f} s"
     )
