@@ -41,7 +41,8 @@ class Capabilities:
 class Crossing:
     """First passage of each grain's centre downwards through z = `plane` [m].
 
-    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz (at the end of that step).
+    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz: positions at the
+    end of that step, velocities half a step before.
     """
 
     plane: float = 0.0

@@ -1,4 +1,5 @@
-"""Advancing a body by one step: leapfrog, positions at whole steps, velocities at half steps (velocity Verlet)."""
+"""Advancing a body by one step: leapfrog, positions at whole steps, velocities at half steps (velocity Verlet, for
+forces that depend on positions only)."""
 
 from labbook_dem.words import func, wide
 

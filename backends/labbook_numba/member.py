@@ -65,6 +65,8 @@ class Run:
                 f"the checkpoint is of {checkpoint.engine} version {checkpoint.cache_version}, "
                 f"not of {self.engine} version {self.version}"
             )
+        if checkpoint.arrays.keys() != set(S.State._fields) - set(S.SCRATCH):
+            raise ValueError("the checkpoint has other arrays than this engine's state")
         stored = {name: np.array(array) for name, array in checkpoint.arrays.items()}
         empty = S.allocate(len(stored["x"]), 0, 0, 0, 0)
         self.state = empty._replace(**stored)

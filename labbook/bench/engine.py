@@ -5,6 +5,7 @@ the scaling over members is taken from the wall clock, and is a ratio within one
 """
 
 import os
+import resource
 import statistics
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 from labbook import backend
-from labbook.backend import Crossing, Ensemble, Member, Settled
+from labbook.backend import Crossing, Ensemble, Failed, Member, Settled
 from labbook.bench.scenes import FAN_STEP, fan
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
@@ -58,8 +59,6 @@ def run(
     name: str = "numba", repeats: int = 7, say: Callable[[str], None] = lambda _: None, grains: int = 3000
 ) -> EngineBench:
     """Measure the engine called `name` on Fan's hopper with `grains`. Takes about two minutes with 3000."""
-    import psutil
-
     from labbook.bench.hardware import hardware
 
     engine = backend.load(name)
@@ -69,10 +68,11 @@ def run(
     began = time.perf_counter()
     still = engine.open(engine.specialise(closed, step), 1)
     bed = still.admit(closed, step, place(closed, "gas", 1), settled_below=SETTLED)
-    still.advance(1)
+    first = still.advance(1)
+    if any(isinstance(event, Failed) for event in first):
+        raise RuntimeError("the bed did not settle: its first beat failed")
     compiled = time.perf_counter() - began
-    while not any(isinstance(event, Settled) for event in still.advance(4)):
-        pass
+    _settle(still)
     packing = still.packing(bed)
     say("timing the settled bed")
     rates = [_rate("fan settled", still, [bed], 4, repeats)]
@@ -85,12 +85,21 @@ def run(
     flow.advance(round(OUTFLOW / step.beat))
     rates.append(_rate("fan flowing", flow, [flowing], 4, repeats))
     flow.close()
-    memory = psutil.Process().memory_info().rss / 1e6
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # peak; Linux counts in KiB
     say("timing members side by side")
     members = _cores()
     speed_up = _speed_up(engine, scene, packing, members)
     say("timing a fresh start")
     return EngineBench(name, hardware(), tuple(rates), members, speed_up, memory, _first_step(name), compiled)
+
+
+def _settle(ensemble: Ensemble) -> None:
+    while True:
+        for event in ensemble.advance(4):
+            if isinstance(event, Failed):
+                raise RuntimeError(f"the bed did not settle: {event.message}")
+            if isinstance(event, Settled):
+                return
 
 
 def _rate(case: str, ensemble: Ensemble, members: list[Member], beats: int, repeats: int) -> Rate:
@@ -129,7 +138,7 @@ def _speed_up(engine: backend.Backend, scene: Scene, packing: Packing, members: 
 
 
 def _first_step(name: str) -> float:
-    """Wall time [s] from the start of a fresh process to the end of its first step, kernels cached: best of three."""
+    """Wall time [s] from the start of a fresh process to the engine's first step, kernels cached: best of three."""
     code = f"from labbook.bench.engine import first_step; first_step({name!r})"
     times = []
     for _ in range(3):

@@ -51,6 +51,7 @@ def _show(result) -> None:
     console.print(f"engine {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
     console.print(table)
     console.print(
-        f"{result.members} members side by side: {result.speed_up:.2f} times one; memory {result.memory:.0f} MB; "
-        f"from process start to the first step {result.first_step:.1f} s; first use (compiling) {result.compile:.1f} s"
+        f"{result.members} members side by side: {result.speed_up:.2f} times one; peak memory {result.memory:.0f} MB; "
+        f"from process start to the engine's first step "
+        f"{result.first_step:.1f} s; first use (compiling) {result.compile:.1f} s"
     )

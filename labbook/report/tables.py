@@ -128,7 +128,7 @@ def fit_table(law: str, fit: FitResult) -> Table:
     rows = tuple(_parameter_row(f"{law}.{name}", parameter) for name, parameter in fit.parameters.items())
     goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degrees of freedom"
     if math.isfinite(fit.p_value):
-        goodness += f" (p = {fit.p_value:.2g})"
+        goodness += f" (p = {fit.p_value:.2g}{', F test: the errors are estimates' if fit.error_dof else ''})"
     if math.isfinite(fit.aicc):
         goodness += f"; AICc = {fit.aicc:.4g}".replace("-", "−")
     notes = (goodness + ".", *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))

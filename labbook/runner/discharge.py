@@ -31,6 +31,7 @@ from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Journal, Saved
 from labbook.runner.provenance import now
 from labbook.runner.recording import frame_rows, thinned
+from labbook.scene import WedgeHopper
 
 
 class DischargeJob(Job):
@@ -61,6 +62,13 @@ class DischargeJob(Job):
             packing = load_packing(self.bench.lab.packing(self.keys.packing))
         except Unreadable as problem:
             raise JobFailed(f"{self.label}: {problem}; remove the folder, and it is made again") from problem
+        height = self.scene.container.height if isinstance(self.scene.container, WedgeHopper) else math.inf
+        bed = float(packing.x[:, 2].max())
+        if bed > height:
+            raise JobFailed(
+                f"{self.label}: the settled bed stands {bed * 1e3:.4g} mm high, above the side walls "
+                f"({height * 1e3:.4g} mm), and would spill over them; raise container.height or use fewer grains"
+            )
         return opened(packing, self.demand.shared.closed, self.scene)
 
     def recall(self, saved: Saved | None) -> Saved | None:

@@ -150,7 +150,7 @@ class Runner:
         try:
             took = turn.result()
             rows = lane.rows()
-        except Overflow as problem:
+        except (Overflow, ValueError, MemoryError) as problem:  # one bad start must not end the others
             for job in {*lane.jobs.values(), *(started.job for started in new)}:
                 self._board.failed(job, f"{job.label}: {problem}")
             lane.jobs.clear()
