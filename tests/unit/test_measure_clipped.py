@@ -25,8 +25,16 @@ def integrated_area(x, z, r, low, high):
         return max(0.0, min(high[1], z + half) - max(low[1], z - half))
 
     a, b = max(low[0], x - r), min(high[0], x + r)
+    if b <= a:
+        return 0.0
     kinks = [x + s * math.sqrt(r * r - (e - z) ** 2) for e in (low[1], high[1]) for s in (-1, 1) if abs(e - z) < r]
-    return quad(chord, a, b, points=sorted(k for k in kinks if a < k < b) or None, epsabs=1e-12)[0] if b > a else 0.0
+    # piece by piece, and over the angle t = x + r sin(angle), in which the ends of the disc are smooth
+    edges = [math.asin(max(-1.0, min(1.0, (t - x) / r))) for t in (a, *sorted(k for k in kinks if a < k < b), b)]
+    pieces = zip(edges[:-1], edges[1:], strict=True)
+    return sum(
+        quad(lambda angle: chord(x + r * math.sin(angle)) * r * math.cos(angle), *piece, epsabs=1e-12)[0]
+        for piece in pieces
+    )
 
 
 @pytest.mark.parametrize(
