@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ def integrated_area(x, z, r, low, high):
     kinks = [x + s * math.sqrt(r * r - (e - z) ** 2) for e in (low[1], high[1]) for s in (-1, 1) if abs(e - z) < r]
     # piece by piece, and over the angle t = x + r sin(angle), in which the ends of the disc are smooth
     edges = [math.asin(max(-1.0, min(1.0, (t - x) / r))) for t in (a, *sorted(k for k in kinks if a < k < b), b)]
-    pieces = zip(edges[:-1], edges[1:], strict=True)
+    pieces = pairwise(edges)
     return sum(
         quad(lambda angle: chord(x + r * math.sin(angle)) * r * math.cos(angle), *piece, epsabs=1e-12)[0]
         for piece in pieces
