@@ -19,14 +19,13 @@ from types import ModuleType
 import llvmlite
 import numba
 from labbook_dem import contact, motion, source
-from labbook_dem.laws import hertz_mindlin, linear
+from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
 from labbook_numba import dialect, state, vector
 from labbook_numba.kernels import blocks, neighbours, observe, pairs, step, walls
 from labbook_numba.kernels import features as vocabulary
 
-LAWS = {"hertz-mindlin": hertz_mindlin, "linear": linear}
 SWITCHES = (
     "FRICTION",
     "ROLLING",
