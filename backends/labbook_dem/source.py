@@ -10,7 +10,7 @@ from types import ModuleType
 
 
 def device_source(module: ModuleType) -> str:
-    """The decorated functions of a module, as text."""
+    """The decorated functions and records of a module, as text."""
     text = _text(module)
     parts = [ast.get_source_segment(text, node, padded=True) or "" for node in _device_functions(ast.parse(text))]
     return "\n\n".join(parts)
@@ -23,7 +23,7 @@ def _text(module: ModuleType) -> str:
 
 def _device_functions(tree: ast.Module):
     for node in tree.body:
-        if isinstance(node, ast.FunctionDef) and node.decorator_list:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.decorator_list:
             # get_source_segment leaves decorators out; start the node at its first decorator
             node.lineno = node.decorator_list[0].lineno
             node.col_offset = node.decorator_list[0].col_offset - 1

@@ -19,6 +19,11 @@ def func(function: F) -> F:
     return function
 
 
+def struct(cls: type) -> type:
+    """Marks a record that kernels take; in plain Python it is left as it is."""
+    return cls
+
+
 real = float
 wide = float
 coefs = tuple[float, float, float, float, float, float, float, float]
@@ -64,3 +69,8 @@ def cross(a: vec3, b: vec3) -> vec3:
 
 
 sqrt = math.sqrt
+
+# what a scene may do without: constants of a generated module, so that nothing of it is compiled
+FRICTION = True
+ROLLING = True
+TWIST = True  # rolling resistance acts on twist too

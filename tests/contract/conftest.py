@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pytest
 
 from labbook.backend import (
@@ -60,6 +61,11 @@ class Silo:
     start: Packing
     crossing = Crossing()
     ledger = Ledger()
+
+    @property
+    def rounding(self) -> float:
+        """Relative rounding error of forces and velocities."""
+        return float(np.finfo(np.float32 if self.stand.precision == "mixed" else np.float64).eps)
 
     def numerics(self, dt: float = DT, **further: Any) -> Numerics:
         return self.stand.numerics(dt, **{"steps_per_beat": STEPS, **further})

@@ -115,7 +115,7 @@ def test_touching_and_overlap_of_the_ledger_are_those_of_the_contacts(silo):
     steps = ledger["step"][:-1]
     assert [np.sum(contacts["step"] == s) for s in steps] == list(ledger["touching"][1:])
     deepest = [overlap[contacts["step"] == s].max() for s in steps]
-    assert np.allclose(deepest, ledger["max_overlap"][1:], rtol=1e-9, atol=1e-12 * d)
+    assert np.allclose(deepest, ledger["max_overlap"][1:], rtol=max(1e-9, 8 * silo.rounding), atol=1e-12 * d)
 
 
 def test_contact_forces_add_up_to_accelerations(silo):
@@ -137,9 +137,11 @@ def test_contact_forces_add_up_to_accelerations(silo):
         pair = contacts["j"][now] >= 0
         np.add.at(expected[row], contacts["i"][now], force)
         np.add.at(expected[row], contacts["j"][now][pair], -force[pair])
-    assert np.abs(expected).max() > 10 * silo.scene.gravity
-    # second differences of positions lose ten digits
-    assert np.abs(found - expected).max() < 1e-8 * np.abs(expected).max() + 20 * np.spacing(np.abs(x).max()) / DT**2
+    assert np.abs(expected).max() > 5 * silo.scene.gravity
+    # second differences of positions lose ten digits, and velocities are rounded at each step
+    fastest = np.abs(np.diff(x, axis=0)).max() / DT
+    lost = 20 * np.spacing(np.abs(x).max()) / DT**2 + 2 * silo.rounding * fastest / DT
+    assert np.abs(found - expected).max() < max(1e-8, 16 * silo.rounding) * np.abs(expected).max() + lost
 
 
 def test_springs_survive_rebuilds(silo):

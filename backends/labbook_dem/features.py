@@ -1,0 +1,85 @@
+"""What a scene needs and what it does not: features that engines compile in, and the tables of walls they take."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Unsupported
+from labbook.numerics import Numerics
+from labbook.scene import Scene, SurfaceMotion
+from labbook_dem.describe import LAWS
+from labbook_dem.walls import plane, strip
+
+WALL_KINDS = {"plane": (0, plane.parameters), "strip": (1, strip.parameters)}
+FALL = 2.0  # diameters below the outlet at which a grain is dropped: nothing that is still to be counted touches it
+
+
+def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
+    """Features by name: the law, the precision, and switches in capitals."""
+    walls = scene.container.walls()
+    surfaces = [scene.surface(wall) for wall in walls]
+    kinds = {wall.shape.kind for wall in walls}
+    frictions = [scene.contact.friction, *(s.friction or 0.0 for s in surfaces)]
+    rolling = any([scene.contact.rolling_friction, *(s.rolling_friction or 0.0 for s in surfaces)])
+    return {
+        "law": scene.contact.law,
+        "precision": numerics.precision,
+        "FRICTION": any(frictions) or rolling,
+        "ROLLING": rolling,
+        "TWIST": rolling and scene.contact.rolling == "full",
+        "MOVING": any(wall.motion != SurfaceMotion() for wall in walls),
+        "PLANES": "plane" in kinds,
+        "STRIPS": "strip" in kinds,
+        "ANY_WALLS": bool(walls),
+        "OUTLET": outlet(scene) is not None,
+        "CROSSING": any(isinstance(probe, Crossing) for probe in probes),
+        "LEDGER": any(isinstance(probe, Ledger) for probe in probes),
+    }
+
+
+def outlet(scene: Scene) -> float | None:
+    """z [m] of the plane that grains leave through, or None if the container is closed or has none."""
+    return None if getattr(scene.container, "closed", False) else scene.container.outlet_plane
+
+
+def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
+    """z [m] of the plane whose crossings are recorded, and z below which grains are dropped."""
+    crossed = [probe.plane for probe in probes if isinstance(probe, Crossing)]
+    bottom = outlet(scene)
+    drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * scene.grains.diameter
+    return (crossed[0] if crossed else 0.0), drop
+
+
+def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> None:
+    """Raises Unsupported if an engine with these capabilities cannot do it."""
+    wanted = [
+        ("grains.shape", scene.grains.shape, can.shapes),
+        ("contact.law", scene.contact.law, can.laws),
+        ("numerics.precision", numerics.precision, can.precisions),
+        *(("container", wall.shape.kind, can.walls) for wall in scene.container.walls()),
+    ]
+    for key, value, known in wanted:
+        if value not in known:
+            raise Unsupported(key, f"the engine {can.name} has no {value}; it has {', '.join(sorted(known))}")
+    if sum(isinstance(probe, Crossing) for probe in probes) > 1:
+        raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
+    for probe in probes:
+        if isinstance(probe, Sample | Contacts | Ledger) and probe.every < 1:
+            raise Unsupported("measure", "a probe is read every beat at most")
+
+
+def wall_tables(scene: Scene, numerics: Numerics) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of each wall: coefficients [W, 8], shape [W, 6], kind [W], velocity and spin of its surface [W, 4]."""
+    law, walls = LAWS[scene.contact.law], scene.container.walls()
+    scale = numerics.stiffness_scale
+    shapes = [(*WALL_KINDS[w.shape.kind][1](w.shape), 0.0)[:6] for w in walls]  # pyright: ignore[reportArgumentType]
+    return (
+        _table([law.coefficients(scene.contact, scene.surface(w), scale) for w in walls], 8),
+        _table(shapes, 6),
+        np.array([WALL_KINDS[w.shape.kind][0] for w in walls], np.int64),
+        _table([(*w.motion.velocity, w.motion.spin) for w in walls], 4),
+    )
+
+
+def _table(rows: list, width: int) -> np.ndarray:
+    return np.array(rows, np.float64).reshape(len(rows), width)

@@ -1,0 +1,39 @@
+"""Generated modules on disk: written once under a name that says what they are made of, and imported from there."""
+
+import hashlib
+import importlib.util
+import os
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+
+def cache_folder(engine: str) -> Path:
+    """Where an engine's generated modules live: in $LABBOOK_CACHE, or labbook/<engine> in the user's cache folder."""
+    home = os.environ.get("LABBOOK_CACHE")
+    if home:
+        return Path(home)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "labbook" / engine
+
+
+def digest(*parts: str) -> str:
+    """Hash of all that decides what a module compiles to."""
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
+
+
+def load(name: str, text: str, folder: Path) -> ModuleType:
+    """Import module `name` from `folder`, written there if it is missing; by a rename, so that two may do it at once."""
+    path = folder / f"{name}.py"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False, encoding="utf-8") as file:
+            file.write(text)
+        os.replace(file.name, path)
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,43 @@
+"""Totals of a member: energies, momenta, and the work that contacts have done."""
+
+import math
+
+import numpy as np
+
+from labbook.scene import Scene
+
+
+def kinetic(mass: float, inertia: float, v: np.ndarray, w: np.ndarray) -> float:
+    """Kinetic energy [J] of velocities v [m/s] and spins w [rad/s]."""
+    return 0.5 * mass * float(np.sum(v**2)) + 0.5 * inertia * float(np.sum(w**2))
+
+
+def energy_scale(scene: Scene) -> float:
+    """m g d [J], by which kinetic energies per grain are counted; m d^2/s^2 without gravity."""
+    d = scene.grains.diameter
+    return scene.grains.mass * (scene.gravity * d or d**2)
+
+
+def totals(
+    scene: Scene, x: np.ndarray, v: np.ndarray, w: np.ndarray, v_half: np.ndarray, w_half: np.ndarray,
+    since_half: float, work: float,
+) -> dict[str, float]:  # fmt: skip
+    """Energies [J], mass [kg], momentum [kg m/s] and angular momentum [kg m^2/s] about the origin.
+
+    x, v, w at the whole step; v_half, w_half: half a step before, `since_half` [s] ago (0 at the start). work: that of
+    all kicks so far; the work of the last half kick is its gain in kinetic energy, less what gravity did.
+    """
+    mass, inertia, gravity = scene.grains.mass, scene.grains.inertia, scene.gravity
+    energy = kinetic(mass, inertia, v, w)
+    gained = energy - kinetic(mass, inertia, v_half, w_half)
+    by_gravity = -mass * gravity * since_half * 0.5 * float(np.sum(v[:, 2] + v_half[:, 2]))
+    momentum = mass * v.sum(axis=0)
+    angular = mass * np.cross(x, v).sum(axis=0) + inertia * w.sum(axis=0)
+    return {
+        "kinetic": energy,
+        "potential": mass * gravity * math.fsum(x[:, 2]),
+        "contact_work": work + gained - by_gravity,
+        "mass": mass * len(x),
+        **dict(zip(("px", "py", "pz"), momentum.tolist(), strict=True)),
+        **dict(zip(("lx", "ly", "lz"), angular.tolist(), strict=True)),
+    }

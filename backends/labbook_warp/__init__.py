@@ -1,0 +1,42 @@
+"""The GPU engine: Warp kernels, a whole sweep in one launch."""
+
+from collections.abc import Mapping, Sequence
+
+from labbook.backend import Capabilities, Probe, Spec
+from labbook.numerics import Numerics
+from labbook.scene import Scene
+
+CACHE_VERSION = 1
+
+
+class Backend:
+    """See `labbook.backend.Backend`. Nothing of Warp is loaded before `specialise` or `open`."""
+
+    capabilities = Capabilities(
+        name="warp",
+        cache_version=CACHE_VERSION,
+        shapes=frozenset({"sphere"}),
+        laws=frozenset({"hertz-mindlin", "linear"}),
+        walls=frozenset({"plane", "strip"}),
+        precisions=frozenset({"double", "mixed"}),
+        devices=("cpu", "cuda:0"),
+    )
+
+    def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
+        """Features compiled in. Raises Unsupported."""
+        from labbook_warp.specialise import specialise
+
+        return specialise(self.capabilities, scene, numerics, probes)
+
+    def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
+        """An ensemble that grows with its members. Raises Unsupported for a device that is not there."""
+        from labbook_warp.devices import find
+        from labbook_warp.ensemble import Ensemble
+
+        return Ensemble(self.capabilities, spec, find(device), slots)
+
+    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
+        """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
+        from labbook_dem.describe import describe
+
+        return describe(scene, numerics)

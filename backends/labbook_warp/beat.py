@@ -1,0 +1,93 @@
+"""A beat: many steps with their checks and rebuilds, captured once as a graph and launched as one."""
+
+from collections.abc import Callable
+from typing import Any
+
+import warp as wp
+
+from labbook_warp.arrays import Arrays
+
+BLOCK = 128
+_PARTS = 64  # threads a member that add up energies
+
+
+class Beat:
+    """All launches over one set of arrays."""
+
+    def __init__(self, arrays: Arrays, lanes: int, steps: int, every: int):
+        self.arrays, self.lanes, self.steps, self.every = arrays, lanes, steps, every
+        self.kernels, self.device = arrays.module, arrays.device
+        sizes = arrays.sizes
+        self._rows, self._cells, self._slots = sizes.slots * sizes.cap, sizes.slots * sizes.cells, sizes.slots
+        self._graph: Any = None
+        self._looked: Any = None
+
+    def _launch(self, kernel: Any, dim: int, *inputs: Any) -> None:
+        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=BLOCK)
+
+    def run(self) -> None:
+        """Take the beat's steps with every member whose `rows` are not zero."""
+        if not self.device.is_cuda:
+            self._steps()
+            return
+        if self._graph is None:
+            wp.load_module(self.kernels, device=self.device, block_dim=BLOCK)
+            with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
+                self._steps()
+            self._graph = capture.graph
+        wp.capture_launch(self._graph)
+
+    def _steps(self) -> None:
+        arrays, k = self.arrays, self.kernels
+        arrays.back_up()
+        done = 0
+        while done < self.steps:
+            some = min(self.every, self.steps - done)
+            self._launch(k.check, self._rows, arrays.p, some)
+            self._if_asked(self.rebuild)
+            here, there = arrays.p, arrays.q
+            for sub in range(done, done + some):
+                self._launch(k.step, self._rows * self.lanes, here, there, sub)
+                here, there = there, here
+            if some % 2:
+                self._launch(k.bring, self._rows, arrays.q, arrays.p)
+            done += some
+        self._launch(k.tick, self._slots, self.steps)
+
+    def _if_asked(self, what: Callable[[], None]) -> None:
+        asked = self.arrays.system.any_flag
+        if self.device.is_cuda:
+            wp.capture_if(asked, on_true=what)
+        elif asked.numpy()[0]:
+            what()
+
+    def rebuild(self) -> None:
+        """Rebuild the lists of all members whose flag is set."""
+        k = self.kernels
+        self._launch(k.clear, self._cells)
+        self._launch(k.fill, self._rows, self.arrays.p)
+        self._launch(k.build, self._rows, self.arrays.p)
+        self._launch(k.finish, self._slots)
+
+    def look(self) -> tuple[Any, Any]:
+        """Velocities and spins at the whole step, on the device; changes nothing."""
+        if self._looked is None:
+            double3 = self.kernels.wide3
+            self._looked = [wp.zeros(self._rows, dtype=double3, device=self.device) for _ in range(2)]
+        self._launch(self.kernels.look, self._rows * self.lanes, self.arrays.p, *self._looked)
+        return self._looked[0], self._looked[1]
+
+    def kinetic(self, v: Any, w: Any):
+        """Kinetic energy [J] of every slot from what `look` gave, shape [slots]."""
+        out = wp.zeros(self._slots * _PARTS, dtype=wp.float64, device=self.device)
+        self._launch(self.kernels.kinetic, self._slots * _PARTS, v, w, _PARTS, out)
+        return out.numpy().reshape(self._slots, _PARTS).sum(axis=1)
+
+    def contacts(self):
+        """Rows slot, i, j, wall, force, branch of all touching contacts, in any order."""
+        sizes = self.arrays.sizes
+        room = self._rows * (sizes.near // 2 + min(sizes.walls, 6)) + 1
+        counter = wp.zeros(1, dtype=wp.int32, device=self.device)
+        out = wp.zeros(10 * room, dtype=wp.float64, device=self.device)
+        self._launch(self.kernels.contacts, self._rows, self.arrays.p, counter, out)
+        return out.numpy().reshape(-1, 10)[: counter.numpy()[0]]

@@ -1,0 +1,45 @@
+"""From features to compiled kernels: one generated module per specialisation; Warp caches what it compiles from it."""
+
+from functools import lru_cache
+from types import ModuleType
+
+import warp as wp
+from labbook_dem import contact, generated, motion, source, spheres
+from labbook_dem.describe import LAWS
+from labbook_dem.walls import plane, strip
+
+from labbook_warp import dialect
+from labbook_warp.kernels import double, forces, mixed, neighbours, observe, step, system, walls, words
+
+SWITCHES = (
+    "FRICTION",
+    "ROLLING",
+    "TWIST",
+    "MOVING",
+    "PLANES",
+    "STRIPS",
+    "OUTLET",
+    "CROSSING",
+    "LEDGER",
+    "ANY_WALLS",
+)
+STATE = {"mixed": mixed, "double": double}
+WORDS = {"mixed": 4, "double": 6}
+
+
+def module_text(law: str, precision: str, lanes: int, switches: dict[str, bool]) -> str:
+    """Source of the kernel module of one specialisation."""
+    constants: dict[str, object] = dict(switches)
+    constants |= {"LANES": lanes, "SHARED": lanes > 1, "PARKED": words.PARKED}
+    constants |= {name: getattr(words, name) for name in ("BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
+    modules = [LAWS[law], contact, motion, plane, strip, spheres, system, STATE[precision]]
+    modules += [walls, forces, step, neighbours, observe]
+    return source.generate(dialect.header(precision), constants, modules)
+
+
+@lru_cache(maxsize=64)
+def kernels(law: str, precision: str, lanes: int, switches: tuple[tuple[str, bool], ...]) -> ModuleType:
+    """The kernel module of one specialisation. Compiling happens at first use, per device."""
+    text = module_text(law, precision, lanes, dict(switches))
+    key = generated.digest(text, wp.config.version)
+    return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)

@@ -1,0 +1,18 @@
+"""Finding the device that was asked for; never another one."""
+
+import warp as wp
+
+from labbook.backend import Unsupported
+
+wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU is no cause for a warning
+
+
+def find(name: str):
+    """The Warp device called `name`. Raises Unsupported if it is not there."""
+    wp.init()
+    here = [device.alias for device in wp.get_devices()]
+    if name not in here:
+        reason = "no CUDA device is here" if wp.get_cuda_device_count() == 0 else f"there are {', '.join(here)}"
+        remedy = f"there is no device {name} ({reason}); use --device cpu, or the engine numba, which is faster on a CPU"
+        raise Unsupported("device", remedy)
+    return wp.get_device(name)

@@ -1,0 +1,56 @@
+"""A grain's state in six words, all in double."""
+
+from __future__ import annotations
+
+from labbook_dem.words import func, real, vec3, wide3
+
+from labbook_warp.kernels.words import Words, load_word, store_word, word
+
+
+@func
+def position(p: Words, i: int):
+    """x [m] of grain i."""
+    a = load_word(p, i * 6)
+    b = load_word(p, i * 6 + 1)
+    return wide3(a[0], a[1], b[0])
+
+
+@func
+def velocity(p: Words, i: int):
+    """v [m/s] half a step before."""
+    b = load_word(p, i * 6 + 1)
+    c = load_word(p, i * 6 + 2)
+    return vec3(b[1], c[0], c[1])
+
+
+@func
+def spin(p: Words, i: int):
+    """Angular velocity [rad/s] half a step before."""
+    d = load_word(p, i * 6 + 3)
+    e = load_word(p, i * 6 + 4)
+    return vec3(d[0], d[1], e[0])
+
+
+@func
+def predicted(p: Words, i: int):
+    """v [m/s] predicted for now."""
+    e = load_word(p, i * 6 + 4)
+    f = load_word(p, i * 6 + 5)
+    return vec3(e[1], f[0], f[1])
+
+
+@func
+def rest(p: Words, i: int):
+    """Nothing: in double, rounding of the velocity does not matter."""
+    return real(0.0)
+
+
+@func
+def put(p: Words, i: int, x: wide3, v: vec3, w: vec3, u: vec3, more: real):
+    """Write the state of grain i."""
+    store_word(p, i * 6, word(x[0], x[1]))
+    store_word(p, i * 6 + 1, word(x[2], v[0]))
+    store_word(p, i * 6 + 2, word(v[1], v[2]))
+    store_word(p, i * 6 + 3, word(w[0], w[1]))
+    store_word(p, i * 6 + 4, word(w[2], u[0]))
+    store_word(p, i * 6 + 5, word(u[1], u[2]))

@@ -1,0 +1,92 @@
+"""All arrays of an ensemble, as one argument of every kernel.
+
+Slot s holds one member in rows s * CAP .. s * CAP + rows[s] - 1 of the arrays of grains. Arrays of several entries a
+grain (near neighbours, walls) are blocks of one slot each, entry by entry: entry k of row r of slot s stands at
+(s * ENTRIES + k) * CAP + r. Neighbours are named by their row in the slot: nothing depends on which slot it is.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+from labbook_dem.words import coefs, func, real, struct, wide
+
+from labbook_warp.kernels.words import Bits, Coefs, Floats, Ints, Longs, Motions, Shapes, Vectors, Wides, Wides3
+
+
+@struct
+class Member:
+    """What does not change during a run."""
+
+    c: coefs
+    radius: real
+    mass: real
+    inertia: real
+    inertia_rate: real
+    reach2: wide  # diameter squared
+    listed2: wide  # square of the distance up to which neighbours are listed
+    half_skin: wide
+    per_mass: wide
+    per_inertia: wide
+    gravity: wide
+    dt: wide
+    speed2: real  # square of the guard on speeds
+    deepest: real  # guard on overlaps
+    grid_f: wide  # 1.5 * 2^52 quanta of force, and of torque
+    grid_t: wide
+    plane: wide
+    drop: wide
+    cell: wide
+    gx: int
+    gy: int
+    gz: int
+
+
+@struct
+class System:
+    """Arrays of an ensemble; see above."""
+
+    cap: int  # rows a slot
+    near: int  # neighbours a grain
+    walls: int  # walls a member
+    cells: int  # cells a slot
+    depth: int  # grains a cell
+    rows: Ints
+    step: Longs
+    member: wp.array(dtype=Member)
+    wall_c: Coefs
+    wall_shape: Shapes
+    wall_kind: Ints
+    wall_motion: Motions
+    ids: Ints
+    gone: Ints
+    origin: Wides3  # positions when lists were built
+    count: Ints
+    nbr: Ints
+    held: Bits  # whether the spring to neighbour k is valid
+    spring: Vectors
+    wall_near: Bits
+    wall_held: Bits
+    wall_spring: Vectors
+    work: Wides
+    deep: Wides  # largest overlap at the last step
+    new_nbr: Ints
+    new_key: Floats
+    new_spring: Vectors
+    cell_count: Ints
+    cell_rows: Ints
+    flag: Ints
+    any_flag: Ints
+    late: Ints
+    rebuilds: Ints
+    left: Ints
+    overflow: Ints  # per slot: the largest number of neighbours, and of grains in a cell, beyond what fits
+    fail: Longs
+    bad: Wides
+    crossed: Ints
+    cross: Wides
+
+
+@func
+def entry(a: System, s: int, entries: int, k: int, r: int):
+    """Where entry k of row r of slot s stands."""
+    return (s * entries + k) * a.cap + r

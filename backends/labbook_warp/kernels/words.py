@@ -1,0 +1,42 @@
+"""Names that a generated module defines; here only so that kernels read and type-check as Python."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable)
+
+
+def kernel(function: F) -> F:
+    """Marks a function launched with one thread a grain, a cell or a member."""
+    return function
+
+
+Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Any
+word: Any = None
+widen: Any = None
+load_word: Any = None
+store_word: Any = None
+load_int: Any = None
+add_lanes: Any = None
+or_lanes: Any = None
+most_lanes: Any = None
+joined: Any = None
+halved: Any = None
+
+MOVING = True
+PLANES = True
+STRIPS = True
+CROSSING = True
+OUTLET = True
+LEDGER = True
+ANY_WALLS = True
+
+LANES = 1
+SHARED = False  # whether several threads share a grain
+"""Threads that share a grain: many where grains are few."""
+WORDS = 4
+"""16-byte words of a grain's state."""
+PARKED = -1.0e9
+"""z [m] at which grains are kept that have left."""
+BAD_STATE, BAD_SPEED, BAD_OVERLAP = 1, 2, 3
+NO_FAILURE = (1 << 62) - 1

@@ -1,0 +1,58 @@
+"""From a scene to the numbers that its kernels take."""
+
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from labbook_dem import features
+from labbook_dem.contact import rolling_rate
+from labbook_dem.describe import LAWS
+
+from labbook.backend import Probe
+from labbook.numerics import Numerics
+from labbook.scene import Scene
+
+DEEP = 0.02
+"""Overlap [d] whose force sets the quantum of sums: 2^-50 of it; sums of up to four times as much are exact."""
+
+
+def member(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence[Probe], lattice: Sequence[int]) -> Any:
+    """The record of a member. lattice: cells along x, y, z, each 1 or at least 3."""
+    grains, law = scene.grains, LAWS[scene.contact.law]
+    d, r = grains.diameter, grains.radius
+    c = law.coefficients(scene.contact, scene.surface_of_grains, numerics.stiffness_scale)
+    skin = numerics.skin * d
+    magic = 6.0 * law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0)
+    plane, drop = features.planes(scene, probes)
+    made = module.Member()
+    made.c = module.coefs(*c)
+    made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia
+    made.inertia_rate = rolling_rate(grains.inertia, numerics.dt)
+    made.reach2, made.listed2, made.half_skin = d**2, (d + skin) ** 2, skin / 2
+    made.per_mass, made.per_inertia = 1 / grains.mass, 1 / grains.inertia
+    made.gravity, made.dt = scene.gravity, numerics.dt
+    made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * d
+    made.grid_f, made.grid_t = magic, magic * r
+    made.plane, made.drop, made.cell = plane, drop, cell_size(scene, numerics)
+    made.gx, made.gy, made.gz = lattice
+    return made
+
+
+def cell_size(scene: Scene, numerics: Numerics) -> float:
+    """Edge of a cell [m]: the distance up to which neighbours are listed."""
+    return scene.grains.diameter * (1 + numerics.skin)
+
+
+def lattice(x: np.ndarray, cell: float) -> tuple[int, int, int]:
+    """Cells along each axis that grains at x [n, 3] spread over: 1, or at least 3 and at most four a grain in all."""
+    extent = np.ptp(x, axis=0) if len(x) else np.zeros(3)
+    # grains that lie within one cell's thickness may straddle two; both wrap onto one
+    wanted = np.where(extent < cell, 1, np.ceil(extent / cell) + 2).clip(max=1e6)
+    most = 4.0 * len(x) + 64
+    while wanted.prod() > most:
+        k = int(np.argmax(wanted))
+        if wanted[k] <= 3:
+            break
+        wanted[k] = max(3, np.floor(wanted[k] * 0.8))
+    return tuple(int(n) for n in np.where(wanted == 2, 3, wanted))

@@ -1,0 +1,41 @@
+"""From a scene to the features that it needs."""
+
+import math
+from collections.abc import Sequence
+
+from labbook_dem import features
+
+from labbook.backend import Capabilities, Probe, Spec, Unsupported
+from labbook.numerics import Numerics
+from labbook.scene import Scene
+
+MOST_WALLS = 32  # bits of a mask
+LONGEST_CHECK, OFTENEST = 50, 1
+"""Steps between two checks of displacements, at most and at least: a check costs about a step, and decides nothing
+about the motion."""
+
+
+def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
+    """Features compiled in. Raises Unsupported."""
+    features.check(capabilities, scene, numerics, probes)
+    walls = len(scene.container.walls())
+    if walls > MOST_WALLS:
+        raise Unsupported("container", f"the engine {capabilities.name} takes {MOST_WALLS} walls, not {walls}")
+    found = {
+        **features.features(scene, numerics, probes),
+        "walls": walls,
+    }
+    return Spec(
+        engine=capabilities.name,
+        features=tuple(sorted(found.items())),
+        probes=tuple(dict.fromkeys(probes)),
+        steps_per_beat=numerics.steps_per_beat,
+    )
+
+
+def check_interval(scene: Scene, numerics: Numerics) -> int:
+    """Steps between two checks, even: a grain that falls through three diameters moves by a tenth of the skin."""
+    d = scene.grains.diameter
+    speed = math.sqrt(6 * scene.gravity * d) or d / (1000 * numerics.dt)
+    steps = int(0.1 * numerics.skin * d / (speed * numerics.dt))
+    return max(OFTENEST, min(LONGEST_CHECK, 2 * (steps // 2)))

@@ -1,0 +1,120 @@
+"""A member to and from a slot: packings, which are portable, and checkpoints, which are exact."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from labbook.backend import Checkpoint
+from labbook.protocol.packing import Packing
+from labbook_warp.arrays import STATE, Arrays
+from labbook_warp.kernels.words import PARKED
+
+
+def start(arrays: Arrays, slot: int, packing: Packing, plane: float, cell: float) -> None:
+    """Put a packing's grains into a slot, in the order of cells, so that neighbours lie near each other in memory."""
+    order = _along(packing.x, cell)
+    x, v, w = packing.x[order], packing.v[order], packing.omega[order]
+    assert packing.ids is not None
+    arrays.write("p", slot, arrays.encode(x, v, w, v))
+    empty = {name: arrays.read(name, slot, 0) for name in STATE}
+    for name, nothing in empty.items():
+        arrays.write(name, slot, nothing)
+    arrays.write("ids", slot, packing.ids[order].astype(np.int32))
+    arrays.write("gone", slot, (x[:, 2] < plane).astype(np.int32))
+
+
+def _along(x: np.ndarray, cell: float) -> np.ndarray:
+    at = np.floor(x / cell).astype(np.int64)
+    return np.lexsort((at[:, 0], at[:, 1], at[:, 2]))
+
+
+def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str], cell: float) -> None:
+    """Put a packing's springs into the lists of a slot, built since: of each pair both sides."""
+    n = len(packing)
+    order = _along(packing.x, cell)
+    rows = np.empty(n, np.int64)
+    rows[order] = np.arange(n)
+    nbr, count = arrays.read("nbr", slot, n), arrays.read("count", slot, n)
+    held, spring = arrays.read("held", slot, n), arrays.read("spring", slot, n)
+    k, r = np.nonzero(np.arange(len(nbr))[:, None] < count)
+    keys = r * n + nbr[k, r]
+    by_key = np.argsort(keys)
+    i, j = rows[packing.pairs[:, 0]], rows[packing.pairs[:, 1]]
+    for a, b, sign in ((i, j, 1.0), (j, i, -1.0)):
+        at = _places(keys[by_key], a * n + b)
+        there = by_key[at[at >= 0]]
+        spring[k[there], r[there]] = sign * packing.pair_spring[at >= 0]
+        np.bitwise_or.at(held, r[there], np.uint32(1) << k[there].astype(np.uint32))
+    arrays.write("spring", slot, spring)
+    arrays.write("held", slot, held)
+    if not names:
+        return
+    wall_held, wall_spring = arrays.read("wall_held", slot, n), arrays.read("wall_spring", slot, n)
+    near = arrays.read("wall_near", slot, n)
+    for q, name in enumerate(names):
+        mine = packing.wall_name == name
+        at, bit = rows[packing.wall_grain[mine]], np.uint32(1 << q)
+        listed = (near[at] & bit) != 0
+        wall_spring[q, at[listed]] = packing.wall_spring[mine][listed]
+        wall_held[at[listed]] |= bit
+    arrays.write("wall_spring", slot, wall_spring)
+    arrays.write("wall_held", slot, wall_held)
+
+
+def _places(ascending: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Where each wanted key stands in an ascending array; -1 if nowhere."""
+    if not len(ascending):
+        return np.full(len(wanted), -1)
+    at = np.searchsorted(ascending, wanted).clip(max=len(ascending) - 1)
+    return np.where(ascending[at] == wanted, at, -1)
+
+
+def packing(
+    arrays: Arrays, slot: int, rows: int, names: Sequence[str], v: np.ndarray, w: np.ndarray
+) -> Packing:  # fmt: skip
+    """The grains of a slot that have not left, by id. v, w: velocities and spins at the whole step, by row."""
+    x, _, _ = arrays.decode(arrays.read("p", slot, rows))
+    ids, held = arrays.read("ids", slot, rows).astype(np.int64), arrays.read("held", slot, rows)
+    order = here(x, ids)
+    place = np.full(rows, -1)
+    place[order] = np.arange(len(order))
+    nbr, spring = arrays.read("nbr", slot, rows), arrays.read("spring", slot, rows)
+    k, r = np.nonzero(held[None, :] >> np.arange(len(nbr), dtype=np.uint32)[:, None] & 1)
+    i, j = place[r], place[nbr[k, r]]
+    kept = (i >= 0) & (j > i)
+    by_pair = np.lexsort((j[kept], i[kept]))
+    walls = arrays.read("wall_held", slot, rows)
+    q, g = np.nonzero(walls[None, :] >> np.arange(len(names), dtype=np.uint32)[:, None] & 1)
+    by_wall = np.lexsort((place[g], q))
+    q, g = q[by_wall], g[by_wall]
+    inside = place[g] >= 0
+    q, g = q[inside], g[inside]
+    return Packing(
+        x=x[order],
+        v=v[order],
+        omega=w[order],
+        ids=ids[order],
+        pairs=np.column_stack([i[kept], j[kept]])[by_pair],
+        pair_spring=spring[k, r][kept][by_pair].astype(np.float64),
+        wall_grain=place[g],
+        wall_name=np.array([*names, ""], "U40")[q],
+        wall_spring=arrays.read("wall_spring", slot, rows)[q, g].astype(np.float64),
+    )
+
+
+def here(x: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Rows of the grains that have not left, in the order of their ids."""
+    left = np.flatnonzero(x[:, 2] > 0.5 * PARKED)
+    return left[np.argsort(ids[left])]
+
+
+def checkpoint(arrays: Arrays, slot: int, rows: int, engine: str, version: int, **numbers: int) -> Checkpoint:
+    """The exact state of a slot."""
+    state = {name: arrays.read(name, slot, rows) for name in ("p", *STATE)}
+    return Checkpoint(engine, version, state | {name: np.array(value) for name, value in numbers.items()})
+
+
+def restore(arrays: Arrays, slot: int, stored: Checkpoint) -> None:
+    """Put back the exact state of a slot."""
+    for name in ("p", *STATE):
+        arrays.write(name, slot, np.asarray(stored.arrays[name]))
