@@ -22,6 +22,10 @@ class Backend:
         devices=("cpu", "cuda:0"),
     )
 
+    def __init__(self, **tuning: int):
+        """tuning: fields of `labbook_warp.stage.Tuning`; they decide speed only."""
+        self._tuning = tuning
+
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """Features compiled in. Raises Unsupported."""
         from labbook_warp.specialise import specialise
@@ -32,8 +36,9 @@ class Backend:
         """An ensemble that grows with its members. Raises Unsupported for a device that is not there."""
         from labbook_warp.devices import find
         from labbook_warp.ensemble import Ensemble
+        from labbook_warp.stage import Tuning
 
-        return Ensemble(self.capabilities, spec, find(device), slots)
+        return Ensemble(self.capabilities, spec, find(device), slots, Tuning(**self._tuning))
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

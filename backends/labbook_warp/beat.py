@@ -7,15 +7,14 @@ import warp as wp
 
 from labbook_warp.arrays import Arrays
 
-BLOCK = 128
 _PARTS = 64  # threads a member that add up energies
 
 
 class Beat:
     """All launches over one set of arrays."""
 
-    def __init__(self, arrays: Arrays, lanes: int, steps: int, every: int):
-        self.arrays, self.lanes, self.steps, self.every = arrays, lanes, steps, every
+    def __init__(self, arrays: Arrays, lanes: int, steps: int, every: int, block: int):
+        self.arrays, self.lanes, self.steps, self.every, self.block = arrays, lanes, steps, every, block
         self.kernels, self.device = arrays.module, arrays.device
         sizes = arrays.sizes
         self._rows, self._cells, self._slots = sizes.slots * sizes.cap, sizes.slots * sizes.cells, sizes.slots
@@ -23,7 +22,7 @@ class Beat:
         self._looked: Any = None
 
     def _launch(self, kernel: Any, dim: int, *inputs: Any) -> None:
-        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=BLOCK)
+        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=self.block)
 
     def run(self) -> None:
         """Take the beat's steps with every member whose `rows` are not zero."""
@@ -31,7 +30,7 @@ class Beat:
             self._steps()
             return
         if self._graph is None:
-            wp.load_module(self.kernels, device=self.device, block_dim=BLOCK)
+            wp.load_module(self.kernels, device=self.device, block_dim=self.block)
             with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
                 self._steps()
             self._graph = capture.graph

@@ -27,19 +27,21 @@ STATE = {"mixed": mixed, "double": double}
 WORDS = {"mixed": 4, "double": 6}
 
 
-def module_text(law: str, precision: str, lanes: int, switches: dict[str, bool]) -> str:
+def module_text(law: str, precision: str, lanes: int, registers: int, switches: dict[str, bool]) -> str:
     """Source of the kernel module of one specialisation."""
     constants: dict[str, object] = dict(switches)
     constants |= {"LANES": lanes, "SHARED": lanes > 1, "PARKED": words.PARKED}
     constants |= {name: getattr(words, name) for name in ("BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, spheres, system, STATE[precision]]
     modules += [walls, forces, step, neighbours, observe]
-    return source.generate(dialect.header(precision), constants, modules)
+    return source.generate(dialect.header(precision, registers), constants, modules)
 
 
 @lru_cache(maxsize=64)
-def kernels(law: str, precision: str, lanes: int, switches: tuple[tuple[str, bool], ...]) -> ModuleType:
+def kernels(
+    law: str, precision: str, switches: tuple[tuple[str, bool], ...], lanes: int = 1, registers: int = 0
+) -> ModuleType:  # fmt: skip
     """The kernel module of one specialisation. Compiling happens at first use, per device."""
-    text = module_text(law, precision, lanes, dict(switches))
+    text = module_text(law, precision, lanes, registers, dict(switches))
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)

@@ -12,6 +12,7 @@ wp.set_module_options(
 
 func = wp.func
 kernel = wp.kernel
+hot_kernel = wp.kernel{registers}
 struct = wp.struct
 real = wp.{real}
 wide = wp.float64
@@ -119,13 +120,17 @@ _HALVED = """
 """
 
 
-def header(precision: str) -> str:
-    """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single)."""
+def header(precision: str, registers: int = 0) -> str:
+    """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single).
+
+    registers: how many a thread of the step may use; 0 leaves it to the compiler.
+    """
     single = precision == "mixed"
     vector, kind = ("float4", "wp::vec4f") if single else ("double2", "wp::vec2d")
     axes = "xyzw" if single else "xy"
     return _HEADER.format(
         fast=single,
+        registers=f"(cuda_max_registers={registers})" if registers else "",
         real="float32" if single else "float64",
         vec3="vec3f" if single else "vec3d",
         word="vec4f" if single else "vec2d",

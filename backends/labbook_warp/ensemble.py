@@ -28,7 +28,7 @@ from labbook_warp.kernels.words import NO_FAILURE
 from labbook_warp.reading import read
 from labbook_warp.run import Run
 from labbook_warp.specialise import specialise
-from labbook_warp.stage import Stage
+from labbook_warp.stage import Stage, Tuning
 
 GUARDS = {1: "state", 2: "speed", 3: "overlap"}
 
@@ -36,10 +36,10 @@ GUARDS = {1: "state", 2: "speed", 3: "overlap"}
 class Ensemble:
     """See `labbook.backend.Ensemble`. Members get their slots, all at once, when something is first asked of them."""
 
-    def __init__(self, capabilities: Capabilities, spec: Spec, device: wp.Device, slots: int | None):
+    def __init__(self, capabilities: Capabilities, spec: Spec, device: wp.Device, slots: int | None, tuning: Tuning):
         self._can, self._spec = capabilities, spec
         crossings = any(isinstance(probe, Crossing) for probe in spec.probes)
-        self._stage = Stage(capabilities, spec, device, slots or 0, crossings)
+        self._stage = Stage(capabilities, spec, device, slots or 0, crossings, tuning)
         self._runs: dict[Member, Run] = {}
         self._rows: dict[Probe, list[Table]] = defaultdict(list)
         self._next = 0

@@ -25,6 +25,17 @@ MOST_LANES = 8
 
 
 @dataclass(frozen=True)
+class Tuning:
+    """How kernels are launched; decides no bit of a result."""
+
+    lanes: int = 0
+    """Threads a grain, a power of two; 0: as many as keep the device busy."""
+    registers: int = 0
+    """Registers a thread of the step may use; 0: as many as the compiler likes."""
+    block: int = 128
+
+
+@dataclass(frozen=True)
 class Said:
     """What a beat left behind in a slot."""
 
@@ -54,8 +65,8 @@ class Report:
 class Stage:
     """See above. `slots`: how many to make at least."""
 
-    def __init__(self, can: Capabilities, spec: Spec, device: wp.Device, slots: int, crossings: bool):
-        self._can, self._spec, self.device, self._crossings = can, spec, device, crossings
+    def __init__(self, can: Capabilities, spec: Spec, device: wp.Device, slots: int, crossings: bool, tuning: Tuning):
+        self._can, self._spec, self.device, self._crossings, self._tuning = can, spec, device, crossings, tuning
         self._sizes = Sizes(slots, 0, NEAR, spec.feature("walls"), 0, DEPTH)
         self._seated: dict[int, Run] = {}
         self._waiting: list[Run] = []
@@ -197,7 +208,7 @@ class Stage:
         features_of = self._spec.feature
         lanes = self._lanes(sizes)
         switches = tuple((name, bool(features_of(name))) for name in SWITCHES)
-        module = kernels(features_of("law"), features_of("precision"), lanes, switches)
+        module = kernels(features_of("law"), features_of("precision"), switches, lanes, self._tuning.registers)
         self._arrays, self._beat = None, None  # freed before more is asked for
         self._sizes = sizes
         self._arrays = Arrays(module, features_of("precision"), sizes, self.device, self._crossings)
@@ -211,7 +222,7 @@ class Stage:
 
     def _new_beat(self) -> None:
         lanes, steps = self.arrays.module.LANES, self._spec.steps_per_beat
-        self._beat = Beat(self.arrays, lanes, steps, self._every)
+        self._beat = Beat(self.arrays, lanes, steps, self._every, self._tuning.block)
 
     def check_oftener(self) -> None:
         """Halve the steps between two checks of displacements, down to one."""
@@ -222,6 +233,8 @@ class Stage:
         """Threads a grain: as many as keep the device busy, a power of two. They decide no bit of a result."""
         if not self.device.is_cuda:
             return 1
+        if self._tuning.lanes:
+            return self._tuning.lanes
         wanted = min(MOST_LANES, max(1, SATURATED // max(1, sizes.slots * sizes.cap)))
         return 1 << (wanted.bit_length() - 1)
 

@@ -99,20 +99,21 @@ def build(a: System, p: Words):
             cx = wrapped(x[0], m.cell, m.gx)
             cy = wrapped(x[1], m.cell, m.gy)
             cz = wrapped(x[2], m.cell, m.gz)
-            for dz in range(-1, 2):
-                for dy in range(-1, 2):
-                    for dx in range(-1, 2):
-                        # a lattice one cell thick is its own neighbour: look there once
-                        if (m.gx > 1 or dx == 0) and (m.gy > 1 or dy == 0) and (m.gz > 1 or dz == 0):
-                            c = s * a.cells + cell_at(m, cx + dx, cy + dy, cz + dz)
-                            for e in range(min(a.cell_count[c], a.depth)):
-                                o = a.cell_rows[c * a.depth + e]
-                                away = x - position(p, s * a.cap + o)
-                                d2 = dot(away, away)
-                                if d2 < m.listed2 and o != r:
-                                    if found < a.near:
-                                        insert(a, s, r, found, o, wp.float32(d2))
-                                    found = found + 1
+            for side in range(27):
+                dx = side % 3 - 1
+                dy = side // 3 % 3 - 1
+                dz = side // 9 - 1
+                # a lattice one cell thick is its own neighbour: look there once
+                if (m.gx > 1 or dx == 0) and (m.gy > 1 or dy == 0) and (m.gz > 1 or dz == 0):
+                    c = s * a.cells + cell_at(m, cx + dx, cy + dy, cz + dz)
+                    for e in range(min(a.cell_count[c], a.depth)):
+                        o = a.cell_rows[c * a.depth + e]
+                        away = x - position(p, s * a.cap + o)
+                        d2 = dot(away, away)
+                        if d2 < m.listed2 and o != r:
+                            if found < a.near:
+                                insert(a, s, r, found, o, wp.float32(d2))
+                            found = found + 1
             if found > a.near:
                 wp.atomic_max(a.overflow, 2 * s, found)
                 found = a.near

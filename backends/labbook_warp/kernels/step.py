@@ -19,6 +19,7 @@ from labbook_warp.kernels.words import (
     OUTLET,
     PARKED,
     Words,
+    hot_kernel,
     kernel,
     widen,
 )
@@ -100,7 +101,7 @@ def advance(
     put(q, i, x1, v1, w1, u1, more)
 
 
-@kernel
+@hot_kernel
 def step(a: System, p: Words, q: Words, sub: int):
     """Step `sub` of this beat, for every member: from p to q."""
     thread = wp.tid()

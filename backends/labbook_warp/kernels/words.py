@@ -11,6 +11,11 @@ def kernel(function: F) -> F:
     return function
 
 
+def hot_kernel(function: F) -> F:
+    """Marks the kernel that everything waits for; its registers are capped, so that enough threads fit."""
+    return function
+
+
 Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Any
 word: Any = None
 widen: Any = None
