@@ -64,7 +64,7 @@ class Arrays:
         lengths = {name: rows * self.entries[of] for name, of in (STATE | SCRATCH).items()}
         lengths |= dict.fromkeys(OF_SLOTS, sizes.slots)
         lengths |= dict.fromkeys(OF_WALLS, max(1, sizes.slots * sizes.walls))
-        lengths |= {"rows": sizes.slots, "member": sizes.slots, "any_flag": 1, "crossed": 1}
+        lengths |= {"rows": sizes.slots, "material": sizes.slots, "place": sizes.slots, "any_flag": 1, "crossed": 1}
         lengths |= {"cell_count": sizes.slots * sizes.cells, "overflow": 2 * sizes.slots}
         lengths |= {"cell_rows": sizes.slots * sizes.cells * sizes.depth, "cross": 13 * rows if crossings else 1}
         types = {name: variable.type.dtype for name, variable in module.System.vars.items() if name in lengths}
@@ -123,9 +123,10 @@ class Arrays:
         per = array.shape[0] // self.sizes.slots
         array[slot * per : slot * per + len(values)].assign(values)
 
-    def put_member(self, slot: int, member: Any) -> None:
-        """Write the record of a slot's parameters."""
-        wp.copy(self.system.member, wp.array([member], dtype=self.module.Member, device=self.device), slot, 0, 1)
+    def put_record(self, name: str, slot: int, record: Any) -> None:
+        """Write the record of a slot in an array of records."""
+        array = getattr(self.system, name)
+        wp.copy(array, wp.array([record], dtype=array.dtype, device=self.device), slot, 0, 1)
 
     def encode(self, x: np.ndarray, v: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Words of states: arrays [n, 3] -> [n, numbers]; see the kernels `mixed` and `double`."""

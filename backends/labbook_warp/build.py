@@ -27,10 +27,12 @@ STATE = {"mixed": mixed, "double": double}
 WORDS = {"mixed": 4, "double": 6}
 
 
-def module_text(law: str, precision: str, lanes: int, registers: int, switches: dict[str, bool]) -> str:
+def module_text(
+    law: str, precision: str, switches: dict[str, bool], uniform: bool, lanes: int, registers: int
+) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
     constants: dict[str, object] = dict(switches)
-    constants |= {"LANES": lanes, "SHARED": lanes > 1, "PARKED": words.PARKED}
+    constants |= {"UNIFORM": uniform, "LANES": lanes, "SHARED": lanes > 1, "PARKED": words.PARKED}
     constants |= {name: getattr(words, name) for name in ("BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, spheres, system, STATE[precision]]
     modules += [walls, forces, step, neighbours, observe]
@@ -39,9 +41,10 @@ def module_text(law: str, precision: str, lanes: int, registers: int, switches: 
 
 @lru_cache(maxsize=64)
 def kernels(
-    law: str, precision: str, switches: tuple[tuple[str, bool], ...], lanes: int = 1, registers: int = 0
+    law: str, precision: str, switches: tuple[tuple[str, bool], ...], uniform: bool = False, lanes: int = 1,
+    registers: int = 0,
 ) -> ModuleType:  # fmt: skip
     """The kernel module of one specialisation. Compiling happens at first use, per device."""
-    text = module_text(law, precision, lanes, registers, dict(switches))
+    text = module_text(law, precision, dict(switches), uniform, lanes, registers)
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)

@@ -1,6 +1,6 @@
 """From a scene to the numbers that its kernels take."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -17,15 +17,14 @@ DEEP = 0.02
 """Overlap [d] whose force sets the quantum of sums: 2^-50 of it; sums of up to four times as much are exact."""
 
 
-def member(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence[Probe], lattice: Sequence[int]) -> Any:
-    """The record of a member. lattice: cells along x, y, z, each 1 or at least 3."""
+def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
+    """The record of grains, law and clock."""
     grains, law = scene.grains, LAWS[scene.contact.law]
     d, r = grains.diameter, grains.radius
     c = law.coefficients(scene.contact, scene.surface_of_grains, numerics.stiffness_scale)
     skin = numerics.skin * d
     magic = 6.0 * law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0)
-    plane, drop = features.planes(scene, probes)
-    made = module.Member()
+    made = module.Material()
     made.c = module.coefs(*c)
     made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia
     made.inertia_rate = rolling_rate(grains.inertia, numerics.dt)
@@ -34,9 +33,22 @@ def member(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequenc
     made.gravity, made.dt = scene.gravity, numerics.dt
     made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * d
     made.grid_f, made.grid_t = magic, magic * r
-    made.plane, made.drop, made.cell = plane, drop, cell_size(scene, numerics)
+    return made
+
+
+def place(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence[Probe], lattice: Sequence[int]) -> Any:
+    """The record of outlet and cells. lattice: cells along x, y, z, each 1 or at least 3."""
+    made = module.Place()
+    made.plane, made.drop = features.planes(scene, probes)
+    made.cell = cell_size(scene, numerics)
     made.gx, made.gy, made.gz = lattice
     return made
+
+
+def same_material(runs: Iterable[tuple[Scene, Numerics]]) -> bool:
+    """Whether all of these have the same grains, law, gravity and clock."""
+    kinds = {(s.grains.model_copy(update={"count": 1}), s.contact, s.gravity, n) for s, n in runs}
+    return len(kinds) == 1
 
 
 def cell_size(scene: Scene, numerics: Numerics) -> float:

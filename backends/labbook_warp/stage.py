@@ -14,7 +14,7 @@ from labbook_warp.arrays import STATE, Arrays, Sizes, fetch
 from labbook_warp.beat import Beat
 from labbook_warp.build import SWITCHES, kernels
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.parameters import cell_size, lattice, member
+from labbook_warp.parameters import cell_size, lattice, material, place, same_material
 from labbook_warp.run import Run
 from labbook_warp.specialise import LONGEST_CHECK, OFTENEST, check_interval
 
@@ -22,6 +22,7 @@ NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; bo
 MOST_NEAR = 32  # bits of a mask
 SATURATED = 80_000  # threads that fill a large GPU
 MOST_LANES = 8
+REGISTERS = 96  # a thread, where grains are many; where they are few, as many as the compiler likes
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Tuning:
     lanes: int = 0
     """Threads a grain, a power of two; 0: as many as keep the device busy."""
     registers: int = 0
-    """Registers a thread of the step may use; 0: as many as the compiler likes."""
+    """Registers a thread of the step may use; 0: the best that was measured."""
     block: int = 128
 
 
@@ -70,7 +71,7 @@ class Stage:
         self._sizes = Sizes(slots, 0, NEAR, spec.feature("walls"), 0, DEPTH)
         self._seated: dict[int, Run] = {}
         self._waiting: list[Run] = []
-        self._every = LONGEST_CHECK
+        self._every, self._uniform = LONGEST_CHECK, True
         self._arrays: Arrays | None = None
         self._beat: Beat | None = None
         self._whole: tuple[np.ndarray, np.ndarray] | None = None
@@ -124,8 +125,9 @@ class Stage:
             cells=max(self._sizes.cells, *(int(np.prod(cells)) for cells in lattices.values())),
         )
         every = min(self._every, *(check_interval(run.scene, run.numerics) for run in new), LONGEST_CHECK)
-        if self._arrays is None or needed != self._sizes:
-            self._every = every
+        uniform = same_material((run.scene, run.numerics) for run in (*self._seated.values(), *new))
+        if self._arrays is None or (needed, uniform) != (self._sizes, self._uniform):
+            self._every, self._uniform = every, uniform
             self._resize(needed)
         elif every != self._every:
             self._every = every
@@ -163,8 +165,10 @@ class Stage:
 
     def _parameters(self, run: Run, cells: Sequence[int]) -> None:
         arrays = self.arrays
-        record = member(arrays.module, run.scene, run.numerics, run.probes, cells)
-        arrays.put_member(run.slot, record)
+        record = material(arrays.module, run.scene, run.numerics)
+        arrays.system.common = record
+        arrays.put_record("material", run.slot, record)
+        arrays.put_record("place", run.slot, place(arrays.module, run.scene, run.numerics, run.probes, cells))
         run.lattice = tuple(cells)
         if run.names:
             tables = features.wall_tables(run.scene, run.numerics)
@@ -207,8 +211,9 @@ class Stage:
         stored = {slot: self._checkpoint(run) for slot, run in self._seated.items()}
         features_of = self._spec.feature
         lanes = self._lanes(sizes)
+        registers = self._tuning.registers or (0 if lanes > 1 else REGISTERS)
         switches = tuple((name, bool(features_of(name))) for name in SWITCHES)
-        module = kernels(features_of("law"), features_of("precision"), switches, lanes, self._tuning.registers)
+        module = kernels(features_of("law"), features_of("precision"), switches, self._uniform, lanes, registers)
         self._arrays, self._beat = None, None  # freed before more is asked for
         self._sizes = sizes
         self._arrays = Arrays(module, features_of("precision"), sizes, self.device, self._crossings)

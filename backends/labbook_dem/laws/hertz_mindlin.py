@@ -35,7 +35,7 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     s_max = c[4] * c[3] * delta
     length = sqrt(dot(s, s))
     slides = length >= s_max
-    u = zero if slides else one - length / s_max
+    u = zero if slides else max(one - length / s_max, zero)  # an approximate quotient may exceed one
     s = s * ((s_max / length) if length > s_max else one)
     root = sqrt(u)
     k_t = stiff_t * (one + u + u * u) / (one + u * root)

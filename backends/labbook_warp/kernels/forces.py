@@ -12,7 +12,7 @@ from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed import position, predicted, spin, velocity
-from labbook_warp.kernels.system import Member, System, entry
+from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
 from labbook_warp.kernels.words import ANY_WALLS, LANES, MOVING, SHARED, Words, add_lanes, load_int, most_lanes, or_lanes, widen
 
@@ -32,7 +32,7 @@ def all_lanes(v: wide3):
 
 @func
 def forces(
-    a: System, p: Words, m: Member, s: int, r: int, lane: int, x: wide3, v: vec3, w: vec3, u: vec3, keep: bool
+    a: System, p: Words, m: Material, s: int, r: int, lane: int, x: wide3, v: vec3, w: vec3, u: vec3, keep: bool
 ):  # fmt: skip
     """Contact force [N] and torque [N m], which springs are held, at neighbours and at walls, the largest overlap [m].
 

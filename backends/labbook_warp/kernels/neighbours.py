@@ -10,7 +10,7 @@ import warp as wp
 from labbook_dem.words import FRICTION, dot, func, sqrt, wide, wide3
 
 from labbook_warp.kernels.mixed import position, velocity
-from labbook_warp.kernels.system import Member, System, entry
+from labbook_warp.kernels.system import Place, System, entry, material
 from labbook_warp.kernels.walls import wall_distance
 from labbook_warp.kernels.words import ANY_WALLS, PARKED, Words, kernel, widen
 
@@ -27,7 +27,7 @@ def check(a: System, p: Words, every: int):
     if i - s * a.cap < a.rows[s]:
         x = position(p, i)
         if x[2] > wide(0.5) * wide(PARKED):
-            m = a.member[s]
+            m = material(a, s)
             away = x - a.origin[i]
             moved = sqrt(dot(away, away))
             v = widen(velocity(p, i))
@@ -49,12 +49,12 @@ def wrapped(x: wide, cell: wide, cells: int):
 
 
 @func
-def cell_at(m: Member, cx: int, cy: int, cz: int):
+def cell_at(b: Place, cx: int, cy: int, cz: int):
     """Number of a cell of one member, from cell numbers that may lie one beyond the lattice."""
-    x = (cx + m.gx) % m.gx
-    y = (cy + m.gy) % m.gy
-    z = (cz + m.gz) % m.gz
-    return (z * m.gy + y) * m.gx + x
+    x = (cx + b.gx) % b.gx
+    y = (cy + b.gy) % b.gy
+    z = (cz + b.gz) % b.gz
+    return (z * b.gy + y) * b.gx + x
 
 
 @kernel
@@ -73,8 +73,8 @@ def fill(a: System, p: Words):
     if a.flag[s] == 1 and i - s * a.cap < a.rows[s]:
         x = position(p, i)
         if x[2] > wide(0.5) * wide(PARKED):
-            m = a.member[s]
-            at = cell_at(m, wrapped(x[0], m.cell, m.gx), wrapped(x[1], m.cell, m.gy), wrapped(x[2], m.cell, m.gz))
+            b = a.place[s]
+            at = cell_at(b, wrapped(x[0], b.cell, b.gx), wrapped(x[1], b.cell, b.gy), wrapped(x[2], b.cell, b.gz))
             c = s * a.cells + at
             place = wp.atomic_add(a.cell_count, c, 1)
             if place < a.depth:
@@ -95,17 +95,18 @@ def build(a: System, p: Words):
         found = int(0)
         near = wp.uint32(0)
         if x[2] > wide(0.5) * wide(PARKED):
-            m = a.member[s]
-            cx = wrapped(x[0], m.cell, m.gx)
-            cy = wrapped(x[1], m.cell, m.gy)
-            cz = wrapped(x[2], m.cell, m.gz)
+            m = material(a, s)
+            b = a.place[s]
+            cx = wrapped(x[0], b.cell, b.gx)
+            cy = wrapped(x[1], b.cell, b.gy)
+            cz = wrapped(x[2], b.cell, b.gz)
             for side in range(27):
                 dx = side % 3 - 1
                 dy = side // 3 % 3 - 1
                 dz = side // 9 - 1
                 # a lattice one cell thick is its own neighbour: look there once
-                if (m.gx > 1 or dx == 0) and (m.gy > 1 or dy == 0) and (m.gz > 1 or dz == 0):
-                    c = s * a.cells + cell_at(m, cx + dx, cy + dy, cz + dz)
+                if (b.gx > 1 or dx == 0) and (b.gy > 1 or dy == 0) and (b.gz > 1 or dz == 0):
+                    c = s * a.cells + cell_at(b, cx + dx, cy + dy, cz + dz)
                     for e in range(min(a.cell_count[c], a.depth)):
                         o = a.cell_rows[c * a.depth + e]
                         away = x - position(p, s * a.cap + o)

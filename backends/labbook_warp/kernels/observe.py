@@ -8,7 +8,7 @@ from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wid
 
 from labbook_warp.kernels.forces import forces
 from labbook_warp.kernels.mixed import position, predicted, spin, velocity
-from labbook_warp.kernels.system import Member, System, entry
+from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
 from labbook_warp.kernels.words import (
     ANY_WALLS,
@@ -40,7 +40,7 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
         v = velocity(p, i)
         w = spin(p, i)
         if x[2] > wide(0.5) * wide(PARKED):
-            m = a.member[s]
+            m = material(a, s)
             f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, x, v, w, predicted(p, i), False)
             part = wide(0.5) * m.dt
             if a.step[s] == wp.int64(0):
@@ -60,7 +60,7 @@ def kinetic(a: System, v: Wides3, w: Wides3, parts: int, out: Wides):
     thread = wp.tid()
     s = thread // parts
     first = thread - s * parts
-    m = a.member[s]
+    m = material(a, s)
     twice = wide(0.0)
     for r in range(first, a.rows[s], parts):
         i = s * a.cap + r
@@ -89,7 +89,7 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
     if r < a.rows[s]:
         x = position(p, i)
         if x[2] > wide(0.5) * wide(PARKED):
-            m = a.member[s]
+            m = material(a, s)
             half_dt = real(wide(0.5) * m.dt)
             of_pairs(a, p, m, s, r, x, half_dt, counter, out)
             if ANY_WALLS:
@@ -97,7 +97,7 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
 
 
 @func
-def of_pairs(a: System, p: Words, m: Member, s: int, r: int, x: wide3, half_dt: real, counter: Ints, out: Wides):
+def of_pairs(a: System, p: Words, m: Material, s: int, r: int, x: wide3, half_dt: real, counter: Ints, out: Wides):
     """Contacts of a grain with neighbours of larger id."""
     zero = real(0.0)
     i = s * a.cap + r
@@ -121,7 +121,7 @@ def of_pairs(a: System, p: Words, m: Member, s: int, r: int, x: wide3, half_dt: 
 
 
 @func
-def of_walls(a: System, p: Words, m: Member, s: int, r: int, x: wide3, half_dt: real, counter: Ints, out: Wides):
+def of_walls(a: System, p: Words, m: Material, s: int, r: int, x: wide3, half_dt: real, counter: Ints, out: Wides):
     """Contacts of a grain with walls."""
     zero = real(0.0)
     i = s * a.cap + r

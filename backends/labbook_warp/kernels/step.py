@@ -8,7 +8,7 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_warp.kernels.forces import forces
 from labbook_warp.kernels.mixed import position, predicted, put, rest, spin, velocity
-from labbook_warp.kernels.system import Member, System
+from labbook_warp.kernels.system import Material, System, material
 from labbook_warp.kernels.words import (
     BAD_OVERLAP,
     BAD_SPEED,
@@ -35,17 +35,19 @@ def fails(a: System, s: int, i: int, now: wp.int64, code: int, value: real):
 
 
 @func
-def crosses(a: System, m: Member, s: int, i: int, now: wp.int64, before: wide, x: wide3, v: vec3, w: vec3):
+def crosses(
+    a: System, plane: wide, dt: wide, s: int, i: int, now: wp.int64, before: wide, x: wide3, v: vec3, w: vec3
+):  # fmt: skip
     """Record the first passage of grain i through the member's plane."""
     a.gone[i] = 1
     row = 13 * wp.atomic_add(a.crossed, 0, 1)
     part = wide(0.0)
     if before > x[2]:
-        part = min(max((before - m.plane) / (before - x[2]), wide(0.0)), wide(1.0))
+        part = min(max((before - plane) / (before - x[2]), wide(0.0)), wide(1.0))
     a.cross[row] = wide(s)
     a.cross[row + 1] = wide(a.ids[i])
     a.cross[row + 2] = wide(now + wp.int64(1))
-    a.cross[row + 3] = (wide(now) + part) * m.dt
+    a.cross[row + 3] = (wide(now) + part) * dt
     for c in range(3):
         a.cross[row + 4 + c] = x[c]
         a.cross[row + 7 + c] = wide(v[c])
@@ -54,7 +56,7 @@ def crosses(a: System, m: Member, s: int, i: int, now: wp.int64, before: wide, x
 
 @func
 def advance(
-    a: System, q: Words, m: Member, s: int, i: int, now: wp.int64, x: wide3, v: vec3, w: vec3, more: real, f: wide3,
+    a: System, q: Words, m: Material, s: int, i: int, now: wp.int64, x: wide3, v: vec3, w: vec3, more: real, f: wide3,
     t: wide3,
 ):  # fmt: skip
     """Move grain i by one step and write it to q. more: what rounding has kept from its vertical velocity so far."""
@@ -80,12 +82,13 @@ def advance(
         real(predict(v2[0], acc[0], m.dt)), real(predict(v2[1], acc[1], m.dt)), real(predict(v2[2], acc[2], m.dt))
     )
     if CROSSING:
-        if x1[2] < m.plane:
+        plane = a.place[s].plane
+        if x1[2] < plane:
             if a.gone[i] == 0:
-                crosses(a, m, s, i, now, x[2], x1, v1, w1)
+                crosses(a, plane, m.dt, s, i, now, x[2], x1, v1, w1)
     fast2 = dot(v1, v1)
     if OUTLET:
-        if x1[2] < m.drop:  # nothing that is still to be counted touches it
+        if x1[2] < a.place[s].drop:  # nothing that is still to be counted touches it
             wp.atomic_add(a.left, s, 1)
             x1 = wide3(x1[0], x1[1], wide(PARKED))
             v1 = vec3(real(0.0), real(0.0), real(0.0))
@@ -115,7 +118,7 @@ def step(a: System, p: Words, q: Words, sub: int):
         w = spin(p, i)
         u = predicted(p, i)
         if x[2] > wide(0.5) * wide(PARKED):
-            m = a.member[s]
+            m = material(a, s)
             now = a.step[s] + wp.int64(sub)
             f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, x, v, w, u, True)
             if not deepest <= m.deepest:

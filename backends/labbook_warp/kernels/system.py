@@ -10,12 +10,12 @@ from __future__ import annotations
 import warp as wp
 from labbook_dem.words import coefs, func, real, struct, wide
 
-from labbook_warp.kernels.words import Bits, Coefs, Floats, Ints, Longs, Motions, Shapes, Vectors, Wides, Wides3
+from labbook_warp.kernels.words import UNIFORM, Bits, Coefs, Floats, Ints, Longs, Motions, Shapes, Vectors, Wides, Wides3
 
 
 @struct
-class Member:
-    """What does not change during a run."""
+class Material:
+    """What a step needs to know of grains, law and clock; often the same for all members of a sweep."""
 
     c: coefs
     radius: real
@@ -33,6 +33,12 @@ class Member:
     deepest: real  # guard on overlaps
     grid_f: wide  # 1.5 * 2^52 quanta of force, and of torque
     grid_t: wide
+
+
+@struct
+class Place:
+    """Where a member's grains leave, and its lattice of cells."""
+
     plane: wide
     drop: wide
     cell: wide
@@ -52,7 +58,9 @@ class System:
     depth: int  # grains a cell
     rows: Ints
     step: Longs
-    member: wp.array(dtype=Member)
+    common: Material
+    material: wp.array(dtype=Material)
+    place: wp.array(dtype=Place)
     wall_c: Coefs
     wall_shape: Shapes
     wall_kind: Ints
@@ -84,6 +92,15 @@ class System:
     bad: Wides
     crossed: Ints
     cross: Wides
+
+
+@func
+def material(a: System, s: int):
+    """The material of slot s; one that all members share comes with the arguments, and costs no register."""
+    if UNIFORM:
+        return a.common
+    else:
+        return a.material[s]
 
 
 @func

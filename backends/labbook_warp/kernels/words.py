@@ -37,6 +37,7 @@ LEDGER = True
 ANY_WALLS = True
 
 LANES = 1
+UNIFORM = False  # whether all members have the same material
 SHARED = False  # whether several threads share a grain
 """Threads that share a grain: many where grains are few."""
 WORDS = 4
