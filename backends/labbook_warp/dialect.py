@@ -73,6 +73,14 @@ def most_lanes(v: real, lanes: int) -> real: ...
 def or_lanes(v: wp.uint32, lanes: int) -> wp.uint32: ...
 
 
+@wp.func_native({first_bit!r})
+def first_bit(mask: wp.uint32) -> int: ...
+
+
+@wp.func_native({without_first!r})
+def without_first(mask: wp.uint32, n: int) -> wp.uint32: ...
+
+
 @wp.func_native({joined!r})
 def joined(low: float, high: float) -> wp.float64: ...
 
@@ -112,6 +120,17 @@ _ADD_LANES = """
 #endif
     return v;
 """
+_FIRST_BIT = """
+#if defined(__CUDA_ARCH__)
+    return __ffs((int)mask) - 1;
+#else
+    int k = 0; while (!((mask >> k) & 1u)) k++; return k;
+#endif
+"""
+_WITHOUT_FIRST = """
+    for (int k = 0; k < n; k++) mask &= mask - 1u;
+    return mask;
+"""
 _JOINED = """
     union { float f[2]; double d; } u; u.f[0] = low; u.f[1] = high; return u.d;
 """
@@ -140,6 +159,8 @@ def header(precision: str, registers: int = 0) -> str:
         add_lanes=_ADD_LANES,
         or_lanes=_ADD_LANES.replace("v +=", "v |="),
         most_lanes=_ADD_LANES.replace("v += __shfl_xor_sync(mask, v, o)", "v = max(v, __shfl_xor_sync(mask, v, o))"),
+        first_bit=_FIRST_BIT,
+        without_first=_WITHOUT_FIRST,
         joined=_JOINED,
         halved=_HALVED,
     )

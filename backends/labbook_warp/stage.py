@@ -22,7 +22,7 @@ NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; bo
 MOST_NEAR = 32  # bits of a mask
 SATURATED = 80_000  # threads that fill a large GPU
 MOST_LANES = 8
-REGISTERS = 96  # a thread, where grains are many; where they are few, as many as the compiler likes
+REGISTERS = 80  # a thread, where grains are many; where they are few, as many as the compiler likes
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,20 @@ from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wid
 from labbook_warp.kernels.mixed import position, predicted, spin, velocity
 from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
-from labbook_warp.kernels.words import ANY_WALLS, LANES, MOVING, SHARED, Words, add_lanes, load_int, most_lanes, or_lanes, widen
+from labbook_warp.kernels.words import (
+    ANY_WALLS,
+    LANES,
+    MOVING,
+    SHARED,
+    Words,
+    add_lanes,
+    first_bit,
+    load_int,
+    most_lanes,
+    or_lanes,
+    widen,
+    without_first,
+)
 
 
 @func
@@ -79,38 +92,40 @@ def forces(
             held = held | bit
             deepest = max(deepest, delta)
     if ANY_WALLS:
-        near = a.wall_near[i]
+        # each grain by its own first, second, ... near wall: side by side, whichever walls these are
+        near = without_first(a.wall_near[i], lane)
         old = a.wall_held[i]
-        for q in range(lane, a.walls, LANES):
+        while near != none:
+            q = first_bit(near)
+            near = without_first(near, LANES)
             bit = wp.uint32(1) << wp.uint32(q)
-            if (near & bit) != none:
-                g = s * a.walls + q
-                distance, normal = wall_distance(a, g, x)
-                overlap = real(wide(m.radius) - distance)
-                if overlap > zero:
-                    at = entry(a, s, a.walls, q, r)
-                    last = vec3(zero, zero, zero)
-                    advance = half_dt
-                    if FRICTION:
-                        if (old & bit) != none:
-                            last = a.wall_spring[at]
-                            advance = half_dt + half_dt
-                    surface = vec3(zero, zero, zero)
-                    turning = vec3(zero, zero, zero)
-                    if MOVING:
-                        surface = narrow(wall_velocity(a, g, x - normal * distance))
-                        turning = vec3(zero, zero, real(a.wall_motion[g][3]))
-                    f, t, kept = sphere_on_wall(
-                        a.wall_c[g], m.radius, m.mass, overlap, narrow(normal), u - surface, v - surface, w, turning,
-                        last, advance, m.inertia_rate,
-                    )  # fmt: skip
-                    force = force + on_grid(f, m.grid_f)
-                    if FRICTION:
-                        torque = torque + on_grid(t, m.grid_t)
-                        if keep:
-                            a.wall_spring[at] = kept
-                    wall_held = wall_held | bit
-                    deepest = max(deepest, overlap)
+            g = s * a.walls + q
+            distance, normal = wall_distance(a, g, x)
+            overlap = real(wide(m.radius) - distance)
+            if overlap > zero:
+                at = entry(a, s, a.walls, q, r)
+                last = vec3(zero, zero, zero)
+                advance = half_dt
+                if FRICTION:
+                    if (old & bit) != none:
+                        last = a.wall_spring[at]
+                        advance = half_dt + half_dt
+                surface = vec3(zero, zero, zero)
+                turning = vec3(zero, zero, zero)
+                if MOVING:
+                    surface = narrow(wall_velocity(a, g, x - normal * distance))
+                    turning = vec3(zero, zero, real(a.wall_motion[g][3]))
+                f, t, kept = sphere_on_wall(
+                    a.wall_c[g], m.radius, m.mass, overlap, narrow(normal), u - surface, v - surface, w, turning,
+                    last, advance, m.inertia_rate,
+                )  # fmt: skip
+                force = force + on_grid(f, m.grid_f)
+                if FRICTION:
+                    torque = torque + on_grid(t, m.grid_t)
+                    if keep:
+                        a.wall_spring[at] = kept
+                wall_held = wall_held | bit
+                deepest = max(deepest, overlap)
     if SHARED:
         force = all_lanes(force)
         deepest = most_lanes(deepest, LANES)

@@ -25,6 +25,8 @@ load_int: Any = None
 add_lanes: Any = None
 or_lanes: Any = None
 most_lanes: Any = None
+first_bit: Any = None
+without_first: Any = None
 joined: Any = None
 halved: Any = None
 
