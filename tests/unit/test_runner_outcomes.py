@@ -12,6 +12,7 @@ from labbook.catalogue import Catalogue, Lab, RunRecord
 from labbook.catalogue.tables import read_checkpoint
 from labbook.cli.run import report
 from labbook.plan.plan import Planner
+from labbook.report.analysis import analyse
 from labbook.runner.progress import counts
 from labbook.runner.watch import View
 from labbook.study import load
@@ -299,3 +300,19 @@ def test_progress_in_words():
     assert counts(view) == "0/12 runs, 2 packings first"
     assert counts(replace(view, fillings_left=1)) == "0/12 runs, 1 packing first"
     assert counts(replace(view, runs_done=3, fillings_left=0)) == "3/12 runs"
+
+
+def test_a_run_that_no_grain_left_has_seen_none_and_says_so(tmp_path):
+    asked, lab = study(tmp_path, "stop: {max_time: 4 ms}", orifices="[12]", replicates=1), tmp_path / "lab"
+    carry_out(asked, lab)
+    (run,) = Catalogue(lab).finished(asked, "toy")
+    assert run.record.coverage.crossed == 0
+    assert len(run.data().tables["crossing"]["time"]) == 0
+    (point,) = analyse(asked, [run]).points
+    rate = point.runs[0].measured["flow_rate"]
+    assert np.isnan(rate.value)
+    assert "too few grains: 0 of 200 left" in rate.note
+    longer = study(tmp_path, orifices="[12]", replicates=1)
+    assert carry_out(longer, lab).tally.resumed == 1
+    (run,) = Catalogue(lab).finished(longer, "toy")
+    assert len(run.data().tables["crossing"]["time"]) == run.record.coverage.crossed > 0
