@@ -128,7 +128,8 @@ class Emptied:
 
 @dataclass(frozen=True)
 class Failed:
-    """A guard stopped a member; its state is that of the last good beat. `guard`: state, speed, overlap."""
+    """A guard stopped a member; its state is that of the last good beat. `guard`: state (a velocity or spin that is no
+    number; spins may be looked at once a beat), speed, overlap."""
 
     member: Member
     guard: str
