@@ -237,7 +237,7 @@ class Ensemble(Protocol):
 
 @runtime_checkable
 class Backend(Protocol):
-    """An engine. Instances are cheap; compiling happens in `open`."""
+    """An engine. Instances are cheap; compiling happens in `open` or at first use."""
 
     capabilities: Capabilities
 
@@ -246,7 +246,7 @@ class Backend(Protocol):
         ...
 
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu") -> Ensemble:
-        """Compile and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
+        """Prepare and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
         ...
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:

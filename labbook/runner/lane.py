@@ -15,7 +15,7 @@ from labbook.backend import Backend, Ensemble, Event, Member, Probe, Spec, Table
 from labbook.runner.board import Started
 from labbook.runner.job import Job
 
-_opening = threading.Lock()  # engines compile when they open; one at a time is enough
+_opening = threading.Lock()  # engines may keep what they prepare for a Spec: one thread at a time makes it
 
 
 @dataclass
