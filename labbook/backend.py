@@ -80,6 +80,28 @@ class Ledger:
 
 Probe = Crossing | Sample | Contacts | Ledger
 
+_VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz"}
+_WHOLE = frozenset(["member", "step", "id", "i", "j", "wall", "grains", "touching", "rebuilds"])
+
+
+def columns(probe: Probe) -> dict[str, type]:
+    """Names of the columns of a probe's table, and whether each holds whole or real numbers (int64, float64)."""
+    match probe:
+        case Crossing():
+            names = "id x y z vx vy vz wx wy wz"
+        case Sample(fields=fields):
+            names = " ".join(["id", *(_VECTORS[name] for name in fields)])
+        case Contacts():
+            names = "i j wall fx fy fz bx by bz"
+        case Ledger():
+            names = "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz"
+    return {name: np.int64 if name in _WHOLE else np.float64 for name in ["member", "step", "time", *names.split()]}
+
+
+def empty_table(probe: Probe) -> Table:
+    """The table of a probe that saw nothing."""
+    return {name: np.zeros(0, kind) for name, kind in columns(probe).items()}
+
 
 @dataclass(frozen=True)
 class Member:
@@ -106,7 +128,8 @@ class Emptied:
 
 @dataclass(frozen=True)
 class Failed:
-    """A guard stopped a member; its state is that of the last good beat. `guard`: state, speed, overlap."""
+    """A guard stopped a member; its state is that of the last good beat. `guard`: state (a velocity or spin that is no
+    number; spins may be looked at once a beat), speed, overlap."""
 
     member: Member
     guard: str
@@ -187,7 +210,8 @@ class Ensemble(Protocol):
         ...
 
     def drain(self) -> Mapping[Probe, Table]:
-        """Rows since the last drain. Raises Overflow, never drops."""
+        """Rows since the last drain, for every declared probe: one without rows gives an empty table with its
+        columns, so that nothing seen differs from not having looked. Raises Overflow, never drops."""
         ...
 
     def status(self, member: Member) -> Status:
@@ -213,7 +237,7 @@ class Ensemble(Protocol):
 
 @runtime_checkable
 class Backend(Protocol):
-    """An engine. Instances are cheap; compiling happens in `open`."""
+    """An engine. Instances are cheap; compiling happens in `open` or at first use."""
 
     capabilities: Capabilities
 
@@ -222,7 +246,7 @@ class Backend(Protocol):
         ...
 
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu") -> Ensemble:
-        """Compile and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
+        """Prepare and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
         ...
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:

@@ -1,16 +1,22 @@
 """From modules in the vocabulary of `words` to the source of one self-contained module for a compiler.
 
 Functions keep their text; what goes are docstrings of modules and imports (of words, of one another, and the host's).
-Host functions, those without a decorator, stay behind. Only modules written for it may be passed.
+Host functions, those not marked for a compiler, stay behind, whatever other decorators they have.
 """
 
 import ast
 from pathlib import Path
 from types import ModuleType
 
+MARKS = frozenset({"func", "struct", "kernel", "hot_kernel"})
+"""Decorators of what is compiled: `func` and `struct` of words, and the kernels of engines."""
+
 
 def device_source(module: ModuleType) -> str:
-    """The decorated functions and records of a module, as text."""
+    """The functions and records of a module that are marked for a compiler, as text.
+
+    Raises ValueError if one of them has another decorator beside its mark, which a compiler would not know.
+    """
     text = _text(module)
     parts = [ast.get_source_segment(text, node, padded=True) or "" for node in _device_functions(ast.parse(text))]
     return "\n\n".join(parts)
@@ -23,11 +29,20 @@ def _text(module: ModuleType) -> str:
 
 def _device_functions(tree: ast.Module):
     for node in tree.body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.decorator_list:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and _marked(node):
             # get_source_segment leaves decorators out; start the node at its first decorator
             node.lineno = node.decorator_list[0].lineno
             node.col_offset = node.decorator_list[0].col_offset - 1
             yield node
+
+
+def _marked(node: ast.FunctionDef | ast.ClassDef) -> bool:
+    names = [ast.unparse(decorator) for decorator in node.decorator_list]
+    if MARKS.isdisjoint(names):
+        return False
+    if len(names) > 1:
+        raise ValueError(f"{node.name}: {', '.join(names)}: a function that is compiled has one decorator")
+    return True
 
 
 def generate(header: str, constants: dict[str, object], modules: list[ModuleType]) -> str:

@@ -20,6 +20,7 @@ from labbook.backend import (
     Spec,
     Status,
     Table,
+    empty_table,
 )
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
@@ -101,9 +102,9 @@ class Ensemble:
         return seen == needed
 
     def drain(self) -> Mapping[Probe, Table]:
-        """Rows since the last drain."""
+        """Rows since the last drain, of every declared probe."""
         rows, self._rows = self._rows, defaultdict(list)
-        return {probe: _joined(tables) for probe, tables in rows.items()}
+        return {probe: _joined(rows[probe] or [empty_table(probe)]) for probe in self._spec.probes}
 
     def status(self, member: Member) -> Status:
         """Where a member stands."""

@@ -94,16 +94,20 @@ class Run:
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         while (code := self.kernels.advance(self.state, self.params, target)) == self.kernels.GROW:
             self._grow()
+        st = self.state
         if code != self.kernels.DONE:
-            st = self.state
             grain = int(st.count[S.FAIL_GRAIN])
-            self.failure = (
-                GUARDS[code],
-                self.step,
-                grain,
-                self._explain(code, grain, float(st.sums[S.FAIL_VALUE])),
-            )
-            self.restore(before)
+            self._fail(GUARDS[code], grain, self._explain(code, grain, float(st.sums[S.FAIL_VALUE])), before)
+            return
+        # speeds are watched at every step; a spin moves nothing until its grain touches another, so a look a beat does
+        lost = ~np.isfinite(st.w[: st.count[S.GRAINS]]).all(axis=1)
+        if lost.any():
+            grain = int(st.ids[np.argmax(lost)])
+            self._fail("state", grain, f"grain {grain} at step {self.step} has a spin that is no number", before)
+
+    def _fail(self, guard: str, grain: int, message: str, before: Checkpoint) -> None:
+        self.failure = guard, self.step, grain, message
+        self.restore(before)
 
     def _explain(self, code: int, grain: int, value: float) -> str:
         when = f"grain {grain} at step {self.step}"

@@ -20,6 +20,7 @@ from labbook.backend import (
     Spec,
     Status,
     Table,
+    empty_table,
 )
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
@@ -128,11 +129,12 @@ class Ensemble:
         return []
 
     def drain(self) -> Mapping[Probe, Table]:
-        """Rows since the last drain."""
+        """Rows since the last drain, of every declared probe."""
         rows, self._rows = self._rows, defaultdict(list)
+        tables = {probe: rows[probe] or [empty_table(probe)] for probe in self._spec.probes}
         return {
-            probe: {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-            for probe, tables in rows.items()
+            probe: {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+            for probe, parts in tables.items()
         }
 
     def status(self, member: Member) -> Status:

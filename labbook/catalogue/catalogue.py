@@ -1,5 +1,6 @@
 """The catalogue: what is in the lab, quick to ask. Readers open it read-only."""
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from labbook.measure import Window
+    from labbook.plan.demand import Demand
     from labbook.study import Study
 
 _CHUNK = 500  # keys in one query, well below SQLite's limit on variables
@@ -114,34 +116,33 @@ class Catalogue:
     def finished(self, study: "Study", engine: str) -> list[FinishedRun]:
         """Runs of `study` on `engine` that cover its stop rule and measures, by point and seed.
 
-        Replicates beyond the minimum count too. Of runs made by several versions of the engine, the latest is
-        taken.
+        Replicates beyond the minimum count too. The runs of one point are all of one version of the engine, the
+        newest that has any: what several versions computed is never pooled.
         """
         from labbook.plan.coverage import shortfall
         from labbook.plan.demand import demands
         from labbook.plan.replicates import stopping_rule
 
-        asked = {demand.lineage(engine): demand for demand in demands(study, stopping_rule(study).cap)}
-        best: dict[str, Entry] = {}
+        asked: dict[str, list[Demand]] = defaultdict(list)  # points that come to the same scene share their runs
+        for demand in demands(study, stopping_rule(study).cap):
+            asked[demand.lineage(engine)].append(demand)
+        found: list[tuple[Demand, Entry]] = []
         for entry in self.entries(lineages=asked):
-            shared = asked[entry.lineage_key].shared
             if entry.coverage is None:
                 continue
-            lacks = shortfall(
-                entry.outcome,
-                entry.coverage,
-                shared.stop,
-                asked[entry.lineage_key].guards,
-                shared.probe_names,
-            )
-            newest = best.get(entry.lineage_key)
-            if lacks.gap == "none" and (newest is None or entry.cache_version > newest.cache_version):
-                best[entry.lineage_key] = entry
-        found = [(asked[lineage], entry) for lineage, entry in best.items()]
+            for demand in asked[entry.lineage_key]:
+                shared = demand.shared
+                lacks = shortfall(entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names)
+                if lacks.gap == "none":
+                    found.append((demand, entry))
+        newest: dict[int, int] = {}
+        for demand, entry in found:
+            newest[demand.point.index] = max(entry.cache_version, newest.get(demand.point.index, entry.cache_version))
         found.sort(key=lambda pair: (pair[0].point.index, pair[0].seed))
         return [
             FinishedRun(demand.point, demand.seed, entry.run_key, self.lab.run(entry.run_key), entry.outcome)
             for demand, entry in found
+            if entry.cache_version == newest[demand.point.index]
         ]
 
     def measurements(self, run_keys: Sequence[str] | None = None, quantity: str | None = None) -> "pd.DataFrame":

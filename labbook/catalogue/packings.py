@@ -41,4 +41,4 @@ def load_packing(folder: Path) -> Packing:
     try:
         return Packing.load(folder / ARRAYS)
     except (OSError, ValueError, TypeError, KeyError, EOFError, BadZipFile) as error:
-        raise Unreadable(f"{folder / ARRAYS}: not a packing ({type(error).__name__})") from error
+        raise Unreadable(f"{folder / ARRAYS}: not a packing ({type(error).__name__}: {error})") from error

@@ -13,7 +13,7 @@ def register(app: typer.Typer) -> None:
     def doctor(
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Tell what is installed, and let every engine take a few steps. Exit status 1 if none works."""
+        """Tell what is installed, and let every engine work a little on each device. Exit status 1 if none works."""
         from labbook.doctor import examine
 
         found = examine()
@@ -35,12 +35,12 @@ def _show(found) -> None:
     for package in found.packages:
         packages.add_row(package.name, package.version or "not installed", package.purpose)
     console.print(packages)
-    engines = Table("engine", "works", "devices", "precisions", "laws", "note")
+    engines = Table("engine", "device", "works", "precisions", "laws", "note")
     for engine in found.engines:
         engines.add_row(
             engine.name,
+            engine.device,
             "yes" if engine.works else "no",
-            ", ".join(engine.devices),
             ", ".join(engine.precisions),
             ", ".join(engine.laws),
             engine.note,

@@ -51,13 +51,13 @@ def report(summary: "Summary") -> list[str]:
     """What came of it, line by line."""
     from collections import Counter
 
+    from labbook.plan.plan import counted
     from labbook.runner.progress import duration
 
     tally = summary.tally
     outcomes = Counter(tally.ran.values())
-    items = [item for point in summary.points for item in point.items]
-    done = sum(item.state == "done" for item in items)
-    lines = [f"{done} of {len(items)} runs done"]
+    done, asked = counted(summary.points)
+    lines = [f"{done} of {asked} runs done"]
     if tally.ran or tally.packings:
         rate = summary.work_done / summary.wall_time
         what = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "none ended"

@@ -63,8 +63,12 @@ class Plan:
 
     @property
     def todo(self) -> list[Item]:
-        """Runs that are not done."""
-        return [item for item in self.items if item.state != "done"]
+        """Runs that are not done; one that several points share comes once."""
+        waiting: dict[str, Item] = {}
+        for item in self.items:
+            if item.state != "done":
+                waiting.setdefault(item.keys.run, item)
+        return list(waiting.values())
 
     @property
     def fillings(self) -> dict[str, Item]:
@@ -74,6 +78,12 @@ class Plan:
     def counts(self) -> Counter[str]:
         """Number of runs by state."""
         return Counter(item.state for item in self.items)
+
+
+def counted(points: Iterable[PointPlan]) -> tuple[int, int]:
+    """Runs that are done, and runs asked for; one that several points share counts once."""
+    asked = {item.keys.run: item for point in points for item in point.items}
+    return sum(item.state == "done" for item in asked.values()), len(asked)
 
 
 class Planner:

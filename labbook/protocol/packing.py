@@ -17,6 +17,8 @@ class Packing:
     every table; 0..n-1 unless grains have left. Friction springs [m]: `pair_spring` [m, 3] on the grains (i,
     j) of `pairs` [m, 2], indices with i < j, acting on i; `wall_spring` [k, 3] on grain `wall_grain` [k] at
     the wall named `wall_name` [k].
+
+    Raises ValueError for shapes that do not fit, and for numbers that are not finite: no engine can start from them.
     """
 
     x: np.ndarray
@@ -41,6 +43,10 @@ class Packing:
         object.__setattr__(self, "ids", ids)
         if len(ids) != n:
             raise ValueError(f"packing: {len(ids)} ids for {n} grains")
+        for name in (*_DOUBLE, "pair_spring", "wall_spring"):
+            bad = ~np.isfinite(getattr(self, name)).all(axis=1)
+            if bad.any():
+                raise ValueError(f"packing: {name} is not finite in row {int(np.argmax(bad))}")
 
     def __len__(self) -> int:
         return len(self.x)

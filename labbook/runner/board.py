@@ -1,5 +1,6 @@
 """What is still to be done, and who does it: fillings first, then the runs whose packings are there."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -8,7 +9,7 @@ from labbook.catalogue.index import Index
 from labbook.catalogue.record import Observe
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import discharge_work, fill_work
-from labbook.plan.plan import Item, Plan, Planner, PointPlan
+from labbook.plan.plan import Item, Plan, Planner, PointPlan, counted
 from labbook.protocol.packing import Packing
 from labbook.runner.discharge import DischargeJob
 from labbook.runner.filling import FillJob
@@ -46,6 +47,8 @@ class Board:
         self.going: dict[str, Job] = {}
         self._lost: set[str] = set()
         self.points: dict[int, PointPlan] = {}
+        self._sharing: dict[str, set[int]] = defaultdict(set)
+        """Points by the key of a run that they ask for: points that come to the same run share it."""
         self.elsewhere = 0
         """Jobs that another process was found to hold at the last look."""
 
@@ -59,7 +62,10 @@ class Board:
         self.points[point.shared.point.index] = point
         for item in point.items:
             key = item.keys.run
-            if item.state != "done" and key not in self.going and key not in self._lost:
+            self._sharing[key].add(point.shared.point.index)
+            # what ended here is not begun again: points with other guards could hand it to and fro
+            known = key in self.going or key in self._lost or key in self.tally.ran
+            if item.state != "done" and not known:
                 self.todo[key] = item
 
     def _tidy(self, items: Sequence[Item]) -> None:
@@ -146,7 +152,8 @@ class Board:
         key = demand.keys(self._bench.backend.capabilities).run
         self.todo.pop(key, None)
         self._index.add_run(self._bench.lab.run(key), self._observe)
-        self._take(self._planner.point(demand.shared))
+        for index in sorted(self._sharing[key]):
+            self._take(self._planner.point(self.points[index].shared))
 
     def failed(self, job: Job, why: str) -> None:
         """A job came to nothing; runs that wait for its packing are given up."""
@@ -172,9 +179,12 @@ class Board:
     # for progress
 
     def runs(self) -> tuple[int, int]:
-        """Runs done, and runs asked for so far."""
-        items = [item for point in self.points.values() for item in point.items]
-        return sum(item.state == "done" for item in items), len(items)
+        """Runs done, and runs asked for so far; one that several points share counts once."""
+        return counted(self.points.values())
+
+    def fillings_left(self) -> int:
+        """Packings that runs still wait for, also those being made."""
+        return len({item.keys.packing for item in self.todo.values() if not item.packed})
 
     def work_left(self) -> float:
         """Grain-steps still to be done here, as far as can be told."""

@@ -120,8 +120,10 @@ class Job(ABC):
             self.absorb(probe, table)
 
     def keep(self, name: str, table: Table) -> None:
-        """Add rows to a table of this job."""
-        self._rows.setdefault(name, []).append(table)
+        """Add rows to a table of this job, which is kept even if it stays empty."""
+        kept = self._rows.setdefault(name, [])
+        if not kept or len(table["step"]):
+            kept.append(table)
 
     def save(self, ensemble: Ensemble, member: Member) -> None:
         """Write an exact checkpoint and the rows up to it. Raises DiskFull."""

@@ -15,7 +15,7 @@ from labbook.backend import Backend, Ensemble, Event, Member, Probe, Spec, Table
 from labbook.runner.board import Started
 from labbook.runner.job import Job
 
-_opening = threading.Lock()  # engines compile when they open; one at a time is enough
+_opening = threading.Lock()  # engines may keep what they prepare for a Spec: one thread at a time makes it
 
 
 @dataclass
@@ -62,7 +62,7 @@ class Lane:
         self.jobs[member] = job
 
     def rows(self) -> dict[Member, dict[Probe, Table]]:
-        """Rows since the last call, by member."""
+        """Rows since the last call, by member; of every probe, also where there are none."""
         assert self.ensemble is not None
         found: dict[Member, dict[Probe, Table]] = {member: {} for member in self.jobs}
         for probe, table in self.ensemble.drain().items():
@@ -72,7 +72,7 @@ class Lane:
                 mine = of == member.index
                 if mine.all():
                     tables[probe] = columns
-                elif mine.any():
+                else:
                     tables[probe] = {name: column[mine] for name, column in columns.items()}
         return found
 

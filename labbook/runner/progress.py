@@ -1,4 +1,4 @@
-"""A progress bar for people: runs, rate, and the time that is left at that rate."""
+"""A progress bar for people: runs and packings, rate, and the time that is left at that rate."""
 
 import time
 
@@ -45,11 +45,17 @@ class Bar:
             self._task,
             completed=view.work_done,
             total=max(view.work_done + view.work_left, 1.0),
-            runs=f"{view.runs_done}/{view.runs_asked} runs",
+            runs=counts(view),
             speed=f"{view.rate / 1e6:.1f} M grain-steps/s" if view.rate else "",
             left=f"about {duration(view.work_left / view.rate)} left" if view.rate else "",
             going=", ".join(view.going[:2]) + ("" if len(view.going) <= 2 else " ...") + held,
         )
+
+
+def counts(view: View) -> str:
+    """Runs done of those asked for, and the packings that have to be made before the rest can start."""
+    first = f", {view.fillings_left} packing{'s' if view.fillings_left > 1 else ''} first" if view.fillings_left else ""
+    return f"{view.runs_done}/{view.runs_asked} runs{first}"
 
 
 def duration(seconds: float) -> str:

@@ -201,6 +201,7 @@ class Runner:
         view = View(
             runs_done=done,
             runs_asked=asked,
+            fillings_left=board.fillings_left(),
             going=tuple(job.label for job in board.going.values()),
             elsewhere=board.elsewhere,
             work_done=self._meter.work,

@@ -15,6 +15,8 @@ class View:
 
     runs_done: int
     runs_asked: int
+    fillings_left: int
+    """Packings that runs still wait for."""
     going: tuple[str, ...]
     elsewhere: int
     """Jobs that another process holds."""

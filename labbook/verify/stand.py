@@ -35,7 +35,7 @@ class Motion:
 
     def rows(self, probe: Probe) -> Table:
         """Rows of one probe. Raises NotMeasured if there is none."""
-        require(probe in self.tables, f"there is nothing to read of {probe}")
+        require(len(self.tables[probe]["step"]) > 0, f"there is nothing to read of {probe}")
         return self.tables[probe]
 
     def by_beat(self, probe: Probe, names: Sequence[str]) -> np.ndarray:

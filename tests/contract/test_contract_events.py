@@ -94,17 +94,29 @@ def failures(silo, start=None, beats=6, numerics=None):
         return event, status, state
 
 
-@pytest.mark.parametrize("component", ["v", "omega"])
-def test_a_state_that_is_no_number_is_caught_and_named(silo, component):
-    touching = np.bincount(silo.start.pairs.ravel(), minlength=len(silo.start))
-    assert touching[17] > 0
-    start = with_changed(silo.start, 17, **{component: [0, np.nan, 0]})
-    event, status, _ = failures(silo, start)
-    assert event.guard == "state"
-    assert status.step == 0
+def test_a_state_that_is_no_number_is_caught_and_named(silo):
+    """Of two grains in the same place, neither has a direction to be pushed in: 0/0."""
+    other = int(np.argmax(silo.start.x[:, 2]))
+    start = with_changed(silo.start, 5, x=silo.start.x[other], v=silo.start.v[other])
+    numerics = silo.numerics(overlap_limit=1.0)
+    with silo.ensemble(numerics=numerics) as ensemble:
+        bad = ensemble.admit(silo.scene, numerics, start)
+        sound = silo.admit(ensemble)
+        (event,) = ensemble.advance(2)
+        assert isinstance(event, Failed)
+        assert (event.member, event.guard) == (bad, "state")
+        assert ensemble.status(bad).step == 0 < event.step <= numerics.steps_per_beat
+        assert ensemble.status(sound).step == 2 * numerics.steps_per_beat
     # one step is enough for it to reach those that it touches
-    apart = np.linalg.norm(silo.start.x - silo.start.x[17], axis=1)
+    apart = np.linalg.norm(start.x - start.x[5], axis=1)
     assert event.grain in np.flatnonzero(apart < 1.01 * silo.scene.grains.diameter)
+    assert f"grain {event.grain}" in event.message
+
+
+@pytest.mark.parametrize("component", ["x", "v", "omega"])
+def test_nothing_starts_from_what_is_no_number(silo, component):
+    with pytest.raises(ValueError, match=f"{component} is not finite in row 17"):
+        with_changed(silo.start, 17, **{component: [0, np.nan, 0]})
 
 
 def test_a_grain_that_runs_away_is_caught_and_named(silo):

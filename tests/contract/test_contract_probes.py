@@ -38,7 +38,7 @@ def test_drained_rows_come_once_and_none_is_lost(silo):
             parts.append(ensemble.drain())
         assert not any(len(table["step"]) for table in ensemble.drain().values())
     for probe, table in whole.items():
-        found = [rows_of(part[probe], member) for part in parts if probe in part]
+        found = [rows_of(part[probe], member) for part in parts]
         assert identical({name: np.concatenate([f[name] for f in found]) for name in table}, table)
 
 
@@ -62,6 +62,27 @@ def test_tables_have_the_columns_of_the_contract(silo):
         for name, column in table.items():
             whole = name in ("member", "step", "id", "i", "j", "wall")
             assert not whole or np.issubdtype(column.dtype, np.integer), name
+
+
+def test_a_probe_that_saw_nothing_gives_an_empty_table_like_its_others(silo):
+    seldom = (Crossing(), Ledger(every=5), Sample(fields=("x", "v", "omega"), every=5), Contacts(every=5))
+    with silo.ensemble(probes=seldom) as ensemble:
+        assert set(ensemble.drain()) == set(seldom), "also before the first beat"
+        scene, start = falling(silo, np.array([0.1]), np.array([0.0]))
+    with silo.ensemble(scene=scene, probes=seldom) as ensemble:
+        ensemble.admit(scene, silo.numerics(), start)
+        ensemble.advance(1)
+        nothing = ensemble.drain()
+    with silo.ensemble(probes=seldom) as ensemble:
+        silo.admit(ensemble)
+        ensemble.advance(10)
+        rows = ensemble.drain()
+    for probe in seldom:
+        assert set(nothing[probe]) == {"member", "step", "time", *COLUMNS[type(probe).__name__].split()}
+        assert {name: (column.dtype, len(column)) for name, column in nothing[probe].items()} == {
+            name: (column.dtype, 0) for name, column in rows[probe].items()
+        }
+        assert len(rows[probe]["step"])
 
 
 def test_they_are_read_on_their_beats(silo):

@@ -233,3 +233,18 @@ def test_versions_of_the_engine_do_not_mix(tmp_path):
     new = {run.run_key for run in Catalogue(tmp_path / "lab").finished(asked, "toy")}
     assert len(old) == len(new) == 2
     assert not old & new
+
+
+def test_replicates_of_an_older_version_are_not_pooled_with_newer_ones(tmp_path):
+    lab = tmp_path / "lab"
+    carry_out(study(tmp_path, replicates=4), lab, engine=Backend(version=1))
+    fewer = study(tmp_path, "accuracy: {flow_rate: 0.01 %, max_replicates: 4}", replicates=2, orifices="[24]")
+    capped = study(tmp_path, replicates=2, orifices="[24]")
+    carry_out(capped, lab, engine=Backend(version=2))
+    newer = set(Catalogue(lab).runs()[lambda runs: runs.cache_version == 2].run_key)
+    found = Catalogue(lab).finished(fewer, "toy")
+    assert [run.seed for run in found] == [1, 2], "seeds 3 and 4 were run by version 1 only"
+    assert {run.run_key for run in found} == newer
+    both = Catalogue(lab).finished(study(tmp_path, replicates=4), "toy")
+    assert [(run.point.index, run.seed) for run in both] == [(0, 1), (0, 2), (0, 3), (0, 4), (1, 1), (1, 2)]
+    assert all(run.record.cache_version == (1 if run.point.index == 0 else 2) for run in both)

@@ -38,8 +38,7 @@ SPREAD = {"s": 3e-6, "vt": 0.1}
 def device_functions(module: ModuleType) -> list[str]:
     """Names of the functions marked with `func`."""
     tree = ast.parse(source.device_source(module))
-    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
-    return [node.name for node in functions if ast.unparse(node.decorator_list[0]) == "func"]
+    return [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
 
 
 def physics() -> list[ModuleType]:
@@ -245,6 +244,49 @@ def check(name: str, found: np.ndarray, expected: np.ndarray, tolerance: float) 
     assert np.all(np.isfinite(found)), name
     error = np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0).clip(min=1e-300)
     assert np.all(error <= tolerance), f"{name}: {error}"
+
+
+MIXED = """
+from functools import lru_cache
+from labbook_dem.words import func, real
+
+
+@lru_cache(maxsize=8)
+def table(n):
+    return [twice(real(k)) for k in range(n)]
+
+
+@func
+def twice(a: real):
+    return real(2.0) * a
+
+
+def plain(a):
+    return a
+
+
+@kernel
+def loop(x):
+    x[0] = twice(x[0])
+"""
+
+
+def test_only_marked_functions_are_taken_to_the_compiler(tmp_path):
+    module = ModuleType("mixed")
+    module.__file__ = str(tmp_path / "mixed.py")
+    (tmp_path / "mixed.py").write_text(MIXED)
+    assert device_functions(module) == ["twice", "loop"]
+    assert source.device_source(module).startswith("@func\ndef twice")
+    assert "lru_cache" not in source.generate("", {}, [module])
+    (tmp_path / "mixed.py").write_text(MIXED.replace("@func", "@lru_cache(maxsize=8)\n@func"))
+    with pytest.raises(ValueError, match=r"twice: .* has one decorator"):
+        source.device_source(module)
+
+
+def test_a_host_module_with_cached_functions_has_nothing_to_compile():
+    from labbook_dem import restitution
+
+    assert source.device_source(restitution) == ""
 
 
 # the comparison means something only if it reaches every branch

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import typer.main
 from typer.core import TyperGroup
+from typer.exceptions import TyperException
 
 from labbook.cli import VERBS, build
 from labbook.cli.reference import WIDTH, markdown
@@ -64,18 +65,49 @@ def test_the_program_prints_the_same_help():
     ).strip().replace("labbook fit", shown.split("Usage:")[1].split(" [")[0].strip())
 
 
+def labbook_lines(page: Path) -> list[list[str]]:
+    """Words after `labbook` of the commands in a page: lines of ```sh blocks, then code within sentences.
+
+    There, a verb alone is spoken of, and is no line to type.
+    """
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    spoken = [words for code in re.findall(r"`(labbook [^`]+)`", text) if len(words := shlex.split(code)) > 2]
+    return [words[1:] for words in [*snippets(page), *spoken] if words[0] == "labbook" and len(words) > 1]
+
+
+def parse(group: TyperGroup, words: list[str]) -> None:
+    """Read a command line as the program would, without carrying it out. Raises TyperException."""
+    if words[0] not in group.commands:
+        raise typer.BadParameter(f"no verb {words[0]}")
+    group.commands[words[0]].make_context(words[0], list(words[1:]))
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_commands_in_the_pages_exist(page, group):
+def test_labbook_lines_in_the_pages_are_real(page, group):
+    """Each is read as the program reads it; the studies it names are there, or an earlier line makes them."""
+    made = set()
+    for words in labbook_lines(page):
+        parse(group, words)
+        if words[0] == "new":
+            made.add(f"{words[1]}.yaml")
+        for name in (word for word in words[1:] if word.endswith(".yaml")):
+            assert name in made or (ROOT / name).exists(), f"{page.name}: {name} is not there"
+
+
+@pytest.mark.parametrize(
+    "line", ["frun a.yaml", "run", "run a.yaml b.yaml", "run a.yaml --lanes 2", "run a.yaml --checkpoint-every soon"]
+)
+def test_a_line_that_is_not_real_is_noticed(line, group):
+    with pytest.raises(TyperException):
+        parse(group, line.split())
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_other_commands_in_the_pages_exist(page):
     targets = set(re.findall(r"^([a-z][\w-]*):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     extras = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
     for words in snippets(page):
-        if words[0] == "labbook" and len(words) > 1:
-            command = group.commands.get(words[1])
-            assert command is not None, f"{page.name}: no verb {words[1]}"
-            options = {option for parameter in command.params for option in parameter.opts} | {"--help"}
-            for word in words[2:]:
-                assert not word.startswith("--") or word.split("=")[0] in options, f"{page.name}: {words}"
-        elif words[0] == "make":
+        if words[0] == "make":
             assert {word for word in words[1:] if "=" not in word} <= targets, f"{page.name}: {words}"
         elif words[:2] == ["pip", "install"]:
             for asked in re.findall(r"\[([\w,]+)\]", " ".join(words)):

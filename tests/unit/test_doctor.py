@@ -1,17 +1,21 @@
 """The doctor lets engines work, and reports one that is broken."""
 
 import json
+from dataclasses import replace
 
+import labbook_toy
 import pytest
 from typer.testing import CliRunner
 
 from labbook import backend, doctor
 from labbook.cli import build
+from labbook.numerics import Numerics
+from labbook.verify.symmetry import hopper
 
 
 def test_the_cpu_engine_bounces_a_grain():
     engine = backend.load("numba")
-    assert doctor.bounce(engine) == pytest.approx(doctor.ASKED, abs=2e-3)
+    assert doctor.bounce(engine, "cpu") == pytest.approx(doctor.ASKED, abs=2e-3)
 
 
 def test_a_broken_engine_is_a_line_with_its_reason(monkeypatch):
@@ -23,6 +27,45 @@ def test_a_broken_engine_is_a_line_with_its_reason(monkeypatch):
     found = doctor.examine()
     assert [engine.works for engine in found.engines] == [False]
     assert "no llvmlite" in found.engines[0].note
+
+
+class TwoDevices(labbook_toy.Backend):
+    """Says that it runs on two devices; on the second it cannot be opened."""
+
+    def __init__(self):
+        super().__init__()
+        self.capabilities = replace(self.capabilities, devices=("cpu", "cuda:0"))
+
+
+def test_every_device_is_a_line_that_works_or_says_why_not(monkeypatch):
+    tried = []
+
+    def bounce(engine, device):
+        tried.append(device)
+        if device == "cpu":
+            return doctor.ASKED
+        return engine.open(engine.specialise(hopper(), Numerics(dt=1e-5)), 1, device)
+
+    monkeypatch.setattr(backend, "installed", lambda: {"toy": "labbook_toy:Backend"})
+    monkeypatch.setattr(backend, "load", lambda _name: TwoDevices())
+    monkeypatch.setattr(doctor, "bounce", bounce)
+    found = doctor.examine().engines
+    assert [(engine.name, engine.device, engine.works) for engine in found] == [
+        ("toy", "cpu", True),
+        ("toy", "cuda:0", False),
+    ]
+    assert tried == ["cpu", "cuda:0"]
+    assert "Unsupported: device: the toy engine runs on cpu only" in found[1].note
+    result = CliRunner().invoke(build(), ["doctor"], env={"COLUMNS": "300"})
+    assert result.exit_code == 0, "one device that works is enough"
+    lines = [line for line in result.stdout.splitlines() if " toy " in line]
+    assert ["yes" in line for line in lines] == [True, False]
+    assert "runs on cpu only" in lines[1]
+
+
+def test_the_self_test_opens_the_device_it_is_asked_for():
+    with pytest.raises(backend.Unsupported, match="cuda:0"):
+        doctor.bounce(backend.load("numba"), "cuda:0")
 
 
 def test_no_working_engine_is_exit_status_one(monkeypatch):

@@ -1,13 +1,21 @@
 """How runs end, what is kept of them, and what a longer or wider demand does with them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from labbook_toy import Backend
-from toy_lab import arrays, carry_out, study
+from toy_lab import arrays, carry_out, study, study_file
 
 from labbook.backend import Overflow
 from labbook.catalogue import Catalogue, Lab, RunRecord
 from labbook.catalogue.tables import read_checkpoint
+from labbook.cli.run import report
+from labbook.plan.plan import Planner
+from labbook.report.analysis import analyse
+from labbook.runner.progress import counts
+from labbook.runner.watch import View
+from labbook.study import load
 
 
 def records(lab) -> dict[tuple[str, int], RunRecord]:
@@ -239,3 +247,72 @@ def test_an_overflow_fails_its_run_loudly_and_others_go_on(tmp_path):
     (why,) = summary.tally.failed
     assert "crossings: 1 row for 2" in why
     assert len(carry_out(study(tmp_path), tmp_path / "lab").tally.ran) == 1
+
+
+TWINS = 'sweep: {numerics.speed_limit: "[50, 100] m/s"}'
+"""A guard is no part of a run's key: both points ask for the same runs."""
+
+
+def twins(folder, **changes):
+    path = study_file(folder, **changes)
+    swept = path.read_text().split("sweep:")[1].split("replicates")[0]
+    path.write_text(path.read_text().replace(f"sweep:{swept}", f"{TWINS}\n"))
+    return load(path)
+
+
+def test_points_that_share_a_run_are_all_done_when_it_is(tmp_path):
+    asked, lab = twins(tmp_path), tmp_path / "lab"
+    ahead = Planner(asked, Catalogue(lab), Backend().capabilities).plan()
+    assert len({item.keys.run for item in ahead.items}) == len(ahead.todo) == 2
+    summary = carry_out(asked, lab)
+    assert outcomes(summary) == ["finished"] * 2
+    assert [[item.state for item in point.items] for point in summary.points] == [["done"] * 2] * 2
+    assert report(summary)[0].startswith("2 of 2 runs done"), "a shared run counts once"
+    assert [(run.point.index, run.seed) for run in Catalogue(lab).finished(asked, "toy")] == [
+        (0, 1),
+        (0, 2),
+        (1, 1),
+        (1, 2),
+    ]
+
+
+def test_a_shared_run_that_diverged_is_not_handed_to_and_fro(tmp_path):
+    summary = carry_out(twins(tmp_path, replicates=1), tmp_path / "lab", engine=Backend(fails=24))
+    assert outcomes(summary) == ["diverged"]
+
+
+def test_progress_tells_runs_from_packings(tmp_path):
+    seen = []
+
+    class Watch:
+        def show(self, view: View) -> None:
+            made = [len(list((tmp_path / "lab" / name).glob("*"))) for name in ("packings", "runs")]
+            seen.append((view.fillings_left, view.runs_done, *made))
+
+    carry_out(study(tmp_path), tmp_path / "lab", engine=Backend(delay=0.03), watcher=Watch(), lanes=1)
+    assert len({left for left, *_ in seen}) > 1, "it was looked at while packings were being made, and later"
+    for left, done, packings, runs in seen:
+        assert (left, done) == (2 - packings, runs)
+
+
+def test_progress_in_words():
+    view = View(0, 12, 2, going=(), elsewhere=0, work_done=0.0, work_left=1.0, rate=0.0)
+    assert counts(view) == "0/12 runs, 2 packings first"
+    assert counts(replace(view, fillings_left=1)) == "0/12 runs, 1 packing first"
+    assert counts(replace(view, runs_done=3, fillings_left=0)) == "3/12 runs"
+
+
+def test_a_run_that_no_grain_left_has_seen_none_and_says_so(tmp_path):
+    asked, lab = study(tmp_path, "stop: {max_time: 4 ms}", orifices="[12]", replicates=1), tmp_path / "lab"
+    carry_out(asked, lab)
+    (run,) = Catalogue(lab).finished(asked, "toy")
+    assert run.record.coverage.crossed == 0
+    assert len(run.data().tables["crossing"]["time"]) == 0
+    (point,) = analyse(asked, [run]).points
+    rate = point.runs[0].measured["flow_rate"]
+    assert np.isnan(rate.value)
+    assert "too few grains: 0 of 200 left" in rate.note
+    longer = study(tmp_path, orifices="[12]", replicates=1)
+    assert carry_out(longer, lab).tally.resumed == 1
+    (run,) = Catalogue(lab).finished(longer, "toy")
+    assert len(run.data().tables["crossing"]["time"]) == run.record.coverage.crossed > 0

@@ -96,7 +96,7 @@ def advance(
             u1 = vec3(real(0.0), real(0.0), real(0.0))
             fast2 = real(0.0)
             more = real(0.0)
-    if not fast2 <= m.speed2:
+    if not fast2 <= m.speed2 or not dot(w1, w1) >= real(0.0):
         code = BAD_STATE
         if fast2 > m.speed2:
             code = BAD_SPEED

@@ -22,17 +22,16 @@ import numpy as np
 from labbook.backend import (
     Capabilities,
     Checkpoint,
-    Contacts,
     Crossing,
     Emptied,
     Failed,
-    Ledger,
     Member,
     Sample,
     Settled,
     Spec,
     Status,
     Unsupported,
+    empty_table,
 )
 from labbook.protocol.packing import Packing
 
@@ -122,9 +121,10 @@ class Ensemble:
 
     def drain(self):
         rows, self._rows = self._rows, defaultdict(list)
+        parts = {probe: rows[probe] or [empty_table(probe)] for probe in self._spec.probes}
         return {
             probe: {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-            for probe, tables in rows.items()
+            for probe, tables in parts.items()
         }
 
     def status(self, member):
@@ -240,11 +240,8 @@ class Glass:
         return table | {name: zero.copy() for name in ("vx", "vy", "vz", "wx", "wy", "wz")}
 
     def _state(self, probe):
-        if isinstance(probe, Contacts):
-            raise Unsupported("measure", "the toy engine has no contacts")
-        if isinstance(probe, Ledger):
-            return {"step": np.array([self.step]), "time": np.array([self.time]), "grains": np.array([len(self.x)])}
-        assert isinstance(probe, Sample)
+        if not isinstance(probe, Sample):
+            raise Unsupported("measure", "the toy engine has neither contacts nor totals")
         n = len(self.x)
         table = {"id": self.ids.copy(), "step": np.full(n, self.step), "time": np.full(n, self.time)}
         for name in probe.fields:

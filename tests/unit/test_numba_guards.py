@@ -1,0 +1,40 @@
+"""What the CPU engine notices of states that went wrong."""
+
+import numpy as np
+import pytest
+
+from labbook.backend import Checkpoint, Failed, Ledger, load
+from labbook.numerics import Numerics
+from labbook.scene import Primitives, Scene, Spheres
+from labbook.verify.stand import grains_at
+from labbook.verify.symmetry import hopper
+
+APART = Scene(
+    grains=Spheres(diameter=3e-3, density=2500, count=3),
+    contact=hopper().contact,
+    container=Primitives(outlet_plane=-1.0),
+)
+NUMERICS = Numerics(dt=1e-5, steps_per_beat=50)
+
+
+def test_a_spin_that_is_no_number_is_caught_although_its_grain_touches_nothing():
+    engine = load("numba")
+    ensemble = engine.open(engine.specialise(APART, NUMERICS, [Ledger()]), 1)
+    try:
+        sound = ensemble.admit(APART, NUMERICS, grains_at([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]]))
+        ensemble.advance(1)
+        saved = ensemble.checkpoint(sound)
+        harmed = {name: np.array(array) for name, array in saved.arrays.items()}
+        harmed["w"][1, 2] = np.nan
+        bad = ensemble.admit(APART, NUMERICS, Checkpoint(saved.engine, saved.cache_version, harmed))
+        (event,) = ensemble.advance(3)
+        assert isinstance(event, Failed)
+        assert (event.member, event.guard, event.grain) == (bad, "state", 1)
+        assert "grain 1 at step 100 has a spin that is no number" in event.message
+        assert ensemble.status(bad).step == 50, "left as it was before the beat"
+        assert ensemble.status(sound).step == 200
+        assert not ensemble.advance(1)
+        with pytest.raises(ValueError, match="omega is not finite in row 1"):
+            ensemble.packing(bad)
+    finally:
+        ensemble.close()
