@@ -87,9 +87,11 @@ def _root(function: Callable[[float], float], high: float) -> float:
 def realised(normal, c, rs: float, ms: float, dt: float, speed: float, phases: int = 10) -> np.ndarray:
     """Restitution that a time step gives back: head-on collisions at `phases` positions of the touch within a step.
 
+    None is at a whole step, where rounding would decide whether the grains touch yet.
+
     normal: a law's `normal` in plain Python. rs, ms: effective radius [m] and mass [kg]. speed [m/s] of approach.
     """
-    return np.array([_collide(normal, c, rs, ms, dt, speed, phase / phases) for phase in range(phases)])
+    return np.array([_collide(normal, c, rs, ms, dt, speed, (phase + 0.5) / phases) for phase in range(phases)])
 
 
 def _collide(normal, c, rs, ms, dt, speed, phase) -> float:

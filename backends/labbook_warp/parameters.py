@@ -13,8 +13,8 @@ from labbook.backend import Probe
 from labbook.numerics import Numerics
 from labbook.scene import Scene
 
-DEEP = 0.02
-"""Overlap [d] whose force sets the quantum of sums: 2^-50 of it; sums of up to four times as much are exact."""
+DEEP = 0.25
+"""Overlap [d] whose force sets the quantum of sums: 2^-48 of it; sums of up to sixteen times as much are exact."""
 
 
 def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
@@ -23,7 +23,7 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     d, r = grains.diameter, grains.radius
     c = law.coefficients(scene.contact, scene.surface_of_grains, numerics.stiffness_scale)
     skin = numerics.skin * d
-    magic = 6.0 * law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0)
+    magic = 24.0 * law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0)
     made = module.Material()
     made.c = module.coefs(*c)
     made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia

@@ -38,12 +38,12 @@ def duration(scene: Scene, speed: float) -> float:
 def head_on(speed: float, dt: float) -> Packing:
     """Pairs far from one another that meet at relative `speed` [m/s] along various directions.
 
-    They touch at PHASES positions within the third step.
+    They touch at PHASES positions within the third step, none of them at a whole one.
     """
     directions = np.random.default_rng(1).normal(size=(PHASES, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     centres = np.array([[0.05 * k - 0.2, 0.0, 0.5] for k in range(PHASES)])
-    gaps = (2 + np.arange(PHASES) / PHASES) * speed * dt
+    gaps = (2 + (np.arange(PHASES) + 0.5) / PHASES) * speed * dt
     half = 0.5 * directions * (D + gaps)[:, None]
     v = 0.5 * speed * directions
     x = np.concatenate([centres - half, centres + half])

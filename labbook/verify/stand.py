@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Backend, Event, Failed, Ledger, Member, Probe, Status, Table
+from labbook.backend import Backend, Event, Failed, Ledger, Member, Probe, Status, Table, Unsupported
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
-from labbook.scene import Scene
+from labbook.scene import LinearSpringDashpot, Scene, Spheres
 
 
 class NotMeasured(Exception):
@@ -70,6 +70,15 @@ class Stand:
     engine: Backend
     precision: str = "double"
     device: str = "cpu"
+
+    def missing(self) -> str | None:
+        """Why the device of this stand cannot be used here; None if it can."""
+        free = Scene(grains=Spheres(diameter=1e-3, density=1e3, count=1), contact=LinearSpringDashpot(normal_stiffness=1))
+        try:
+            self.engine.open(self.engine.specialise(free, self.numerics(1e-6)), 1, self.device).close()
+        except Unsupported as reason:
+            return reason.remedy
+        return None
 
     def numerics(self, dt: float, **further: Any) -> Numerics:
         """Numerics in the precision of this stand; `dt` [s]."""

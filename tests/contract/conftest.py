@@ -45,9 +45,13 @@ def stands() -> list[Stand]:
     return found
 
 
-@pytest.fixture(
-    scope="session", params=stands(), ids=lambda s: f"{s.engine.capabilities.name}-{s.precision}-{s.device}"
-)
+def where(stand: Stand):
+    """The stand as a parameter; skipped where its device is missing."""
+    name, reason = f"{stand.engine.capabilities.name}-{stand.precision}-{stand.device}", stand.missing()
+    return pytest.param(stand, id=name, marks=[pytest.mark.skip(reason=reason)] if reason else [])
+
+
+@pytest.fixture(scope="session", params=[where(stand) for stand in stands()])
 def stand(request) -> Stand:
     return request.param
 

@@ -23,11 +23,17 @@ def stands() -> list[Stand]:
     return found
 
 
+def where(stand: Stand):
+    """The stand as a parameter; skipped where its device is missing."""
+    name, reason = f"{stand.engine.capabilities.name}-{stand.precision}-{stand.device}", stand.missing()
+    return pytest.param(stand, id=name, marks=[pytest.mark.skip(reason=reason)] if reason else [])
+
+
 def marked(case: Case):
     return pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.slow else [])
 
 
-@pytest.mark.parametrize("stand", stands(), ids=lambda s: f"{s.engine.capabilities.name}-{s.precision}-{s.device}")
+@pytest.mark.parametrize("stand", [where(stand) for stand in stands()])
 @pytest.mark.parametrize("case", [marked(case) for case in CASES])
 def test_case(case, stand):
     bad = [

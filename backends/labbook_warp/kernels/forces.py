@@ -1,7 +1,8 @@
 """Forces and torques on one grain, by its neighbours and the walls near it.
 
 Sums are exact, so that they do not depend on order: each contribution is rounded to a multiple of a quantum far below
-a grain's weight, and sums of such multiples lose nothing in double precision. Hence neither the order of a list, nor
+a grain's weight, and sums of such multiples lose nothing in double precision. (Contributions in double are split in
+two: what the rounding leaves over is summed likewise, in quanta finer by 2^48.) Hence neither the order of a list, nor
 when it was built, nor how many threads share a grain decides a bit of the result.
 """
 
@@ -16,6 +17,7 @@ from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
 from labbook_warp.kernels.words import (
     ANY_WALLS,
+    FINE,
     LANES,
     MOVING,
     SHARED,
@@ -38,6 +40,12 @@ def on_grid(v: vec3, magic: wide):
 
 
 @func
+def fine(v: vec3, magic: wide):
+    """What `on_grid` leaves over, on a grid finer by 2^48."""
+    return on_grid(narrow(widen(v) - on_grid(v, magic)), magic * wide(2.0**-48.0))
+
+
+@func
 def all_lanes(v: wide3):
     """Sum over the threads that share a grain."""
     return wide3(add_lanes(v[0], LANES), add_lanes(v[1], LANES), add_lanes(v[2], LANES))
@@ -56,6 +64,8 @@ def forces(
     i = s * a.cap + r
     force = wide3(wide(0.0), wide(0.0), wide(0.0))
     torque = wide3(wide(0.0), wide(0.0), wide(0.0))
+    more_force = wide3(wide(0.0), wide(0.0), wide(0.0))
+    more_torque = wide3(wide(0.0), wide(0.0), wide(0.0))
     held = wp.uint32(0)
     wall_held = wp.uint32(0)
     deepest = real(0.0)
@@ -85,8 +95,12 @@ def forces(
                 last, advance, m.inertia_rate,
             )  # fmt: skip
             force = force + on_grid(f, m.grid_f)
+            if FINE:
+                more_force = more_force + fine(f, m.grid_f)
             if FRICTION:
                 torque = torque + on_grid(t, m.grid_t)
+                if FINE:
+                    more_torque = more_torque + fine(t, m.grid_t)
                 if keep:
                     a.spring[at] = kept
             held = held | bit
@@ -120,8 +134,12 @@ def forces(
                     last, advance, m.inertia_rate,
                 )  # fmt: skip
                 force = force + on_grid(f, m.grid_f)
+                if FINE:
+                    more_force = more_force + fine(f, m.grid_f)
                 if FRICTION:
                     torque = torque + on_grid(t, m.grid_t)
+                    if FINE:
+                        more_torque = more_torque + fine(t, m.grid_t)
                     if keep:
                         a.wall_spring[at] = kept
                 wall_held = wall_held | bit
@@ -133,4 +151,10 @@ def forces(
         wall_held = or_lanes(wall_held, LANES)
         if FRICTION:
             torque = all_lanes(torque)
+        if FINE:
+            more_force = all_lanes(more_force)
+            more_torque = all_lanes(more_torque)
+    if FINE:
+        force = force + more_force
+        torque = torque + more_torque
     return force, torque, held, wall_held, deepest

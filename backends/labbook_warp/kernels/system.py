@@ -31,7 +31,7 @@ class Material:
     dt: wide
     speed2: real  # square of the guard on speeds
     deepest: real  # guard on overlaps
-    grid_f: wide  # 1.5 * 2^52 quanta of force, and of torque
+    grid_f: wide  # 1.5 * 2^52 quanta of force; and of torque
     grid_t: wide
 
 

@@ -39,6 +39,7 @@ LEDGER = True
 ANY_WALLS = True
 
 LANES = 1
+FINE = False  # whether forces are computed in double, and summed as precisely
 UNIFORM = False  # whether all members have the same material
 SHARED = False  # whether several threads share a grain
 """Threads that share a grain: many where grains are few."""
