@@ -37,11 +37,12 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
 
 
 def place(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence[Probe], lattice: Sequence[int]) -> Any:
-    """The record of outlet and cells. lattice: cells along x, y, z, each 1 or at least 3."""
+    """The record of outlet, cells and walls. lattice: cells along x, y, z, each 1 or at least 3."""
     made = module.Place()
     made.plane, made.drop = features.planes(scene, probes)
     made.cell = cell_size(scene, numerics)
     made.gx, made.gy, made.gz = lattice
+    made.walls = len(scene.container.walls())
     return made
 
 

@@ -21,13 +21,9 @@ def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, pro
     walls = len(scene.container.walls())
     if walls > MOST_WALLS:
         raise Unsupported("container", f"the engine {capabilities.name} takes {MOST_WALLS} walls, not {walls}")
-    found = {
-        **features.features(scene, numerics, probes),
-        "walls": walls,
-    }
     return Spec(
         engine=capabilities.name,
-        features=tuple(sorted(found.items())),
+        features=tuple(sorted(features.features(scene, numerics, probes).items())),
         probes=tuple(dict.fromkeys(probes)),
         steps_per_beat=numerics.steps_per_beat,
     )

@@ -68,7 +68,7 @@ class Stage:
 
     def __init__(self, can: Capabilities, spec: Spec, device: wp.Device, slots: int, crossings: bool, tuning: Tuning):
         self._can, self._spec, self.device, self._crossings, self._tuning = can, spec, device, crossings, tuning
-        self._sizes = Sizes(slots, 0, NEAR, spec.feature("walls"), 0, DEPTH)
+        self._sizes = Sizes(slots, 0, NEAR, 0, 0, DEPTH)
         self._seated: dict[int, Run] = {}
         self._waiting: list[Run] = []
         self._every, self._uniform = LONGEST_CHECK, True
@@ -122,6 +122,7 @@ class Stage:
             self._sizes,
             slots=max(self._sizes.slots, len(self._seated) + len(new)),
             cap=max(self._sizes.cap, *(-(-run.rows // 32) * 32 for run in new), 32),
+            walls=max(self._sizes.walls, *(len(run.names) for run in new)),
             cells=max(self._sizes.cells, *(int(np.prod(cells)) for cells in lattices.values())),
         )
         every = min(self._every, *(check_interval(run.scene, run.numerics) for run in new), LONGEST_CHECK)

@@ -9,7 +9,7 @@ import numpy as np
 from labbook.backend import Backend, Event, Failed, Ledger, Member, Probe, Status, Table, Unsupported
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
-from labbook.scene import LinearSpringDashpot, Scene, Spheres
+from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
 
 
 class NotMeasured(Exception):
@@ -73,7 +73,11 @@ class Stand:
 
     def missing(self) -> str | None:
         """Why the device of this stand cannot be used here; None if it can."""
-        free = Scene(grains=Spheres(diameter=1e-3, density=1e3, count=1), contact=LinearSpringDashpot(normal_stiffness=1))
+        free = Scene(
+            grains=Spheres(diameter=1e-3, density=1e3, count=1),
+            contact=LinearSpringDashpot(normal_stiffness=1),
+            container=Primitives(),
+        )
         try:
             self.engine.open(self.engine.specialise(free, self.numerics(1e-6)), 1, self.device).close()
         except Unsupported as reason:

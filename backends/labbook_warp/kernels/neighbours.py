@@ -119,7 +119,7 @@ def build(a: System, p: Words):
                 wp.atomic_max(a.overflow, 2 * s, found)
                 found = a.near
             if ANY_WALLS:
-                for q in range(a.walls):
+                for q in range(a.place[s].walls):
                     distance, _normal = wall_distance(a, s * a.walls + q, x)
                     if distance < wide(m.radius) + m.half_skin:
                         near = near | (wp.uint32(1) << wp.uint32(q))

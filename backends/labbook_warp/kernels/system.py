@@ -37,7 +37,7 @@ class Material:
 
 @struct
 class Place:
-    """Where a member's grains leave, and its lattice of cells."""
+    """Where a member's grains leave, its lattice of cells, and how many walls it has."""
 
     plane: wide
     drop: wide
@@ -45,6 +45,7 @@ class Place:
     gx: int
     gy: int
     gz: int
+    walls: int
 
 
 @struct
@@ -53,7 +54,7 @@ class System:
 
     cap: int  # rows a slot
     near: int  # neighbours a grain
-    walls: int  # walls a member
+    walls: int  # walls a member, at most
     cells: int  # cells a slot
     depth: int  # grains a cell
     rows: Ints
