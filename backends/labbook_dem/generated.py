@@ -23,7 +23,7 @@ def digest(*parts: str) -> str:
 
 
 def load(name: str, text: str, folder: Path) -> ModuleType:
-    """Import module `name` from `folder`, written there if it is missing; by a rename, so that two may do it at once."""
+    """Import module `name` from `folder`; written there, by a rename, if it is missing."""
     path = folder / f"{name}.py"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)

@@ -32,8 +32,13 @@ def module_text(
 ) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
     constants: dict[str, object] = dict(switches)
-    constants |= {"FINE": precision == "double", "UNIFORM": uniform, "LANES": lanes, "SHARED": lanes > 1, "PARKED": words.PARKED}
-    constants |= {name: getattr(words, name) for name in ("BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
+    constants |= {
+        "FINE": precision == "double",
+        "UNIFORM": uniform,
+        "LANES": lanes,
+        "SHARED": lanes > 1,
+    }
+    constants |= {name: getattr(words, name) for name in ("PARKED", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, spheres, system, STATE[precision]]
     modules += [walls, forces, step, neighbours, observe]
     return source.generate(dialect.header(precision, registers), constants, modules)

@@ -13,6 +13,8 @@ def find(name: str):
     here = [device.alias for device in wp.get_devices()]
     if name not in here:
         reason = "no CUDA device is here" if wp.get_cuda_device_count() == 0 else f"there are {', '.join(here)}"
-        remedy = f"there is no device {name} ({reason}); use --device cpu, or the engine numba, which is faster on a CPU"
+        remedy = (
+            f"there is no device {name} ({reason}); use --device cpu, or the engine numba, which is faster on a CPU"
+        )
         raise Unsupported("device", remedy)
     return wp.get_device(name)

@@ -1,5 +1,6 @@
 """Rows of the probes, read from a member between two beats."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -58,7 +59,7 @@ def _totals(stage: Stage, run: Run) -> Table:
     x, v_half, w_half = arrays.decode(arrays.read("p", slot, n))
     order = transfer.here(x, arrays.read("ids", slot, n))
     v, w = stage.whole_step(run)
-    work = float(np.sum(arrays.read("work", slot, n)))
+    work = math.fsum([*arrays.read("work", slot, n), *run.past_work])  # exact, so that no order matters
     part = 0.5 * run.numerics.dt if run.step > 0 else 0.0
     sums = totals(run.scene, x[order], v[order], w[order], v_half[order], w_half[order], part, work)
     pairs, walls = (int(np.bitwise_count(arrays.read(name, slot, n)).sum()) for name in ("held", "wall_held"))

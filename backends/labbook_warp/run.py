@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
 from labbook_dem.ledger import energy_scale, kinetic
 
 from labbook.backend import Checkpoint, Probe, Status
@@ -30,16 +31,22 @@ class Run:
     failure: tuple[str, int, int, str] | None = None
     names: list[str] = field(default_factory=list)
     rebuilds: int = 0
+    past_work: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Work [J] of contacts on grains that have no row any more."""
     lattice: tuple[int, ...] = ()
 
     def __post_init__(self):
         self.names = [wall.name for wall in self.scene.container.walls()]
         if isinstance(self.begin, Checkpoint):
-            self.rows = len(self.begin.arrays["ids"])
-            numbers = (int(self.begin.arrays[name]) for name in ("left", "step", "rebuilds"))
-            self.left, self.step, self.rebuilds = numbers
+            self.takes_up(self.begin)
         elif self.begin is not None:
             self.rows = len(self.begin)
+
+    def takes_up(self, stored: Checkpoint) -> None:
+        """Stand where a checkpoint was taken; grains that had left by then have no row any more."""
+        arrays = stored.arrays
+        self.rows, self.left, self.past_work = len(arrays["ids"]), 0, arrays["past_work"]
+        self.step, self.rebuilds = int(arrays["step"]), int(arrays["rebuilds"])
 
     @property
     def grains(self) -> int:

@@ -92,7 +92,7 @@ class Stage:
                 f"the checkpoint is of {stored.engine} version {stored.cache_version}, "
                 f"not of {self._can.name} version {self._can.cache_version}"
             )
-        missing = {"p", *STATE, "step", "left", "rebuilds"} ^ set(stored.arrays)
+        missing = {"p", *STATE, "step", "rebuilds", "past_work"} ^ set(stored.arrays)
         if missing:
             raise ValueError(f"the checkpoint has other arrays than this engine's state: {', '.join(sorted(missing))}")
 
@@ -210,6 +210,8 @@ class Stage:
 
     def _resize(self, sizes: Sizes) -> None:
         stored = {slot: self._checkpoint(run) for slot, run in self._seated.items()}
+        for slot, run in self._seated.items():
+            run.takes_up(stored[slot])
         features_of = self._spec.feature
         lanes = self._lanes(sizes)
         registers = self._tuning.registers or (0 if lanes > 1 else REGISTERS)
@@ -273,7 +275,9 @@ class Stage:
         system.overflow.zero_()
         system.crossed.zero_()
         system.fail.fill_(NO_FAILURE)
-        slots = [Said(int(fail[s]), bool(late[s]), int(crowded[s, 0]), int(crowded[s, 1]), int(left[s])) for s in range(n)]
+        slots = [
+            Said(int(fail[s]), bool(late[s]), int(crowded[s, 0]), int(crowded[s, 1]), int(left[s])) for s in range(n)
+        ]
         return Report(slots, rows[np.lexsort((rows[:, 1], rows[:, 2]))])
 
     def _set_rows(self, runs: Iterable[Run]) -> None:
@@ -349,5 +353,6 @@ class Stage:
 
     def _checkpoint(self, run: Run) -> Checkpoint:
         run.rebuilds = int(fetch(self.arrays.system.rebuilds)[run.slot])
-        numbers = {"step": run.step, "left": run.left, "rebuilds": run.rebuilds}
-        return transfer.checkpoint(self.arrays, run.slot, run.rows, self._can.name, self._can.cache_version, **numbers)
+        numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
+        state = transfer.checkpoint(self.arrays, run.slot, run.rows, run.past_work)
+        return Checkpoint(self._can.name, self._can.cache_version, state | numbers)

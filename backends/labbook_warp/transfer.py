@@ -108,10 +108,39 @@ def here(x: np.ndarray, ids: np.ndarray) -> np.ndarray:
     return left[np.argsort(ids[left])]
 
 
-def checkpoint(arrays: Arrays, slot: int, rows: int, engine: str, version: int, **numbers: int) -> Checkpoint:
-    """The exact state of a slot."""
+def checkpoint(
+    arrays: Arrays, slot: int, rows: int, past_work: np.ndarray
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """The exact state of a slot, without the grains that have left: of these, only the work done on them is kept.
+
+    past_work: that of grains that were left out earlier [J].
+    """
     state = {name: arrays.read(name, slot, rows) for name in ("p", *STATE)}
-    return Checkpoint(engine, version, state | {name: np.array(value) for name, value in numbers.items()})
+    here = arrays.decode(state["p"])[0][:, 2] > 0.5 * PARKED
+    past = np.concatenate([past_work, state["work"][~here]])
+    return _closed_up(state, here) | {"past_work": past}
+
+
+def _closed_up(state: dict[str, np.ndarray], here: np.ndarray) -> dict[str, np.ndarray]:
+    """State arrays of the rows in `here` only; the others drop out of the lists."""
+    if here.all():
+        return state
+    new_row = np.cumsum(here) - 1
+    nbr, held = state["nbr"][:, here], state["held"][here]
+    k = np.arange(len(nbr))[:, None]
+    kept = (k < state["count"][here]) & here[nbr]
+    order = np.argsort(~kept, axis=0, kind="stable")
+    bits = np.take_along_axis((held >> k.astype(np.uint32) & 1) * kept, order, axis=0).astype(np.uint32)
+    spring = np.take_along_axis(state["spring"][:, here], order[:, :, None], axis=0)
+    one = {name: array[here] for name, array in state.items() if name == "p" or STATE[name] == "one"}
+    return {
+        **one,
+        "wall_spring": state["wall_spring"][:, here],
+        "nbr": np.take_along_axis(np.where(kept, new_row[nbr], 0), order, axis=0).astype(nbr.dtype),
+        "spring": spring,
+        "count": kept.sum(axis=0).astype(state["count"].dtype),
+        "held": np.bitwise_or.reduce(bits << k.astype(np.uint32), axis=0),
+    }
 
 
 def restore(arrays: Arrays, slot: int, stored: Checkpoint) -> None:

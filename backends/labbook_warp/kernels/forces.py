@@ -13,7 +13,7 @@ from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed import position, predicted, spin, velocity
-from labbook_warp.kernels.system import Material, System, entry, material
+from labbook_warp.kernels.system import Material, System, entry
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
 from labbook_warp.kernels.words import (
     ANY_WALLS,
@@ -72,7 +72,7 @@ def forces(
     half_dt = real(wide(0.5) * m.dt)
     old = a.held[i]
     count = a.count[i]
-    following = int(0)  # neighbours are looked up one ahead: the store of a spring would hold the next load back
+    following = 0  # neighbours are looked up one ahead: the store of a spring would hold the next load back
     if lane < count:
         following = load_int(a.nbr, entry(a, s, a.near, lane, r))
     for k in range(lane, count, LANES):

@@ -7,7 +7,7 @@ their distance. A cell holds a fixed number of grains: their order, which is by 
 from __future__ import annotations
 
 import warp as wp
-from labbook_dem.words import FRICTION, dot, func, sqrt, wide, wide3
+from labbook_dem.words import FRICTION, dot, func, sqrt, wide
 
 from labbook_warp.kernels.mixed import position, velocity
 from labbook_warp.kernels.system import Place, System, entry, material
@@ -92,7 +92,7 @@ def build(a: System, p: Words):
     if a.flag[s] == 1 and r < a.rows[s]:
         x = position(p, i)
         a.origin[i] = x
-        found = int(0)
+        found = 0
         near = wp.uint32(0)
         if x[2] > wide(0.5) * wide(PARKED):
             m = material(a, s)

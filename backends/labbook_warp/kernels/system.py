@@ -10,7 +10,19 @@ from __future__ import annotations
 import warp as wp
 from labbook_dem.words import coefs, func, real, struct, wide
 
-from labbook_warp.kernels.words import UNIFORM, Bits, Coefs, Floats, Ints, Longs, Motions, Shapes, Vectors, Wides, Wides3
+from labbook_warp.kernels.words import (
+    UNIFORM,
+    Bits,
+    Coefs,
+    Floats,
+    Ints,
+    Longs,
+    Motions,
+    Shapes,
+    Vectors,
+    Wides,
+    Wides3,
+)
 
 
 @struct
