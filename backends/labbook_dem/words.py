@@ -46,6 +46,9 @@ class vec3:
     def __mul__(self, factor: float) -> "vec3":
         return vec3(self.x * factor, self.y * factor, self.z * factor)
 
+    def __getitem__(self, axis: int) -> float:
+        return (self.x, self.y, self.z)[axis]
+
     def __neg__(self) -> "vec3":
         return vec3(-self.x, -self.y, -self.z)
 

@@ -43,7 +43,7 @@ OF_SLOTS = ("step", "flag", "late", "rebuilds", "left", "fail")
 OF_WALLS = ("wall_c", "wall_shape", "wall_kind", "wall_motion")
 
 
-def fetch(array: wp.array) -> np.ndarray:
+def fetch(array: Any) -> np.ndarray:
     """A copy on the host. (Of an array on the CPU, `numpy` alone would be a view, which the next launch changes.)"""
     found = array.numpy()
     return found.copy() if array.device.is_cpu else found

@@ -57,7 +57,7 @@ def cell_size(scene: Scene, numerics: Numerics) -> float:
     return scene.grains.diameter * (1 + numerics.skin)
 
 
-def lattice(x: np.ndarray, cell: float) -> tuple[int, int, int]:
+def lattice(x: np.ndarray, cell: float) -> tuple[int, ...]:
     """Cells along each axis that grains at x [n, 3] spread over: 1, or at least 3 and at most four a grain in all."""
     extent = np.ptp(x, axis=0) if len(x) else np.zeros(3)
     # grains that lie within one cell's thickness may straddle two; both wrap onto one

@@ -8,7 +8,6 @@ when it was built, nor how many threads share a grain decides a bit of the resul
 
 from __future__ import annotations
 
-import warp as wp
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
 
@@ -29,6 +28,7 @@ from labbook_warp.kernels.words import (
     or_lanes,
     widen,
     without_first,
+    wp,
 )
 
 

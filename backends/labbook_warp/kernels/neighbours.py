@@ -6,13 +6,12 @@ their distance. A cell holds a fixed number of grains: their order, which is by 
 
 from __future__ import annotations
 
-import warp as wp
 from labbook_dem.words import FRICTION, dot, func, sqrt, wide
 
 from labbook_warp.kernels.mixed import position, velocity
 from labbook_warp.kernels.system import Place, System, entry, material
 from labbook_warp.kernels.walls import wall_distance
-from labbook_warp.kernels.words import ANY_WALLS, PARKED, Words, kernel, widen
+from labbook_warp.kernels.words import ANY_WALLS, PARKED, Words, float32, kernel, widen, wp
 
 
 @kernel
@@ -130,7 +129,7 @@ def build(a: System, p: Words):
 
 
 @func
-def insert(a: System, s: int, r: int, found: int, o: int, key: wp.float32):
+def insert(a: System, s: int, r: int, found: int, o: int, key: float32):
     """Put row o into the new list of row r, which is kept in order of distance."""
     k = int(found)
     while k > 0 and a.new_key[entry(a, s, a.near, wp.max(k - 1, 0), r)] > key:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warp as wp
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
 
@@ -21,6 +20,7 @@ from labbook_warp.kernels.words import (
     Words,
     kernel,
     widen,
+    wp,
 )
 
 

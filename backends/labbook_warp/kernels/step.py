@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warp as wp
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
@@ -20,13 +19,15 @@ from labbook_warp.kernels.words import (
     PARKED,
     Words,
     hot_kernel,
+    int64,
     kernel,
     widen,
+    wp,
 )
 
 
 @func
-def fails(a: System, s: int, i: int, now: wp.int64, code: int, value: real):
+def fails(a: System, s: int, i: int, now: int64, code: int, value: real):
     """Note the first failure of a member (smallest step, then code, then grain), and let it rest."""
     a.bad[i] = wide(value)
     word = (now << wp.int64(26)) | (wp.int64(code) << wp.int64(24)) | wp.int64(a.ids[i])
@@ -36,7 +37,7 @@ def fails(a: System, s: int, i: int, now: wp.int64, code: int, value: real):
 
 @func
 def crosses(
-    a: System, plane: wide, dt: wide, s: int, i: int, now: wp.int64, before: wide, x: wide3, v: vec3, w: vec3
+    a: System, plane: wide, dt: wide, s: int, i: int, now: int64, before: wide, x: wide3, v: vec3, w: vec3
 ):  # fmt: skip
     """Record the first passage of grain i through the member's plane."""
     a.gone[i] = 1
@@ -56,7 +57,7 @@ def crosses(
 
 @func
 def advance(
-    a: System, q: Words, m: Material, s: int, i: int, now: wp.int64, x: wide3, v: vec3, w: vec3, more: real, f: wide3,
+    a: System, q: Words, m: Material, s: int, i: int, now: int64, x: wide3, v: vec3, w: vec3, more: real, f: wide3,
     t: wide3,
 ):  # fmt: skip
     """Move grain i by one step and write it to q. more: what rounding has kept from its vertical velocity so far."""

@@ -7,7 +7,6 @@ grain (near neighbours, walls) are blocks of one slot each, entry by entry: entr
 
 from __future__ import annotations
 
-import warp as wp
 from labbook_dem.words import coefs, func, real, struct, wide
 
 from labbook_warp.kernels.words import (
@@ -22,6 +21,7 @@ from labbook_warp.kernels.words import (
     Vectors,
     Wides,
     Wides3,
+    wp,
 )
 
 
@@ -72,8 +72,8 @@ class System:
     rows: Ints
     step: Longs
     common: Material
-    material: wp.array(dtype=Material)
-    place: wp.array(dtype=Place)
+    material: wp.array(dtype=Material)  # pyright: ignore[reportInvalidTypeForm]
+    place: wp.array(dtype=Place)  # pyright: ignore[reportInvalidTypeForm]
     wall_c: Coefs
     wall_shape: Shapes
     wall_kind: Ints

@@ -16,6 +16,8 @@ def hot_kernel(function: F) -> F:
     return function
 
 
+wp: Any = None  # Warp itself
+int64 = float32 = Any
 Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Any
 word: Any = None
 widen: Any = None
