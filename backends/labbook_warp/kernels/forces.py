@@ -72,7 +72,7 @@ def forces(
     half_dt = real(wide(0.5) * m.dt)
     old = a.held[i]
     count = a.count[i]
-    following = 0  # neighbours are looked up one ahead: the store of a spring would hold the next load back
+    following = int(0)  # neighbours are looked up one ahead: the store of a spring would hold the next load back
     if lane < count:
         following = load_int(a.nbr, entry(a, s, a.near, lane, r))
     for k in range(lane, count, LANES):

@@ -91,7 +91,7 @@ def build(a: System, p: Words):
     if a.flag[s] == 1 and r < a.rows[s]:
         x = position(p, i)
         a.origin[i] = x
-        found = 0
+        found = int(0)
         near = wp.uint32(0)
         if x[2] > wide(0.5) * wide(PARKED):
             m = material(a, s)
