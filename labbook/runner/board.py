@@ -46,6 +46,8 @@ class Board:
         self.todo: dict[str, Item] = {}
         self.going: dict[str, Job] = {}
         self._lost: set[str] = set()
+        self._unfit: set[tuple[str, Spec]] = set()
+        """Keys of jobs that need another Spec than one that was asked for: beginning a job to learn that is dear."""
         self.points: dict[int, PointPlan] = {}
         self._sharing: dict[str, set[int]] = defaultdict(set)
         """Points by the key of a run that they ask for: points that come to the same run share it."""
@@ -93,7 +95,7 @@ class Board:
 
     def _fill(self, item: Item, spec: Spec | None) -> Started | None:
         key, lab = item.keys.packing, self._bench.lab
-        if key in self.going or item.keys.run not in self.todo:
+        if key in self.going or item.keys.run not in self.todo or (key, spec) in self._unfit:
             return None
         if lab.packing(key).is_dir():
             self._packed(key)
@@ -109,6 +111,8 @@ class Board:
 
     def _discharge(self, item: Item, spec: Spec | None) -> Started | None:
         key, lab = item.keys.run, self._bench.lab
+        if (key, spec) in self._unfit:
+            return None
         if (claim := lab.claim(key)) is None:
             self.elsewhere += 1
             return None
@@ -129,6 +133,7 @@ class Board:
         needed = self._bench.backend.specialise(job.scene, job.numerics, job.probes)
         if spec is not None and needed != spec:
             job.release()
+            self._unfit.add((job.key, spec))
             return None
         self.going[job.key] = job
         if isinstance(job, DischargeJob):

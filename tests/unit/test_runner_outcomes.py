@@ -7,12 +7,17 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import arrays, carry_out, study, study_file
 
-from labbook.backend import Overflow
+from labbook.backend import Overflow, Spec
 from labbook.catalogue import Catalogue, Lab, RunRecord
+from labbook.catalogue.index import Index
+from labbook.catalogue.record import Observe
 from labbook.catalogue.tables import read_checkpoint
 from labbook.cli.run import report
 from labbook.plan.plan import Planner
 from labbook.report.analysis import analyse
+from labbook.runner.board import Board
+from labbook.runner.filling import FillJob
+from labbook.runner.job import Bench
 from labbook.runner.progress import counts
 from labbook.runner.watch import View
 from labbook.study import load
@@ -222,6 +227,28 @@ def test_lanes_do_not_change_a_bit(tmp_path):
         assert keys == sorted(path.name for path in (tmp_path / "3" / folder).iterdir())
         for key in keys:
             assert arrays(tmp_path / "1" / folder / key) == arrays(tmp_path / "3" / folder / key)
+
+
+def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, monkeypatch):
+    begun = []
+    begin = FillJob.begin
+    monkeypatch.setattr(FillJob, "begin", lambda job: begun.append(job.key) or begin(job))
+    asked, engine, lab = study(tmp_path), Backend(), Lab(tmp_path / "lab")
+    catalogue, index = Catalogue(lab), Index(lab)
+    try:
+        planner = Planner(asked, catalogue, engine.capabilities)
+        board = Board(Bench(lab, engine, "cpu"), planner, index, Observe(measure=asked.measure, start=0, end=1))
+        board.pin(planner.plan())
+        other = Spec(engine="toy", features=(), steps_per_beat=7)
+        assert [board.next(other) for _ in range(5)] == [None] * 5
+        assert len(begun) == len(set(begun)) == 2, "two packings"
+        started = board.next()
+        assert started is not None
+        assert started.spec != other
+        board.dropped(started.job)
+    finally:
+        catalogue.close()
+        index.close()
 
 
 def test_an_overflow_fails_its_run_loudly_and_others_go_on(tmp_path):
