@@ -22,8 +22,8 @@ from labbook_dem import contact, motion, source
 from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
-from labbook_numba import dialect, state, vector
-from labbook_numba.kernels import blocks, neighbours, observe, pairs, step, walls
+from labbook_numba import dialect, lanes, rows, squeeze, state, vector
+from labbook_numba.kernels import blocks, neighbours, observe, pairs, step, transfer, walls
 from labbook_numba.kernels import features as vocabulary
 
 SWITCHES = (
@@ -56,8 +56,11 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
         vocabulary,
     ):  # the numbers by which host and kernels agree on places and return codes
         constants |= _numbers(place)
-    constants |= {name: _Unsigned(value) for name, value in _numbers(blocks).items() if name not in constants}
-    modules = [LAWS[law], contact, motion, plane, strip, blocks, pairs, walls, neighbours, step, observe]
+    places = {"BLOCK", "GRAIN", "LOAD", "SPRING", "X", "V", "W", "U", "F", "T"}
+    offsets = {name: constants[name] for name in places} | _numbers(walls) | _numbers(blocks)
+    constants |= {name: _Unsigned(value) for name, value in offsets.items() if name not in constants or name in places}
+    del constants["LANES"]  # the header knows
+    modules = [LAWS[law], contact, motion, plane, strip, blocks, transfer, pairs, walls, neighbours, step, observe]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
     return text.replace(": State", "").replace(": Params", "")
@@ -77,7 +80,7 @@ def _numbers(module: ModuleType) -> dict[str, int]:
 def digest(text: str) -> str:
     """Hash of a kernel module and of everything else that decides what it compiles to."""
     parts = [text, numba.__version__, llvmlite.__version__, platform.python_version()]
-    parts += [Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, state)]
+    parts += [Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, lanes, rows, squeeze, state)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
 
 
