@@ -156,7 +156,7 @@ def near_walls(st: State, p: Params, first, grain):
     reach = p.radius + wide(0.5) * p.skin
     for w in range(len(p.wall_kind)):
         for i in range(st.count[GRAINS]):
-            distance, _ = wall_distance(p, w, load(st.grains, i, X))
+            distance, _ = wall_distance(p.wall_shape, p.wall_kind, w, load(st.grains, i, X))
             if distance < reach:
                 if found < len(grain) - PAD:
                     grain[found] = i

@@ -42,12 +42,12 @@ def contact_rows(st: State, p: Params, out):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
             x = load(st.grains, i, X)
-            distance, normal_w = wall_distance(p, w, x)
+            distance, normal_w = wall_distance(p.wall_shape, p.wall_kind, w, x)
             if distance < p.radius:
                 u = load(st.grains, i, U)
                 v = load(st.grains, i, V)
                 if MOVING:
-                    surface = wall_velocity(p, w, x - normal_w * distance)
+                    surface = wall_velocity(p.wall_motion, w, x - normal_w * distance)
                     u = u - surface
                     v = v - surface
                 force, _, _, _ = touch(

@@ -8,6 +8,7 @@ from labbook_numba.kernels.features import (
     BLOCK,
     FAIL_GRAIN,
     FRICTION,
+    GHOSTS,
     GRAIN,
     LEDGER,
     MAX_OVERLAP,
@@ -25,17 +26,16 @@ from labbook_numba.state import Params, State
 
 
 @kernel
-def pack_pairs(st: State, first, last, reach2):
+def pack_pairs(grains, pair_i, pair_j, held, b, block_i, block_j, slot, first, last, reach2):
     """Bring those of the listed pairs first..last that touch into the block; how many they are.
 
     Branch and gap (diameter^2 - r^2) go to columns, grains to `block_i` and `block_j`, list entries to `slot`. Gaps are
     small differences: they are taken in double, whatever the block holds.
     """
-    b = st.block
     all_eight = first_of(uint64(8))
     count = uint64(0)
     for k in range(first, last, uint64(8)):
-        x, y, z, _ = columns(rows_at(st.grains, st.pair_i, k, GRAIN, X) - rows_at(st.grains, st.pair_j, k, GRAIN, X))
+        x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, X) - rows_at(grains, pair_j, k, GRAIN, X))
         gap = spread(reach2) - (x * x + y * y + z * z)
         touching = positive(gap)  # pairs behind the last are of ghosts, which do not
         squeeze(b, NX + count, x, touching)
@@ -43,10 +43,10 @@ def pack_pairs(st: State, first, last, reach2):
         squeeze(b, NZ + count, z, touching)
         squeeze(b, GAP + count, gap, touching)
         if FRICTION:
-            squeeze(b, HELD + count, exchange(st.held, k, touching, all_eight), touching)
-            squeeze_places(st.slot, count, k, touching)
-        squeeze_numbers(st.block_i, count, st.pair_i, k, touching)
-        squeeze_numbers(st.block_j, count, st.pair_j, k, touching)
+            squeeze(b, HELD + count, exchange(held, k, touching, all_eight), touching)
+            squeeze_places(slot, count, k, touching)
+        squeeze_numbers(block_i, count, pair_i, k, touching)
+        squeeze_numbers(block_j, count, pair_j, k, touching)
         count += how_many(touching)
     return count
 
@@ -56,28 +56,35 @@ def pair_forces(st: State, p: Params):
     """Add the forces of grains on grains to f and t; note touching pairs, the largest overlap, and whose it is."""
     last = uint64(st.count[PAIRS])
     b = st.block
+    i = st.block_i
+    j = st.block_j
+    slot = st.slot
     diameter = wide(2.0) * p.radius
     reach2 = diameter * diameter
     half_dt = wide(0.5) * p.dt
     rate = rolling_rate(real(p.inertia), real(p.dt))
+    ghost = len(st.grains) - GHOSTS
+    spare = len(st.spring) - 1
     touching = uint64(0)
     deepest = wide(0.0)
+    # kernels of a block take arrays, not the State: its many references would be counted at every call
     for k in range(uint64(0), last, BLOCK):
-        count = pack_pairs(st, k, min(k + BLOCK, last), reach2)
-        fill_up(st, len(st.spring), count)
-        gather_pairs(st.grains, st.block_i, st.block_j, b, count)
+        end = min(k + BLOCK, last)
+        count = pack_pairs(st.grains, st.pair_i, st.pair_j, st.held, b, i, j, slot, k, end, reach2)
+        fill_up(i, j, slot, count, ghost, spare)
+        gather_pairs(st.grains, i, j, b, count)
         if FRICTION:
-            gather_springs(st.spring, st.slot, b, count, half_dt)
+            gather_springs(st.spring, slot, b, count, half_dt)
         pair_law(b, count, p.c, real(p.radius), real(p.mass), rate)
-        scatter_forces(st.loads, st.block_i, st.block_j, b, count, True)
+        scatter_forces(st.loads, i, j, b, count, True)
         if FRICTION:
-            scatter_springs(st.spring, st.slot, b, count)
+            scatter_springs(st.spring, slot, b, count)
         touching += count
         overlap = largest_gap(b, st.bits, count)
         if not overlap <= deepest:
             deepest = overlap
             if not deepest <= p.overlap_limit:
-                st.count[FAIL_GRAIN] = st.ids[st.block_i[where_gap(b, count, overlap)]]
+                st.count[FAIL_GRAIN] = st.ids[i[where_gap(b, count, overlap)]]
     st.sums[MAX_OVERLAP] = deepest
     if LEDGER:
         st.count[TOUCHING] = touching

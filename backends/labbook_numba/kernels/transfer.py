@@ -1,6 +1,6 @@
 """Between grains and the block of contacts, eight at a time: gather before the law, scatter after it.
 
-Which grains are in the block stands in `block_i` and `block_j`, which list entries in `slot`; both are filled up to a
+Which grains are in the block stands in `i` and `j`, which list entries in `slot`; both are filled up to a
 multiple of eight with ghosts.
 """
 
@@ -25,7 +25,6 @@ from labbook_numba.kernels.blocks import (
 )
 from labbook_numba.kernels.features import (
     FRICTION,
-    GHOSTS,
     GRAIN,
     LOAD,
     SPRING,
@@ -39,17 +38,15 @@ from labbook_numba.kernels.features import (
 )
 from labbook_numba.lanes import eight_at, put, spread
 from labbook_numba.rows import add_rows, columns, put_rows, rows, rows_at
-from labbook_numba.state import State
 
 
 @kernel
-def fill_up(st: State, entries, count):
-    """Put ghosts behind the `count` contacts of the block; `entries`: length of the list that they come from."""
-    ghost = len(st.grains) - GHOSTS
+def fill_up(i, j, slot, count, ghost, spare):
+    """Put the row `ghost` and the list entry `spare` behind the `count` contacts of the block."""
     for t in range(count, count + uint64(8)):
-        st.block_i[t] = ghost
-        st.block_j[t] = ghost
-        st.slot[t] = entries - 1
+        i[t] = ghost
+        j[t] = ghost
+        slot[t] = spare
 
 
 @kernel

@@ -28,6 +28,7 @@ from labbook_numba.kernels.features import (
     BLOCK,
     FAIL_GRAIN,
     FRICTION,
+    GHOSTS,
     GRAIN,
     LEDGER,
     MAX_OVERLAP,
@@ -60,50 +61,47 @@ def load(a, i, c):
 
 
 @func
-def wall_distance(p, w, x):
+def wall_distance(shape, kind, w, x):
     """Distance [m] of x from wall w, and the unit normal from the wall to x."""
-    a = p.wall_shape
-    if STRIPS and (p.wall_kind[w] == 1 or not PLANES):
+    if STRIPS and (kind[w] == 1 or not PLANES):
         zero = wide(0.0)
-        return strip_distance(wide3(a[w, 0], zero, a[w, 1]), wide3(a[w, 2], zero, a[w, 3]), a[w, 4], x)
-    return plane_distance(wide3(a[w, 0], a[w, 1], a[w, 2]), wide3(a[w, 3], a[w, 4], a[w, 5]), x)
+        start = wide3(shape[w, 0], zero, shape[w, 1])
+        return strip_distance(start, wide3(shape[w, 2], zero, shape[w, 3]), shape[w, 4], x)
+    point = wide3(shape[w, 0], shape[w, 1], shape[w, 2])
+    return plane_distance(point, wide3(shape[w, 3], shape[w, 4], shape[w, 5]), x)
 
 
 @func
-def wall_velocity(p, w, at):
+def wall_velocity(motion, w, at):
     """Velocity [m/s] of the surface of wall w at the point `at`."""
-    m = p.wall_motion
-    return wide3(m[w, 0] - m[w, 3] * at.y, m[w, 1] + m[w, 3] * at.x, m[w, 2])
+    return wide3(motion[w, 0] - motion[w, 3] * at.y, motion[w, 1] + motion[w, 3] * at.x, motion[w, 2])
 
 
 @kernel
-def measure_walls(st: State, p: Params, w, k, count):
+def measure_walls(grains, wall_grain, near, shape, kind, motion, w, k, count, radius):
     """Normal, overlap and surface velocity of wall w for its near grains k..k + count, touching or not."""
-    near = st.near
     for t in range(uint64(0), count, uint64(8)):
-        x, y, z, _ = columns(rows_at(st.grains, st.wall_grain, k + t, GRAIN, X))
+        x, y, z, _ = columns(rows_at(grains, wall_grain, k + t, GRAIN, X))
         put(near, PX + t, x)
         put(near, PY + t, y)
         put(near, PZ + t, z)
     for t in range(count):
         x = wide3(near[PX + t], near[PY + t], near[PZ + t])
-        distance, normal = wall_distance(p, w, x)
+        distance, normal = wall_distance(shape, kind, w, x)
         if MOVING:
-            surface = wall_velocity(p, w, x - normal * distance)
+            surface = wall_velocity(motion, w, x - normal * distance)
             near[QX + t] = surface.x
             near[QY + t] = surface.y
             near[QZ + t] = surface.z
         near[PX + t] = normal.x
         near[PY + t] = normal.y
         near[PZ + t] = normal.z
-        near[NEAR_GAP + t] = p.radius - distance
+        near[NEAR_GAP + t] = radius - distance
 
 
 @kernel
-def pack_walls(st: State, k, near_count):
+def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
     """Bring those of the measured near grains that touch into the block; how many they are."""
-    b = st.block
-    near = st.near
     count = uint64(0)
     for t in range(uint64(0), near_count, uint64(8)):
         gap = eight_at(near, NEAR_GAP + t)
@@ -118,9 +116,9 @@ def pack_walls(st: State, k, near_count):
             squeeze(b, UY + count, eight_at(near, QY + t), touching)
             squeeze(b, UZ + count, eight_at(near, QZ + t), touching)
         if FRICTION:
-            squeeze(b, HELD + count, exchange(st.wall_held, k + t, touching, here), touching)
-            squeeze_places(st.slot, count, k + t, touching)
-        squeeze_numbers(st.block_i, count, st.wall_grain, k + t, touching)
+            squeeze(b, HELD + count, exchange(held, k + t, touching, here), touching)
+            squeeze_places(slot, count, k + t, touching)
+        squeeze_numbers(i, count, wall_grain, k + t, touching)
         count += how_many(touching)
     return count
 
@@ -154,8 +152,12 @@ def gather_grains(g, i, b, count):
 def wall_forces(st: State, p: Params):
     """Add the forces of walls on grains to f and t; after `pair_forces`, whose totals it goes on with."""
     b = st.block
+    i = st.block_i
+    slot = st.slot
     half_dt = wide(0.5) * p.dt
     rate = rolling_rate(real(p.inertia), real(p.dt))
+    ghost = len(st.grains) - GHOSTS
+    spare = len(st.wall_spring) - 1
     touching = uint64(0)
     deepest = st.sums[MAX_OVERLAP]
     a = p.wall_c
@@ -165,22 +167,24 @@ def wall_forces(st: State, p: Params):
         last = uint64(st.wall_first[w + uint64(1)])
         for k in range(uint64(st.wall_first[w]), last, BLOCK):
             near = min(last - k, BLOCK)
-            measure_walls(st, p, w, k, near)
-            count = pack_walls(st, k, near)
-            fill_up(st, len(st.wall_spring), count)
-            gather_grains(st.grains, st.block_i, b, count)
+            measure_walls(
+                st.grains, st.wall_grain, st.near, p.wall_shape, p.wall_kind, p.wall_motion, w, k, near, p.radius
+            )
+            count = pack_walls(st.near, st.wall_grain, st.wall_held, b, i, slot, k, near)
+            fill_up(i, st.block_j, slot, count, ghost, spare)
+            gather_grains(st.grains, i, b, count)
             if FRICTION:
-                gather_springs(st.wall_spring, st.slot, b, count, half_dt)
+                gather_springs(st.wall_spring, slot, b, count, half_dt)
             wall_law(b, count, c, real(p.radius), real(p.mass), rate, spin)
-            scatter_forces(st.loads, st.block_i, st.block_j, b, count, False)
+            scatter_forces(st.loads, i, st.block_j, b, count, False)
             if FRICTION:
-                scatter_springs(st.wall_spring, st.slot, b, count)
+                scatter_springs(st.wall_spring, slot, b, count)
             touching += count
             overlap = largest_gap(b, st.bits, count)
             if not overlap <= deepest:
                 deepest = overlap
                 if not deepest <= p.overlap_limit:
-                    st.count[FAIL_GRAIN] = st.ids[st.block_i[where_gap(b, count, overlap)]]
+                    st.count[FAIL_GRAIN] = st.ids[i[where_gap(b, count, overlap)]]
     st.sums[MAX_OVERLAP] = deepest
     if LEDGER:
         st.count[TOUCHING] += touching
