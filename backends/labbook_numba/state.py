@@ -114,7 +114,7 @@ class Params(NamedTuple):
 def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str) -> State:
     """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
     real, whole = (np.float32, np.int32) if precision == "mixed" else (np.float64, np.int64)
-    block, speed2 = _aligned(BLOCK_COLUMNS * BLOCK + 16, real), _aligned(n + 1)
+    block, speed2 = _aligned(BLOCK_COLUMNS * (BLOCK + PAD) + 16, real), _aligned(n + 1)
     grains = _aligned((n + GHOSTS) * GRAIN).reshape(-1, GRAIN)
     grains[-1, X] = FAR
     return State(
@@ -138,7 +138,7 @@ def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, pr
         block_i=np.zeros(BLOCK + PAD, np.int32),
         block_j=np.zeros(BLOCK + PAD, np.int32),
         slot=np.zeros(BLOCK + PAD, np.int32),
-        near=_aligned(NEAR_COLUMNS * BLOCK),
+        near=_aligned(NEAR_COLUMNS * (BLOCK + PAD)),
         speed2=speed2,
         speed_bits=speed2.view(np.int64),
     )

@@ -14,14 +14,14 @@ from labbook_numba.kernels.features import FRICTION, LANES, ROLLING, TWIST, kern
 
 # in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
 # out, in the places of the velocities, spins and spring: force, torque on i and on j, spring
-NX, NY, NZ, GAP = uint64(0), uint64(128), uint64(256), uint64(384)
-UX, UY, UZ = uint64(512), uint64(640), uint64(768)
-VX, VY, VZ = uint64(896), uint64(1024), uint64(1152)
-AX, AY, AZ = uint64(1280), uint64(1408), uint64(1536)
-BX, BY, BZ = uint64(1664), uint64(1792), uint64(1920)
-SX, SY, SZ, DT = uint64(2048), uint64(2176), uint64(2304), uint64(2432)
+NX, NY, NZ, GAP = uint64(0), uint64(136), uint64(272), uint64(408)
+UX, UY, UZ = uint64(544), uint64(680), uint64(816)
+VX, VY, VZ = uint64(952), uint64(1088), uint64(1224)
+AX, AY, AZ = uint64(1360), uint64(1496), uint64(1632)
+BX, BY, BZ = uint64(1768), uint64(1904), uint64(2040)
+SX, SY, SZ, DT = uint64(2176), uint64(2312), uint64(2448), uint64(2584)
 HELD = DT  # 1 for a contact that has a spring; becomes DT
-SPARE = uint64(2560)
+SPARE = uint64(2720)
 
 
 @func

@@ -50,8 +50,8 @@ from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, 
 from labbook_numba.state import Params, State
 
 # columns of State.near: position, which becomes the unit normal; gap; velocity of the surface
-PX, PY, PZ, NEAR_GAP = uint64(0), uint64(128), uint64(256), uint64(384)
-QX, QY, QZ = uint64(512), uint64(640), uint64(768)
+PX, PY, PZ, NEAR_GAP = uint64(0), uint64(136), uint64(272), uint64(408)
+QX, QY, QZ = uint64(544), uint64(680), uint64(816)
 
 
 @func
