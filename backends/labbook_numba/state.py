@@ -10,10 +10,10 @@ COUNTERS = 10
 # sums and clocks, in State.sums
 MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
 SUMS = 4
-BLOCK = 128  # contacts that a law works on at a time
-BLOCK_COLUMNS = 20
-NEAR_COLUMNS = 10
+BLOCK = 384  # contacts that a law works on at a time
 PAD = 8  # spare places behind lists, which are read eight at a time
+STRIDE = BLOCK + PAD  # of the columns of a block; no power of two, whose columns would share cache sets
+BLOCK_COLUMNS, NEAR_COLUMNS = 21, 7
 # rows of State.grains: where in them position, velocity, spin and predicted velocity start; rows of State.loads
 X, V, W, U, GRAIN = 0, 4, 8, 12, 16
 F, T, LOAD = 0, 4, 8
@@ -114,7 +114,7 @@ class Params(NamedTuple):
 def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str) -> State:
     """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
     real, whole = (np.float32, np.int32) if precision == "mixed" else (np.float64, np.int64)
-    block, speed2 = _aligned(BLOCK_COLUMNS * (BLOCK + PAD) + 16, real), _aligned(n + 1)
+    block, speed2 = _aligned(BLOCK_COLUMNS * STRIDE, real), _aligned(n + 1)
     grains = _aligned((n + GHOSTS) * GRAIN).reshape(-1, GRAIN)
     grains[-1, X] = FAR
     return State(
@@ -138,7 +138,7 @@ def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, pr
         block_i=np.zeros(BLOCK + PAD, np.int32),
         block_j=np.zeros(BLOCK + PAD, np.int32),
         slot=np.zeros(BLOCK + PAD, np.int32),
-        near=_aligned(NEAR_COLUMNS * (BLOCK + PAD)),
+        near=_aligned(NEAR_COLUMNS * STRIDE),
         speed2=speed2,
         speed_bits=speed2.view(np.int64),
     )

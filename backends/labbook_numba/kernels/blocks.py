@@ -10,18 +10,14 @@ from labbook_dem.contact import rolling, slip, trial
 from labbook_dem.laws.hertz_mindlin import normal, respond
 from labbook_dem.words import cross, dot, func, real, sqrt, vec3, wide
 
-from labbook_numba.kernels.features import FRICTION, LANES, ROLLING, TWIST, kernel, uint64
+from labbook_numba.kernels.features import BLOCK_COLUMNS, FRICTION, LANES, ROLLING, STRIDE, TWIST, kernel, uint64
 
-# in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
+# columns; in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
 # out, in the places of the velocities, spins and spring: force, torque on i and on j, spring
-NX, NY, NZ, GAP = uint64(0), uint64(136), uint64(272), uint64(408)
-UX, UY, UZ = uint64(544), uint64(680), uint64(816)
-VX, VY, VZ = uint64(952), uint64(1088), uint64(1224)
-AX, AY, AZ = uint64(1360), uint64(1496), uint64(1632)
-BX, BY, BZ = uint64(1768), uint64(1904), uint64(2040)
-SX, SY, SZ, DT = uint64(2176), uint64(2312), uint64(2448), uint64(2584)
+(NX, NY, NZ, GAP, UX, UY, UZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, SX, SY, SZ, DT, SPARE) = (
+    uint64(column * STRIDE) for column in range(BLOCK_COLUMNS)
+)
 HELD = DT  # 1 for a contact that has a spring; becomes DT
-SPARE = uint64(2720)
 
 
 @func

@@ -5,6 +5,7 @@ from typing import Any, TypeVar
 
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
     BLOCK,
+    BLOCK_COLUMNS,
     CROSSED,
     FAIL_GRAIN,
     FAIL_VALUE,
@@ -15,11 +16,13 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     LOAD,
     MAX_OVERLAP,
     MOVED,
+    NEAR_COLUMNS,
     PAD,
     PAIRS,
     REBUILDS,
     SPRING,
     STEP,
+    STRIDE,
     TOUCHING,
     WANT_PAIRS,
     WANT_WALLS,

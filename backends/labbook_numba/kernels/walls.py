@@ -33,7 +33,9 @@ from labbook_numba.kernels.features import (
     LEDGER,
     MAX_OVERLAP,
     MOVING,
+    NEAR_COLUMNS,
     PLANES,
+    STRIDE,
     STRIPS,
     TOUCHING,
     U,
@@ -50,8 +52,7 @@ from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, 
 from labbook_numba.state import Params, State
 
 # columns of State.near: position, which becomes the unit normal; gap; velocity of the surface
-PX, PY, PZ, NEAR_GAP = uint64(0), uint64(136), uint64(272), uint64(408)
-QX, QY, QZ = uint64(544), uint64(680), uint64(816)
+PX, PY, PZ, NEAR_GAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(NEAR_COLUMNS))
 
 
 @func
