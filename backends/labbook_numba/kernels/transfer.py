@@ -4,6 +4,8 @@ Which grains are in the block stands in `i` and `j`, which list entries in `slot
 multiple of eight with ghosts.
 """
 
+from labbook_dem.words import func
+
 from labbook_numba.kernels.blocks import (
     AX,
     AY,
@@ -20,14 +22,14 @@ from labbook_numba.kernels.blocks import (
     UY,
     UZ,
     VX,
-    VY,
-    VZ,
 )
 from labbook_numba.kernels.features import (
     FRICTION,
     GRAIN,
     LOAD,
+    MOVING,
     SPRING,
+    STRIDE,
     F,
     T,
     U,
@@ -37,7 +39,7 @@ from labbook_numba.kernels.features import (
     uint64,
 )
 from labbook_numba.lanes import eight_at, put, spread
-from labbook_numba.rows import add_rows, columns, put_rows, rows, rows_at
+from labbook_numba.rows import add_rows, add_two_rows, columns, put_rows, rows, rows_at
 
 
 @kernel
@@ -49,27 +51,51 @@ def fill_up(i, j, slot, count, ghost, spare):
         slot[t] = spare
 
 
+@func
+def put_vectors(b, place, x, y, z):
+    """Write the columns of eight vectors."""
+    put(b, place, x)
+    put(b, place + STRIDE, y)
+    put(b, place + STRIDE + STRIDE, z)
+
+
 @kernel
 def gather_pairs(g, i, j, b, count):
-    """Velocities of i relative to j, predicted and half a step old, and both spins."""
+    """Velocities of i relative to j, predicted and half a step old, and both spins.
+
+    All is read before anything is written: the compiler then looks up the eight places once.
+    """
     for t in range(uint64(0), count, uint64(8)):
-        x, y, z, _ = columns(rows_at(g, i, t, GRAIN, U) - rows_at(g, j, t, GRAIN, U))
-        put(b, UX + t, x)
-        put(b, UY + t, y)
-        put(b, UZ + t, z)
+        ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U) - rows_at(g, j, t, GRAIN, U))
         if FRICTION:
-            x, y, z, _ = columns(rows_at(g, i, t, GRAIN, V) - rows_at(g, j, t, GRAIN, V))
-            put(b, VX + t, x)
-            put(b, VY + t, y)
-            put(b, VZ + t, z)
-            x, y, z, _ = columns(rows_at(g, i, t, GRAIN, W))
-            put(b, AX + t, x)
-            put(b, AY + t, y)
-            put(b, AZ + t, z)
-            x, y, z, _ = columns(rows_at(g, j, t, GRAIN, W))
-            put(b, BX + t, x)
-            put(b, BY + t, y)
-            put(b, BZ + t, z)
+            vx, vy, vz, _ = columns(rows_at(g, i, t, GRAIN, V) - rows_at(g, j, t, GRAIN, V))
+            ax, ay, az, _ = columns(rows_at(g, i, t, GRAIN, W))
+            bx, by, bz, _ = columns(rows_at(g, j, t, GRAIN, W))
+            put_vectors(b, VX + t, vx, vy, vz)
+            put_vectors(b, AX + t, ax, ay, az)
+            put_vectors(b, BX + t, bx, by, bz)
+        put_vectors(b, UX + t, ux, uy, uz)
+
+
+@kernel
+def gather_grains(g, i, b, count):
+    """Velocities relative to the wall, predicted and half a step old, and spins."""
+    for t in range(uint64(0), count, uint64(8)):
+        ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U))
+        if FRICTION:
+            vx, vy, vz, _ = columns(rows_at(g, i, t, GRAIN, V))
+            wx, wy, wz, _ = columns(rows_at(g, i, t, GRAIN, W))
+        if MOVING:
+            x = eight_at(b, UX + t)
+            y = eight_at(b, UY + t)
+            z = eight_at(b, UZ + t)
+            ux, uy, uz = ux - x, uy - y, uz - z
+            if FRICTION:
+                vx, vy, vz = vx - x, vy - y, vz - z
+        if FRICTION:
+            put_vectors(b, VX + t, vx, vy, vz)
+            put_vectors(b, AX + t, wx, wy, wz)
+        put_vectors(b, UX + t, ux, uy, uz)
 
 
 @kernel
@@ -94,15 +120,16 @@ def scatter_forces(loads, i, j, b, count, pairs):
     nothing = spread(0.0)
     for t in range(uint64(0), count, uint64(8)):
         force = rows(eight_at(b, UX + t), eight_at(b, UY + t), eight_at(b, UZ + t), nothing)
-        if pairs:
-            add_rows(loads, j, t, LOAD, F, -force)
-        add_rows(loads, i, t, LOAD, F, force)
         if FRICTION:
-            if pairs:
-                torque = rows(eight_at(b, BX + t), eight_at(b, BY + t), eight_at(b, BZ + t), nothing)
-                add_rows(loads, j, t, LOAD, T, torque)
             torque = rows(eight_at(b, AX + t), eight_at(b, AY + t), eight_at(b, AZ + t), nothing)
-            add_rows(loads, i, t, LOAD, T, torque)
+            if pairs:
+                torque_j = rows(eight_at(b, BX + t), eight_at(b, BY + t), eight_at(b, BZ + t), nothing)
+                add_two_rows(loads, j, t, LOAD, F, -force, T, torque_j)
+            add_two_rows(loads, i, t, LOAD, F, force, T, torque)
+        else:
+            if pairs:
+                add_rows(loads, j, t, LOAD, F, -force)
+            add_rows(loads, i, t, LOAD, F, force)
 
 
 @kernel

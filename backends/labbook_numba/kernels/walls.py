@@ -6,9 +6,6 @@ from labbook_dem.walls.strip import strip_distance
 from labbook_dem.words import func, real, wide, wide3
 
 from labbook_numba.kernels.blocks import (
-    AX,
-    AY,
-    AZ,
     GAP,
     HELD,
     NX,
@@ -17,9 +14,6 @@ from labbook_numba.kernels.blocks import (
     UX,
     UY,
     UZ,
-    VX,
-    VY,
-    VZ,
     largest_gap,
     wall_law,
     where_gap,
@@ -38,14 +32,11 @@ from labbook_numba.kernels.features import (
     STRIDE,
     STRIPS,
     TOUCHING,
-    U,
-    V,
-    W,
     X,
     kernel,
     uint64,
 )
-from labbook_numba.kernels.transfer import fill_up, gather_springs, scatter_forces, scatter_springs
+from labbook_numba.kernels.transfer import fill_up, gather_grains, gather_springs, scatter_forces, scatter_springs
 from labbook_numba.lanes import eight_at, put
 from labbook_numba.rows import columns, rows_at
 from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
@@ -122,31 +113,6 @@ def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
         squeeze_numbers(i, count, wall_grain, k + t, touching)
         count += how_many(touching)
     return count
-
-
-@kernel
-def gather_grains(g, i, b, count):
-    """Velocities relative to the wall, predicted and half a step old, and spins."""
-    for t in range(uint64(0), count, uint64(8)):
-        ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U))
-        vx, vy, vz, _ = columns(rows_at(g, i, t, GRAIN, V))
-        if MOVING:
-            x = eight_at(b, UX + t)
-            y = eight_at(b, UY + t)
-            z = eight_at(b, UZ + t)
-            ux, uy, uz = ux - x, uy - y, uz - z
-            vx, vy, vz = vx - x, vy - y, vz - z
-        put(b, UX + t, ux)
-        put(b, UY + t, uy)
-        put(b, UZ + t, uz)
-        if FRICTION:
-            put(b, VX + t, vx)
-            put(b, VY + t, vy)
-            put(b, VZ + t, vz)
-            x, y, z, _ = columns(rows_at(g, i, t, GRAIN, W))
-            put(b, AX + t, x)
-            put(b, AY + t, y)
-            put(b, AZ + t, z)
 
 
 @kernel
