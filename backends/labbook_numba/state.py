@@ -12,7 +12,9 @@ MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
 SUMS = 4
 BLOCK = 384  # contacts that a law works on at a time
 PAD = 8  # spare places behind lists, which are read eight at a time
-STRIDE = BLOCK + PAD  # of the columns of a block; no power of two, whose columns would share cache sets
+# of the columns of a block: no power of two, whose columns would share cache sets; a multiple of 16, without which LLVM
+# fears for the forwarding of stores to loads in registers of 16, and uses smaller ones
+STRIDE = BLOCK + 16
 BLOCK_COLUMNS, NEAR_COLUMNS = 21, 7
 # rows of State.grains: where in them position, velocity, spin and predicted velocity start; rows of State.loads
 X, V, W, U, GRAIN = 0, 4, 8, 12, 16
