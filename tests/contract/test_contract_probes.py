@@ -7,6 +7,7 @@ import pytest
 
 from labbook.backend import Contacts, Crossing, Ledger, Sample
 from labbook.scene import Plane, Primitives, Spheres, Wall
+from labbook.verify.case import ROUNDING
 from labbook.verify.stand import Start, grains_at, identical, rows_of
 from labbook.verify.symmetry import DT, difference
 
@@ -115,7 +116,9 @@ def test_touching_and_overlap_of_the_ledger_are_those_of_the_contacts(silo):
     steps = ledger["step"][:-1]
     assert [np.sum(contacts["step"] == s) for s in steps] == list(ledger["touching"][1:])
     deepest = [overlap[contacts["step"] == s].max() for s in steps]
-    assert np.allclose(deepest, ledger["max_overlap"][1:], rtol=1e-9, atol=1e-12 * d)
+    # a law in single takes the overlap through four operations
+    relative = 4 * ROUNDING if numerics.precision == "mixed" else 1e-9
+    assert np.allclose(deepest, ledger["max_overlap"][1:], rtol=relative, atol=1e-12 * d)
 
 
 def test_contact_forces_add_up_to_accelerations(silo):
@@ -138,8 +141,9 @@ def test_contact_forces_add_up_to_accelerations(silo):
         np.add.at(expected[row], contacts["i"][now], force)
         np.add.at(expected[row], contacts["j"][now][pair], -force[pair])
     assert np.abs(expected).max() > 10 * silo.scene.gravity
-    # second differences of positions lose ten digits
-    assert np.abs(found - expected).max() < 1e-8 * np.abs(expected).max() + 20 * np.spacing(np.abs(x).max()) / DT**2
+    # second differences of positions lose ten digits; in single, a force is known to 16 roundings
+    relative = 16 * ROUNDING if numerics.precision == "mixed" else 1e-8
+    assert np.abs(found - expected).max() < relative * np.abs(expected).max() + 20 * np.spacing(np.abs(x).max()) / DT**2
 
 
 def test_springs_survive_rebuilds(silo):
