@@ -40,6 +40,9 @@ SWITCHES = (
 )
 
 
+PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "X", "V", "W", "U", "F", "T")
+
+
 def cache_folder() -> Path:
     """Where generated modules live: $LABBOOK_CACHE, or labbook/numba in the user's cache folder."""
     home = os.environ.get("LABBOOK_CACHE")
@@ -50,16 +53,11 @@ def cache_folder() -> Path:
 
 def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     """Source of the kernel module of one specialisation."""
-    constants: dict[str, object] = dict(switches)
-    for place in (
-        state,
-        vocabulary,
-    ):  # the numbers by which host and kernels agree on places and return codes
-        constants |= _numbers(place)
-    places = {"BLOCK", "GRAIN", "LOAD", "SPRING", "X", "V", "W", "U", "F", "T"}
-    offsets = {name: constants[name] for name in places} | _numbers(walls) | _numbers(blocks)
-    constants |= {name: _Unsigned(value) for name, value in offsets.items() if name not in constants or name in places}
-    del constants["LANES"]  # the header knows
+    # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
+    places = _numbers(blocks) | _numbers(walls) | {name: getattr(state, name) for name in PLACES}
+    constants: dict[str, object] = {**_numbers(state), **_numbers(vocabulary), **switches}
+    constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
+    del constants["LANES"]  # the header's
     modules = [LAWS[law], contact, motion, plane, strip, blocks, transfer, pairs, walls, neighbours, step, observe]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
@@ -80,7 +78,9 @@ def _numbers(module: ModuleType) -> dict[str, int]:
 def digest(text: str) -> str:
     """Hash of a kernel module and of everything else that decides what it compiles to."""
     parts = [text, numba.__version__, llvmlite.__version__, platform.python_version()]
-    parts += [Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, lanes, rows, squeeze, state)]
+    parts += [
+        Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, lanes, rows, squeeze, state)
+    ]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
 
 

@@ -7,11 +7,15 @@ LLVM's portable vectors: processors with narrower registers use several.
 """
 
 import operator
+from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, models, register_model
+from numba.extending import intrinsic as _intrinsic
+from numba.extending import lower_builtin, models, register_model
+
+intrinsic: Any = _intrinsic  # whose results are called without the first of their arguments
 
 DOUBLE, INT32, BIT = ir.DoubleType(), ir.IntType(32), ir.IntType(1)
 FOUR, EIGHT, EIGHT_INTS = ir.VectorType(DOUBLE, 4), ir.VectorType(DOUBLE, 8), ir.VectorType(INT32, 8)
@@ -58,7 +62,7 @@ def _define(operation, instruction: str) -> None:
     def with_number(context, builder, sig, args):
         return getattr(builder, instruction)(args[0], _spread(builder, args[1], sig.args[0].llvm))
 
-    @infer_global(operation)
+    @infer_global(operation)  # pyright: ignore[reportOptionalCall]
     class Template(ConcreteTemplate):
         cases = [  # noqa: RUF012 - Numba's protocol
             *(signature(kind, kind, kind) for kind in (row, eight)),
@@ -100,13 +104,13 @@ class _MinusRows(ConcreteTemplate):
 # memory; places are counted in elements of a C-contiguous array
 
 
-def _address(context, builder, kind, array, place, llvm: ir.Type):
+def address(context, builder, kind, array, place, llvm: ir.Type):
     """Pointer to `llvm` at element `place` of an array."""
     data = context.make_array(kind)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [place]), llvm.as_pointer())
 
 
-def _size(kind: types.Array) -> int:
+def size_of(kind) -> int:
     return kind.dtype.bitwidth // 8
 
 
@@ -115,7 +119,7 @@ def row_at(typing, array, place):
     """The four doubles of `array` from `place` on."""
 
     def code(context, builder, sig, args):
-        return builder.load(_address(context, builder, sig.args[0], *args, FOUR), align=8)
+        return builder.load(address(context, builder, sig.args[0], *args, llvm=FOUR), align=8)
 
     return row(array, types.uint64), code
 
@@ -125,7 +129,7 @@ def put_row(typing, array, place, value):
     """Write a row to `array` from `place` on."""
 
     def code(context, builder, sig, args):
-        builder.store(args[2], _address(context, builder, sig.args[0], *args[:2], FOUR), align=8)
+        builder.store(args[2], address(context, builder, sig.args[0], *args[:2], llvm=FOUR), align=8)
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, row), code
@@ -152,7 +156,7 @@ def put(typing, array, place, value):
         llvm = ir.VectorType(context.get_data_type(kind.dtype), 8)
         if llvm != EIGHT:
             vector = builder.fptrunc(vector, llvm)
-        builder.store(vector, _address(context, builder, kind, *args[:2], llvm), align=_size(kind))
+        builder.store(vector, address(context, builder, kind, *args[:2], llvm=llvm), align=size_of(kind))
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, eight), code
@@ -165,7 +169,7 @@ def eight_at(typing, array, place):
     def code(context, builder, sig, args):
         kind = sig.args[0]
         llvm = ir.VectorType(context.get_data_type(kind.dtype), 8)
-        vector = builder.load(_address(context, builder, kind, *args, llvm), align=_size(kind))
+        vector = builder.load(address(context, builder, kind, *args, llvm=llvm), align=size_of(kind))
         return vector if llvm == EIGHT else builder.fpext(vector, EIGHT)
 
     return eight(array, types.uint64), code

@@ -32,9 +32,7 @@ class Run:
         """Begin from a packing at step 0."""
         n = len(packing)
         near, walls = PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64
-        self.state = st = S.allocate(
-            n, near, len(self.names), walls, self._crossings(n), self.numerics.precision
-        )
+        self.state = st = S.allocate(n, near, len(self.names), walls, self._crossings(n), self.numerics.precision)
         st.count[S.GRAINS] = n
         st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
         st.u[:] = packing.v

@@ -2,9 +2,8 @@
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
-from labbook_numba.lanes import EIGHT, FOUR, INT32, _address, eight, eight_rows
+from labbook_numba.lanes import FOUR, INT32, address, eight, eight_rows, intrinsic
 
 
 def _shuffle(builder, a, b, picks):
@@ -18,7 +17,7 @@ FIRST, SECOND = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)  # of e
 def _places(context, builder, kind, index, start, width):
     """The starts in an array of rows `width` long of the eight rows numbered by index[start:start + 8]."""
     llvm = context.get_data_type(kind.dtype)
-    first = _address(context, builder, kind, index, start, llvm)
+    first = address(context, builder, kind, index, start, llvm)
     wide = ir.IntType(64)
     for c in range(8):
         number = builder.zext(builder.load(builder.gep(first, [INT32(c)])), wide)
@@ -37,7 +36,7 @@ def rows_at(typing, array, index, start, width, column):
         array, index, start, width, column = args
         fours = []
         for place in _places(context, builder, index_kind, index, start, width):
-            pointer = _address(context, builder, kind, array, builder.add(place, column), FOUR)
+            pointer = address(context, builder, kind, array, builder.add(place, column), FOUR)
             fours.append(builder.load(pointer, align=8))
         out = ir.Constant(eight_rows.llvm, ir.Undefined)
         for part in range(4):
@@ -56,7 +55,7 @@ def columns(typing, value):
         z = [builder.extract_value(args[0], part) for part in range(4)]
         even = [_shuffle(builder, z[k], z[k + 1], LOW) for k in (0, 2)]
         odd = [_shuffle(builder, z[k], z[k + 1], HIGH) for k in (0, 2)]
-        found = [_shuffle(builder, *halves, picks) for picks in (FIRST, SECOND) for halves in (even, odd)]
+        found = [_shuffle(builder, a, b, picks) for picks in (FIRST, SECOND) for a, b in (even, odd)]
         return context.make_tuple(builder, sig.return_type, found)
 
     return types.UniTuple(eight, 4)(eight_rows), code
@@ -87,7 +86,7 @@ def _each_row(builder, value):
 
 
 def _add(context, builder, kind, array, place, value):
-    pointer = _address(context, builder, kind, array, place, FOUR)
+    pointer = address(context, builder, kind, array, place, FOUR)
     builder.store(builder.fadd(builder.load(pointer, align=8), value), pointer, align=8)
 
 
@@ -134,7 +133,7 @@ def put_rows(typing, array, index, start, value):
         array, index, start, value = args
         places = list(_places(context, builder, index_kind, index, start, ir.IntType(64)(4)))
         for place, one in zip(places, _each_row(builder, value), strict=True):
-            builder.store(one, _address(context, builder, kind, array, place, FOUR), align=8)
+            builder.store(one, address(context, builder, kind, array, place, FOUR), align=8)
         return context.get_dummy_value()
 
     return types.void(array, index, types.uint64, eight_rows), code

@@ -2,9 +2,8 @@
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
-from labbook_numba.lanes import BIT, EIGHT, EIGHT_INTS, INT32, _address, _size, eight, mask
+from labbook_numba.lanes import EIGHT, EIGHT_INTS, INT32, address, eight, intrinsic, mask, size_of
 
 BYTES, BITS = ir.VectorType(ir.IntType(8), 8), mask.llvm
 
@@ -56,7 +55,9 @@ def how_many(typing, value):
 def _squeezed(builder, vector, picked):
     """The picked elements first; the rest is left over."""
     name = f"llvm.experimental.vector.compress.v8{'f64' if vector.type == EIGHT else 'i32'}"
-    function = builder.module.declare_intrinsic(name, (), ir.FunctionType(vector.type, [vector.type, BITS, vector.type]))
+    function = builder.module.declare_intrinsic(
+        name, (), ir.FunctionType(vector.type, [vector.type, BITS, vector.type])
+    )
     return builder.call(function, [vector, picked, ir.Constant(vector.type, ir.Undefined)])
 
 
@@ -69,7 +70,7 @@ def squeeze(typing, array, place, value, picked):
         llvm = ir.VectorType(context.get_data_type(kind.dtype), 8)
         if llvm != EIGHT:
             vector = builder.fptrunc(vector, llvm)
-        builder.store(vector, _address(context, builder, kind, *args[:2], llvm), align=_size(kind))
+        builder.store(vector, address(context, builder, kind, *args[:2], llvm=llvm), align=size_of(kind))
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, eight, mask), code
@@ -81,8 +82,8 @@ def squeeze_numbers(typing, array, place, source, start, picked):
 
     def code(context, builder, sig, args):
         to, place, source, start, picked = args
-        vector = builder.load(_address(context, builder, sig.args[2], source, start, EIGHT_INTS), align=4)
-        pointer = _address(context, builder, sig.args[0], to, place, EIGHT_INTS)
+        vector = builder.load(address(context, builder, sig.args[2], source, start, EIGHT_INTS), align=4)
+        pointer = address(context, builder, sig.args[0], to, place, EIGHT_INTS)
         builder.store(_squeezed(builder, vector, picked), pointer, align=4)
         return context.get_dummy_value()
 
@@ -99,7 +100,7 @@ def squeeze_places(typing, array, place, start, picked):
         vector = builder.insert_element(ir.Constant(EIGHT_INTS, ir.Undefined), low, INT32(0))
         vector = builder.shuffle_vector(vector, vector, ir.Constant(EIGHT_INTS, [0] * 8))
         vector = builder.add(vector, ir.Constant(EIGHT_INTS, list(range(8))))
-        pointer = _address(context, builder, sig.args[0], to, place, EIGHT_INTS)
+        pointer = address(context, builder, sig.args[0], to, place, EIGHT_INTS)
         builder.store(_squeezed(builder, vector, picked), pointer, align=4)
         return context.get_dummy_value()
 
@@ -112,7 +113,7 @@ def exchange(typing, array, place, now, here):
 
     def code(context, builder, sig, args):
         array, place, now, here = args
-        pointer = _address(context, builder, sig.args[0], array, place, BYTES)
+        pointer = address(context, builder, sig.args[0], array, place, BYTES)
         before = builder.load(pointer, align=1)
         builder.store(builder.select(here, builder.zext(now, BYTES), before), pointer, align=1)
         return builder.uitofp(before, EIGHT)

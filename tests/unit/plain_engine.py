@@ -3,6 +3,8 @@
 It has no neighbour lists, blocks, rows or generated code; all that it shares with the CPU engine are the formulas.
 """
 
+from typing import Any
+
 import numpy as np
 from labbook_dem import contact, motion
 from labbook_dem.describe import LAWS
@@ -24,6 +26,12 @@ def touching_walls(scene: Scene, w: int, x: vec3):
     return strip.strip_distance(vec3(a[0], 0.0, a[1]), vec3(a[2], 0.0, a[3]), a[4], x)
 
 
+# written for one component, and as good for arrays of them
+kick: Any = motion.kick
+drift: Any = motion.drift
+predict: Any = motion.predict
+
+
 class Plain:
     """One scene with resting walls that keeps all its grains."""
 
@@ -32,7 +40,10 @@ class Plain:
         self.law, walls = LAWS[scene.contact.law], scene.container.walls()
         self.c = self.law.coefficients(scene.contact, scene.surface_of_grains)
         self.wall_c = [self.law.coefficients(scene.contact, scene.surface(wall)) for wall in walls]
-        self.x, self.v, self.u, self.w = (a.copy() for a in (start.x, start.v, start.v, start.omega))
+        self.x: np.ndarray = start.x.copy()
+        self.v: np.ndarray = start.v.copy()
+        self.u: np.ndarray = start.v.copy()
+        self.w: np.ndarray = start.omega.copy()
         names = [wall.name for wall in walls]
         self.springs = {(int(i), int(j)): vec3(*s) for (i, j), s in zip(start.pairs, start.pair_spring, strict=True)}
         self.springs |= {
@@ -85,8 +96,8 @@ class Plain:
         self.springs = springs
         kick_dt = self.dt if self.steps else 0.5 * self.dt
         a = f / grains.mass
-        self.v = motion.kick(self.v, a, kick_dt)
-        self.w = motion.kick(self.w, t / grains.inertia, kick_dt)
-        self.x = motion.drift(self.x, self.v, self.dt)
-        self.u = motion.predict(self.v, a, self.dt)
+        self.v = kick(self.v, a, kick_dt)
+        self.w = kick(self.w, t / grains.inertia, kick_dt)
+        self.x = drift(self.x, self.v, self.dt)
+        self.u = predict(self.v, a, self.dt)
         self.steps += 1

@@ -27,8 +27,10 @@ def contact_rows(st: State, p: Params, out):
             lever = real(wide(0.5) * r)
             force, _, _, _ = touch(
                 reals(p.c), real(wide(0.5) * p.radius), real(wide(0.5) * p.mass), lever, lever, real(p.radius),
-                real(diameter - r), narrow(away * (wide(1.0) / r)), narrow(load(st.grains, i, U) - load(st.grains, j, U)),
-                narrow(load(st.grains, i, V) - load(st.grains, j, V)), narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
+                real(diameter - r), narrow(away * (wide(1.0) / r)),
+                narrow(load(st.grains, i, U) - load(st.grains, j, U)),
+                narrow(load(st.grains, i, V) - load(st.grains, j, V)),
+                narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
                 spring_of(st.spring, st.held, k), advance_of(st.held, k, dt), rate,
             )  # fmt: skip
             write_row(out, found, st.ids[i], st.ids[j], -1, force, -away)
