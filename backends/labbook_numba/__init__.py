@@ -6,7 +6,7 @@ from labbook.backend import Capabilities, Probe, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene
 
-CACHE_VERSION = 1
+CACHE_VERSION = 2
 
 
 class Backend:
@@ -18,7 +18,7 @@ class Backend:
         shapes=frozenset({"sphere"}),
         laws=frozenset({"hertz-mindlin", "linear"}),
         walls=frozenset({"plane", "strip"}),
-        precisions=frozenset({"double"}),
+        precisions=frozenset({"double", "mixed"}),
         devices=("cpu",),
     )
 

@@ -23,8 +23,8 @@ from labbook_dem import contact, motion, source
 from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
-from labbook_numba import dialect, state, vector
-from labbook_numba.kernels import blocks, neighbours, observe, pairs, step, walls
+from labbook_numba import dialect, lanes, rows, squeeze, state, vector
+from labbook_numba.kernels import blocks, neighbours, observe, pairs, step, transfer, walls
 from labbook_numba.kernels import features as vocabulary
 
 SWITCHES = (
@@ -39,6 +39,9 @@ SWITCHES = (
     "LEDGER",
     "ANY_WALLS",
 )
+
+
+PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "X", "V", "W", "U", "F", "T")
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX
@@ -67,14 +70,12 @@ def cache_folder() -> Path:
 
 def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     """Source of the kernel module of one specialisation."""
-    constants: dict[str, object] = dict(switches)
-    for place in (
-        state,
-        vocabulary,
-    ):  # the numbers by which host and kernels agree on places and return codes
-        constants |= _numbers(place)
-    constants |= {name: _Unsigned(value) for name, value in _numbers(blocks).items() if name not in constants}
-    modules = [LAWS[law], contact, motion, plane, strip, blocks, pairs, walls, neighbours, step, observe]
+    # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
+    places = _numbers(blocks) | _numbers(walls) | {name: getattr(state, name) for name in PLACES}
+    constants: dict[str, object] = {**_numbers(state), **_numbers(vocabulary), **switches}
+    constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
+    del constants["LANES"]  # the header's
+    modules = [LAWS[law], contact, motion, plane, strip, blocks, transfer, pairs, walls, neighbours, step, observe]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
     return text.replace(": State", "").replace(": Params", "")
@@ -94,7 +95,9 @@ def _numbers(module: ModuleType) -> dict[str, int]:
 def digest(text: str) -> str:
     """Hash of a kernel module and of everything else that decides what it compiles to."""
     parts = [text, numba.__version__, llvmlite.__version__, platform.python_version()]
-    parts += [Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, state)]
+    parts += [
+        Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, lanes, rows, squeeze, state)
+    ]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
 
 

@@ -12,6 +12,11 @@ from math import sqrt
 import numpy as np
 from numba import float32, float64, int64, njit, uint64
 
+from labbook_numba.lanes import eight_at, put, put_row, row_at, spread, square
+from labbook_numba.rows import add_rows, add_two_rows, columns, put_rows, rows, rows_at
+from labbook_numba.squeeze import (
+    both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
+)
 from labbook_numba.vector import vec3d, vec3f
 
 FAST = {fast}
@@ -22,6 +27,7 @@ wide = float64
 vec3 = {vec3}
 wide3 = vec3d
 coefs = tuple  # of eight
+LANES = uint64({lanes})
 
 
 @func
@@ -46,4 +52,6 @@ def header(precision: str) -> str:
     """The header of a kernel module in `double`, or `mixed` (contact law in single)."""
     single = precision == "mixed"
     vec3 = "vec3f" if single else "vec3d"
-    return _HEADER.format(fast=FAST, real="float32" if single else "float64", vec3=vec3, cross=vec3 + _CROSS)
+    return _HEADER.format(
+        fast=FAST, real="float32" if single else "float64", vec3=vec3, lanes=16 if single else 8, cross=vec3 + _CROSS
+    )

@@ -32,7 +32,7 @@ class Run:
         """Begin from a packing at step 0."""
         n = len(packing)
         near, walls = PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64
-        self.state = st = S.allocate(n, near, len(self.names), walls, self._crossings(n))
+        self.state = st = S.allocate(n, near, len(self.names), walls, self._crossings(n), self.numerics.precision)
         st.count[S.GRAINS] = n
         st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
         st.u[:] = packing.v
@@ -48,14 +48,14 @@ class Run:
         st, pairs = self.state, int(self.state.count[S.PAIRS])
         at = _places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
         found = at >= 0
-        st.spring[:, at[found]] = packing.pair_spring[found].T
+        st.spring[at[found], :3] = packing.pair_spring[found]
         st.held[at[found]] = 1
         for w, name in enumerate(self.names):
             first, last = st.wall_first[w], st.wall_first[w + 1]
             mine = packing.wall_name == name
             at = _places(st.wall_grain[first:last], packing.wall_grain[mine])
             found = at >= 0
-            st.wall_spring[:, first + at[found]] = packing.wall_spring[mine][found].T
+            st.wall_spring[first + at[found], :3] = packing.wall_spring[mine][found]
             st.wall_held[first + at[found]] = 1
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -68,7 +68,7 @@ class Run:
         if checkpoint.arrays.keys() != set(S.State._fields) - set(S.SCRATCH):
             raise ValueError("the checkpoint has other arrays than this engine's state")
         stored = {name: np.array(array) for name, array in checkpoint.arrays.items()}
-        empty = S.allocate(len(stored["x"]), 0, 0, 0, 0)
+        empty = S.allocate(len(stored["ids"]), 0, 0, 0, 0, self.numerics.precision)
         self.state = empty._replace(**stored)
 
     def checkpoint(self) -> Checkpoint:
@@ -151,10 +151,10 @@ class Run:
             omega=w,
             ids=st.ids[:n].copy(),
             pairs=np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[held].astype(np.int64),
-            pair_spring=st.spring[:, :pairs].T[held],
+            pair_spring=st.spring[:pairs, :3][held],
             wall_grain=st.wall_grain[:walls][wall_held].astype(np.int64),
             wall_name=np.array([*self.names, ""], "U40")[wall[wall_held]],
-            wall_spring=st.wall_spring[:, :walls].T[wall_held],
+            wall_spring=st.wall_spring[:walls, :3][wall_held],
         )
 
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
@@ -162,7 +162,7 @@ class Run:
         self._fresh_lists()
         n = int(self.state.count[S.GRAINS])
         v, w = np.empty((n, 3)), np.empty((n, 3))
-        changed = ("f", "t", "held", "spring", "wall_held", "wall_spring", "sums", "count")
+        changed = ("loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
         self.kernels.whole_step(copy, self.params, v, w)
         return v, w
@@ -184,8 +184,8 @@ def kinetic(p: Params, v: np.ndarray, w: np.ndarray) -> float:
 
 
 def _lengthened(array: np.ndarray, to: int) -> np.ndarray:
-    longer = np.zeros((*array.shape[:-1], to), array.dtype)
-    longer[..., : array.shape[-1]] = array
+    longer = np.zeros((to, *array.shape[1:]), array.dtype)
+    longer[: len(array)] = array
     return longer
 
 

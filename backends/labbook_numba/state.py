@@ -10,25 +10,33 @@ COUNTERS = 10
 # sums and clocks, in State.sums
 MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
 SUMS = 4
-BLOCK_COLUMNS = 20
+BLOCK = 384  # contacts that a law works on at a time
+PAD = 8  # spare places behind lists, which are read eight at a time
+# of the columns of a block: no power of two, whose columns would share cache sets; a multiple of 16, without which LLVM
+# fears for the forwarding of stores to loads in registers of 16, and uses smaller ones
+STRIDE = BLOCK + 16
+BLOCK_COLUMNS, NEAR_COLUMNS = 21, 7
+# rows of State.grains: where in them position, velocity, spin and predicted velocity start; rows of State.loads
+X, V, W, U, GRAIN = 0, 4, 8, 12, 16
+F, T, LOAD = 0, 4, 8
+SPRING = 4
+GHOSTS = 2  # rows behind the grains: one that may be written to for nothing, and one too far away to touch it
+FAR = 1e30
 # columns of a row of State.cross
 CROSS_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 
 
 class State(NamedTuple):
-    """Grains are rows 0..GRAINS-1 of arrays of n rows; vectors are columns 0..2, in double.
+    """Grains are rows 0..GRAINS-1; vectors are four doubles, of which the last is zero, so that one load takes them.
 
-    x [m] at whole steps; v [m/s], w [rad/s] half a step before; u: v predicted for now; f [N], t [N m].
-    Near pairs: grains pair_i < pair_j, both ascending, with the spring [m] of each, shape [3, pairs], valid where
-    `held`. Near walls likewise: those of wall w are wall_first[w]..wall_first[w + 1], grains ascending.
+    grains: x [m] at whole steps; v [m/s], w [rad/s] half a step before; u: v predicted for now. loads: f [N], t [N m].
+    Near pairs: grains pair_i < pair_j, both ascending, with the spring [m] of each, valid where `held`, which says that
+    it touched at the last step; behind the last come pairs of ghosts. Near walls likewise: those of wall w are
+    wall_first[w]..wall_first[w + 1], grains ascending.
     """
 
-    x: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
-    u: np.ndarray
-    f: np.ndarray
-    t: np.ndarray
+    grains: np.ndarray
+    loads: np.ndarray
     ids: np.ndarray
     gone: np.ndarray  # 1 once the grain has crossed the outlet plane
     pair_i: np.ndarray
@@ -42,15 +50,44 @@ class State(NamedTuple):
     cross: np.ndarray
     count: np.ndarray
     sums: np.ndarray
-    # scratch: a block of contacts and the list entries in it, squares of speeds; and the same memory as integers
+    # scratch: a block of contacts, in the precision of laws, the same memory as integers, the grains and the list
+    # entries in it; what is near a wall; squares of speeds; and the same memory as integers
     block: np.ndarray
     bits: np.ndarray
+    block_i: np.ndarray
+    block_j: np.ndarray
     slot: np.ndarray
+    near: np.ndarray
     speed2: np.ndarray
     speed_bits: np.ndarray
 
+    @property
+    def x(self) -> np.ndarray:
+        """Positions [m] of all rows but ghosts, shape [n, 3]; a view, as those below."""
+        return self.grains[:-GHOSTS, X : X + 3]
 
-SCRATCH = ("block", "bits", "slot", "speed2", "speed_bits")
+    @property
+    def v(self) -> np.ndarray:
+        """Velocities [m/s] half a step before."""
+        return self.grains[:-GHOSTS, V : V + 3]
+
+    @property
+    def w(self) -> np.ndarray:
+        """Spins [rad/s] half a step before."""
+        return self.grains[:-GHOSTS, W : W + 3]
+
+    @property
+    def u(self) -> np.ndarray:
+        """Velocities [m/s] predicted for now."""
+        return self.grains[:-GHOSTS, U : U + 3]
+
+    @property
+    def f(self) -> np.ndarray:
+        """Forces [N]."""
+        return self.loads[:-GHOSTS, F : F + 3]
+
+
+SCRATCH = ("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits")
 
 
 class Params(NamedTuple):
@@ -76,34 +113,41 @@ class Params(NamedTuple):
     wall_motion: np.ndarray
 
 
-def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int) -> State:
+def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str) -> State:
     """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
-    block, speed2 = _aligned(BLOCK_COLUMNS * 128 + 8), _aligned(n + 1)
+    real, whole = (np.float32, np.int32) if precision == "mixed" else (np.float64, np.int64)
+    block, speed2 = _aligned(BLOCK_COLUMNS * STRIDE, real), _aligned(n + 1)
+    grains = _aligned((n + GHOSTS) * GRAIN).reshape(-1, GRAIN)
+    grains[-1, X] = FAR
     return State(
-        **{name: np.zeros((n, 3)) for name in ("x", "v", "w", "u", "f", "t")},
+        grains=grains,
+        loads=_aligned((n + GHOSTS) * LOAD).reshape(-1, LOAD),
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
-        pair_i=np.zeros(pairs, np.int32),
-        pair_j=np.zeros(pairs, np.int32),
-        held=np.zeros(pairs, np.uint8),
-        spring=np.zeros((3, pairs)),
+        pair_i=np.zeros(pairs + PAD, np.int32),
+        pair_j=np.zeros(pairs + PAD, np.int32),
+        held=np.zeros(pairs + PAD, np.uint8),
+        spring=_aligned((pairs + PAD) * SPRING).reshape(-1, SPRING),
         wall_first=np.zeros(walls + 1, np.int64),
-        wall_grain=np.zeros(near_walls, np.int32),
-        wall_held=np.zeros(near_walls, np.uint8),
-        wall_spring=np.zeros((3, near_walls)),
+        wall_grain=np.zeros(near_walls + PAD, np.int32),
+        wall_held=np.zeros(near_walls + PAD, np.uint8),
+        wall_spring=_aligned((near_walls + PAD) * SPRING).reshape(-1, SPRING),
         cross=np.zeros((crossings, len(CROSS_COLUMNS))),
         count=np.zeros(COUNTERS, np.int64),
         sums=np.zeros(SUMS),
         block=block,
-        bits=block.view(np.int64),
-        slot=np.zeros(128 + 1, np.int32),
+        bits=block.view(whole),
+        block_i=np.zeros(BLOCK + PAD, np.int32),
+        block_j=np.zeros(BLOCK + PAD, np.int32),
+        slot=np.zeros(BLOCK + PAD, np.int32),
+        near=_aligned(NEAR_COLUMNS * STRIDE),
         speed2=speed2,
         speed_bits=speed2.view(np.int64),
     )
 
 
-def _aligned(n: int) -> np.ndarray:
+def _aligned(n: int, kind: type = np.float64) -> np.ndarray:
     """Zeros that start on a cache line, as wide loads like it."""
-    raw = np.zeros(n + 8)
-    start = -(raw.ctypes.data // 8) % 8
-    return raw[start : start + n]
+    raw = np.zeros(n * np.dtype(kind).itemsize + 64, np.uint8)
+    start = -raw.ctypes.data % 64
+    return raw[start : start + n * np.dtype(kind).itemsize].view(kind)

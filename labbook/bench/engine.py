@@ -1,4 +1,4 @@
-"""Speed of an engine on Fan's hopper: settled and flowing, one member and one a core, memory, and time to start.
+"""Speed of an engine: Fan's hopper settled and flowing, a box of spheres, what its switches save, its start.
 
 Rates are grain-steps per second of processor time, summed over threads: other jobs on the machine cost little. Only
 the scaling over members is taken from the wall clock, and is a ratio within one run.
@@ -7,15 +7,15 @@ the scaling over members is taken from the wall clock, and is a ratio within one
 import os
 import resource
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 from labbook import backend
-from labbook.backend import Crossing, Ensemble, Failed, Member, Settled
-from labbook.bench.scenes import FAN_STEP, fan
+from labbook.backend import Crossing, Ensemble, Failed, Ledger, Member, Probe, Settled
+from labbook.bench.scenes import BOX_STEP, FAN_STEP, box, fan, variants
+from labbook.bench.starting import Starting, starting
+from labbook.numerics import Numerics
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place
@@ -23,6 +23,8 @@ from labbook.scene import Scene
 
 SETTLED = 1e-6  # kinetic energy per grain [m g d] of the bed that is timed
 OUTFLOW = 0.2  # s of discharge before the flow is timed
+BOXES = (10_000, 100_000)
+TIMED = 1000  # steps of one timing
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Rate:
     """Millions of grain-steps per second of processor time: median and range over `repeats`."""
 
     case: str
+    precision: str
     median: float
     low: float
     high: float
@@ -39,16 +42,16 @@ class Rate:
 
 @dataclass(frozen=True)
 class EngineBench:
-    """What one engine does on this machine."""
+    """What one engine does on this machine. `ablations`: the settled bed, in double, less or more than it is."""
 
     backend: str
     hardware: dict[str, object]
     rates: tuple[Rate, ...]
+    ablations: tuple[Rate, ...]
     members: int
     speed_up: float
     memory: float
-    first_step: float
-    compile: float
+    starting: Starting
 
     def as_dict(self) -> dict[str, object]:
         """For JSON; rates in 1e6 grain-steps per processor second, memory in MB, times in s."""
@@ -56,64 +59,88 @@ class EngineBench:
 
 
 def run(
-    name: str = "numba", repeats: int = 7, say: Callable[[str], None] = lambda _: None, grains: int = 3000
+    name: str = "numba",
+    repeats: int = 7,
+    say: Callable[[str], None] = lambda _: None,
+    grains: int = 3000,
+    boxes: tuple[int, ...] = BOXES,
 ) -> EngineBench:
-    """Measure the engine called `name` on Fan's hopper with `grains`. Takes about two minutes with 3000."""
+    """Measure the engine called `name` on Fan's hopper with `grains`, and `boxes`. Takes some five minutes."""
     from labbook.bench.hardware import hardware
 
     engine = backend.load(name)
-    scene, step = fan(grains=grains), FAN_STEP
+    scene = fan(grains=grains)
     closed = scene.close()
     say(f"settling {grains} grains")
-    began = time.perf_counter()
-    still = engine.open(engine.specialise(closed, step), 1)
-    bed = still.admit(closed, step, place(closed, "gas", 1), settled_below=SETTLED)
-    first = still.advance(1)
-    if any(isinstance(event, Failed) for event in first):
-        raise RuntimeError("the bed did not settle: its first beat failed")
-    compiled = time.perf_counter() - began
-    _settle(still)
-    packing = still.packing(bed)
-    say("timing the settled bed")
-    rates = [_rate("fan settled", still, [bed], 4, repeats)]
-    still.close()
-    say("timing the discharge")
-    probes = (Crossing(0.0),)
-    start = opened(packing, closed, scene)
-    flow = engine.open(engine.specialise(scene, step, probes), 1)
-    flowing = flow.admit(scene, step, start)
-    flow.advance(round(OUTFLOW / step.beat))
-    rates.append(_rate("fan flowing", flow, [flowing], 4, repeats))
-    flow.close()
+    packing = _settle(engine, closed)
+    rates = []
+    for precision in sorted(engine.capabilities.precisions):
+        numerics = FAN_STEP.model_copy(update={"precision": precision})
+        say(f"timing the settled bed and the discharge, {precision}")
+        rates.append(_timed(engine, "fan settled", closed, numerics, packing, repeats))
+        start = opened(packing, closed, scene)
+        rates.append(_timed(engine, "fan flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
+    for count in boxes:
+        say(f"timing a box of {count}")
+        stack, at_rest = box(count)
+        rates.append(_timed(engine, "box at rest", stack, BOX_STEP, at_rest, repeats))
+    say("timing what switches save")
+    ablations = [_timed(engine, what, s, FAN_STEP, packing, repeats) for what, s in variants(closed).items()]
+    ablations.append(_timed(engine, "with a ledger", closed, FAN_STEP, packing, repeats, [Ledger()]))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # peak; Linux counts in KiB
     say("timing members side by side")
     members = _cores()
     speed_up = _speed_up(engine, scene, packing, members)
     say("timing a fresh start")
-    return EngineBench(name, hardware(), tuple(rates), members, speed_up, memory, _first_step(name), compiled)
+    return EngineBench(name, hardware(), tuple(rates), tuple(ablations), members, speed_up, memory, starting(name))
 
 
-def _settle(ensemble: Ensemble) -> None:
+def _settle(engine: backend.Backend, closed: Scene) -> Packing:
+    ensemble = engine.open(engine.specialise(closed, FAN_STEP), 1)
+    bed = ensemble.admit(closed, FAN_STEP, place(closed, "gas", 1), settled_below=SETTLED)
     while True:
         for event in ensemble.advance(4):
             if isinstance(event, Failed):
                 raise RuntimeError(f"the bed did not settle: {event.message}")
             if isinstance(event, Settled):
-                return
+                packing = ensemble.packing(bed)
+                ensemble.close()
+                return packing
 
 
-def _rate(case: str, ensemble: Ensemble, members: list[Member], beats: int, repeats: int) -> Rate:
+def _timed(
+    engine: backend.Backend,
+    case: str,
+    scene: Scene,
+    numerics: Numerics,
+    start: Packing,
+    repeats: int,
+    probes: list[Probe] | None = None,
+    after: float = 0.0,
+) -> Rate:
+    """Rate of one member, from `after` [s] on; a first beat, in which kernels may be compiled, is not timed."""
+    ensemble = engine.open(engine.specialise(scene, numerics, probes or []), 1)
+    member = ensemble.admit(scene, numerics, start)
+    ensemble.advance(max(1, round(after / numerics.beat)))
+    rate = _rate(case, numerics.precision, ensemble, [member], max(1, TIMED // numerics.steps_per_beat), repeats)
+    ensemble.close()
+    return rate
+
+
+def _rate(case: str, precision: str, ensemble: Ensemble, members: list[Member], beats: int, repeats: int) -> Rate:
     rates = []
     for _ in range(repeats):
         before = [ensemble.status(member) for member in members]
         began = time.process_time()
-        ensemble.advance(beats)
+        events = ensemble.advance(beats)
+        if failed := [event for event in events if isinstance(event, Failed)]:
+            raise RuntimeError(f"{case}: {failed[0].message}")
         spent = time.process_time() - began
         after = [ensemble.status(member) for member in members]
         done = sum((b.step - a.step) * (a.grains + b.grains) / 2 for a, b in zip(before, after, strict=True))
         rates.append(done / spent / 1e6)
     grains = ensemble.status(members[0]).grains
-    return Rate(case, statistics.median(rates), min(rates), max(rates), grains, repeats)
+    return Rate(case, precision, statistics.median(rates), min(rates), max(rates), grains, repeats)
 
 
 def _speed_up(engine: backend.Backend, scene: Scene, packing: Packing, members: int) -> float:
@@ -135,27 +162,6 @@ def _speed_up(engine: backend.Backend, scene: Scene, packing: Packing, members: 
     one.close()
     many.close()
     return statistics.median(ratios)
-
-
-def _first_step(name: str) -> float:
-    """Wall time [s] from the start of a fresh process to the engine's first step, kernels cached: best of three."""
-    code = f"from labbook.bench.engine import first_step; first_step({name!r})"
-    times = []
-    for _ in range(3):
-        began = time.perf_counter()
-        subprocess.run([sys.executable, "-c", code], check=True)
-        times.append(time.perf_counter() - began)
-    return min(times)
-
-
-def first_step(name: str) -> None:
-    """Take one step of Fan's settling hopper."""
-    closed, step = fan().close(), FAN_STEP.model_copy(update={"steps_per_beat": 1})
-    engine = backend.load(name)
-    ensemble = engine.open(engine.specialise(closed, step), 1)
-    ensemble.admit(closed, step, place(closed, "gas", 1))
-    ensemble.advance(1)
-    ensemble.close()
 
 
 def _cores() -> int:

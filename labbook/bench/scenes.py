@@ -1,9 +1,16 @@
 """Scenes that engines are timed on."""
 
+import math
+
+import numpy as np
+
 from labbook.numerics import Numerics
-from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
+from labbook.protocol.packing import Packing
+from labbook.scene import Box, HertzMindlin, LinearSpringDashpot, Primitives, Scene, Spheres, WedgeHopper
 
 FAN_STEP = Numerics(dt=2.5e-6)
+BOX_STEP = Numerics(dt=2e-6, steps_per_beat=200)
+GRAVITY = 9.81
 
 
 def fan(orifice: float = 0.03, grains: int = 3000) -> Scene:
@@ -15,3 +22,49 @@ def fan(orifice: float = 0.03, grains: int = 3000) -> Scene:
         ),
         container=WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=orifice),
     )
+
+
+def variants(scene: Scene) -> dict[str, Scene]:
+    """The scene without one thing after another that an engine need not compute then."""
+
+    def law(**changes: float) -> Scene:
+        return scene.model_copy(update={"contact": scene.contact.model_copy(update=changes)})
+
+    sides = tuple(wall for wall in scene.container.walls() if wall.name not in ("front", "back"))
+    return {
+        "without rolling resistance": law(rolling_friction=0.0),
+        "without friction": law(friction=0.0, rolling_friction=0.0),
+        "without front and back": scene.model_copy(update={"container": Primitives(parts=sides)}),
+        "linear law": scene.model_copy(
+            update={
+                "contact": LinearSpringDashpot(
+                    normal_stiffness=2e5 * scene.grains.mass * GRAVITY / scene.grains.diameter,
+                    friction=0.5,
+                    rolling_friction=0.01,
+                    restitution=0.2,
+                )
+            }
+        ),
+    }
+
+
+def box(grains: int) -> tuple[Scene, Packing]:
+    """Spheres stacked in a box, each above another and beside four, at rest: three contacts a grain.
+
+    More than a random bed has, so that the rate is no better than there. Linear law with friction.
+    """
+    d = 3e-3
+    across = round((grains / 1.25) ** (1 / 3))
+    layers = math.ceil(grains / across**2)
+    apart = d * (1 - 1e-5)
+    sites = np.stack(np.meshgrid(*(np.arange(k) for k in (layers, across, across)), indexing="ij"), -1).reshape(-1, 3)
+    x = (sites[:grains, ::-1] + 0.5) * apart - [across * apart / 2, across * apart / 2, 0.0]
+    spheres = Spheres(diameter=d, density=2500, count=grains)
+    scene = Scene(
+        grains=spheres,
+        contact=LinearSpringDashpot(
+            normal_stiffness=2e5 * spheres.mass * GRAVITY / d, friction=0.5, rolling_friction=0.0, restitution=0.2
+        ),
+        container=Box(width=across * apart, depth=across * apart, height=2 * layers * d),
+    )
+    return scene, Packing(x=x, v=np.zeros_like(x), omega=np.zeros_like(x))

@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Measure grain-steps per second and core on Fan's hopper, settled and flowing."""
+        """Measure grain-steps per second and core on Fan's hopper and in boxes, and what switches save."""
         from rich.console import Console
 
         from labbook.backend import BackendMissing
@@ -44,14 +44,21 @@ def _show(result) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("case", "million grain-steps/s/core", "range", "grains")
+    table = Table("case", "grains", "precision", "million grain-steps/s/core", "range")
     for rate in result.rates:
-        table.add_row(rate.case, f"{rate.median:.1f}", f"{rate.low:.1f}-{rate.high:.1f}", str(rate.grains))
+        table.add_row(
+            rate.case, str(rate.grains), rate.precision, f"{rate.median:.1f}", f"{rate.low:.1f}-{rate.high:.1f}"
+        )
+    full = next(rate.median for rate in result.rates if (rate.case, rate.precision) == ("fan settled", "double"))
+    saved = Table("fan settled, double", "million grain-steps/s/core", "times the full scene")
+    for rate in result.ablations:
+        saved.add_row(rate.case, f"{rate.median:.1f}", f"{rate.median / full:.2f}")
     console = Console()
     console.print(f"engine {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
-    console.print(table)
+    console.print(table, saved)
+    start = result.starting
     console.print(
         f"{result.members} members side by side: {result.speed_up:.2f} times one; peak memory {result.memory:.0f} MB; "
-        f"from process start to the engine's first step "
-        f"{result.first_step:.1f} s; first use (compiling) {result.compile:.1f} s"
+        f"from process start to the engine's first step {start.first_step:.1f} s, of which opening and stepping "
+        f"{start.cached:.2f} s; {start.compiled:.1f} s if it must compile"
     )

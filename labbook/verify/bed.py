@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend import Contacts, Ledger, Sample
 from labbook.protocol.placing import place
 from labbook.scene import Box, Primitives, Scene, WedgeHopper
-from labbook.verify.case import Case, double
+from labbook.verify.case import Case, limited
 from labbook.verify.collision import STUDY_STEP
 from labbook.verify.materials import LAWS, D, G, floor, hertz, scene
 from labbook.verify.rolling import static_overlap
@@ -78,7 +78,7 @@ CASES = [
         name="static-overlap",
         statement="a grain at rest on a floor overlaps it by as much as carries its weight, whatever the damping",
         source="contact laws at rest",
-        measures={law: double(1e-8) for law in LAWS},
+        measures={law: limited(1e-8, roundings=16) for law in LAWS},
         run=_sinks_in,
     ),
     Case(
@@ -88,7 +88,7 @@ CASES = [
         measures={
             f"{what}, {name}": measure
             for name in ("flat", "inclined")
-            for what, measure in (("|wall force - weight|", double(1e-6)), ("kinetic energy", double(1e-9, "m g d")))
+            for what, measure in (("|wall force - weight|", limited(1e-6)), ("kinetic energy", limited(1e-9, "m g d")))
         },
         run=_carries,
     ),
@@ -97,9 +97,10 @@ CASES = [
         statement="a pile at rest stays at rest for a million steps",
         source="equilibrium",
         measures={
-            "largest kinetic energy": double(1e-9, "m g d"),
-            "change of potential energy": double(1e-6, "m g d"),
-            "drift": double(1e-6, "d"),
+            "largest kinetic energy": limited(1e-9, "m g d"),
+            "change of potential energy": limited(1e-6, "m g d"),
+            # springs, below 6e-4 d, lose up to a rounding at each of a million steps
+            "drift": limited(1e-6, "d", roundings=600),
         },
         run=_stays,
         slow=True,

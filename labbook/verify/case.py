@@ -22,9 +22,17 @@ class Measure:
     unit: str = ""
 
 
-def double(limit: float, unit: str = "") -> Measure:
-    """A measure with a limit for engines that compute in double precision."""
-    return Measure({"double": limit}, unit)
+ROUNDING = 2.0**-24
+"""Largest relative error of one operation in single precision."""
+
+
+def limited(limit: float, unit: str = "", *, roundings: float = 0) -> Measure:
+    """A measure with a limit: `limit` in double precision, where round-off is far below it.
+
+    `roundings`: how many roundings of a law in single precision may add up in the error; `mixed` is allowed these too.
+    A force of contact takes about 16 operations one after the other.
+    """
+    return Measure({"double": limit, "mixed": limit + roundings * ROUNDING}, unit)
 
 
 @dataclass(frozen=True)

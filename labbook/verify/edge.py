@@ -12,7 +12,7 @@ import numpy as np
 from labbook.backend import Crossing, Sample
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene, Surface, WedgeHopper
-from labbook.verify.case import Case, double
+from labbook.verify.case import Case, limited
 from labbook.verify.materials import D, G, linear, scene, spheres
 from labbook.verify.rolling import lever
 from labbook.verify.stand import Motion, Stand, Start, require
@@ -148,7 +148,7 @@ CASES = [
         name="edge-without-slip",
         statement="a sphere turning about an edge without slip from rest at t0 leaves it at cos t = (10/17) cos t0",
         source="energy of a rigid body",
-        measures={"|cos t / (10/17 cos t0) - 1|": double(1e-3)},
+        measures={"|cos t / (10/17 cos t0) - 1|": limited(1e-3)},
         run=_leaves,
     ),
     Case(
@@ -156,10 +156,10 @@ CASES = [
         statement="rolling, turning about the edge, slipping on it and flying as integrated for a rigid sphere",
         source="SciPy DOP853, rigid body",
         measures={
-            "position": double(1e-5, "R"),
-            "velocity, of sqrt(g R)": double(1e-3),
-            "spin, of the last": double(1e-5),
-            "passage time": double(1e-6),
+            "position": limited(1e-5, "R"),
+            "velocity, of sqrt(g R)": limited(1e-3),
+            "spin, of the last": limited(1e-5),
+            "passage time": limited(1e-6),
         },
         run=_follows,
     ),

@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.backend import Contacts, Ledger, Sample
 from labbook.scene import Primitives, Scene, Surface
-from labbook.verify.case import Case, double
+from labbook.verify.case import Case, limited
 from labbook.verify.materials import LAWS, D, G, floor, scene
 from labbook.verify.rolling import static_overlap
 from labbook.verify.stand import Motion, Stand, Start, grains_at
@@ -93,10 +93,10 @@ CASES = [
             statement="kinetic + potential energy - contact work stays while load and shear come and go: order dt^2",
             source="work of forces",
             measures={
-                "gap, ledger": double(1e-3),
-                "|order - 2|, ledger": double(0.2),
-                "gap, integrated power": double(1e-3),
-                "|order - 2|, integrated power": double(0.1),
+                "gap, ledger": limited(1e-3),
+                "|order - 2|, ledger": limited(0.2),
+                "gap, integrated power": limited(1e-3),
+                "|order - 2|, integrated power": limited(0.1),
             },
             run=_cycle(law),
         )
@@ -106,7 +106,7 @@ CASES = [
         name="energy-impact",
         statement="after an oblique impact with friction and damping, the work of the contact is the energy lost",
         source="work of forces",
-        measures={law: double(1e-12) for law in LAWS},
+        measures={law: limited(1e-12) for law in LAWS},
         run=_impact,
     ),
 ]

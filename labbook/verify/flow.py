@@ -9,7 +9,7 @@ from labbook.backend import Crossing
 from labbook.protocol.opening import opened
 from labbook.protocol.placing import place
 from labbook.scene import Scene, WedgeHopper
-from labbook.verify.case import Case, double
+from labbook.verify.case import Case, limited
 from labbook.verify.materials import D, G, hertz, scene
 from labbook.verify.stand import Stand, Start, require
 
@@ -79,7 +79,7 @@ CASES = [
         name="flow-outlet",
         statement="W rises with the outlet",
         source="Beverloo et al. 1961",
-        measures={"largest W(smaller D)/W(D)": double(0.9)},
+        measures={"largest W(smaller D)/W(D)": limited(0.9)},
         run=_with_outlet,
         slow=True,
     ),
@@ -87,7 +87,7 @@ CASES = [
         name="flow-friction",
         statement="W falls with friction",
         source="Fan et al. 2023",
-        measures={"largest W(larger mu)/W(mu)": double(0.97)},
+        measures={"largest W(larger mu)/W(mu)": limited(0.97)},
         run=_with_friction,
         slow=True,
     ),
@@ -95,7 +95,7 @@ CASES = [
         name="flow-height",
         statement="W does not depend on the filling height above 1.2 widths",
         source="Janssen 1895; Beverloo et al. 1961",
-        measures={"|W(upper half)/W(lower half) - 1|": double(0.1)},
+        measures={"|W(upper half)/W(lower half) - 1|": limited(0.1)},
         run=_with_height,
         slow=True,
     ),

@@ -14,7 +14,7 @@ from labbook.backend import Sample
 from labbook.protocol.packing import Packing
 from labbook.scene import HertzMindlin, Primitives, Scene, Surface
 from labbook.scene.timescales import effective_modulus
-from labbook.verify.case import Case, Measure, double
+from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import LAWS, D, G, floor, scene
 from labbook.verify.stand import Stand, Start, grains_at
 
@@ -150,7 +150,7 @@ CASES = [
         name="rolling-incline",
         statement="a sphere rolls down a slope with a = (5/7) g (sin t - mu_r cos t)",
         source="rigid body, lever R - delta",
-        measures={"relative error of a": double(1e-6), "the same with l = R": Measure({})},
+        measures={"relative error of a": limited(1e-6), "the same with l = R": Measure({})},
         run=_rolls_down,
     ),
     Case(
@@ -158,10 +158,12 @@ CASES = [
         statement="below tan t = mu_r a sphere rests, but for the limiter's creep, of order g dt; above, it rolls",
         source="balance of torques",
         measures={
-            "creep/(g sin t dt)": double(31),
-            "creep at dt/2, over half of it - 1": double(1e-6),
+            "creep/(g sin t dt)": limited(31),
+            # a spring of 1.5e-8 m loses up to a rounding a step: slip of up to 400 roundings of the creep at dt/2
+            "creep at dt/2, over half of it - 1": limited(1e-6, roundings=400),
             "creep in a second": Measure({}, "d"),
-            "1 % above: |a/expected - 1|": double(1e-6),
+            # a is 1 % of the two terms that it is the difference of
+            "1 % above: |a/expected - 1|": limited(1e-6, roundings=100 * 16),
         },
         run=_rests,
     ),
@@ -169,14 +171,14 @@ CASES = [
         name="sliding-to-rolling",
         statement="a sphere that starts to slide at v0 ends up rolling at (5/7) v0",
         source="angular momentum, lever R - delta",
-        measures={"relative error of v and of rolling": double(1e-6), "|v/v0 - 5/7|": Measure({})},
+        measures={"relative error of v and of rolling": limited(1e-6), "|v/v0 - 5/7|": Measure({})},
         run=_comes_to_roll,
     ),
     Case(
         name="incline-slip",
         statement="a sphere on a slope slips beyond tan t = 3.5 mu: slip of the contact over g, 1 % off the threshold",
         source="rigid body, lever R - delta",
-        measures={f"{law}, {side}": double(1e-6) for law in LAWS for side in ("below", "above")},
+        measures={f"{law}, {side}": limited(1e-6, roundings=16) for law in LAWS for side in ("below", "above")},
         run=_slips,
     ),
 ]

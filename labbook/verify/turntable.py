@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend import Sample
 from labbook.scene import Primitives, SurfaceMotion
 from labbook.scene.scene import Surface
-from labbook.verify.case import Case, Measure, double
+from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import D, G, floor, hertz, scene
 from labbook.verify.rolling import lever
 from labbook.verify.stand import Stand, Start, grains_at
@@ -50,9 +50,9 @@ CASES = [
         statement="a sphere rolling on a turntable circles at 2/7 of its angular velocity",
         source="rigid body, lever R - delta",
         measures={
-            "relative error of the rate": double(1e-6),
+            "relative error of the rate": limited(1e-6),
             "|rate/(2/7 of the table's) - 1|": Measure({}),
-            "radius over v/rate": double(1e-5),
+            "radius over v/rate": limited(1e-5),
         },
         run=_circles,
     )

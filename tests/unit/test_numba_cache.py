@@ -112,6 +112,19 @@ def test_features_and_versions_are_part_of_the_key(monkeypatch):
     assert key_of() != plain
 
 
+@pytest.mark.parametrize("name", ["lanes", "rows", "squeeze", "vector"])
+def test_registers_are_part_of_the_key(name, monkeypatch, tmp_path):
+    """Instructions that kernels import are not in their text, and yet decide what they compile to."""
+    import importlib
+
+    module = importlib.import_module(f"labbook_numba.{name}")
+    plain = key_of()
+    edited = tmp_path / f"{name}.py"
+    edited.write_text(Path(str(module.__file__)).read_text(encoding="utf-8") + "# edited\n", encoding="utf-8")
+    monkeypatch.setattr(module, "__file__", str(edited))
+    assert key_of() != plain
+
+
 def test_where_the_cache_is(monkeypatch, tmp_path):
     from labbook_numba.build import cache_folder
 

@@ -10,18 +10,14 @@ from labbook_dem.contact import rolling, slip, trial
 from labbook_dem.laws.hertz_mindlin import normal, respond
 from labbook_dem.words import cross, dot, func, real, sqrt, vec3, wide
 
-from labbook_numba.kernels.features import FRICTION, ROLLING, TWIST, kernel, uint64
+from labbook_numba.kernels.features import BLOCK_COLUMNS, FRICTION, LANES, ROLLING, STRIDE, TWIST, kernel, uint64
 
-BLOCK = uint64(128)
-# in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
+# columns; in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
 # out, in the places of the velocities, spins and spring: force, torque on i and on j, spring
-NX, NY, NZ, GAP = uint64(0), uint64(128), uint64(256), uint64(384)
-UX, UY, UZ = uint64(512), uint64(640), uint64(768)
-VX, VY, VZ = uint64(896), uint64(1024), uint64(1152)
-AX, AY, AZ = uint64(1280), uint64(1408), uint64(1536)
-BX, BY, BZ = uint64(1664), uint64(1792), uint64(1920)
-SX, SY, SZ, DT = uint64(2048), uint64(2176), uint64(2304), uint64(2432)
-SPARE = uint64(2560)
+(NX, NY, NZ, GAP, UX, UY, UZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, SX, SY, SZ, DT, SPARE) = (
+    uint64(column * STRIDE) for column in range(BLOCK_COLUMNS)
+)
+HELD = DT  # 1 for a contact that has a spring; becomes DT
 
 
 @func
@@ -46,15 +42,28 @@ def touch(c, rs, ms, lever_i, lever_j, radius, delta, n, u, v, wi, wj, s, dt, in
     return force, arm, roll, kept
 
 
+@func
+def whole(count):
+    """Places to compute for `count` contacts: full registers, so that every contact sees the same instructions."""
+    return (uint64(count) + LANES - uint64(1)) // LANES * LANES
+
+
+@func
+def reals(c):
+    """Coefficients in the precision of laws."""
+    return (real(c[0]), real(c[1]), real(c[2]), real(c[3]), real(c[4]), real(c[5]), real(c[6]), real(c[7]))
+
+
 @kernel
-def pair_law(b, count, c, radius, mass, inertia_rate):
+def pair_law(b, count, coefficients, radius, mass, inertia_rate):
     """Law stage of grain on grain. Branch in NX.., (diameter^2 - r^2) in GAP; velocities relative, spins own."""
+    c = reals(coefficients)
     one = real(1.0)
     half = real(0.5)
     diameter = real(2.0) * radius
     ms = half * mass
     rs = half * radius
-    for t in range(uint64(count)):
+    for t in range(whole(count)):
         away = vec3(b[NX + t], b[NY + t], b[NZ + t])
         r = sqrt(dot(away, away))
         delta = b[GAP + t] / (diameter + r)
@@ -83,10 +92,11 @@ def pair_law(b, count, c, radius, mass, inertia_rate):
 
 
 @kernel
-def wall_law(b, count, c, radius, mass, inertia_rate, spin):
+def wall_law(b, count, coefficients, radius, mass, inertia_rate, spin):
     """Law stage of grain on wall. Unit normal in NX.., overlap in GAP; the wall turns with `spin` [rad/s] about z."""
+    c = reals(coefficients)
     zero = real(0.0)
-    for t in range(uint64(count)):
+    for t in range(whole(count)):
         delta = b[GAP + t]
         lever = radius - delta
         force, arm, roll, kept = touch(

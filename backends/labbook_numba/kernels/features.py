@@ -4,26 +4,41 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
+    BLOCK,
+    BLOCK_COLUMNS,
     CROSSED,
     FAIL_GRAIN,
     FAIL_VALUE,
+    GHOSTS,
+    GRAIN,
     GRAINS,
     LEAVING,
+    LOAD,
     MAX_OVERLAP,
     MOVED,
+    NEAR_COLUMNS,
+    PAD,
     PAIRS,
     REBUILDS,
+    SPRING,
     STEP,
+    STRIDE,
     TOUCHING,
     WANT_PAIRS,
     WANT_WALLS,
     WORK,
+    F,
+    T,
+    U,
+    V,
+    W,
+    X,
 )
 
-F = TypeVar("F", bound=Callable)
+Function = TypeVar("Function", bound=Callable)
 
 
-def kernel(function: F) -> F:
+def kernel(function: Function) -> Function:
     """Marks a function compiled on its own, with arrays as arguments."""
     return function
 
@@ -38,6 +53,7 @@ CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
+LANES = 8  # numbers of the precision of laws in a register
 
 DONE, GROW, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)
 

@@ -6,18 +6,31 @@ from labbook_dem.words import wide
 from labbook_numba.kernels.features import (
     ANY_WALLS,
     FRICTION,
+    GHOSTS,
+    GRAIN,
     GRAINS,
     LEAVING,
+    LOAD,
     MOVED,
     OUTLET,
+    PAD,
     PAIRS,
     REBUILDS,
     WANT_PAIRS,
     WANT_WALLS,
+    X,
     kernel,
 )
 from labbook_numba.kernels.walls import load, wall_distance
 from labbook_numba.state import Params, State
+
+
+@kernel
+def pad_pairs(pair_i, pair_j, pairs, rows):
+    """Put pairs of ghosts, which do not touch, behind the last."""
+    for k in range(pairs, pairs + PAD):
+        pair_i[k] = rows - GHOSTS
+        pair_j[k] = rows - 1
 
 
 @kernel
@@ -27,14 +40,12 @@ def drop_leavers(st: State, p: Params):
     place = np.full(n, -1, np.int64)
     kept = 0
     for i in range(n):
-        if not st.x[i, 2] < p.drop:
+        if not st.grains[i, X + 2] < p.drop:
             place[i] = kept
-            for c in range(3):
-                st.x[kept, c] = st.x[i, c]
-                st.v[kept, c] = st.v[i, c]
-                st.w[kept, c] = st.w[i, c]
-                st.u[kept, c] = st.u[i, c]
-                st.f[kept, c] = st.f[i, c]
+            for c in range(GRAIN):
+                st.grains[kept, c] = st.grains[i, c]
+            for c in range(LOAD):
+                st.loads[kept, c] = st.loads[i, c]
             st.ids[kept] = st.ids[i]
             st.gone[kept] = st.gone[i]
             kept += 1
@@ -49,8 +60,9 @@ def drop_leavers(st: State, p: Params):
             st.pair_j[pairs] = b
             st.held[pairs] = st.held[k]
             for c in range(3):
-                st.spring[c, pairs] = st.spring[c, k]
+                st.spring[pairs, c] = st.spring[k, c]
             pairs += 1
+    pad_pairs(st.pair_i, st.pair_j, pairs, len(st.grains))
     st.count[PAIRS] = pairs
     walls = 0
     first = 0
@@ -62,7 +74,7 @@ def drop_leavers(st: State, p: Params):
                 st.wall_grain[walls] = a
                 st.wall_held[walls] = st.wall_held[k]
                 for c in range(3):
-                    st.wall_spring[c, walls] = st.wall_spring[c, k]
+                    st.wall_spring[walls, c] = st.wall_spring[k, c]
                 walls += 1
         first = last
         st.wall_first[w + 1] = walls
@@ -75,11 +87,11 @@ def cells_of(st: State, reach):
     low = np.empty(3)
     span = np.empty(3)
     for c in range(3):
-        a = st.x[0, c]
+        a = st.grains[0, X + c]
         b = a
         for i in range(1, n):
-            a = min(a, st.x[i, c])
-            b = max(b, st.x[i, c])
+            a = min(a, st.grains[i, X + c])
+            b = max(b, st.grains[i, X + c])
         low[c] = a
         span[c] = b - a
     size = np.ones(3, np.int64)
@@ -95,7 +107,7 @@ def cells_of(st: State, reach):
     cell = np.empty((n, 3), np.int32)
     for i in range(n):
         for c in range(3):
-            cell[i, c] = min(np.int64((st.x[i, c] - low[c]) / reach), size[c] - 1)
+            cell[i, c] = min(np.int64((st.grains[i, X + c] - low[c]) / reach), size[c] - 1)
     return cell, size
 
 
@@ -120,11 +132,11 @@ def near_pairs(st: State, p: Params, pair_i, pair_j):
                 for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, size[2])):
                     j = head[a, b, c]
                     while j > i:  # a cell's grains come in falling order
-                        dx = st.x[i, 0] - st.x[j, 0]
-                        dy = st.x[i, 1] - st.x[j, 1]
-                        dz = st.x[i, 2] - st.x[j, 2]
+                        dx = st.grains[i, X + 0] - st.grains[j, X + 0]
+                        dy = st.grains[i, X + 1] - st.grains[j, X + 1]
+                        dz = st.grains[i, X + 2] - st.grains[j, X + 2]
                         if dx * dx + dy * dy + dz * dz < reach2:
-                            if found < len(pair_j):
+                            if found < len(pair_j) - PAD:
                                 k = found
                                 while k > start and pair_j[k - 1] > j:
                                     pair_j[k] = pair_j[k - 1]
@@ -144,9 +156,9 @@ def near_walls(st: State, p: Params, first, grain):
     reach = p.radius + wide(0.5) * p.skin
     for w in range(len(p.wall_kind)):
         for i in range(st.count[GRAINS]):
-            distance, _ = wall_distance(p, w, load(st.x, i))
+            distance, _ = wall_distance(p.wall_shape, p.wall_kind, w, load(st.grains, i, X))
             if distance < reach:
-                if found < len(grain):
+                if found < len(grain) - PAD:
                     grain[found] = i
                 found += 1
         first[w + 1] = found
@@ -163,7 +175,7 @@ def carry(old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i,
         same = old < old_last and old_i[old] == i and old_j[old] == j
         held[k] = old_held[old] if same else 0
         for c in range(3):
-            spring[c, k] = old_spring[c, old] if same else 0.0
+            spring[k, c] = old_spring[old, c] if same else 0.0
 
 
 @kernel
@@ -180,20 +192,20 @@ def rebuild(st: State, p: Params):
     wall_first = np.zeros(len(st.wall_first), np.int64)
     wall_grain = np.empty(len(st.wall_grain), np.int32)
     walls = near_walls(st, p, wall_first, wall_grain) if ANY_WALLS else 0
-    if pairs > len(pair_j) or walls > len(wall_grain):
+    if pairs > len(pair_j) - PAD or walls > len(wall_grain) - PAD:
         st.count[WANT_PAIRS] = pairs
         st.count[WANT_WALLS] = walls
         return False
     if FRICTION:
         m = st.count[PAIRS]
-        spring = st.spring[:, :m].copy()
+        spring = st.spring[:m].copy()
         carry(
             0, m, st.pair_i, st.pair_j, st.held[:m].copy(), spring,
             0, pairs, pair_i, pair_j, st.held, st.spring,
         )  # fmt: skip
         m = st.wall_first[len(p.wall_kind)]
         wall_held = st.wall_held[:m].copy()
-        wall_spring = st.wall_spring[:, :m].copy()
+        wall_spring = st.wall_spring[:m].copy()
         for w in range(len(p.wall_kind)):
             carry(
                 st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, wall_held, wall_spring,
@@ -201,6 +213,7 @@ def rebuild(st: State, p: Params):
             )  # fmt: skip
     st.pair_i[:pairs] = pair_i[:pairs]
     st.pair_j[:pairs] = pair_j[:pairs]
+    pad_pairs(st.pair_i, st.pair_j, pairs, len(st.grains))
     st.wall_first[:] = wall_first
     st.wall_grain[:walls] = wall_grain[:walls]
     st.count[PAIRS] = pairs

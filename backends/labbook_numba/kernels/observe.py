@@ -3,8 +3,8 @@
 from labbook_dem.contact import rolling_rate
 from labbook_dem.words import dot, func, narrow, real, sqrt, vec3, wide, wide3
 
-from labbook_numba.kernels.blocks import touch
-from labbook_numba.kernels.features import ANY_WALLS, GRAINS, MOVING, PAIRS, STEP, kernel
+from labbook_numba.kernels.blocks import reals, touch
+from labbook_numba.kernels.features import ANY_WALLS, GRAINS, MOVING, PAIRS, STEP, F, T, U, V, W, X, kernel
 from labbook_numba.kernels.pairs import pair_forces
 from labbook_numba.kernels.walls import load, wall_distance, wall_forces, wall_velocity
 from labbook_numba.state import Params, State
@@ -21,41 +21,43 @@ def contact_rows(st: State, p: Params, out):
     for k in range(st.count[PAIRS]):
         i = st.pair_i[k]
         j = st.pair_j[k]
-        away = load(st.x, i) - load(st.x, j)
+        away = load(st.grains, i, X) - load(st.grains, j, X)
         r = sqrt(dot(away, away))
         if r < diameter:
             lever = real(wide(0.5) * r)
             force, _, _, _ = touch(
-                p.c, real(wide(0.5) * p.radius), real(wide(0.5) * p.mass), lever, lever, real(p.radius),
-                real(diameter - r), narrow(away * (wide(1.0) / r)), narrow(load(st.u, i) - load(st.u, j)),
-                narrow(load(st.v, i) - load(st.v, j)), narrow(load(st.w, i)), narrow(load(st.w, j)),
+                reals(p.c), real(wide(0.5) * p.radius), real(wide(0.5) * p.mass), lever, lever, real(p.radius),
+                real(diameter - r), narrow(away * (wide(1.0) / r)),
+                narrow(load(st.grains, i, U) - load(st.grains, j, U)),
+                narrow(load(st.grains, i, V) - load(st.grains, j, V)),
+                narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
                 spring_of(st.spring, st.held, k), advance_of(st.held, k, dt), rate,
             )  # fmt: skip
-            put(out, found, st.ids[i], st.ids[j], -1, force, -away)
+            write_row(out, found, st.ids[i], st.ids[j], -1, force, -away)
             found += 1
     if not ANY_WALLS:
         return found
     for w in range(len(p.wall_kind)):
         c = p.wall_c
-        row = (c[w, 0], c[w, 1], c[w, 2], c[w, 3], c[w, 4], c[w, 5], c[w, 6], c[w, 7])
+        coefficients = reals((c[w, 0], c[w, 1], c[w, 2], c[w, 3], c[w, 4], c[w, 5], c[w, 6], c[w, 7]))
         spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
-            x = load(st.x, i)
-            distance, normal_w = wall_distance(p, w, x)
+            x = load(st.grains, i, X)
+            distance, normal_w = wall_distance(p.wall_shape, p.wall_kind, w, x)
             if distance < p.radius:
-                u = load(st.u, i)
-                v = load(st.v, i)
+                u = load(st.grains, i, U)
+                v = load(st.grains, i, V)
                 if MOVING:
-                    surface = wall_velocity(p, w, x - normal_w * distance)
+                    surface = wall_velocity(p.wall_motion, w, x - normal_w * distance)
                     u = u - surface
                     v = v - surface
                 force, _, _, _ = touch(
-                    row, real(p.radius), real(p.mass), real(distance), zero, real(p.radius),
-                    real(p.radius - distance), narrow(normal_w), narrow(u), narrow(v), narrow(load(st.w, i)),
+                    coefficients, real(p.radius), real(p.mass), real(distance), zero, real(p.radius),
+                    real(p.radius - distance), narrow(normal_w), narrow(u), narrow(v), narrow(load(st.grains, i, W)),
                     spin, spring_of(st.wall_spring, st.wall_held, k), advance_of(st.wall_held, k, dt), rate,
                 )  # fmt: skip
-                put(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
+                write_row(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
                 found += 1
     return found
 
@@ -64,7 +66,7 @@ def contact_rows(st: State, p: Params, out):
 def spring_of(spring, held, k):
     """The spring of entry k; none if it is not held."""
     kept = wide(held[k])
-    return narrow(wide3(spring[0, k] * kept, spring[1, k] * kept, spring[2, k] * kept))
+    return narrow(wide3(spring[k, 0] * kept, spring[k, 1] * kept, spring[k, 2] * kept))
 
 
 @func
@@ -74,7 +76,7 @@ def advance_of(held, k, dt):
 
 
 @kernel
-def put(out, row, i, j, wall, force, branch):
+def write_row(out, row, i, j, wall, force, branch):
     """Write one row."""
     out[row, 0] = i
     out[row, 1] = j
@@ -91,7 +93,7 @@ def put(out, row, i, j, wall, force, branch):
 def whole_step(st: State, p: Params, v, w):
     """Velocities [m/s] and spins [rad/s] at the whole step into v and w: half a kick by the forces there.
 
-    The forces are computed in st.f and st.t, and springs advanced: call it on a copy of the state.
+    The forces are computed in st.loads, and springs advanced: call it on a copy of the state.
     """
     pair_forces(st, p)
     if ANY_WALLS:
@@ -99,5 +101,5 @@ def whole_step(st: State, p: Params, v, w):
     part = wide(0.5) * p.dt if st.count[STEP] > 0 else wide(0.0)
     for i in range(st.count[GRAINS]):
         for c in range(3):
-            v[i, c] = st.v[i, c] + st.f[i, c] * (part / p.mass)
-            w[i, c] = st.w[i, c] + st.t[i, c] * (part / p.inertia)
+            v[i, c] = st.grains[i, V + c] + st.loads[i, F + c] * (part / p.mass)
+            w[i, c] = st.grains[i, W + c] + st.loads[i, T + c] * (part / p.inertia)

@@ -13,68 +13,75 @@ from labbook_numba.kernels.features import (
     DONE,
     FAIL_GRAIN,
     FAIL_VALUE,
+    GRAIN,
     GRAINS,
     GROW,
     LEAVING,
     LEDGER,
+    LOAD,
     MAX_OVERLAP,
     MOVED,
     OUTLET,
     STEP,
     WORK,
+    F,
+    T,
+    U,
+    V,
+    W,
+    X,
     kernel,
     uint64,
 )
 from labbook_numba.kernels.neighbours import rebuild
 from labbook_numba.kernels.pairs import pair_forces
 from labbook_numba.kernels.walls import wall_forces
+from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
 
 
 @kernel
-def move(count, x, v, u, f, per_mass, kick_dt, dt):
-    """Kick, drift and predict `count` components of positions, whatever grain they belong to; clear forces."""
-    for q in range(uint64(count)):
-        a = f[q] * per_mass
-        v1 = kick(v[q], a, kick_dt)
-        v[q] = v1
-        x[q] = drift(x[q], v1, dt)
-        u[q] = predict(v1, a, dt)
-        f[q] = wide(0.0)
-
-
-@kernel
-def turn(count, w, t, per_inertia, kick_dt):
-    """Kick `count` components of angular velocities; clear torques."""
-    for q in range(uint64(count)):
-        w[q] = kick(w[q], t[q] * per_inertia, kick_dt)
-        t[q] = wide(0.0)
+def move(st: State, p: Params, kick_dt, dt):
+    """Kick, drift and predict all grains; forces become gravity. Squares of speeds: zero where nothing is touched."""
+    g = st.grains
+    loads = st.loads
+    per_mass = wide(1.0) / p.mass
+    per_inertia = wide(1.0) / p.inertia
+    far = len(g) - 1  # the ghost that no contact writes to
+    loads[far, F + 2] = -p.mass * p.gravity
+    weight = row_at(loads, uint64(far) * LOAD + F)
+    none = weight * wide(0.0)
+    for i in range(uint64(st.count[GRAINS])):
+        at = i * GRAIN
+        load = i * LOAD
+        a = row_at(loads, load + F) * per_mass
+        v = kick(row_at(g, at + V), a, kick_dt)
+        put_row(g, at + V, v)
+        put_row(g, at + X, drift(row_at(g, at + X), v, dt))
+        put_row(g, at + U, predict(v, a, dt))
+        put_row(g, at + W, kick(row_at(g, at + W), row_at(loads, load + T) * per_inertia, kick_dt))
+        put_row(loads, load + F, weight)
+        put_row(loads, load + T, none)
+        st.speed2[i] = square(v)
+        if OUTLET and g[i, X + 2] < p.drop:
+            st.speed2[i] = wide(0.0)
 
 
 @kernel
 def contact_work(st: State, p: Params, kick_dt):
     """Work [J] that the contact forces in f and t are about to do: force times mean velocity of the kick."""
+    g = st.grains
+    loads = st.loads
     work = wide(0.0)
     for i in range(uint64(st.count[GRAINS])):
         for c in range(3):
             gravity = -p.gravity if c == 2 else wide(0.0)
-            f = st.f[i, c] - p.mass * gravity
-            v = st.v[i, c] + wide(0.5) * kick_dt * st.f[i, c] / p.mass
-            w = st.w[i, c] + wide(0.5) * kick_dt * st.t[i, c] / p.inertia
-            work += (f * v + st.t[i, c] * w) * kick_dt
+            force = loads[i, F + c]
+            torque = loads[i, T + c]
+            v = g[i, V + c] + wide(0.5) * kick_dt * force / p.mass
+            w = g[i, W + c] + wide(0.5) * kick_dt * torque / p.inertia
+            work += ((force - p.mass * gravity) * v + torque * w) * kick_dt
     return work
-
-
-@kernel
-def squares(n, x, v, f, speed2, weight, drop):
-    """Square of each grain's speed, zero below `drop` (where nothing can be touched), and gravity as next force."""
-    for i in range(uint64(n)):
-        f[i, 2] = weight
-        v2 = v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1] + v[i, 2] * v[i, 2]
-        if OUTLET:
-            speed2[i] = wide(0.0) if x[i, 2] < drop else v2
-        else:
-            speed2[i] = v2
 
 
 @kernel
@@ -92,22 +99,23 @@ def leave(st: State, p: Params, dt):
     """Record first passages through p.plane; count the grains that are far enough below the outlet to be dropped."""
     step = st.count[STEP]
     leaving = 0
+    g = st.grains
     for i in range(uint64(st.count[GRAINS])):
-        z = st.x[i, 2]
+        z = g[i, X + 2]
         if CROSSING and z < p.plane and st.gone[i] == 0:
             st.gone[i] = 1
             row = st.count[CROSSED]
             st.count[CROSSED] += 1
-            before = z - st.v[i, 2] * dt
+            before = z - g[i, V + 2] * dt
             part = (before - p.plane) / (before - z) if before > z else wide(0.0)
             c = st.cross
             c[row, 0] = st.ids[i]
             c[row, 1] = step + 1
             c[row, 2] = (step + min(max(part, wide(0.0)), wide(1.0))) * dt
             for axis in range(3):
-                c[row, 3 + axis] = st.x[i, axis]
-                c[row, 6 + axis] = st.v[i, axis]
-                c[row, 9 + axis] = st.w[i, axis]
+                c[row, 3 + axis] = g[i, X + axis]
+                c[row, 6 + axis] = g[i, V + axis]
+                c[row, 9 + axis] = g[i, W + axis]
         if OUTLET and z < p.drop:
             leaving += 1
     st.count[LEAVING] = leaving
@@ -122,11 +130,7 @@ def integrate(st: State, p: Params):
     kick_dt = dt if st.count[STEP] > 0 else wide(0.5) * dt
     if LEDGER:
         st.sums[WORK] += contact_work(st, p, kick_dt)
-    x = st.x.reshape(-1)
-    v = st.v.reshape(-1)
-    move(3 * n, x, v, st.u.reshape(-1), st.f.reshape(-1), wide(1.0) / p.mass, kick_dt, dt)
-    turn(3 * n, st.w.reshape(-1), st.t.reshape(-1), wide(1.0) / p.inertia, kick_dt)
-    squares(n, st.x, st.v, st.f, st.speed2, -p.mass * p.gravity, p.drop)
+    move(st, p, kick_dt, dt)
     if CROSSING or OUTLET:
         leave(st, p, dt)
     st.count[STEP] += 1

@@ -1,4 +1,4 @@
-"""Forces of walls on grains, wall by wall, a block of touching grains at a time."""
+"""Forces of walls on grains, wall by wall, a block at a time: measure, pack, gather, law, scatter."""
 
 from labbook_dem.contact import rolling_rate
 from labbook_dem.walls.plane import plane_distance
@@ -6,171 +6,152 @@ from labbook_dem.walls.strip import strip_distance
 from labbook_dem.words import func, real, wide, wide3
 
 from labbook_numba.kernels.blocks import (
-    AX,
-    AY,
-    AZ,
-    BLOCK,
-    DT,
     GAP,
+    HELD,
     NX,
     NY,
     NZ,
-    SX,
-    SY,
-    SZ,
     UX,
     UY,
     UZ,
-    VX,
-    VY,
-    VZ,
     largest_gap,
     wall_law,
     where_gap,
 )
 from labbook_numba.kernels.features import (
+    BLOCK,
     FAIL_GRAIN,
     FRICTION,
+    GHOSTS,
+    GRAIN,
     LEDGER,
     MAX_OVERLAP,
     MOVING,
+    NEAR_COLUMNS,
     PLANES,
+    STRIDE,
     STRIPS,
     TOUCHING,
+    X,
     kernel,
     uint64,
 )
+from labbook_numba.kernels.transfer import fill_up, gather_grains, gather_springs, scatter_forces, scatter_springs
+from labbook_numba.lanes import eight_at, put
+from labbook_numba.rows import columns, rows_at
+from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
 from labbook_numba.state import Params, State
 
-
-@func
-def load(a, i):
-    """Row i of an [n, 3] array as a wide vector."""
-    return wide3(a[i, 0], a[i, 1], a[i, 2])
+# columns of State.near: position, which becomes the unit normal; gap; velocity of the surface
+PX, PY, PZ, NEAR_GAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(NEAR_COLUMNS))
 
 
 @func
-def wall_distance(p, w, x):
+def load(a, i, c):
+    """The vector that starts at column c of row i."""
+    return wide3(a[i, c], a[i, c + 1], a[i, c + 2])
+
+
+@func
+def wall_distance(shape, kind, w, x):
     """Distance [m] of x from wall w, and the unit normal from the wall to x."""
-    a = p.wall_shape
-    if STRIPS and (p.wall_kind[w] == 1 or not PLANES):
+    if STRIPS and (kind[w] == 1 or not PLANES):
         zero = wide(0.0)
-        return strip_distance(wide3(a[w, 0], zero, a[w, 1]), wide3(a[w, 2], zero, a[w, 3]), a[w, 4], x)
-    return plane_distance(wide3(a[w, 0], a[w, 1], a[w, 2]), wide3(a[w, 3], a[w, 4], a[w, 5]), x)
+        start = wide3(shape[w, 0], zero, shape[w, 1])
+        return strip_distance(start, wide3(shape[w, 2], zero, shape[w, 3]), shape[w, 4], x)
+    point = wide3(shape[w, 0], shape[w, 1], shape[w, 2])
+    return plane_distance(point, wide3(shape[w, 3], shape[w, 4], shape[w, 5]), x)
 
 
 @func
-def wall_velocity(p, w, at):
+def wall_velocity(motion, w, at):
     """Velocity [m/s] of the surface of wall w at the point `at`."""
-    m = p.wall_motion
-    return wide3(m[w, 0] - m[w, 3] * at.y, m[w, 1] + m[w, 3] * at.x, m[w, 2])
+    return wide3(motion[w, 0] - motion[w, 3] * at.y, motion[w, 1] + motion[w, 3] * at.x, motion[w, 2])
 
 
 @kernel
-def pack_walls(st: State, p: Params, w, k, last, b):
-    """Write near grains of wall w that touch it to the block (normal, overlap, surface velocity) and to `slot`."""
+def measure_walls(grains, wall_grain, near, shape, kind, motion, w, k, count, radius):
+    """Normal, overlap and surface velocity of wall w for its near grains k..k + count, touching or not."""
+    for t in range(uint64(0), count, uint64(8)):
+        x, y, z, _ = columns(rows_at(grains, wall_grain, k + t, GRAIN, X))
+        put(near, PX + t, x)
+        put(near, PY + t, y)
+        put(near, PZ + t, z)
+    for t in range(count):
+        x = wide3(near[PX + t], near[PY + t], near[PZ + t])
+        distance, normal = wall_distance(shape, kind, w, x)
+        if MOVING:
+            surface = wall_velocity(motion, w, x - normal * distance)
+            near[QX + t] = surface.x
+            near[QY + t] = surface.y
+            near[QZ + t] = surface.z
+        near[PX + t] = normal.x
+        near[PY + t] = normal.y
+        near[PZ + t] = normal.z
+        near[NEAR_GAP + t] = radius - distance
+
+
+@kernel
+def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
+    """Bring those of the measured near grains that touch into the block; how many they are."""
     count = uint64(0)
-    while k < last and count < BLOCK:
-        i = uint64(st.wall_grain[k])
-        x = load(st.x, i)
-        distance, normal = wall_distance(p, w, x)
-        touches = distance < p.radius
-        b[NX + count] = normal.x
-        b[NY + count] = normal.y
-        b[NZ + count] = normal.z
-        b[GAP + count] = p.radius - distance
+    for t in range(uint64(0), near_count, uint64(8)):
+        gap = eight_at(near, NEAR_GAP + t)
+        here = first_of(near_count - t)
+        touching = both(positive(gap), here)
+        squeeze(b, NX + count, eight_at(near, PX + t), touching)
+        squeeze(b, NY + count, eight_at(near, PY + t), touching)
+        squeeze(b, NZ + count, eight_at(near, PZ + t), touching)
+        squeeze(b, GAP + count, gap, touching)
         if MOVING:
-            surface = wall_velocity(p, w, x - normal * distance)
-            b[UX + count] = surface.x
-            b[UY + count] = surface.y
-            b[UZ + count] = surface.z
-        st.slot[count] = k
-        st.wall_held[k] &= touches
-        count += uint64(touches)
-        k += uint64(1)
-    return k, count
-
-
-@kernel
-def gather_walls(st: State, slot, b, count, half_dt):
-    """Fill the other columns of the block: velocity, spin, spring."""
-    u = st.u
-    v = st.v
-    o = st.w
-    s = st.wall_spring
-    for t in range(uint64(count)):
-        k = uint64(slot[t])
-        i = uint64(st.wall_grain[k])
-        if MOVING:
-            b[VX + t] = v[i, 0] - b[UX + t]
-            b[VY + t] = v[i, 1] - b[UY + t]
-            b[VZ + t] = v[i, 2] - b[UZ + t]
-            b[UX + t] = u[i, 0] - b[UX + t]
-            b[UY + t] = u[i, 1] - b[UY + t]
-            b[UZ + t] = u[i, 2] - b[UZ + t]
-        else:
-            b[VX + t] = v[i, 0]
-            b[VY + t] = v[i, 1]
-            b[VZ + t] = v[i, 2]
-            b[UX + t] = u[i, 0]
-            b[UY + t] = u[i, 1]
-            b[UZ + t] = u[i, 2]
+            squeeze(b, UX + count, eight_at(near, QX + t), touching)
+            squeeze(b, UY + count, eight_at(near, QY + t), touching)
+            squeeze(b, UZ + count, eight_at(near, QZ + t), touching)
         if FRICTION:
-            b[AX + t] = o[i, 0]
-            b[AY + t] = o[i, 1]
-            b[AZ + t] = o[i, 2]
-            kept = real(st.wall_held[k])
-            b[SX + t] = s[0, k] * kept
-            b[SY + t] = s[1, k] * kept
-            b[SZ + t] = s[2, k] * kept
-            b[DT + t] = half_dt * (real(1.0) + kept)
-            st.wall_held[k] = 1
-
-
-@kernel
-def scatter_walls(st: State, slot, b, count):
-    """Add the block's forces and torques to the grains; keep the springs."""
-    f = st.f
-    q = st.t
-    s = st.wall_spring
-    for t in range(uint64(count)):
-        k = uint64(slot[t])
-        i = uint64(st.wall_grain[k])
-        f[i, 0] += b[UX + t]
-        f[i, 1] += b[UY + t]
-        f[i, 2] += b[UZ + t]
-        if FRICTION:
-            q[i, 0] += b[AX + t]
-            q[i, 1] += b[AY + t]
-            q[i, 2] += b[AZ + t]
-            s[0, k] = b[SX + t]
-            s[1, k] = b[SY + t]
-            s[2, k] = b[SZ + t]
+            squeeze(b, HELD + count, exchange(held, k + t, touching, here), touching)
+            squeeze_places(slot, count, k + t, touching)
+        squeeze_numbers(i, count, wall_grain, k + t, touching)
+        count += how_many(touching)
+    return count
 
 
 @kernel
 def wall_forces(st: State, p: Params):
     """Add the forces of walls on grains to f and t; after `pair_forces`, whose totals it goes on with."""
+    b = st.block
+    i = st.block_i
+    slot = st.slot
+    half_dt = wide(0.5) * p.dt
     rate = rolling_rate(real(p.inertia), real(p.dt))
+    ghost = len(st.grains) - GHOSTS
+    spare = len(st.wall_spring) - 1
     touching = uint64(0)
     deepest = st.sums[MAX_OVERLAP]
     a = p.wall_c
     for w in range(uint64(len(p.wall_kind))):
         c = (a[w, 0], a[w, 1], a[w, 2], a[w, 3], a[w, 4], a[w, 5], a[w, 6], a[w, 7])
         spin = real(p.wall_motion[w, 3])
-        k = uint64(st.wall_first[w])
         last = uint64(st.wall_first[w + uint64(1)])
-        while k < last:
-            k, count = pack_walls(st, p, w, k, last, st.block)
-            gather_walls(st, st.slot, st.block, count, real(wide(0.5) * p.dt))
-            wall_law(st.block, count, c, real(p.radius), real(p.mass), rate, spin)
-            scatter_walls(st, st.slot, st.block, count)
+        for k in range(uint64(st.wall_first[w]), last, BLOCK):
+            near = min(last - k, BLOCK)
+            measure_walls(
+                st.grains, st.wall_grain, st.near, p.wall_shape, p.wall_kind, p.wall_motion, w, k, near, p.radius
+            )
+            count = pack_walls(st.near, st.wall_grain, st.wall_held, b, i, slot, k, near)
+            fill_up(i, st.block_j, slot, count, ghost, spare)
+            gather_grains(st.grains, i, b, count)
+            if FRICTION:
+                gather_springs(st.wall_spring, slot, b, count, half_dt)
+            wall_law(b, count, c, real(p.radius), real(p.mass), rate, spin)
+            scatter_forces(st.loads, i, st.block_j, b, count, False)
+            if FRICTION:
+                scatter_springs(st.wall_spring, slot, b, count)
             touching += count
-            overlap = largest_gap(st.block, st.bits, count)
+            overlap = largest_gap(b, st.bits, count)
             if not overlap <= deepest:
                 deepest = overlap
                 if not deepest <= p.overlap_limit:
-                    st.count[FAIL_GRAIN] = st.ids[st.wall_grain[st.slot[where_gap(st.block, count, overlap)]]]
+                    st.count[FAIL_GRAIN] = st.ids[i[where_gap(b, count, overlap)]]
     st.sums[MAX_OVERLAP] = deepest
     if LEDGER:
         st.count[TOUCHING] += touching

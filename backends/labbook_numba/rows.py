@@ -1,0 +1,139 @@
+"""Eight rows at a time from and to scattered places, turned into columns and back; see `labbook_numba.lanes`."""
+
+from llvmlite import ir
+from numba import types
+
+from labbook_numba.lanes import FOUR, INT32, address, eight, eight_rows, intrinsic
+
+
+def _shuffle(builder, a, b, picks):
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(INT32, len(picks)), list(picks)))
+
+
+LOW, HIGH = (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15)  # of each pair of elements, from both registers
+FIRST, SECOND = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)  # of each four elements, from both
+
+
+def _places(context, builder, kind, index, start, width):
+    """The starts in an array of rows `width` long of the eight rows numbered by index[start:start + 8]."""
+    llvm = context.get_data_type(kind.dtype)
+    first = address(context, builder, kind, index, start, llvm)
+    wide = ir.IntType(64)
+    for c in range(8):
+        number = builder.zext(builder.load(builder.gep(first, [INT32(c)])), wide)
+        yield builder.mul(number, width)
+
+
+@intrinsic
+def rows_at(typing, array, index, start, width, column):
+    """Four elements, from `column` on, of the eight rows of `array` numbered by index[start:start + 8].
+
+    `width`: of the rows of `array`; a constant, so that it costs nothing.
+    """
+
+    def code(context, builder, sig, args):
+        kind, index_kind = sig.args[:2]
+        array, index, start, width, column = args
+        fours = []
+        for place in _places(context, builder, index_kind, index, start, width):
+            pointer = address(context, builder, kind, array, builder.add(place, column), FOUR)
+            fours.append(builder.load(pointer, align=8))
+        out = ir.Constant(eight_rows.llvm, ir.Undefined)
+        for part in range(4):
+            both = _shuffle(builder, fours[part], fours[part + 4], range(8))
+            out = builder.insert_value(out, both, part)
+        return out
+
+    return eight_rows(array, index, types.uint64, types.uint64, types.uint64), code
+
+
+@intrinsic
+def columns(typing, value):
+    """The first, second, third and fourth elements of eight rows."""
+
+    def code(context, builder, sig, args):
+        z = [builder.extract_value(args[0], part) for part in range(4)]
+        even = [_shuffle(builder, z[k], z[k + 1], LOW) for k in (0, 2)]
+        odd = [_shuffle(builder, z[k], z[k + 1], HIGH) for k in (0, 2)]
+        found = [_shuffle(builder, a, b, picks) for picks in (FIRST, SECOND) for a, b in (even, odd)]
+        return context.make_tuple(builder, sig.return_type, found)
+
+    return types.UniTuple(eight, 4)(eight_rows), code
+
+
+@intrinsic
+def rows(typing, x, y, z, spare):
+    """Eight rows from their columns."""
+
+    def code(context, builder, sig, args):
+        x, y, z, spare = args
+        low, low_rest = _shuffle(builder, x, y, LOW), _shuffle(builder, z, spare, LOW)
+        high, high_rest = _shuffle(builder, x, y, HIGH), _shuffle(builder, z, spare, HIGH)
+        # low: x0 y0 x2 y2 x4 y4 x6 y6
+        out = ir.Constant(eight_rows.llvm, ir.Undefined)
+        halves = ((low, low_rest, FIRST), (high, high_rest, FIRST), (low, low_rest, SECOND), (high, high_rest, SECOND))
+        for part, (a, b, picks) in enumerate(halves):
+            out = builder.insert_value(out, _shuffle(builder, a, b, picks), part)
+        return out
+
+    return eight_rows(eight, eight, eight, eight), code
+
+
+def _each_row(builder, value):
+    for c in range(8):
+        both = builder.extract_value(value, c % 4)
+        yield _shuffle(builder, both, both, range(4 * (c // 4), 4 * (c // 4) + 4))
+
+
+def _add(context, builder, kind, array, place, value):
+    pointer = address(context, builder, kind, array, place, FOUR)
+    builder.store(builder.fadd(builder.load(pointer, align=8), value), pointer, align=8)
+
+
+@intrinsic
+def add_rows(typing, array, index, start, width, column, value):
+    """Add eight rows to those of `array` numbered by index[start:start + 8], one after the other."""
+
+    def code(context, builder, sig, args):
+        kind, index_kind = sig.args[:2]
+        array, index, start, width, column, value = args
+        places = list(_places(context, builder, index_kind, index, start, width))
+        for place, one in zip(places, _each_row(builder, value), strict=True):
+            _add(context, builder, kind, array, builder.add(place, column), one)
+        return context.get_dummy_value()
+
+    return types.void(array, index, types.uint64, types.uint64, types.uint64, eight_rows), code
+
+
+@intrinsic
+def add_two_rows(typing, array, index, start, width, column, value, column2, value2):
+    """Both of `add_rows` for two columns at once, which takes fewer instructions."""
+
+    def code(context, builder, sig, args):
+        kind, index_kind = sig.args[:2]
+        array, index, start, width, column, value, column2, value2 = args
+        places = list(_places(context, builder, index_kind, index, start, width))
+        both = zip(places, _each_row(builder, value), _each_row(builder, value2), strict=True)
+        for place, one, two in both:
+            _add(context, builder, kind, array, builder.add(place, column), one)
+            _add(context, builder, kind, array, builder.add(place, column2), two)
+        return context.get_dummy_value()
+
+    return types.void(
+        array, index, types.uint64, types.uint64, types.uint64, eight_rows, types.uint64, eight_rows
+    ), code
+
+
+@intrinsic
+def put_rows(typing, array, index, start, value):
+    """Write eight rows over those of `array`, which are four long, numbered by index[start:start + 8]."""
+
+    def code(context, builder, sig, args):
+        kind, index_kind = sig.args[:2]
+        array, index, start, value = args
+        places = list(_places(context, builder, index_kind, index, start, ir.IntType(64)(4)))
+        for place, one in zip(places, _each_row(builder, value), strict=True):
+            builder.store(one, address(context, builder, kind, array, place, FOUR), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, index, types.uint64, eight_rows), code

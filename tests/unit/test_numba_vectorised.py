@@ -1,0 +1,54 @@
+"""The law loops use the widest registers of the processor; a change that loses this costs most of the speed."""
+
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+
+from llvmlite import binding
+
+
+def register() -> str:
+    """The widest register of this processor: its name in assembly."""
+    features = binding.get_host_cpu_features()
+    if features.get("avx512f"):
+        return "zmm"
+    if features.get("avx2"):
+        return "ymm"
+    pytest.skip("the processor has no registers of 256 bits or more")
+
+
+def assembly(law: str, precision: str, name: str, folder, monkeypatch) -> str:
+    """What a law loop compiles to, in a cache of its own (of cached code there is no assembly)."""
+    from labbook_numba import build
+
+    monkeypatch.setenv("LABBOOK_CACHE", str(folder))
+    build.kernels.cache_clear()
+    switches = tuple((switch, True) for switch in build.SWITCHES)
+    module = build.kernels(law, precision, switches)
+    real = module.real if precision == "double" else np.float32
+    numbers = [np.float32(1) if real is np.float32 else 1.0] * 4
+    kernel = getattr(module, name)
+    arguments = numbers[:3] if name == "pair_law" else numbers
+    kernel(np.ones(20_000, np.float32 if precision == "mixed" else float), np.uint64(64), (1.0,) * 8, *arguments)
+    build.kernels.cache_clear()
+    return "\n".join(kernel.inspect_asm().values())
+
+
+ROOTS = {"hertz-mindlin": 7, "linear": 2}
+"""Square roots in a law with its geometry and rolling resistance, at least."""
+
+
+@pytest.mark.parametrize("name", ["pair_law", "wall_law"])
+@pytest.mark.parametrize("precision", ["double", "mixed"])
+@pytest.mark.parametrize("law", ROOTS)
+def test_roots_are_taken_in_wide_registers(law, precision, name, tmp_path, monkeypatch):
+    wide = register()
+    text = assembly(law, precision, name, tmp_path, monkeypatch)
+    kind = "d" if precision == "double" else "s"
+    found = re.findall(rf"\tvr?sqrt(?:14)?p{kind}\t[^\n]*%{wide}", text)
+    assert len(found) >= ROOTS[law], f"{len(found)} square roots in {wide} registers"
+    products = re.findall(rf"\tv(?:mul|fn?m\w+)p{kind}\t[^\n]*%{wide}", text)
+    assert len(products) > 30
