@@ -235,6 +235,33 @@ class Ensemble(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Load:
+    """What a grain-step comes to on a device that memory limits; averages over all members."""
+
+    listed: float
+    """Near neighbours in the list of a grain."""
+    touching: float
+    """Contacts of a grain, with grains and walls."""
+    bytes: float
+    """Bytes that must move a grain-step: state, lists and springs, each in and out once."""
+    bandwidth: float
+    """Bytes per second that the device copies (read and written), measured."""
+    lanes: int
+    """Threads that share a grain."""
+    rebuilds: float
+    """Rebuilds of lists so far, a member."""
+
+
+@runtime_checkable
+class Weighed(Protocol):
+    """An ensemble that tells what limits it."""
+
+    def load(self) -> Load:
+        """Where it stands now."""
+        ...
+
+
 @runtime_checkable
 class Backend(Protocol):
     """An engine. Instances are cheap; compiling happens in `open` or at first use."""

@@ -14,6 +14,7 @@ from labbook.backend import (
     Emptied,
     Event,
     Failed,
+    Load,
     Member,
     Probe,
     Settled,
@@ -30,6 +31,7 @@ from labbook_warp.reading import read
 from labbook_warp.run import Run
 from labbook_warp.specialise import specialise
 from labbook_warp.stage import Stage, Tuning
+from labbook_warp.traffic import weigh
 
 GUARDS = {1: "state", 2: "speed", 3: "overlap"}
 
@@ -152,6 +154,10 @@ class Ensemble:
     def retire(self, member: Member) -> None:
         """Drop a member; its slot is free."""
         self._stage.leave(self._runs.pop(member))
+
+    def load(self) -> Load:
+        """What a grain-step comes to now; see `labbook.backend.Load`."""
+        return weigh(self._stage)
 
     def close(self) -> None:
         """Free the device's memory."""

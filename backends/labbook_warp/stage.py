@@ -301,6 +301,11 @@ class Stage:
 
     # reading
 
+    @property
+    def runs(self) -> Sequence[Run]:
+        """Members that have a slot."""
+        return tuple(self._seated.values())
+
     def _stale(self) -> None:
         self._whole = self._energies = None
 

@@ -6,7 +6,18 @@ import numpy as np
 
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
-from labbook.scene import Box, HertzMindlin, LinearSpringDashpot, Primitives, Scene, Spheres, WedgeHopper
+from labbook.scene import (
+    Box,
+    HertzMindlin,
+    LinearSpringDashpot,
+    Plane,
+    Primitives,
+    Scene,
+    Spheres,
+    Strip,
+    Wall,
+    WedgeHopper,
+)
 
 FAN_STEP = Numerics(dt=2.5e-6)
 BOX_STEP = Numerics(dt=2e-6, steps_per_beat=200)
@@ -46,6 +57,34 @@ def variants(scene: Scene) -> dict[str, Scene]:
             }
         ),
     }
+
+
+def silo(grains: int = 10_000) -> tuple[Scene, Scene, Packing]:
+    """A box, 17 grains wide and deep, with a slot of 5.5 grains across its bottom; closed; and a start of its filling.
+
+    Frictional spheres of 9.9 mm with the linear law, stiffness 2e5 m g/d: as dense a flow in three dimensions as that
+    of the cylindrical silo of Pongo et al. 2022.
+    """
+    d, half, edge = 9.9e-3, 0.085, 0.027
+    spheres = Spheres(diameter=d, density=620, count=grains)
+    law = LinearSpringDashpot(normal_stiffness=2e5 * spheres.mass * GRAVITY / d, friction=0.5, restitution=0.9)
+    sides = {
+        "left": Plane(point=(-half, 0, 0), normal=(1, 0, 0)),
+        "right": Plane(point=(half, 0, 0), normal=(-1, 0, 0)),
+        "front": Plane(point=(0, -half, 0), normal=(0, 1, 0)),
+        "back": Plane(point=(0, half, 0), normal=(0, -1, 0)),
+        "bottom-left": Strip(start=(-half, 0), end=(-edge, 0)),
+        "bottom-right": Strip(start=(edge, 0), end=(half, 0)),
+    }
+    walls = tuple(Wall(name=name, shape=shape) for name, shape in sides.items())
+    lid = Wall(name="lid", shape=Strip(start=(-edge, 0), end=(edge, 0)))
+    scene = Scene(grains=spheres, contact=law, container=Primitives(parts=walls, outlet_plane=0.0))
+    closed = scene.model_copy(update={"container": Primitives(parts=(*walls, lid))})
+    across = int((2 * half - 1.1 * d) // (1.15 * d))
+    i = np.arange(grains)
+    site = np.column_stack([i % across - (across - 1) / 2, i // across % across - (across - 1) / 2, i // across**2])
+    v = np.random.default_rng(1).normal(0, 0.2, (grains, 3))
+    return scene, closed, Packing(x=site * 1.15 * d + [0, 0, d], v=v, omega=np.zeros_like(v))
 
 
 def box(grains: int) -> tuple[Scene, Packing]:

@@ -12,32 +12,72 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def bench(
-        what: Annotated[Literal["engine"], typer.Argument(help="What to measure.")],
-        backend: Annotated[str, typer.Option(help="Engine to measure.")] = "numba",
+        what: Annotated[
+            Literal["engine", "batch"],
+            typer.Argument(help="engine: one member a core. batch: many members on one device."),
+        ],
+        backend: Annotated[
+            str | None, typer.Option(help="Engine to measure.", show_default="numba; for batch, warp")
+        ] = None,
+        device: Annotated[str, typer.Option(help="Device that batch is measured on.")] = "cuda:0",
         repeats: Annotated[int, typer.Option(min=1, help="Times that each rate is measured.")] = 7,
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Measure grain-steps per second and core on Fan's hopper and in boxes, and what switches save."""
+        """Measure grain-steps per second on Fan's hopper and in three dimensions, and what each switch saves."""
         from rich.console import Console
 
-        from labbook.backend import BackendMissing
-        from labbook.bench.engine import run
+        from labbook.backend import BackendMissing, Unsupported
+        from labbook.bench import batch, engine
 
         console = Console(stderr=True)
         try:
             with console.status("preparing") as status:
-                result = run(backend, repeats, say=status.update)
+                if what == "batch":
+                    result = batch.run(backend or "warp", device, say=status.update)
+                else:
+                    result = engine.run(backend or "numba", repeats, say=status.update)
         except BackendMissing as error:
             raise typer.BadParameter(str(error), param_hint="--backend") from None
+        except Unsupported as error:
+            raise typer.BadParameter(error.remedy, param_hint=f"--{error.key}") from None
         text = json.dumps(result.as_dict(), indent=2)
         if out:
             out.parent.mkdir(parents=True, exist_ok=True)
             out.write_text(text + "\n", encoding="utf-8")
         if as_json:
             print(text)
+        elif isinstance(result, batch.BatchBench):
+            _show_batch(result)
         else:
             _show(result)
+
+
+def _show_batch(result) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(
+        *("scene", "members", "grains", "precision", "skin [d]", "threads a grain", "us/step", "1e9 grain-steps/s"),
+        *("bytes a grain-step", "of the copy bandwidth"),
+    )
+    for timing in result.timings:
+        load = timing.load
+        table.add_row(
+            timing.scene,
+            str(timing.members),
+            str(timing.grains),
+            timing.precision,
+            f"{timing.skin:g}",
+            str(load.lanes) if load else "",
+            f"{timing.step:.2f}",
+            f"{timing.rate:.2f}",
+            f"{load.bytes:.0f}" if load else "",
+            f"{timing.fraction:.0%}" if timing.fraction else "",
+        )
+    console = Console()
+    console.print(f"engine {result.backend} on {result.device} ({result.hardware.get('gpu') or 'no GPU'})")
+    console.print(table)
 
 
 def _show(result) -> None:

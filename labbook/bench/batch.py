@@ -1,0 +1,153 @@
+"""Speed of many members at once, in real discharge: rebuilds, outflow and the visits of the host included.
+
+Two scenes: Fan's hopper (3000 spheres, Hertz-Mindlin) and a silo in three dimensions (10 000 spheres, linear law). What
+is varied from the case that all share: members, precision, skin, and, where the engine has them, threads a grain.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+
+from labbook import backend
+from labbook.backend import Backend, Crossing, Failed, Load, Settled, Weighed
+from labbook.bench.scenes import FAN_STEP, fan, silo
+from labbook.numerics import Numerics
+from labbook.protocol.opening import opened
+from labbook.protocol.packing import Packing
+from labbook.protocol.placing import place
+from labbook.scene import Scene
+
+SETTLED = 1e-6  # kinetic energy per grain [m g d] of the beds that are opened
+OUTFLOW = 0.1  # s of discharge before it is timed
+SILO_STEP = Numerics(dt=2e-6, skin=0.1)
+MEMBERS = (1, 2, 4, 8, 16, 64, 256)
+SKINS = (0.07, 0.1, 0.15, 0.25)
+LANES = (1, 2, 4, 8)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """One case: `rate` in 1e9 grain-steps per second of the wall clock, `step` in microseconds."""
+
+    scene: str
+    members: int
+    grains: int
+    precision: str
+    skin: float
+    rate: float
+    step: float
+    load: Load | None
+
+    @property
+    def fraction(self) -> float | None:
+        """Part of the measured copy bandwidth that the bytes which must move come to."""
+        load = self.load
+        return load.bytes * self.rate * 1e9 / load.bandwidth if load and load.bandwidth else None
+
+
+@dataclass(frozen=True)
+class BatchBench:
+    """What one engine does on one device."""
+
+    backend: str
+    device: str
+    hardware: dict[str, object]
+    timings: tuple[Timing, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        cases = [{**asdict(timing), "fraction": timing.fraction} for timing in self.timings]
+        return {**asdict(self), "timings": cases}
+
+
+@dataclass(frozen=True)
+class Bed:
+    """A silo about to be opened."""
+
+    name: str
+    scene: Scene
+    numerics: Numerics
+    start: Packing
+
+
+def run(
+    name: str = "warp",
+    device: str = "cuda:0",
+    say: Callable[[str], None] = lambda _: None,
+    members: Sequence[int] = MEMBERS,
+    beats: int = 3,
+) -> BatchBench:
+    """Measure the engine called `name` on `device`. Takes some three minutes on a large GPU."""
+    from labbook.bench.hardware import hardware
+
+    engine = backend.load(name)
+    timings = []
+    for bed in _beds(engine, device, say):
+        for count in members:
+            say(f"{bed.name}: {count} members")
+            timings.append(_timed(engine, device, bed, count, beats))
+        many = max(count for count in members if count <= 64)
+        for precision in sorted(engine.capabilities.precisions - {"mixed"}):
+            say(f"{bed.name}: {precision}")
+            timings.append(_timed(engine, device, bed, many, beats, precision=precision))
+        for skin in SKINS:
+            say(f"{bed.name}: skin {skin} d")
+            timings.append(_timed(engine, device, bed, many, beats, skin=skin))
+        for lanes in LANES:
+            say(f"{bed.name}: {lanes} threads a grain")
+            timings.append(_timed(type(engine)(lanes=lanes), device, bed, 1, beats))
+    return BatchBench(name, device, hardware(), tuple(timings))
+
+
+def _beds(engine: Backend, device: str, say: Callable[[str], None]) -> list[Bed]:
+    mixed = {"precision": "mixed"}
+    flat, step = fan(), FAN_STEP.model_copy(update=mixed)
+    box, closed, heap = silo()
+    other = SILO_STEP.model_copy(update=mixed)
+    say("settling")
+    beds = [
+        Bed("fan", flat, step, _settled(engine, device, flat, flat.close(), step, place(flat.close(), "gas", 1))),
+        Bed("silo", box, other, _settled(engine, device, box, closed, other, heap)),
+    ]
+    return beds
+
+
+def _settled(
+    engine: Backend, device: str, scene: Scene, closed: Scene, numerics: Numerics, start: Packing
+) -> Packing:  # fmt: skip
+    ensemble = engine.open(engine.specialise(closed, numerics), 1, device)
+    bed = ensemble.admit(closed, numerics, start, settled_below=SETTLED)
+    while True:
+        for event in ensemble.advance(10):
+            if isinstance(event, Failed):
+                raise RuntimeError(f"the bed did not settle: {event.message}")
+            if isinstance(event, Settled):
+                packing = ensemble.packing(bed)
+                ensemble.close()
+                return opened(packing, closed, scene)
+
+
+def _timed(engine: Backend, device: str, bed: Bed, members: int, beats: int, **numerics: object) -> Timing:
+    how = bed.numerics.model_copy(update=numerics)
+    ensemble = engine.open(engine.specialise(bed.scene, how, [Crossing(0.0)]), members, device)
+    handles = [ensemble.admit(bed.scene, how, bed.start) for _ in range(members)]
+    ensemble.advance(max(1, round(OUTFLOW / how.beat)))
+    before = [ensemble.status(handle) for handle in handles]
+    began = time.perf_counter()
+    ensemble.advance(beats)
+    ensemble.drain()
+    spent = time.perf_counter() - began
+    after = [ensemble.status(handle) for handle in handles]
+    done = sum((b.step - a.step) * (a.grains + b.grains) / 2 for a, b in zip(before, after, strict=True))
+    timing = Timing(
+        scene=bed.name,
+        members=members,
+        grains=after[0].grains,
+        precision=how.precision,
+        skin=how.skin,
+        rate=done / spent / 1e9,
+        step=spent / (beats * how.steps_per_beat) * 1e6,
+        load=ensemble.load() if isinstance(ensemble, Weighed) else None,
+    )
+    ensemble.close()
+    return timing
