@@ -24,7 +24,7 @@ from labbook.scene import Scene
 SETTLED = 1e-6  # kinetic energy per grain [m g d] of the bed that is timed
 OUTFLOW = 0.2  # s of discharge before the flow is timed
 BOXES = (10_000, 100_000)
-TIMED = 1000  # steps of one timing
+TIMED = 12_000_000  # grain-steps of one timing, about
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,8 @@ def _timed(
     ensemble = engine.open(engine.specialise(scene, numerics, probes or []), 1)
     member = ensemble.admit(scene, numerics, start)
     ensemble.advance(max(1, round(after / numerics.beat)))
-    rate = _rate(case, numerics.precision, ensemble, [member], max(1, TIMED // numerics.steps_per_beat), repeats)
+    beats = max(1, TIMED // (len(start) * numerics.steps_per_beat))
+    rate = _rate(case, numerics.precision, ensemble, [member], beats, repeats)
     ensemble.close()
     return rate
 
