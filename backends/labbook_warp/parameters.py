@@ -28,7 +28,7 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     made.c = module.coefs(*c)
     made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia
     made.inertia_rate = rolling_rate(grains.inertia, numerics.dt)
-    made.reach2, made.listed2, made.half_skin = d**2, (d + skin) ** 2, skin / 2
+    made.reach, made.reach2, made.listed2, made.half_skin = r, d**2, (d + skin) ** 2, skin / 2
     made.per_mass, made.per_inertia = 1 / grains.mass, 1 / grains.inertia
     made.gravity, made.dt = scene.gravity, numerics.dt
     made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * d

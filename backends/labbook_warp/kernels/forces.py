@@ -115,7 +115,7 @@ def forces(
             bit = wp.uint32(1) << wp.uint32(q)
             g = s * a.walls + q
             distance, normal = wall_distance(a, g, x)
-            overlap = real(wide(m.radius) - distance)
+            overlap = real(m.reach - distance)
             if overlap > zero:
                 at = entry(a, s, a.walls, q, r)
                 last = vec3(zero, zero, zero)

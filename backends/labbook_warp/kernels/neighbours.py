@@ -120,7 +120,7 @@ def build(a: System, p: Words):
             if ANY_WALLS:
                 for q in range(a.place[s].walls):
                     distance, _normal = wall_distance(a, s * a.walls + q, x)
-                    if distance < wide(m.radius) + m.half_skin:
+                    if distance < m.reach + m.half_skin:
                         near = near | (wp.uint32(1) << wp.uint32(q))
         if ANY_WALLS:
             a.wall_near[i] = near

@@ -130,7 +130,7 @@ def of_walls(a: System, p: Words, m: Material, s: int, r: int, x: wide3, half_dt
         if (a.wall_near[i] & bit) != wp.uint32(0):
             g = s * a.walls + q
             distance, normal = wall_distance(a, g, x)
-            overlap = real(wide(m.radius) - distance)
+            overlap = real(m.reach - distance)
             if overlap > zero:
                 last = vec3(zero, zero, zero)
                 advance = half_dt

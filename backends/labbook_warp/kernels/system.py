@@ -34,6 +34,7 @@ class Material:
     mass: real
     inertia: real
     inertia_rate: real
+    reach: wide  # radius; an overlap is a small difference of large lengths
     reach2: wide  # diameter squared
     listed2: wide  # square of the distance up to which neighbours are listed
     half_skin: wide
