@@ -32,6 +32,8 @@ class Capabilities:
     walls: frozenset[str]
     precisions: frozenset[str]
     devices: tuple[str, ...]
+    single_velocities: bool = False
+    """Whether `mixed` keeps velocities and spins in single precision too, and not the contact law only."""
 
 
 # Probes: compiled in only if declared; reading them never changes the motion.

@@ -7,19 +7,14 @@ code beside it, told apart by CPU.
 """
 
 import ctypes
-import hashlib
-import importlib.util
-import os
 import platform
-import sys
-import tempfile
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 
 import llvmlite
 import numba
-from labbook_dem import contact, motion, source
+from labbook_dem import contact, generated, motion, source, spheres
 from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
@@ -60,14 +55,6 @@ def share_one_heap() -> None:
 share_one_heap()
 
 
-def cache_folder() -> Path:
-    """Where generated modules live: $LABBOOK_CACHE, or labbook/numba in the user's cache folder."""
-    home = os.environ.get("LABBOOK_CACHE")
-    if home:
-        return Path(home)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "labbook" / "numba"
-
-
 def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     """Source of the kernel module of one specialisation."""
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
@@ -75,7 +62,21 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     constants: dict[str, object] = {**_numbers(state), **_numbers(vocabulary), **switches}
     constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
     del constants["LANES"]  # the header's
-    modules = [LAWS[law], contact, motion, plane, strip, blocks, transfer, pairs, walls, neighbours, step, observe]
+    modules = [
+        LAWS[law],
+        contact,
+        motion,
+        plane,
+        strip,
+        spheres,
+        blocks,
+        transfer,
+        pairs,
+        walls,
+        neighbours,
+        step,
+        observe,
+    ]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
     return text.replace(": State", "").replace(": Params", "")
@@ -94,11 +95,10 @@ def _numbers(module: ModuleType) -> dict[str, int]:
 
 def digest(text: str) -> str:
     """Hash of a kernel module and of everything else that decides what it compiles to."""
-    parts = [text, numba.__version__, llvmlite.__version__, platform.python_version()]
-    parts += [
+    sources = [
         Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, lanes, rows, squeeze, state)
     ]
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
+    return generated.digest(text, numba.__version__, llvmlite.__version__, platform.python_version(), *sources)
 
 
 @lru_cache(maxsize=64)
@@ -106,18 +106,4 @@ def kernels(law: str, precision: str, switches: tuple[tuple[str, bool], ...]) ->
     """The kernel module of one specialisation, written if it is not there yet. Compiling happens at first use."""
     text = module_text(law, precision, dict(switches))
     key = digest(text)
-    name = f"labbook_numba_{key}"
-    folder = cache_folder() / key
-    path = folder / f"{name}.py"
-    if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False, encoding="utf-8") as file:
-            file.write(text)
-        os.replace(file.name, path)
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
+    return generated.load(f"labbook_numba_{key}", text, generated.cache_folder("numba") / key)

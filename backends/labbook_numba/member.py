@@ -3,6 +3,8 @@
 from types import ModuleType
 
 import numpy as np
+from labbook_dem.guards import explain
+from labbook_dem.ledger import energy_scale, kinetic
 
 from labbook.backend import Checkpoint, Crossing, Status
 from labbook.numerics import Numerics
@@ -97,7 +99,8 @@ class Run:
         st = self.state
         if code != self.kernels.DONE:
             grain = int(st.count[S.FAIL_GRAIN])
-            self._fail(GUARDS[code], grain, self._explain(code, grain, float(st.sums[S.FAIL_VALUE])), before)
+            message = explain(GUARDS[code], grain, self.step, float(st.sums[S.FAIL_VALUE]), self.scene.grains.diameter)
+            self._fail(GUARDS[code], grain, message, before)
             return
         # speeds are watched at every step; a spin moves nothing until its grain touches another, so a look a beat does
         lost = ~np.isfinite(st.w[: st.count[S.GRAINS]]).all(axis=1)
@@ -108,14 +111,6 @@ class Run:
     def _fail(self, guard: str, grain: int, message: str, before: Checkpoint) -> None:
         self.failure = guard, self.step, grain, message
         self.restore(before)
-
-    def _explain(self, code: int, grain: int, value: float) -> str:
-        when = f"grain {grain} at step {self.step}"
-        if GUARDS[code] == "overlap":
-            return f"{when} overlaps by {value / self.scene.grains.diameter:.2f} d; try a smaller time step"
-        if GUARDS[code] == "speed":
-            return f"{when} moves at {value:.3g} m/s; try a smaller time step"
-        return f"{when} has a velocity that is no number; try a smaller time step"
 
     def _grow(self) -> None:
         st = self.state
@@ -133,10 +128,9 @@ class Run:
 
     def status(self) -> Status:
         """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
-        st, p = self.state, self.params
-        n = int(st.count[S.GRAINS])
-        scale = p.mass * (p.gravity * 2 * p.radius or (2 * p.radius) ** 2)
-        return Status(self.step, self.step * p.dt, n, kinetic(p, *self.whole_step()) / max(n, 1) / scale)
+        n, grains = int(self.state.count[S.GRAINS]), self.scene.grains
+        energy = kinetic(grains.mass, grains.inertia, *self.whole_step())
+        return Status(self.step, self.step * self.numerics.dt, n, energy / max(n, 1) / energy_scale(self.scene))
 
     def packing(self) -> Packing:
         """The portable state."""
@@ -176,11 +170,6 @@ class Run:
     def _fresh_lists(self) -> None:
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
             self._rebuild()  # lists decide nothing about the motion, so this changes none
-
-
-def kinetic(p: Params, v: np.ndarray, w: np.ndarray) -> float:
-    """Kinetic energy [J] of velocities v [m/s] and spins w [rad/s]."""
-    return 0.5 * p.mass * float(np.sum(v**2)) + 0.5 * p.inertia * float(np.sum(w**2))
 
 
 def _lengthened(array: np.ndarray, to: int) -> np.ndarray:

@@ -1,13 +1,13 @@
 """Rows of the probes, read from a member between two beats."""
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
+from labbook_dem.ledger import totals
 
 from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table
 from labbook_numba import state as S
-from labbook_numba.member import Run, kinetic
+from labbook_numba.member import Run
 
 
 def read(run: Run, beat: int) -> Mapping[Probe, Table]:
@@ -55,26 +55,15 @@ def _touching(run: Run) -> Table:
 
 def _totals(run: Run) -> Table:
     v, w = run.whole_step()
-    st, p, n = run.state, run.params, len(v)
-    x, before = st.x[:n], st.v[:n]
-    energy = kinetic(p, v, w)
-    # the work of the last half kick: its gain in kinetic energy, less what gravity did
-    part = 0.5 * p.dt if run.step > 0 else 0.0
-    gained = energy - kinetic(p, before, st.w[:n])
-    by_gravity = -p.mass * p.gravity * part * 0.5 * float(np.sum(v[:, 2] + before[:, 2]))
-    momentum = p.mass * v.sum(axis=0)
-    angular = p.mass * np.cross(x, v).sum(axis=0) + p.inertia * w.sum(axis=0)
+    st, n = run.state, len(v)
+    part = 0.5 * run.numerics.dt if run.step > 0 else 0.0
+    sums = totals(run.scene, st.x[:n], v, w, st.v[:n], st.w[:n], part, float(st.sums[S.WORK]))
     row = {
         "grains": n,
-        "kinetic": energy,
-        "potential": p.mass * p.gravity * math.fsum(x[:, 2]),
-        "contact_work": float(st.sums[S.WORK]) + gained - by_gravity,
-        "mass": p.mass * n,
+        **sums,
         "max_overlap": float(st.sums[S.MAX_OVERLAP]),
         "touching": int(st.count[S.TOUCHING]),
         "rebuilds": int(st.count[S.REBUILDS]),
-        **dict(zip(("px", "py", "pz"), momentum, strict=True)),
-        **dict(zip(("lx", "ly", "lz"), angular, strict=True)),
     }
     return _stamped(run, {name: np.array([value]) for name, value in row.items()}, 1)
 

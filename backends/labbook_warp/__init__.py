@@ -20,6 +20,7 @@ class Backend:
         walls=frozenset({"plane", "strip"}),
         precisions=frozenset({"double", "mixed"}),
         devices=("cpu", "cuda:0"),
+        single_velocities=True,
     )
 
     def __init__(self, **tuning: int):

@@ -22,17 +22,21 @@ class Measure:
     unit: str = ""
 
 
+SINGLE_VELOCITIES = "mixed, velocities in single"
 ROUNDING = 2.0**-24
 """Largest relative error of one operation in single precision."""
 
 
-def limited(limit: float, unit: str = "", *, roundings: float = 0) -> Measure:
+def limited(limit: float, unit: str = "", *, roundings: float = 0, steps: float = 0) -> Measure:
     """A measure with a limit: `limit` in double precision, where round-off is far below it.
 
     `roundings`: how many roundings of a law in single precision may add up in the error; `mixed` is allowed these too.
-    A force of contact takes about 16 operations one after the other.
+    A force of contact takes about 16 operations one after the other. `steps`: how many roundings of a velocity may add
+    up, where `mixed` keeps velocities in single as well: at most one a step, since a small kick to a large velocity is
+    rounded the same way again and again.
     """
-    return Measure({"double": limit, "mixed": limit + roundings * ROUNDING}, unit)
+    mixed = limit + roundings * ROUNDING
+    return Measure({"double": limit, "mixed": mixed, SINGLE_VELOCITIES: mixed + steps * ROUNDING}, unit)
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,12 @@ class Verdict:
     """Why there is no number, where there is none."""
 
 
+def kind(stand: Stand) -> str:
+    """The precision whose limits hold on a stand."""
+    single = stand.precision == "mixed" and stand.engine.capabilities.single_velocities
+    return SINGLE_VELOCITIES if single else stand.precision
+
+
 def judge(case: Case, stand: Stand) -> list[Verdict]:
     """Run a case and compare its errors with their limits; an error that is no number fails.
 
@@ -74,10 +84,10 @@ def judge(case: Case, stand: Stand) -> list[Verdict]:
     try:
         errors = case.run(stand)
     except NotMeasured as reason:
-        return [_verdict(case, name, math.nan, stand.precision, str(reason)) for name in case.measures]
+        return [_verdict(case, name, math.nan, kind(stand), str(reason)) for name in case.measures]
     if set(errors) != set(case.measures):
         raise ValueError(f"case {case.name} measures {sorted(errors)}, not {sorted(case.measures)}")
-    return [_verdict(case, name, float(errors[name]), stand.precision) for name in case.measures]
+    return [_verdict(case, name, float(errors[name]), kind(stand)) for name in case.measures]
 
 
 def _verdict(case: Case, name: str, error: float, precision: str, note: str = "") -> Verdict:

@@ -209,7 +209,7 @@ CASES = [
         source="Newton's third law",
         # forces are exactly opposite in any precision; torques are n x f_t, whose 8 operations round
         measures={
-            f"{what}, {law}": limited(5e-14, roundings=roundings)
+            f"{what}, {law}": limited(5e-14, roundings=roundings, steps=1)
             for law in LAWS
             for what, roundings in (("momentum", 0), ("angular momentum", 8))
         },

@@ -156,10 +156,10 @@ CASES = [
         statement="rolling, turning about the edge, slipping on it and flying as integrated for a rigid sphere",
         source="SciPy DOP853, rigid body",
         measures={
-            "position": limited(1e-5, "R"),
+            "position": limited(1e-5, "R", steps=2.4e5),
             "velocity, of sqrt(g R)": limited(1e-3),
-            "spin, of the last": limited(1e-5),
-            "passage time": limited(1e-6),
+            "spin, of the last": limited(1e-5, steps=2.4e5),
+            "passage time": limited(1e-6, steps=2.4e5),
         },
         run=_follows,
     ),

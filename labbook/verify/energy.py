@@ -106,7 +106,7 @@ CASES = [
         name="energy-impact",
         statement="after an oblique impact with friction and damping, the work of the contact is the energy lost",
         source="work of forces",
-        measures={law: limited(1e-12) for law in LAWS},
+        measures={law: limited(1e-12, steps=100) for law in LAWS},
         run=_impact,
     ),
 ]

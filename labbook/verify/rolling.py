@@ -150,7 +150,7 @@ CASES = [
         name="rolling-incline",
         statement="a sphere rolls down a slope with a = (5/7) g (sin t - mu_r cos t)",
         source="rigid body, lever R - delta",
-        measures={"relative error of a": limited(1e-6), "the same with l = R": Measure({})},
+        measures={"relative error of a": limited(1e-6, steps=4e4), "the same with l = R": Measure({})},
         run=_rolls_down,
     ),
     Case(
@@ -163,7 +163,7 @@ CASES = [
             "creep at dt/2, over half of it - 1": limited(1e-6, roundings=400),
             "creep in a second": Measure({}, "d"),
             # a is 1 % of the two terms that it is the difference of
-            "1 % above: |a/expected - 1|": limited(1e-6, roundings=100 * 16),
+            "1 % above: |a/expected - 1|": limited(1e-6, roundings=100 * 16, steps=4e4),
         },
         run=_rests,
     ),
@@ -171,14 +171,16 @@ CASES = [
         name="sliding-to-rolling",
         statement="a sphere that starts to slide at v0 ends up rolling at (5/7) v0",
         source="angular momentum, lever R - delta",
-        measures={"relative error of v and of rolling": limited(1e-6), "|v/v0 - 5/7|": Measure({})},
+        measures={"relative error of v and of rolling": limited(1e-6, steps=4e4), "|v/v0 - 5/7|": Measure({})},
         run=_comes_to_roll,
     ),
     Case(
         name="incline-slip",
         statement="a sphere on a slope slips beyond tan t = 3.5 mu: slip of the contact over g, 1 % off the threshold",
         source="rigid body, lever R - delta",
-        measures={f"{law}, {side}": limited(1e-6, roundings=16) for law in LAWS for side in ("below", "above")},
+        measures={
+            f"{law}, {side}": limited(1e-6, roundings=16, steps=4e4) for law in LAWS for side in ("below", "above")
+        },
         run=_slips,
     ),
 ]

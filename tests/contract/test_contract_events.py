@@ -104,8 +104,11 @@ def test_a_state_that_is_no_number_is_caught_and_named(silo):
         sound = silo.admit(ensemble)
         (event,) = ensemble.advance(2)
         assert isinstance(event, Failed)
-        assert (event.member, event.guard) == (bad, "state")
-        assert ensemble.status(bad).step == 0 < event.step <= numerics.steps_per_beat
+        # a whole diameter, rounded to single, may be beyond the largest limit there is: then that guard comes first
+        guards = ("state", "overlap") if numerics.precision == "mixed" else ("state",)
+        assert event.member == bad
+        assert event.guard in guards
+        assert ensemble.status(bad).step == 0 <= event.step <= numerics.steps_per_beat
         assert ensemble.status(sound).step == 2 * numerics.steps_per_beat
     # one step is enough for it to reach those that it touches
     apart = np.linalg.norm(start.x - start.x[5], axis=1)

@@ -126,13 +126,13 @@ def test_registers_are_part_of_the_key(name, monkeypatch, tmp_path):
 
 
 def test_where_the_cache_is(monkeypatch, tmp_path):
-    from labbook_numba.build import cache_folder
+    from labbook_dem.generated import cache_folder
 
     monkeypatch.setenv("LABBOOK_CACHE", str(tmp_path / "own"))
-    assert cache_folder() == tmp_path / "own"
+    assert cache_folder("numba") == tmp_path / "own"
     monkeypatch.delenv("LABBOOK_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache_folder() == tmp_path / "xdg/labbook/numba"
+    assert cache_folder("numba") == tmp_path / "xdg/labbook/numba"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert cache_folder() == tmp_path / "home/.cache/labbook/numba"
+    assert cache_folder("numba") == tmp_path / "home/.cache/labbook/numba"

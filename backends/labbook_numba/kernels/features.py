@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from labbook_dem.words import FRICTION  # noqa: F401 - part of the vocabulary of kernels
+
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
     BLOCK,
     BLOCK_COLUMNS,
@@ -43,9 +45,6 @@ def kernel(function: Function) -> Function:
     return function
 
 
-FRICTION = True
-ROLLING = True
-TWIST = True  # rolling resistance acts on twist too
 MOVING = True  # some wall's surface moves
 PLANES = True
 STRIPS = True

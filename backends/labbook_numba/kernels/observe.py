@@ -1,9 +1,10 @@
 """Reading forces without changing the motion."""
 
 from labbook_dem.contact import rolling_rate
-from labbook_dem.words import dot, func, narrow, real, sqrt, vec3, wide, wide3
+from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
+from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
-from labbook_numba.kernels.blocks import reals, touch
+from labbook_numba.kernels.blocks import reals
 from labbook_numba.kernels.features import ANY_WALLS, GRAINS, MOVING, PAIRS, STEP, F, T, U, V, W, X, kernel
 from labbook_numba.kernels.pairs import pair_forces
 from labbook_numba.kernels.walls import load, wall_distance, wall_forces, wall_velocity
@@ -22,12 +23,10 @@ def contact_rows(st: State, p: Params, out):
         i = st.pair_i[k]
         j = st.pair_j[k]
         away = load(st.grains, i, X) - load(st.grains, j, X)
-        r = sqrt(dot(away, away))
-        if r < diameter:
-            lever = real(wide(0.5) * r)
-            force, _, _, _ = touch(
-                reals(p.c), real(wide(0.5) * p.radius), real(wide(0.5) * p.mass), lever, lever, real(p.radius),
-                real(diameter - r), narrow(away * (wide(1.0) / r)),
+        gap = diameter * diameter - dot(away, away)
+        if gap > wide(0.0):
+            force, _, _, _, _ = sphere_on_sphere(
+                reals(p.c), real(p.radius), real(p.mass), narrow(away), real(gap),
                 narrow(load(st.grains, i, U) - load(st.grains, j, U)),
                 narrow(load(st.grains, i, V) - load(st.grains, j, V)),
                 narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
@@ -52,10 +51,10 @@ def contact_rows(st: State, p: Params, out):
                     surface = wall_velocity(p.wall_motion, w, x - normal_w * distance)
                     u = u - surface
                     v = v - surface
-                force, _, _, _ = touch(
-                    coefficients, real(p.radius), real(p.mass), real(distance), zero, real(p.radius),
-                    real(p.radius - distance), narrow(normal_w), narrow(u), narrow(v), narrow(load(st.grains, i, W)),
-                    spin, spring_of(st.wall_spring, st.wall_held, k), advance_of(st.wall_held, k, dt), rate,
+                force, _, _ = sphere_on_wall(
+                    coefficients, real(p.radius), real(p.mass), real(p.radius - distance), narrow(normal_w), narrow(u),
+                    narrow(v), narrow(load(st.grains, i, W)), spin, spring_of(st.wall_spring, st.wall_held, k),
+                    advance_of(st.wall_held, k, dt), rate,
                 )  # fmt: skip
                 write_row(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
                 found += 1
