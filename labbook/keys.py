@@ -109,9 +109,12 @@ def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: Capabi
     return digest({**_packing(closed, filling, numerics, maker.name), "cache_version": maker.cache_version})
 
 
-def lineage_key(scene: str, closed: str, filling: Filling, numerics: Numerics, engine: str) -> str:
-    """As a run's key, but of every version of the engine called `engine`."""
-    packing = _packing(closed, filling, numerics, engine)
+def lineage_key(
+    scene: str, closed: str, filling: Filling, numerics: Numerics, engine: str, maker: str | None = None
+) -> str:
+    """As a run's key, but of every version of the engine called `engine`, and of the packing's `maker` (None: the
+    engine itself)."""
+    packing = _packing(closed, filling, numerics, maker or engine)
     return digest({"scene": scene, "packing": packing, **_how(numerics, engine)})
 
 
@@ -121,13 +124,14 @@ def run_keys(
     filling: Filling,
     numerics: Numerics,
     engine: Capabilities,
+    maker: Capabilities | None = None,
 ) -> Keys:
     """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
-    computed."""
-    packing = packing_key(closed, filling, numerics, engine)
+    computed. `maker`: the engine that makes the packing; None: `engine` itself."""
+    packing = packing_key(closed, filling, numerics, maker or engine)
     experiment = digest({"scene": scene, "packing": packing})
     run = {"experiment": experiment, **_how(numerics, engine.name), "cache_version": engine.cache_version}
-    lineage = lineage_key(scene, closed, filling, numerics, engine.name)
+    lineage = lineage_key(scene, closed, filling, numerics, engine.name, maker.name if maker else None)
     return Keys(scene=scene, packing=packing, experiment=experiment, run=digest(run), lineage=lineage)
 
 

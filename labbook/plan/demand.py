@@ -27,6 +27,8 @@ class PointDemand:
 
     study: "Study"
     point: "Point"
+    maker: Capabilities | None = None
+    """The engine whose packings its runs start from; None: each engine makes its own."""
 
     @property
     def scene(self) -> Scene:
@@ -136,7 +138,7 @@ class Demand:
         found = self._keys.get((engine.name, engine.cache_version))
         if found is None:
             s = self.shared
-            found = keys.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
+            found = keys.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
             self._keys[engine.name, engine.cache_version] = found
         return found
 
@@ -147,7 +149,8 @@ class Demand:
     def lineage(self, engine: str) -> str:
         """Identity of this run on any version of the engine called `engine`."""
         s = self.shared
-        return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
+        maker = s.maker.name if s.maker else None
+        return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine, maker)
 
 
 def film_probe(every: float, numerics: Numerics) -> Sample:
