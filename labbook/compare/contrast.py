@@ -1,7 +1,9 @@
 """The numbers that two engines are compared by, and the equivalence test between them."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from labbook.catalogue.finished import run_data
 from labbook.catalogue.lab import Lab
@@ -13,60 +15,77 @@ from labbook.measure import MEASURES
 from labbook.measure.measure import MeasureError, Window
 from labbook.measure.packing import PackingStructure
 from labbook.scene import Scene
+from labbook.stats import Measured
 from labbook.stats.equivalence import Equivalence, replicates_needed, tost
 
 ALPHA = 0.05
 USED = ("flow_rate", "packing")
 """Measures that a comparison rests on."""
 
-BySeed = Mapping[int, float]
+
+@dataclass
+class Numbers:
+    """One number a seed of one engine, and why others have none."""
+
+    values: dict[int, float] = field(default_factory=dict)
+    lacking: list[str] = field(default_factory=list)
+
+    def take(self, seed: int, quantity: str, measured: Sequence[Measured]) -> None:
+        """The value of `quantity`, or what was noted in its place."""
+        one = next((one for one in measured if one.quantity == quantity), None)
+        if one is not None and math.isfinite(one.value):
+            self.values[seed] = one.value
+        else:
+            notes = dict.fromkeys(one.note for one in measured if one.note)
+            self.lacking.append("; ".join(notes) or f"no {quantity} was measured")
 
 
-def flow_rates(lab: Lab, runs: Mapping[int, str], window: Window) -> dict[int, float]:
-    """Flow rates [kg/s] by seed of the runs with these keys that are there and have one: none clogged or diverged."""
-    found = {}
+def flow_rates(lab: Lab, runs: Mapping[int, str], window: Window) -> Numbers:
+    """Flow rates [kg/s] by seed of the runs with these keys; one that clogged or diverged has none."""
+    found = Numbers()
     for seed, key in runs.items():
         try:
             record = RunRecord.read(lab.run(key))
+            if record.outcome == "diverged":
+                found.lacking.append("diverged")
+                continue
             measured = MEASURES["flow_rate"].evaluate(run_data(lab.run(key), record), window)
-        except (Unreadable, MeasureError):
+        except (Unreadable, MeasureError) as problem:
+            found.lacking.append(str(problem))
             continue
-        value = next((one.value for one in measured if one.quantity == "flow_rate"), math.nan)
-        if record.outcome != "diverged" and math.isfinite(value):
-            found[seed] = value
+        found.take(seed, "flow_rate", measured)
     return found
 
 
-def packing_fractions(lab: Lab, scene: Scene, packings: Mapping[int, str]) -> dict[int, float]:
-    """Packing fractions by seed of the packings with these keys that are there and whose bulk is large enough."""
-    found = {}
+def packing_fractions(lab: Lab, scene: Scene, packings: Mapping[int, str]) -> Numbers:
+    """Packing fractions by seed of the packings with these keys; one whose bulk is too small has none."""
+    found = Numbers()
     for seed, key in packings.items():
         try:
             measured = PackingStructure().of(scene, load_packing(lab.packing(key)))
-        except (Unreadable, MeasureError):
+        except (Unreadable, MeasureError) as problem:
+            found.lacking.append(str(problem))
             continue
-        value = next((one.value for one in measured if one.quantity == "packing_fraction"), math.nan)
-        if math.isfinite(value):
-            found[seed] = value
+        found.take(seed, "packing_fraction", measured)
     return found
 
 
-def contrast(quantity: str, unit: str, first: BySeed, second: BySeed, margin: float, *, paired: bool) -> Contrast:
+def contrast(quantity: str, unit: str, first: Numbers, second: Numbers, margin: float, *, paired: bool) -> Contrast:
     """Whether both engines have the same mean within `margin`, a part of the first one's.
 
-    `paired`: numbers of the same seed come from the same packing; only seeds that both have count.
+    `paired`: numbers of the same seed come from the same packing; only seeds that both have count. Untested with fewer
+    than 2 numbers of each engine.
     """
-    seeds = sorted(first.keys() & second.keys() if paired else first.keys() | second.keys())
-    a = [first[seed] for seed in seeds if seed in first]
-    b = [second[seed] for seed in seeds if seed in second]
-    if min(len(a), len(b)) < 2:
-        what = "pairs of runs" if paired else "packings of each engine"
-        note = f"{min(len(a), len(b))} {what} gave a number; 2 at least are needed"
+    one, other = first.values, second.values
+    seeds = sorted(one.keys() & other.keys() if paired else one.keys() | other.keys())
+    a = [one[seed] for seed in seeds if seed in one]
+    b = [other[seed] for seed in seeds if seed in other]
+    why = Counter([*first.lacking, *second.lacking])
+    note = "; ".join(f"{count} without a number: {reason}" for reason, count in why.items())
+    scale = abs(sum(a) / len(a)) if a else 0.0
+    if min(len(a), len(b)) < 2 or scale == 0:
         return _told(quantity, unit, paired, seeds, a, b, "untested", note)
-    scale = abs(sum(a) / len(a))
     result = tost(a, b, margin * scale, ALPHA, paired=paired)
-    lost = len(first.keys() | second.keys()) - len(seeds)
-    note = f"{lost} seeds left out: only one engine has a number" if lost else ""
     return _told(quantity, unit, paired, seeds, a, b, finding(result), note).model_copy(
         update={
             "difference": result.difference / scale,
