@@ -13,6 +13,10 @@ if TYPE_CHECKING:
 
 Backends = Annotated[str, typer.Option("--backends", help="Two engines; the first one makes the shared packings.")]
 Devices = Annotated[str, typer.Option("--devices", help="Their devices, such as cpu,cuda:0.")]
+Precisions = Annotated[
+    str | None,
+    typer.Option("--precisions", help="Theirs, such as double,mixed, instead of the study's.", show_default=False),
+]
 Margin = Annotated[
     float, typer.Option("--margin", min=1e-6, max=1, help="Difference of means that counts as none, as a part of them.")
 ]
@@ -44,6 +48,7 @@ def register(app: typer.Typer) -> None:
         study: StudyFile,
         backends: Backends = "numba,warp",
         devices: Devices = "cpu,cpu",
+        precisions: Precisions = None,
         margin: Margin = 0.03,
         replicates: Replicates = None,
         point: Points = None,
@@ -56,14 +61,18 @@ def register(app: typer.Typer) -> None:
 
         Runs that are missing are made first. Exit status 1 if a difference beyond the margin is found.
         """
+        from labbook.compare.pair import WrongPair
         from labbook.compare.verdict import NoVerdict
 
         asked = read_study(study)
         try:
             if show:
-                verdict, failed = _stored(asked, lab, backends), []
+                verdict, failed = _stored(asked, lab, backends, precisions), []
             else:
-                verdict, failed = _made(asked, lab, (backends, devices), margin, replicates, point or [], record)
+                sides = backends, devices, precisions
+                verdict, failed = _made(asked, lab, sides, margin, replicates, point or [], record)
+        except WrongPair as problem:
+            fail(problem)
         except NoVerdict as problem:
             fail(f"{problem}; make one: labbook compare {study} --backends {backends} --lab {lab}")
         _tell(verdict, asked, lab, as_json)
@@ -73,12 +82,12 @@ def register(app: typer.Typer) -> None:
             raise typer.Exit(1)
 
 
-def _stored(asked, lab: Path, backends: str) -> "Verdict":
+def _stored(asked, lab: Path, backends: str, precisions: str | None) -> "Verdict":
     from labbook.catalogue.lab import Lab as Folder
+    from labbook.compare.pair import names_of
     from labbook.compare.verdict import Verdict, folder_of, stem
 
-    names = [word.strip() for word in backends.split(",")]
-    return Verdict.read(folder_of(Folder(lab), asked.name) / f"{stem(*names)}.json")
+    return Verdict.read(folder_of(Folder(lab), asked.name) / f"{stem(*names_of(backends, precisions))}.json")
 
 
 def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points: list[int], seconds: float | None):
@@ -91,7 +100,7 @@ def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points
     from labbook.compare.carry import Stopped
     from labbook.compare.compare import CannotCompare, compare, narrowed
     from labbook.compare.figure import figure
-    from labbook.compare.pair import WrongPair, pair
+    from labbook.compare.pair import pair
     from labbook.compare.recording import record
     from labbook.compare.verdict import folder_of, stem
     from labbook.measure import MeasureError
@@ -112,7 +121,7 @@ def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points
         if seconds is not None:
             made = record(study, study.points[0], folder, two, seconds, path.with_suffix(".rrd"))
             console.print(f"Recording: {made}")
-    except (WrongPair, CannotCompare, BackendMissing, Unsupported, Conflict, MeasureError) as problem:
+    except (CannotCompare, BackendMissing, Unsupported, Conflict, MeasureError) as problem:
         fail(problem)
     except (NoCatalogue, Unreadable, DiskFull, ViewerMissing) as problem:
         fail(problem)

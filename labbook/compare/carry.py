@@ -49,13 +49,13 @@ def carry_out(
 
     def run(one: Contestant, session: Session, *, shared: bool = False, packings_only: bool = False) -> None:
         runner = Runner(
-            study,
+            one.of(study),
             lab,
             one.backend,
             one.device,
             checkpoint_every,
             watched,
-            packings_of=first.can if shared else None,
+            packings_of=first.packings(study) if shared else None,
             packings_only=packings_only,
         )
         summary = runner.run()

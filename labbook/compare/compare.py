@@ -8,7 +8,7 @@ from labbook.compare.carry import Session, carry_out
 from labbook.compare.contrast import ALPHA, USED, contrast, flow_rates, packing_fractions
 from labbook.compare.cost import cost
 from labbook.compare.divergence import divergence
-from labbook.compare.pair import Pair
+from labbook.compare.pair import Contestant, Pair
 from labbook.compare.verdict import Contrast, Divergence, Entrant, NoVerdict, PointVerdict, Verdict, folder_of, stem
 from labbook.measure import MEASURES
 from labbook.plan.demand import Demand, PointDemand
@@ -54,7 +54,7 @@ def compare(
     """
     for one in pair:  # before hours of the other engine's work
         say(f"opening {one.name} on {one.device}")
-        shared = PointDemand(study, study.points[0])
+        shared = PointDemand(study, one.at(study.points[0]))
         one.try_out(shared, shared.probes)
     before = _before(study, lab, pair)
     say("running what is missing")
@@ -81,53 +81,56 @@ def compare(
 
 def entrants(pair: Pair) -> tuple[Entrant, Entrant]:
     """The engines of a pair as a verdict names them."""
-    first, second = (Entrant(name=one.name, cache_version=one.can.cache_version, device=one.device) for one in pair)
+    first, second = (
+        Entrant(name=one.can.name, cache_version=one.can.cache_version, device=one.device, precision=one.precision)
+        for one in pair
+    )
     return first, second
 
 
 def run_keys(study: Study, point: Point, pair: Pair, replicates: int) -> RunKeys:
     """Keys of both engines' runs of a point, from the first one's packings, by seed."""
-    shared = _demands(study, point, pair, replicates)
-    first, second = (tuple(demand.keys(one.can).run for demand in shared) for one in pair)
+    first, second = (
+        tuple(demand.keys(one.can).run for demand in demands(study, point, pair, one, replicates)) for one in pair
+    )
     return first, second
 
 
-def _demands(study: Study, point: Point, pair: Pair, replicates: int) -> list[Demand]:
-    shared = PointDemand(study, point, maker=pair[0].can)
+def demands(study: Study, point: Point, pair: Pair, one: Contestant, replicates: int) -> list[Demand]:
+    """The runs of a point on one side of the pair, all from the first side's packings."""
+    shared = PointDemand(study, one.at(point), packings_of=pair[0].packings(study))
     return [shared.run(seed) for seed in range(1, replicates + 1)]
 
 
 def _point(
     study: Study, point: Point, lab: Lab, pair: Pair, margin: float, known: dict[str, Divergence]
 ) -> PointVerdict:
-    shared = _demands(study, point, pair, study.replicates)
     runs = run_keys(study, point, pair, study.replicates)
-    first = next(demand for demand in shared if demand.seed == SEED)
+    first, second = (demands(study, point, pair, one, SEED)[-1] for one in pair)
     packed = lab.packing(first.keys(pair[0].can).packing).is_dir()
     return PointVerdict(
         index=point.index,
         label=point.label,
         runs=runs,
-        contrasts=(_flow(study, lab, shared, runs, margin), _packing(study, point, lab, pair, margin)),
-        divergence=divergence(pair, first, lab, known) if packed else None,
+        contrasts=(_flow(study, lab, runs, margin), _packing(study, point, lab, pair, margin)),
+        divergence=divergence(pair, (first, second), lab, known) if packed else None,
     )
 
 
-def _flow(study: Study, lab: Lab, demands: list[Demand], runs: RunKeys, margin: float) -> Contrast:
+def _flow(study: Study, lab: Lab, runs: RunKeys, margin: float) -> Contrast:
     """Flow rates from the same packings, seed by seed."""
-    seeds = [demand.seed for demand in demands]
-    first, second = (flow_rates(lab, dict(zip(seeds, keys, strict=True)), study.window) for keys in runs)
+    first, second = (flow_rates(lab, dict(enumerate(keys, 1)), study.window) for keys in runs)
     return contrast("flow_rate", "kg/s", first, second, margin, paired=True)
 
 
 def _packing(study: Study, point: Point, lab: Lab, pair: Pair, margin: float) -> Contrast:
     """Packing fractions of each engine's own packings."""
-    own = PointDemand(study, point)
-    demands = [own.run(seed) for seed in range(1, study.replicates + 1)]
-    first, second = (
-        packing_fractions(lab, point.scene, {demand.seed: demand.keys(one.can).packing for demand in demands})
-        for one in pair
-    )
+    found = []
+    for one in pair:
+        shared = PointDemand(study, one.at(point))
+        packings = {seed: shared.run(seed).keys(one.can).packing for seed in range(1, study.replicates + 1)}
+        found.append(packing_fractions(lab, point.scene, packings))
+    first, second = found
     return contrast("packing_fraction", "", first, second, margin, paired=False)
 
 

@@ -28,11 +28,12 @@ LONGEST = 50.0
 _INTERVAL = 0.05  # between frames [sqrt(d/g)]
 
 
-def divergence(pair: Pair, demand: Demand, lab: Lab, known: Mapping[str, Divergence]) -> Divergence:
-    """Of the point and seed of `demand`, whose packing the first engine has made; one that is `known` by its key is
-    not found again. Raises Unreadable or Unsupported."""
-    shared = demand.shared
-    keys = [demand.keys(one.can).run for one in pair]
+def divergence(pair: Pair, demands: tuple[Demand, Demand], lab: Lab, known: Mapping[str, Divergence]) -> Divergence:
+    """Of the same run of both engines, whose packing the first one has made; one that is `known` by its key is not
+    found again. Raises Unreadable or Unsupported."""
+    first, _ = demands
+    shared = first.shared
+    keys = [demand.keys(one.can).run for one, demand in zip(pair, demands, strict=True)]
     key = digest({"runs": keys, "devices": [one.device for one in pair], "looks": [AGREE, APART, LONGEST, _INTERVAL]})
     if key in known:
         return known[key]
@@ -40,7 +41,7 @@ def divergence(pair: Pair, demand: Demand, lab: Lab, known: Mapping[str, Diverge
     numerics = shared.numerics.model_copy(
         update={"steps_per_beat": max(1, round(_INTERVAL * tick / shared.numerics.dt))}
     )
-    packing = load_packing(lab.packing(demand.keys(pair[0].can).packing))
+    packing = load_packing(lab.packing(first.keys(pair[0].can).packing))
     start = opened(packing, shared.closed, shared.scene)
     times, medians, largest = [0.0], [0.0], [0.0]
     with side_by_side(pair, shared.scene, numerics, start, Sample(fields=("x",), every=1)) as both:
@@ -59,7 +60,7 @@ def divergence(pair: Pair, demand: Demand, lab: Lab, known: Mapping[str, Diverge
         note = both.failure or ""
     return Divergence(
         key=key,
-        seed=demand.seed,
+        seed=first.seed,
         time=tuple(times),
         median=tuple(medians),
         largest=tuple(largest),

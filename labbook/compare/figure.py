@@ -21,7 +21,7 @@ def figure(verdict: Verdict) -> "Figure":
     from matplotlib.figure import Figure
 
     rows = sum(len(point.contrasts) for point in verdict.points)
-    first, second = (entrant.name for entrant in verdict.entrants)
+    first, second = (entrant.called for entrant in verdict.entrants)
     with house():
         drawn = Figure(figsize=(PAGE, max(62 * MILLIMETRE, 22 * MILLIMETRE + rows * _ROW)))
         left, right = drawn.subplots(1, 2, width_ratios=(1, 1.15))

@@ -86,6 +86,7 @@ def side_by_side(pair: Pair, scene: Scene, numerics: Numerics, start: Packing, p
 
 @contextmanager
 def _opened(one: Contestant, scene: Scene, numerics: Numerics, start: Packing, probe: Sample) -> Iterator[Walker]:
+    numerics = one.numerics(numerics)
     ensemble = one.backend.open(one.backend.specialise(scene, numerics, (probe,)), 1, one.device)
     try:
         yield Walker(ensemble, ensemble.admit(scene, numerics, start), probe)

@@ -7,15 +7,13 @@ import numpy as np
 
 from labbook.catalogue.lab import Lab
 from labbook.catalogue.packings import load_packing
+from labbook.compare.compare import SEED, demands
 from labbook.compare.lockstep import Frame, side_by_side
 from labbook.compare.pair import Pair
 from labbook.plan.demand import PointDemand, film_probe
 from labbook.protocol import opened
 from labbook.recording import FRAMES, frames_of, front_view, log_grains, need_rerun, resting, top_speed
 from labbook.study import Point, Study
-
-SEED = 1
-"""The packing that is shown."""
 
 
 def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, path: Path) -> Path:
@@ -24,9 +22,9 @@ def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, pat
     rr = need_rerun()
     import rerun.blueprint as rrb
 
-    demand = PointDemand(study, point, maker=pair[0].can).run(SEED)
-    shared = demand.shared
-    start = opened(load_packing(lab.packing(demand.keys(pair[0].can).packing)), shared.closed, shared.scene)
+    runs = [demands(study, point, pair, one, SEED)[-1].keys(one.can) for one in pair]
+    shared = PointDemand(study, point)
+    start = opened(load_packing(lab.packing(runs[0].packing)), shared.closed, shared.scene)
     every = seconds / FRAMES
     numerics = shared.numerics.model_copy(update={"steps_per_beat": max(1, round(every / shared.numerics.dt))})
     with side_by_side(pair, shared.scene, numerics, start, film_probe(every, numerics)) as both:
@@ -36,7 +34,7 @@ def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, pat
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
     views = [front_view(start.x, fastest, origin=f"/{one.name}", name=one.name) for one in pair]
-    stream = rr.RecordingStream("labbook", recording_id="-".join(demand.keys(one.can).run for one in pair))
+    stream = rr.RecordingStream("labbook", recording_id="-".join(one.run for one in runs))
     try:
         stream.save(partial, default_blueprint=resting(rrb.Horizontal(*views)))
         stream.send_recording_name(f"{study.name}: {point.label}, seed {SEED}, {pair[0].name} beside {pair[1].name}")

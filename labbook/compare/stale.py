@@ -2,7 +2,7 @@
 
 from labbook.backend import BackendMissing, load
 from labbook.compare.compare import run_keys
-from labbook.compare.pair import Contestant
+from labbook.compare.pair import Contestant, WrongPair
 from labbook.compare.verdict import Verdict
 from labbook.measure import MEASURES
 from labbook.study import Study
@@ -13,7 +13,7 @@ def stale(verdict: Verdict, study: Study) -> list[str]:
     reasons, here = [], []
     for entrant in verdict.entrants:
         try:
-            here.append(Contestant(load(entrant.name), entrant.device))
+            here.append(Contestant(load(entrant.name), entrant.device, entrant.precision))
         except BackendMissing as problem:
             reasons.append(f"whether {entrant.name} has changed cannot be told: {problem}")
             continue
@@ -31,9 +31,9 @@ def stale(verdict: Verdict, study: Study) -> list[str]:
 
 def _changed(verdict: Verdict, study: Study, pair: tuple[Contestant, Contestant]) -> list[str]:
     """Points that are no longer what they were."""
-    now = {}
-    for point in study.points:
-        for seeds in {len(old.runs[0]) for old in verdict.points}:
-            now[run_keys(study, point, pair, seeds)] = point.label
+    try:
+        now = {run_keys(study, point, pair, verdict.replicates) for point in study.points}
+    except WrongPair as problem:
+        return [str(problem)]
     changed = [point.label or "its point" for point in verdict.points if point.runs not in now]
     return [f"the study has changed at {'; '.join(changed)}"] if changed else []

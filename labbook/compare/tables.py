@@ -22,7 +22,7 @@ def summary(verdict: Verdict) -> list[str]:
         f"{len(every)} tests, a difference in none",
     }[verdict.finding]
     lines = [
-        f"{second.name} {second.cache_version} ({second.device}) against {first.name} {first.cache_version} "
+        f"{second.called} {second.cache_version} ({second.device}) against {first.called} {first.cache_version} "
         f"({first.device}): {words}."
     ]
     weak = [one.replicates_needed for one in every if one.finding == "undecided" and one.power is not None]
@@ -35,7 +35,7 @@ def summary(verdict: Verdict) -> list[str]:
 
 def contrast_table(verdict: Verdict) -> Table:
     """Every point and quantity: both means, their difference with interval, power, and the finding."""
-    first, second = (entrant.name for entrant in verdict.entrants)
+    first, second = (entrant.called for entrant in verdict.entrants)
     rows, marked, notes = [], set(), []
     for point in verdict.points:
         for one in point.contrasts:

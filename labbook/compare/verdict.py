@@ -7,6 +7,8 @@ from pydantic import ValidationError
 
 from labbook.catalogue.lab import Lab, write_bytes
 from labbook.catalogue.parts import Part
+from labbook.compare.pair import called
+from labbook.numerics import Precision
 
 Finding = Literal["equivalent", "different", "undecided", "untested"]
 """`equivalent`: shown to lie within the margin. `different`: its whole interval lies beyond it. `undecided`: neither.
@@ -23,6 +25,13 @@ class Entrant(Part):
     name: str
     cache_version: int
     device: str
+    precision: Precision | None = None
+    """The one that it was compared in; None: that of the study."""
+
+    @property
+    def called(self) -> str:
+        """Its name, with its precision where that is not the study's."""
+        return called(self.name, self.precision)
 
 
 class Contrast(Part):
@@ -122,7 +131,7 @@ class Verdict(Part):
     def write(self, folder: Path) -> Path:
         """Write into `folder`, as a whole."""
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{stem(*(entrant.name for entrant in self.entrants))}.json"
+        path = folder / f"{stem(*(entrant.called for entrant in self.entrants))}.json"
         write_bytes(path, (self.model_dump_json(indent=1) + "\n").encode())
         return path
 

@@ -11,7 +11,7 @@ from labbook.catalogue.parts import Unreadable
 from labbook.catalogue.record import RunRecord
 from labbook.keys import Keys
 from labbook.plan.coverage import shortfall
-from labbook.plan.demand import Demand, PointDemand
+from labbook.plan.demand import Demand, PackingsOf, PointDemand
 from labbook.plan.replicates import flow_rates, stopping_rule
 from labbook.stats import Decision, StoppingRule
 
@@ -89,11 +89,11 @@ def counted(points: Iterable[PointPlan]) -> tuple[int, int]:
 class Planner:
     """Compares demands with what the catalogue and the lab's folders have.
 
-    `packings_of`: the engine whose packings the runs start from; None: `engine` makes its own.
+    `packings_of`: whose packings the runs start from; None: `engine` makes its own.
     """
 
     def __init__(
-        self, study: "Study", catalogue: Catalogue, engine: Capabilities, packings_of: Capabilities | None = None
+        self, study: "Study", catalogue: Catalogue, engine: Capabilities, packings_of: PackingsOf | None = None
     ):
         self.study, self.catalogue, self.engine, self.packings_of = study, catalogue, engine, packings_of
         self.rule = stopping_rule(study)

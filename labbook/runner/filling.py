@@ -7,7 +7,7 @@ from typing import Any
 from labbook.backend import Checkpoint, Ensemble, Event, Member, Probe, Settled, Table
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import ARRAYS, PackingRecord
-from labbook.keys import Keys
+from labbook.keys import Keys, Maker
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import fill_time
 from labbook.protocol import Packing, PlacingError, place
@@ -29,8 +29,11 @@ class FillJob(Job):
     def begin(self) -> Packing | Checkpoint:
         """As every job, but an engine never fills in another one's place. Raises JobFailed."""
         maker = self.demand.shared.maker
-        if maker is not None and maker != self.bench.backend.capabilities:
-            raise JobFailed(f"{self.label}: {maker.name} has to make this packing first")
+        if maker is not None and maker != Maker(self.bench.backend.capabilities, self.numerics):
+            raise JobFailed(
+                f"{self.label}: {maker.engine.name} has to make this packing first, in {maker.numerics.precision} "
+                "precision"
+            )
         return super().begin()
 
     def fresh(self) -> Packing:

@@ -10,12 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from labbook.backend import Backend, Capabilities, Member, Overflow
+from labbook.backend import Backend, Member, Overflow
 from labbook.catalogue.catalogue import Catalogue
 from labbook.catalogue.index import Index
 from labbook.catalogue.lab import Lab, room
 from labbook.catalogue.record import Observe
 from labbook.plan.check import check
+from labbook.plan.demand import PackingsOf
 from labbook.plan.plan import Planner, PointPlan
 from labbook.runner.board import Board, Started, Tally
 from labbook.runner.job import Bench, Job, JobFailed
@@ -63,8 +64,8 @@ class Runner:
     watcher: Watcher = field(default_factory=Unwatched)
     lanes: int | None = None
     """None: one a core on a CPU, else one."""
-    packings_of: Capabilities | None = None
-    """The engine whose packings the runs start from, which must be there; None: the engine makes its own."""
+    packings_of: PackingsOf | None = None
+    """Whose packings the runs start from, which must be there; None: the engine makes its own."""
     packings_only: bool = False
     """Make the packings that the runs would start from, and no runs."""
 

@@ -1,6 +1,7 @@
 """Comparing two engines, on the toy and its twin: same runs, shared packings, verdicts and when they are stale."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,27 +13,27 @@ from toy_lab import study_file as toy_study_file
 
 from labbook.backend import Sample, Unsupported
 from labbook.catalogue import Catalogue, Lab, RunRecord
-from labbook.compare.compare import CannotCompare, compare, narrowed
+from labbook.compare.compare import CannotCompare, compare, demands, narrowed
 from labbook.compare.divergence import AGREE, divergence
 from labbook.compare.lockstep import side_by_side
 from labbook.compare.pair import Contestant, WrongPair, pair
 from labbook.compare.stale import stale
 from labbook.compare.verdict import NoVerdict, Verdict, folder_of
 from labbook.measure import MEASURES
-from labbook.plan.demand import PointDemand
+from labbook.plan.demand import PackingsOf
 from labbook.protocol.placing import place
 from labbook.runner.runner import Runner
 
 BIAS = 0.07
-GRAINS = {"count": 400}  # enough for a bulk to measure the packing fraction in
+GRAINS = 400  # enough for a bulk to measure the packing fraction in
 
 
 def study(folder, *more, **changes):
-    return toy_study(folder, *more, **GRAINS, **changes)
+    return toy_study(folder, *more, count=GRAINS, **changes)
 
 
 def study_file(folder):
-    return toy_study_file(folder, **GRAINS)
+    return toy_study_file(folder, count=GRAINS)
 
 
 def contestants(first=None, second=None):
@@ -60,7 +61,7 @@ def records(lab, engine):
 def test_the_second_engine_starts_from_the_first_ones_packings(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     carry_out(asked, lab)
-    summary = Runner(asked, Lab(lab), Twin(), packings_of=Backend().capabilities).run()
+    summary = Runner(asked, Lab(lab), Twin(), packings_of=PackingsOf(Backend().capabilities, "double")).run()
     assert len(summary.tally.ran) == 4
     assert summary.tally.packings == 0
     first, second = records(lab, "toy"), records(lab, "twin")
@@ -74,7 +75,7 @@ def test_the_second_engine_starts_from_the_first_ones_packings(tmp_path):
 
 def test_an_engine_never_fills_in_another_ones_place(tmp_path):
     asked, lab = study(tmp_path, replicates=1), tmp_path / "lab"
-    summary = Runner(asked, Lab(lab), Twin(), packings_of=Backend().capabilities).run()
+    summary = Runner(asked, Lab(lab), Twin(), packings_of=PackingsOf(Backend().capabilities, "double")).run()
     assert not summary.tally.ran
     assert not summary.tally.packings
     assert summary.tally.failed
@@ -101,6 +102,44 @@ def test_runs_from_foreign_packings_stay_out_of_a_studys_own(tmp_path):
     compared(asked, lab)
     assert len(Catalogue(lab).finished(asked, "toy")) == 4
     assert Catalogue(lab).finished(asked, "twin") == []
+
+
+class Mixed(Twin):
+    """Works in both precisions, which are the same to it."""
+
+    def __init__(self, **given):
+        super().__init__(**given)
+        self.capabilities = replace(self.capabilities, precisions=frozenset({"double", "mixed"}))
+
+    def specialise(self, scene, numerics, probes=()):
+        spec = super().specialise(scene, numerics.model_copy(update={"precision": "double"}), probes)
+        return replace(spec, features=(*spec.features, ("precision", numerics.precision)))
+
+
+def test_each_side_works_in_its_own_precision(tmp_path):
+    asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
+    two = Contestant(Backend(), "cpu", "double"), Contestant(Mixed(), "cpu", "mixed")
+    verdict, failed = compare(asked, Lab(lab), two, 0.03)
+    assert not failed
+    assert [entrant.called for entrant in verdict.entrants] == ["toy-double", "twin-mixed"]
+    first, second = records(lab, "toy"), records(lab, "twin")
+    assert {one.numerics.precision for one in first.values()} == {"double"}
+    assert {one.numerics.precision for one in second.values()} == {"mixed"}
+    assert {one.experiment_key for one in first.values()} == {one.experiment_key for one in second.values()}
+    assert not carry_out(asked, lab).tally.ran, "the study's own precision is double"
+    kept = Verdict.read(folder_of(Lab(lab), asked.name) / "toy-double-twin-mixed.json")
+    assert kept == verdict
+
+
+def test_one_engine_in_two_precisions(tmp_path):
+    asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
+    two = Contestant(Mixed(), "cpu", "double"), Contestant(Mixed(), "cpu", "mixed")
+    verdict, failed = compare(asked, Lab(lab), two, 0.03)
+    assert not failed
+    (point,) = verdict.points
+    assert not set(point.runs[0]) & set(point.runs[1])
+    assert point.contrasts[0].difference == 0
+    assert len(stamps_of_packings(lab)) == 4, "each precision makes its own packings, too"
 
 
 # nothing is run twice
@@ -203,8 +242,8 @@ def test_engines_agree_until_the_largest_difference_exceeds_a_thousandth(tmp_pat
     asked, lab = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[5]"), tmp_path / "lab"
     carry_out(asked, lab)
     two = contestants(second=Drifting())
-    demand = PointDemand(asked, asked.points[0], maker=two[0].can).run(1)
-    found = divergence(two, demand, Lab(lab), {})
+    first, second = (demands(asked, asked.points[0], two, one, 1)[0] for one in two)
+    found = divergence(two, (first, second), Lab(lab), {})
     expected = Drifting.TAU * np.log(AGREE / 1e-9)
     frame = found.time[1]
     assert expected - frame < found.agree_until <= expected
@@ -323,6 +362,8 @@ def test_the_verb_from_nothing_to_a_stale_verdict(tmp_path):
         (("--devices", "cpu,cuda:0"), "cpu only"),
         (("--backends", "toy,nobody"), "no engine is called nobody"),
         (("--point", "9"), "has the points 1 to 2"),
+        (("--precisions", "double,half"), "there is no half"),
+        (("--show", "--backends", "toy"), "two words with a comma"),
     ],
 )
 def test_mistakes_are_told_in_a_line(tmp_path, more, said):
