@@ -1,13 +1,15 @@
 """Comparing two engines, on the toy and its twin: same runs, shared packings, verdicts and when they are stale."""
 
 import json
+import signal
+import time
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from labbook_toy import Backend, Ensemble, Twin
-from toy_lab import carry_out, labbook
+from toy_lab import carry_out, labbook, start
 from toy_lab import study as toy_study
 from toy_lab import study_file as toy_study_file
 
@@ -373,3 +375,19 @@ def test_mistakes_are_told_in_a_line(tmp_path, more, said):
     assert ended.returncode == 1
     assert said in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_what_was_stopped_goes_on(tmp_path):
+    path, lab = study_file(tmp_path), tmp_path / "lab"
+    words = ("compare", path, "--lab", lab, "--backends", "toy,twin")
+    process = start(*words, delay=0.02)
+    deadline = time.monotonic() + 60
+    while not list((lab / "work").glob("*.lock")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Stopped early" in said
+    assert not (lab / "compare").exists()
+    assert "in all 4 tests" in labbook(*words).stdout
