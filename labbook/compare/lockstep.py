@@ -62,7 +62,7 @@ class Lockstep:
 
     def frames(self, longest: float) -> Iterator[Frame]:
         """Frame after frame until `longest` [s], or until a guard stops one of the engines or one is empty."""
-        for frame in range(1, int(longest / self._interval) + 1):
+        for frame in range(1, int(longest / self._interval * (1 + 1e-9)) + 1):
             tables = self.walkers[0].walk(), self.walkers[1].walk()
             if self.failure or not all(len(table["id"]) for table in tables):
                 return

@@ -336,6 +336,7 @@ def test_a_verdict_is_read_as_it_was_written(tmp_path):
     assert [point.contrasts for point in again.points] == [point.contrasts for point in verdict.points]
 
 
+@pytest.mark.slow
 def test_the_verb_from_nothing_to_a_stale_verdict(tmp_path):
     path, lab = study_file(tmp_path), tmp_path / "lab"
     words = ("compare", path, "--lab", lab, "--backends", "toy,twin")
