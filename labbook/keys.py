@@ -103,15 +103,27 @@ class Keys:
     """As `run`, whatever the engine's version: what a stale run and its replacement have in common."""
 
 
+@dataclass(frozen=True)
+class Maker:
+    """What makes a packing: an engine, and the numerics by which it does."""
+
+    engine: Capabilities
+    numerics: Numerics
+
+
 def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: Capabilities) -> str:
     """Key of a packing: key of the closed scene, filling with its seed, resolved numerics, engine that makes
     it."""
     return digest({**_packing(closed, filling, numerics, maker.name), "cache_version": maker.cache_version})
 
 
-def lineage_key(scene: str, closed: str, filling: Filling, numerics: Numerics, engine: str) -> str:
-    """As a run's key, but of every version of the engine called `engine`."""
-    packing = _packing(closed, filling, numerics, engine)
+def lineage_key(
+    scene: str, closed: str, filling: Filling, numerics: Numerics, engine: str, maker: Maker | None = None
+) -> str:
+    """As a run's key, but of every version of the engine called `engine`, and of the packing's `maker` (None: the
+    engine itself, by the same numerics)."""
+    made = (maker.numerics, maker.engine.name) if maker else (numerics, engine)
+    packing = _packing(closed, filling, *made)
     return digest({"scene": scene, "packing": packing, **_how(numerics, engine)})
 
 
@@ -121,13 +133,15 @@ def run_keys(
     filling: Filling,
     numerics: Numerics,
     engine: Capabilities,
+    maker: Maker | None = None,
 ) -> Keys:
     """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
-    computed."""
-    packing = packing_key(closed, filling, numerics, engine)
+    computed. `maker`: what makes the packing; None: `engine` itself, by the same numerics."""
+    made = maker or Maker(engine, numerics)
+    packing = packing_key(closed, filling, made.numerics, made.engine)
     experiment = digest({"scene": scene, "packing": packing})
     run = {"experiment": experiment, **_how(numerics, engine.name), "cache_version": engine.cache_version}
-    lineage = lineage_key(scene, closed, filling, numerics, engine.name)
+    lineage = lineage_key(scene, closed, filling, numerics, engine.name, made)
     return Keys(scene=scene, packing=packing, experiment=experiment, run=digest(run), lineage=lineage)
 
 

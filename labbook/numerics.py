@@ -7,13 +7,15 @@ from pydantic import Field
 from labbook.scene.model import Model
 from labbook.scene.quantities import Duration, Ratio, Speed
 
+Precision = Literal["double", "mixed"]
+
 
 class Numerics(Model):
     """Time step, precision and neighbour-list settings of one run; part of its key."""
 
     dt: Duration
     """Time step [s]."""
-    precision: Literal["double", "mixed"] = "double"
+    precision: Precision = "double"
     """`mixed`: positions and their update in double, contact law in single."""
     integrator: Literal["leapfrog"] = "leapfrog"
     skin: Annotated[Ratio, Field(gt=0, le=1)] = 0.15

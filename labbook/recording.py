@@ -5,7 +5,7 @@ rerun is imported only here and in `labbook.viewer`, and only when a recording i
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,9 @@ PANE_COLOUR = (120, 130, 150, 14)  # front and back walls: the grains behind the
 EDGE_COLOUR = (60, 66, 80)
 FLOW_COLOUR = (86, 180, 233)
 _GRAINS_SMOOTHED = 30
+
+Frame = tuple[float, np.ndarray, np.ndarray]
+"""Time [s], positions [n, 3] (single precision) and speeds [n] of one frame."""
 
 
 class ViewerMissing(Exception):
@@ -61,29 +64,16 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as `labbook.backend.Sample` lists them.
     Raises ViewerMissing, or NotRecorded if there are none.
     """
-    frames = list(_frames(sample))
+    shown = frames_of(sample)
     rr = need_rerun()
-    scene, top_speed = data.scene, _top_speed(frames)
+    fastest = top_speed(shown)
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
     stream = rr.RecordingStream("labbook", recording_id=run_key)
     try:
-        stream.save(partial, default_blueprint=_blueprint(data, top_speed))
+        stream.save(partial, default_blueprint=_blueprint(data, fastest))
         stream.send_recording_name(name)
-        clock = rr.TimeColumn(CLOCK, duration=[time for time, _, _ in frames])
-        counts = [len(x) for _, x, _ in frames]
-        positions = np.concatenate([x for _, x, _ in frames])
-        colours = speed_colours(np.concatenate([speed for _, _, speed in frames]), top_speed)
-        stream.log("grains", rr.Points3D.from_fields(radii=scene.grains.radius), static=True)
-        stream.send_columns(
-            "grains", [clock], rr.Points3D.columns(positions=positions, colors=colours).partition(counts)
-        )
-        for wall, corners, colour in wall_quads(scene, positions):
-            mesh = rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=colour)
-            stream.log(f"walls/{wall}", mesh, static=True)
-            if colour == WALL_COLOUR:  # seen from the front, a plate is its edge
-                outline = rr.LineStrips3D([[*corners, corners[0]]], colors=EDGE_COLOUR, radii=scene.grains.radius / 8)
-                stream.log(f"walls/{wall}/outline", outline, static=True)
+        log_grains(stream, "", data.scene, shown, fastest)
         _send_flow_rate(rr, stream, data)
         stream.flush()
         stream.disconnect()
@@ -91,6 +81,26 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     finally:
         partial.unlink(missing_ok=True)
     return path
+
+
+def log_grains(stream, root: str, scene: Scene, frames: Sequence[Frame], fastest: float) -> None:
+    """Send grains, coloured by speed up to `fastest` [m/s], and the walls around them, below the entity `root`."""
+    rr = need_rerun()
+    at = f"{root}/" if root else ""
+    clock = rr.TimeColumn(CLOCK, duration=[time for time, _, _ in frames])
+    counts = [len(x) for _, x, _ in frames]
+    positions = np.concatenate([x for _, x, _ in frames])
+    colours = speed_colours(np.concatenate([speed for _, _, speed in frames]), fastest)
+    stream.log(f"{at}grains", rr.Points3D.from_fields(radii=scene.grains.radius), static=True)
+    stream.send_columns(
+        f"{at}grains", [clock], rr.Points3D.columns(positions=positions, colors=colours).partition(counts)
+    )
+    for wall, corners, colour in wall_quads(scene, positions):
+        mesh = rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=colour)
+        stream.log(f"{at}walls/{wall}", mesh, static=True)
+        if colour == WALL_COLOUR:  # seen from the front, a plate is its edge
+            outline = rr.LineStrips3D([[*corners, corners[0]]], colors=EDGE_COLOUR, radii=scene.grains.radius / 8)
+            stream.log(f"{at}walls/{wall}/outline", outline, static=True)
 
 
 def speed_colours(speed: np.ndarray, top_speed: float) -> np.ndarray:
@@ -132,8 +142,8 @@ def _patch(point: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndar
     return np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
 
 
-def _frames(table: Mapping[str, np.ndarray] | None) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Time [s], positions [n, 3] and speeds [n] of at most FRAMES frames, evenly chosen."""
+def frames_of(table: Mapping[str, np.ndarray] | None) -> list[Frame]:
+    """At most FRAMES frames of a sample, evenly chosen. Raises NotRecorded if there are none."""
     if table is None or not len(table["time"]):
         raise NotRecorded(
             "this run kept no frames: add `record: {every: 10 ms, replicates: 1}` to its study and run it"
@@ -141,40 +151,56 @@ def _frames(table: Mapping[str, np.ndarray] | None) -> Iterator[tuple[float, np.
     times, starts = np.unique(table["time"], return_index=True)
     ends = np.append(starts[1:], len(table["time"]))
     chosen = np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int))
+    frames = []
     for k in chosen:
         rows = slice(starts[k], ends[k])
         x = np.stack([table[c][rows] for c in ("x", "y", "z")], axis=1)
         v = np.stack([table[c][rows] for c in ("vx", "vy", "vz")], axis=1)
-        yield float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1)
+        frames.append((float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1)))
+    return frames
 
 
-def _top_speed(frames: list[tuple[float, np.ndarray, np.ndarray]]) -> float:
+def top_speed(frames: Sequence[Frame]) -> float:
     """Speed [m/s] that only one grain in 200 exceeds."""
     return float(np.quantile(np.concatenate([speed for _, _, speed in frames]), 0.995))
 
 
-def _blueprint(data: RunData, top_speed: float):
-    """The silo seen from the front, W(t) below it; playback rests at the start."""
+def front_view(x: np.ndarray, fastest: float, *, origin: str = "/", name: str = "Grains by speed"):
+    """A view from the front of what lies below `origin`: grains at `x` [m], shape [n, 3], at first."""
     import rerun.blueprint as rrb
 
-    x = data.start.x
     low, high = x.min(axis=0), x.max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
-    grains = rrb.Spatial3DView(
-        name=f"Grains by speed: dark 0, yellow {top_speed:.2g} m/s and more (square-root scale)",
+    return rrb.Spatial3DView(
+        origin=origin,
+        name=f"{name}: dark 0, yellow {fastest:.2g} m/s and more (square-root scale)",
         eye_controls=rrb.EyeControls3D(
             position=middle + size * np.array([0.06, -1.05, 0.12]), look_target=middle, eye_up=(0, 0, 1)
         ),
         line_grid=rrb.LineGrid3D(visible=False),
         background=(244, 245, 247),
     )
-    flow = rrb.TimeSeriesView(origin="flow_rate", name="W [g/s]", plot_legend=rrb.PlotLegend(visible=False))
+
+
+def resting(views):
+    """A blueprint of `views` in which playback rests at the start, and nothing else is shown."""
+    import rerun.blueprint as rrb
+
     return rrb.Blueprint(
-        rrb.Vertical(grains, flow, row_shares=[4, 1]),
+        views,
         rrb.TimePanel(timeline=CLOCK, play_state="paused", state="collapsed"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
+
+
+def _blueprint(data: RunData, fastest: float):
+    """The silo seen from the front, W(t) below it."""
+    import rerun.blueprint as rrb
+
+    grains = front_view(data.start.x, fastest)
+    flow = rrb.TimeSeriesView(origin="flow_rate", name="W [g/s]", plot_legend=rrb.PlotLegend(visible=False))
+    return resting(rrb.Vertical(grains, flow, row_shares=[4, 1]))
 
 
 def _send_flow_rate(rr, stream, data: RunData) -> None:

@@ -17,6 +17,7 @@ VERBS = (
     "show",
     "fit",
     "report",
+    "compare",
     "view",
     "doctor",
     "reindex",

@@ -6,6 +6,7 @@ import sys
 import typer
 
 from labbook.cli.options import ENGINE, LAB, AsJson, Engine, Lab, StudyFile, analysed
+from labbook.cli.tables import print_table
 
 
 def register(app: typer.Typer) -> None:
@@ -33,33 +34,17 @@ def _show(analysis) -> None:
     console.print(f"[bold]{analysis.study.name}[/bold]")
     for sentence in summary(analysis):
         console.print(sentence, markup=False)
-    _print(console, tables.flow_table(analysis), "Flow rates")
+    print_table(console, tables.flow_table(analysis), "Flow rates")
     packing = tables.packing_table(analysis)
     if packing is not None:
-        _print(console, packing, "Packings")
+        print_table(console, packing, "Packings")
     for series in analysis.series:
         where = f" at {series.label}" if series.label else ""
         for law, found in series.fits.items():
-            _print(console, tables.fit_table(law, found), f"{law.capitalize()}{where}: {found.law.formula}")
+            print_table(console, tables.fit_table(law, found), f"{law.capitalize()}{where}: {found.law.formula}")
         for problem in series.problems:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:
             console.print(series.verdict, markup=False)
     if analysis.comparisons:
-        _print(console, tables.comparison_table(analysis.comparisons), f"Beside {analysis.study.reference.source}")
-
-
-def _print(console, table, title: str) -> None:
-    from rich import box
-    from rich.markup import escape
-    from rich.table import Table
-
-    shown = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD)
-    for place, heading in enumerate(table.headings):
-        words = place in table.text
-        shown.add_column(escape(heading), justify="left" if words else "right", no_wrap=not words)
-    for place, row in enumerate(table.rows):
-        shown.add_row(*map(escape, row), style="bold" if place in table.marked else None)
-    console.print(shown)
-    for note in table.notes:
-        console.print(note, style="dim", markup=False)
+        print_table(console, tables.comparison_table(analysis.comparisons), f"Beside {analysis.study.reference.source}")

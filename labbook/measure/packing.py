@@ -58,8 +58,12 @@ class PackingStructure(Measure):
         return ()
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
-        packing, d = run.start, run.scene.grains.diameter
-        region = bulk(run.scene, packing)
+        return self.of(run.scene, run.start)
+
+    def of(self, scene: Scene, packing: Packing) -> tuple[Measured, ...]:
+        """The numbers of `packing`, which stands in the container of `scene`. Raises MeasureError."""
+        d = scene.grains.diameter
+        region = bulk(scene, packing)
         (x0, _, z0), (x1, _, z1) = region.low, region.high
         where = (
             f"bulk, {MARGIN:g} d from walls, bottom and surface: x = {x0 * 1e3:.4g} to {x1 * 1e3:.4g} mm, "

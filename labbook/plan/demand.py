@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from labbook import keys
 from labbook.backend import Capabilities, Crossing, Probe, Sample
 from labbook.catalogue.record import StopRule, describe_probe, table_name
-from labbook.keys import Filling, Keys
-from labbook.numerics import Numerics
+from labbook.keys import Filling, Keys, Maker
+from labbook.numerics import Numerics, Precision
 from labbook.protocol import placing
 from labbook.scene import Scene
 
@@ -21,12 +21,22 @@ class Conflict(Exception):
     """A study asks for observations that cannot be made in one run; the message says which."""
 
 
+@dataclass(frozen=True)
+class PackingsOf:
+    """The engine whose packings runs start from, and the precision in which it makes them."""
+
+    engine: Capabilities
+    precision: Precision
+
+
 @dataclass(frozen=True, eq=False)
 class PointDemand:
     """All that the runs of one point have in common."""
 
     study: "Study"
     point: "Point"
+    packings_of: PackingsOf | None = None
+    """Whose packings its runs start from; None: each engine makes its own."""
 
     @property
     def scene(self) -> Scene:
@@ -42,6 +52,14 @@ class PointDemand:
     def numerics(self) -> Numerics:
         """How filling and discharge are computed."""
         return self.point.numerics
+
+    @cached_property
+    def maker(self) -> Maker | None:
+        """What makes the packings, if that is not the engine of the run by the same numerics."""
+        if self.packings_of is None:
+            return None
+        numerics = self.numerics.model_copy(update={"precision": self.packings_of.precision})
+        return Maker(self.packings_of.engine, numerics)
 
     @cached_property
     def scene_key(self) -> str:
@@ -136,7 +154,7 @@ class Demand:
         found = self._keys.get((engine.name, engine.cache_version))
         if found is None:
             s = self.shared
-            found = keys.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
+            found = keys.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
             self._keys[engine.name, engine.cache_version] = found
         return found
 
@@ -147,7 +165,7 @@ class Demand:
     def lineage(self, engine: str) -> str:
         """Identity of this run on any version of the engine called `engine`."""
         s = self.shared
-        return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine)
+        return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
 
 
 def film_probe(every: float, numerics: Numerics) -> Sample:

@@ -11,7 +11,7 @@ from labbook.catalogue.parts import Unreadable
 from labbook.catalogue.record import RunRecord
 from labbook.keys import Keys
 from labbook.plan.coverage import shortfall
-from labbook.plan.demand import Demand, PointDemand
+from labbook.plan.demand import Demand, PackingsOf, PointDemand
 from labbook.plan.replicates import flow_rates, stopping_rule
 from labbook.stats import Decision, StoppingRule
 
@@ -87,17 +87,22 @@ def counted(points: Iterable[PointPlan]) -> tuple[int, int]:
 
 
 class Planner:
-    """Compares demands with what the catalogue and the lab's folders have."""
+    """Compares demands with what the catalogue and the lab's folders have.
 
-    def __init__(self, study: "Study", catalogue: Catalogue, engine: Capabilities):
-        self.study, self.catalogue, self.engine = study, catalogue, engine
+    `packings_of`: whose packings the runs start from; None: `engine` makes its own.
+    """
+
+    def __init__(
+        self, study: "Study", catalogue: Catalogue, engine: Capabilities, packings_of: PackingsOf | None = None
+    ):
+        self.study, self.catalogue, self.engine, self.packings_of = study, catalogue, engine, packings_of
         self.rule = stopping_rule(study)
         self._there: dict[str, Entry] = {}
         self._older: dict[str, Entry] = {}
 
     def plan(self) -> Plan:
         """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
-        points = [PointDemand(self.study, point) for point in self.study.points]
+        points = [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
         first = {point: self._first(point) for point in points}
         self._look_up(demand for demands in first.values() for demand in demands)
         planned = tuple(self._point(point, demands) for point, demands in first.items())

@@ -37,9 +37,13 @@ class Tally:
 
 
 class Board:
-    """The study's runs that are not done, and the jobs that are going on here."""
+    """The study's runs that are not done, and the jobs that are going on here.
 
-    def __init__(self, bench: Bench, planner: Planner, index: Index, observe: Observe):
+    `packings_only`: only the packings of the runs are asked for.
+    """
+
+    def __init__(self, bench: Bench, planner: Planner, index: Index, observe: Observe, *, packings_only: bool = False):
+        self._packings_only = packings_only
         self._work: dict[str, float] = {}
         self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
         self.tally = Tally()
@@ -67,7 +71,8 @@ class Board:
             self._sharing[key].add(point.shared.point.index)
             # what ended here is not begun again: points with other guards could hand it to and fro
             known = key in self.going or key in self._lost or key in self.tally.ran
-            if item.state != "done" and not known:
+            lacking = not item.packed if self._packings_only else item.state != "done"
+            if lacking and not known:
                 self.todo[key] = item
 
     def _tidy(self, items: Sequence[Item]) -> None:
@@ -177,9 +182,12 @@ class Board:
         self.going.pop(job.key, None)
 
     def _packed(self, key: str) -> None:
-        for run_key, item in self.todo.items():
-            if item.keys.packing == key:
-                self.todo[run_key] = replace(item, packed=True)
+        waiting = [item for item in self.todo.values() if item.keys.packing == key]
+        for item in waiting:
+            if self._packings_only:
+                del self.todo[item.keys.run]
+            else:
+                self.todo[item.keys.run] = replace(item, packed=True)
 
     # for progress
 
@@ -194,7 +202,8 @@ class Board:
     def work_left(self) -> float:
         """Grain-steps still to be done here, as far as can be told."""
         waiting = {item.keys.packing: item.demand for item in self.todo.values() if not item.packed}
-        work = sum(self._estimate(key, item.demand, filling=False) for key, item in self.todo.items())
+        runs = {} if self._packings_only else self.todo
+        work = sum(self._estimate(key, item.demand, filling=False) for key, item in runs.items())
         work += sum(self._estimate(key, d, filling=True) for key, d in waiting.items() if key not in self.going)
         for key, job in self.going.items():
             filling = isinstance(job, FillJob)

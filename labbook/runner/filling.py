@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from labbook.backend import Ensemble, Event, Member, Probe, Settled, Table
+from labbook.backend import Checkpoint, Ensemble, Event, Member, Probe, Settled, Table
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import ARRAYS, PackingRecord
-from labbook.keys import Keys
+from labbook.keys import Keys, Maker
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import fill_time
 from labbook.protocol import Packing, PlacingError, place
@@ -25,6 +25,16 @@ class FillJob(Job):
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
         self._longest = demand.point.fill.max_time
+
+    def begin(self) -> Packing | Checkpoint:
+        """As every job, but an engine never fills in another one's place. Raises JobFailed."""
+        maker = self.demand.shared.maker
+        if maker is not None and maker != Maker(self.bench.backend.capabilities, self.numerics):
+            raise JobFailed(
+                f"{self.label}: {maker.engine.name} has to make this packing first, in {maker.numerics.precision} "
+                "precision"
+            )
+        return super().begin()
 
     def fresh(self) -> Packing:
         """Grains in the air."""

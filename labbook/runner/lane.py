@@ -7,6 +7,7 @@ GPU one lane holds all members of a Spec.
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +16,8 @@ from labbook.backend import Backend, Ensemble, Event, Member, Probe, Spec, Table
 from labbook.runner.board import Started
 from labbook.runner.job import Job
 
-_opening = threading.Lock()  # engines may keep what they prepare for a Spec: one thread at a time makes it
+_preparing = threading.Lock()  # engines compile for a Spec in `open` or at its first beat: one thread at a time
+_used: set[tuple[str, Spec, str]] = set()  # engine, Spec and device of which a beat was taken in this process
 
 
 @dataclass
@@ -43,6 +45,14 @@ class Lane:
         """Admit `new` and take one beat."""
         for started in new:
             self._admit(started)
+        assert self.spec is not None
+        use = self.spec.engine, self.spec, self.device
+        with nullcontext() if use in _used else _preparing:
+            turn = self._beat()
+        _used.add(use)
+        return turn
+
+    def _beat(self) -> Turn:
         assert self.ensemble is not None
         wall, process = time.perf_counter(), time.process_time()
         events = self.ensemble.advance(1)
@@ -52,7 +62,7 @@ class Lane:
         if self.spec != started.spec or self.ensemble is None:
             assert not self.jobs
             self.close()
-            with _opening:
+            with _preparing:
                 slots = self.slots if self.device == "cpu" else None
                 self.ensemble = self.backend.open(started.spec, slots, self.device)
             self.spec = started.spec

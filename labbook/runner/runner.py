@@ -16,6 +16,7 @@ from labbook.catalogue.index import Index
 from labbook.catalogue.lab import Lab, room
 from labbook.catalogue.record import Observe
 from labbook.plan.check import check
+from labbook.plan.demand import PackingsOf
 from labbook.plan.plan import Planner, PointPlan
 from labbook.runner.board import Board, Started, Tally
 from labbook.runner.job import Bench, Job, JobFailed
@@ -63,6 +64,10 @@ class Runner:
     watcher: Watcher = field(default_factory=Unwatched)
     lanes: int | None = None
     """None: one a core on a CPU, else one."""
+    packings_of: PackingsOf | None = None
+    """Whose packings the runs start from, which must be there; None: the engine makes its own."""
+    packings_only: bool = False
+    """Make the packings that the runs would start from, and no runs."""
 
     def run(self) -> Summary:
         """Run what is missing; Ctrl-C or SIGTERM saves what is going on and ends early.
@@ -82,14 +87,14 @@ class Runner:
         index = Index(self.lab)
         catalogue = Catalogue(self.lab)
         try:
-            planner = Planner(self.study, catalogue, self.backend.capabilities)
+            planner = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of)
             plan = planner.plan()
             check(self.backend, self.device, plan.points)
             done = [item.keys.run for item in plan.items if item.state == "done"]
             if index.derive(done, observe):
                 plan = planner.plan()
             bench = Bench(self.lab, self.backend, self.device)
-            self._board = Board(bench, planner, index, observe)
+            self._board = Board(bench, planner, index, observe, packings_only=self.packings_only)
             self._board.pin(plan)
             with self._signals():
                 self._carry_out()

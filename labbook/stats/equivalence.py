@@ -11,6 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
+_MOST = 1001
+
 
 @dataclass(frozen=True)
 class Equivalence:
@@ -114,3 +116,17 @@ def tost_power(margin: float, degrees_of_freedom: float, alpha: float = 0.05, di
     reach = margin - t * q
     accepted = ndtr(reach - difference) - ndtr(-reach - difference)
     return float(np.sum(weights * accepted * np.exp(log_density)) * (high - low) / 2)
+
+
+def replicates_needed(found: Equivalence, replicates: int, power: float = 0.9) -> int | None:
+    """Replicates of each sample at which the test would have `power`, if the true difference is zero and the scatter
+    as `found` from `replicates` of each; None if more than 1000 are needed.
+    """
+    if found.error == 0:
+        return replicates
+    scatter = found.error * math.sqrt(replicates)
+    for n in range(2, _MOST):
+        freedom = found.degrees_of_freedom * (n - 1) / (replicates - 1)
+        if tost_power(found.margin * math.sqrt(n) / scatter, freedom, found.alpha) >= power:
+            return n
+    return None

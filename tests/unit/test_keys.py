@@ -134,3 +134,17 @@ def test_the_filling_decides_the_packing(change):
     filling = Filling(**{"kind": "rain", "seed": 1, "settled_below": 1e-6, "placing": 1, **change})
     assert identities(filling=filling).packing != identities().packing
     assert identities(filling=filling).scene == identities().scene
+
+
+def test_a_packings_maker_decides_the_experiment_and_not_who_goes_on_from_it():
+    numba, warp = engine(), engine("warp")
+    one = scene()
+    given = (keys.scene_key(one), keys.scene_key(one.close()), Filling("rain", 1, 1e-6, 1), Numerics(dt=2.5e-6))
+    maker = keys.Maker(numba, given[-1])
+    own, guest, alone = keys.run_keys(*given, numba), keys.run_keys(*given, warp, maker), keys.run_keys(*given, warp)
+    assert keys.run_keys(*given, numba, maker) == own
+    assert (guest.packing, guest.experiment) == (own.packing, own.experiment)
+    assert alone.experiment != own.experiment
+    assert len({own.run, guest.run, alone.run}) == 3
+    assert len({own.lineage, guest.lineage, alone.lineage}) == 3
+    assert keys.lineage_key(*given, "warp", maker) == guest.lineage

@@ -1,10 +1,11 @@
 """How runs end, what is kept of them, and what a longer or wider demand does with them."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from labbook_toy import Backend
+from labbook_toy import Backend, Ensemble
 from toy_lab import arrays, carry_out, study, study_file
 
 from labbook.backend import Overflow, Spec
@@ -343,3 +344,37 @@ def test_a_run_that_no_grain_left_has_seen_none_and_says_so(tmp_path):
     assert carry_out(longer, lab).tally.resumed == 1
     (run,) = Catalogue(lab).finished(longer, "toy")
     assert len(run.data().tables["crossing"]["time"]) == run.record.coverage.crossed > 0
+
+
+class Compiling(Backend):
+    """Compiles at the first beat of a Spec, which must not happen twice at once."""
+
+    def __init__(self):
+        super().__init__()
+        self.compiled, self.compiling, self.clashes = set(), 0, 0
+
+    def open(self, spec, slots=None, device="cpu"):
+        return CompilingEnsemble(self, spec, slots)
+
+
+class CompilingEnsemble(Ensemble):
+    def advance(self, beats=1):
+        engine = self._backend
+        if self._spec not in engine.compiled:
+            engine.clashes += engine.compiling > 0
+            engine.compiling += 1
+            time.sleep(0.1)
+            engine.compiling -= 1
+            engine.compiled.add(self._spec)
+        return super().advance(beats)
+
+
+def test_lanes_leave_compiling_at_the_first_beat_to_one_of_them(tmp_path):
+    engine = Compiling()
+    # a number of steps that no other test has: what was used before in this process is known
+    asked = study_file(tmp_path, replicates=4)
+    asked.write_text(asked.read_text().replace("steps_per_beat: 200", "steps_per_beat: 187"))
+    summary = carry_out(load(asked), tmp_path / "lab", engine=engine, lanes=4)
+    assert outcomes(summary) == ["finished"] * 8
+    assert len(engine.compiled) == 2
+    assert engine.clashes == 0

@@ -9,6 +9,9 @@ law. An outlet narrower than 3 d clogs after a third of the grains.
 What tests need to arrange comes from the environment, so that it reaches subprocesses: LABBOOK_TOY_DELAY [s]
 per beat; LABBOOK_TOY_VERSION, the cache version; LABBOOK_TOY_FAILS, an orifice [mm] whose runs a guard stops
 at half their grains.
+
+`Twin` is a second engine for comparisons: the same hourglass under another name, whose grains leave faster by the
+part LABBOOK_TOY_BIAS, and LABBOOK_TWIN_VERSION its cache version.
 """
 
 import hashlib
@@ -41,13 +44,16 @@ DECAY = 0.9
 class Backend:
     """The toy engine."""
 
+    NAME, VERSION = "toy", "LABBOOK_TOY_VERSION"
+    bias = 0.0
+
     def __init__(self, *, version=None, delay=None, fails=None):
         env = os.environ.get
         self.delay = float(env("LABBOOK_TOY_DELAY", "0")) if delay is None else delay
         self.fails = float(env("LABBOOK_TOY_FAILS", "0")) if fails is None else fails
         self.capabilities = Capabilities(
-            name="toy",
-            cache_version=int(env("LABBOOK_TOY_VERSION", "1")) if version is None else version,
+            name=self.NAME,
+            cache_version=int(env(self.VERSION, "1")) if version is None else version,
             shapes=frozenset({"sphere"}),
             laws=frozenset({"hertz-mindlin", "linear"}),
             walls=frozenset({"plane", "strip"}),
@@ -59,7 +65,7 @@ class Backend:
         if numerics.precision != "double":
             raise Unsupported("numerics.precision", "the toy engine has double precision only")
         features = (("closed", _outlet(scene) is None), ("law", scene.contact.law))
-        return Spec("toy", features, tuple(dict.fromkeys(probes)), numerics.steps_per_beat)
+        return Spec(self.NAME, features, tuple(dict.fromkeys(probes)), numerics.steps_per_beat)
 
     def open(self, spec, slots=None, device="cpu"):
         if device != "cpu":
@@ -69,6 +75,16 @@ class Backend:
     def describe(self, scene, numerics):
         e = scene.contact.restitution
         return {"restitution_asked": e, "restitution_realised": e, "damping_coefficient": 0.0}
+
+
+class Twin(Backend):
+    """The toy engine under another name, with grains that leave faster by the part `bias`."""
+
+    NAME, VERSION = "twin", "LABBOOK_TWIN_VERSION"
+
+    def __init__(self, *, bias=None, **given):
+        super().__init__(**given)
+        self.bias = float(os.environ.get("LABBOOK_TOY_BIAS", "0")) if bias is None else bias
 
 
 def _outlet(scene):
@@ -181,7 +197,7 @@ class Glass:
         if hopper.orifice < 3 * d and k >= self.count[3] // 3:
             return math.inf
         flow = 0.6 * scene.grains.density * math.sqrt(scene.gravity) * (hopper.orifice - 1.4 * d) ** 1.5
-        mean = scene.grains.mass / (flow * hopper.thickness)
+        mean = scene.grains.mass / (flow * hopper.thickness) / (1 + self.backend.bias)
         return mean * np.random.default_rng([int(self.count[2]), k]).uniform(0.5, 1.5)
 
     def beat(self):

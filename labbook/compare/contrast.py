@@ -1,0 +1,129 @@
+"""The numbers that two engines are compared by, and the equivalence test between them."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from labbook.catalogue.finished import run_data
+from labbook.catalogue.lab import Lab
+from labbook.catalogue.packings import load_packing
+from labbook.catalogue.parts import Unreadable
+from labbook.catalogue.record import RunRecord
+from labbook.compare.verdict import Contrast, Finding
+from labbook.measure import MEASURES
+from labbook.measure.measure import MeasureError, Window
+from labbook.measure.packing import PackingStructure
+from labbook.scene import Scene
+from labbook.stats import Measured
+from labbook.stats.equivalence import Equivalence, replicates_needed, tost
+
+ALPHA = 0.05
+USED = ("flow_rate", "packing")
+"""Measures that a comparison rests on."""
+
+
+@dataclass
+class Numbers:
+    """One number a seed of one engine, and why others have none."""
+
+    values: dict[int, float] = field(default_factory=dict)
+    lacking: list[str] = field(default_factory=list)
+
+    def take(self, seed: int, quantity: str, measured: Sequence[Measured]) -> None:
+        """The value of `quantity`, or what was noted in its place."""
+        one = next((one for one in measured if one.quantity == quantity), None)
+        if one is not None and math.isfinite(one.value):
+            self.values[seed] = one.value
+        else:
+            notes = dict.fromkeys(one.note for one in measured if one.note)
+            self.lacking.append("; ".join(notes) or f"no {quantity} was measured")
+
+
+def flow_rates(lab: Lab, runs: Mapping[int, str], window: Window) -> Numbers:
+    """Flow rates [kg/s] by seed of the runs with these keys; one that clogged or diverged has none."""
+    found = Numbers()
+    for seed, key in runs.items():
+        try:
+            record = RunRecord.read(lab.run(key))
+            if record.outcome == "diverged":
+                found.lacking.append("diverged")
+                continue
+            measured = MEASURES["flow_rate"].evaluate(run_data(lab.run(key), record), window)
+        except (Unreadable, MeasureError) as problem:
+            found.lacking.append(str(problem))
+            continue
+        found.take(seed, "flow_rate", measured)
+    return found
+
+
+def packing_fractions(lab: Lab, scene: Scene, packings: Mapping[int, str]) -> Numbers:
+    """Packing fractions by seed of the packings with these keys; one whose bulk is too small has none."""
+    found = Numbers()
+    for seed, key in packings.items():
+        try:
+            measured = PackingStructure().of(scene, load_packing(lab.packing(key)))
+        except (Unreadable, MeasureError) as problem:
+            found.lacking.append(str(problem))
+            continue
+        found.take(seed, "packing_fraction", measured)
+    return found
+
+
+def contrast(quantity: str, unit: str, first: Numbers, second: Numbers, margin: float, *, paired: bool) -> Contrast:
+    """Whether both engines have the same mean within `margin`, a part of the first one's.
+
+    `paired`: numbers of the same seed come from the same packing; only seeds that both have count. Untested with fewer
+    than 2 numbers of each engine.
+    """
+    one, other = first.values, second.values
+    seeds = sorted(one.keys() & other.keys() if paired else one.keys() | other.keys())
+    a = [one[seed] for seed in seeds if seed in one]
+    b = [other[seed] for seed in seeds if seed in other]
+    why = Counter([*first.lacking, *second.lacking])
+    note = "; ".join(f"{count} without a number: {reason}" for reason, count in why.items())
+    scale = abs(sum(a) / len(a)) if a else 0.0
+    if min(len(a), len(b)) < 2 or scale == 0:
+        return _told(quantity, unit, paired, seeds, a, b, "untested", note)
+    result = tost(a, b, margin * scale, ALPHA, paired=paired)
+    return _told(quantity, unit, paired, seeds, a, b, finding(result), note).model_copy(
+        update={
+            "difference": result.difference / scale,
+            "error": result.error / scale,
+            "low": result.low / scale,
+            "high": result.high / scale,
+            "p": result.p,
+            "power": result.power,
+            "replicates_needed": replicates_needed(result, min(len(a), len(b))),
+        }
+    )
+
+
+def finding(result: Equivalence) -> Finding:
+    """What a test shows: equivalence, a difference beyond the margin, or neither."""
+    if result.equivalent:
+        return "equivalent"
+    beyond = result.low > result.margin or result.high < -result.margin
+    return "different" if beyond else "undecided"
+
+
+def _told(
+    quantity: str,
+    unit: str,
+    paired: bool,
+    seeds: Sequence[int],
+    first: Sequence[float],
+    second: Sequence[float],
+    found: Finding,
+    note: str,
+) -> Contrast:
+    return Contrast(
+        quantity=quantity,
+        unit=unit,
+        paired=paired,
+        seeds=tuple(seeds),
+        first=tuple(first),
+        second=tuple(second),
+        finding=found,
+        note=note,
+    )
