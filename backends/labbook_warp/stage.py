@@ -22,7 +22,8 @@ NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; bo
 MOST_NEAR = 32  # bits of a mask
 SATURATED = 80_000  # threads that fill a large GPU
 MOST_LANES = 8
-REGISTERS = 80  # a thread, where grains are many; where they are few, as many as the compiler likes
+REGISTERS = {"mixed": 80, "double": 128}
+"""A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ class Stage:
             run.takes_up(stored[slot])
         features_of = self._spec.feature
         lanes = self._lanes(sizes)
-        registers = self._tuning.registers or (0 if lanes > 1 else REGISTERS)
+        registers = self._tuning.registers or (0 if lanes > 1 else REGISTERS[features_of("precision")])
         switches = tuple((name, bool(features_of(name))) for name in SWITCHES)
         module = kernels(features_of("law"), features_of("precision"), switches, self._uniform, lanes, registers)
         self._arrays, self._beat = None, None  # freed before more is asked for

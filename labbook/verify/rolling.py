@@ -181,8 +181,6 @@ CASES = [
         measures={
             f"{law}, {side}": limited(1e-6, roundings=16, steps=4e4) for law in LAWS for side in ("below", "above")
         },
-            f"{law}, {side}": limited(1e-6, roundings=16, steps=4e4) for law in LAWS for side in ("below", "above")
-        },
         run=_slips,
     ),
 ]
