@@ -12,7 +12,7 @@ from types import ModuleType
 import labbook_dem
 import numpy as np
 import pytest
-from labbook_dem import source, words
+from labbook_dem import contact, source, spheres, words
 from labbook_dem.laws import hertz_mindlin, linear
 
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface
@@ -23,6 +23,8 @@ COEFFICIENTS = {
     "hertz_mindlin": hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), SURFACE),
     "linear": linear.coefficients(LinearSpringDashpot(normal_stiffness=5e4), SURFACE),
 }
+COEFFICIENTS["spheres"] = COEFFICIENTS["hertz_mindlin"]
+SWITCHES = {"FRICTION": True, "ROLLING": True, "TWIST": True}
 # ranges of arguments in which every branch of the laws is taken; all others lie between 0.1 and 2
 RANGES = {
     "rs": (5e-4, 2e-3),
@@ -31,8 +33,11 @@ RANGES = {
     "vn": (-0.3, 0.3),
     "torque": (0.0, 1.0),
     "inertia_rate": (0.0, 1.0),
+    "radius": (1e-3, 2e-3),
+    "mass": (1e-5, 4e-5),
+    "gap": (1e-9, 1e-7),
 }
-SPREAD = {"s": 3e-6, "vt": 0.1}
+SPREAD = {"s": 3e-6, "vt": 0.1, "away": 2e-3}
 
 
 def device_functions(module: ModuleType) -> list[str]:
@@ -49,6 +54,11 @@ def physics() -> list[ModuleType]:
 
 
 MODULES = physics()
+
+
+def needed(module: ModuleType) -> list[ModuleType]:
+    """The module and what it calls, in the order of a generated module."""
+    return [hertz_mindlin, contact, spheres] if module is spheres else [module]
 
 
 def kinds(function) -> list[str]:
@@ -147,7 +157,7 @@ def numba_module(module: ModuleType, given: dict, precision: str, folder) -> Mod
         body = body.replace("\n", "\n    ").replace("    r0", "        r0", 1)
         head = f"@njit\ndef run_{name}(out, {', '.join(given[name])}):\n    for k in range(len(out)):\n"
         loops.append(head + body)
-    text = source.generate(dialect.header(precision), {}, [module]) + "\n\n" + "\n\n\n".join(loops)
+    text = source.generate(dialect.header(precision), SWITCHES, needed(module)) + "\n\n" + "\n\n\n".join(loops)
     return compiled(text, f"numba_{precision}_{module.__name__.replace('.', '_')}", folder)
 
 
@@ -204,7 +214,7 @@ def warp_module(module: ModuleType, given: dict, precision: str, folder) -> Modu
         kernels.append(
             f"@wp.kernel\ndef run_{name}(out: wp.array2d(dtype=wp.float64), {arguments}):\n    k = wp.tid()\n{body}"
         )
-    text = source.generate(header, {}, [module]) + "\n\n" + "\n\n\n".join(kernels) + "\n"
+    text = source.generate(header, SWITCHES, needed(module)) + "\n\n" + "\n\n\n".join(kernels) + "\n"
     return compiled(text, f"warp_{precision}_{module.__name__.replace('.', '_')}", folder)
 
 
