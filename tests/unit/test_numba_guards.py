@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from labbook_numba.state import W
 
 from labbook.backend import Checkpoint, Failed, Ledger, load
 from labbook.numerics import Numerics
@@ -25,7 +26,7 @@ def test_a_spin_that_is_no_number_is_caught_although_its_grain_touches_nothing()
         ensemble.advance(1)
         saved = ensemble.checkpoint(sound)
         harmed = {name: np.array(array) for name, array in saved.arrays.items()}
-        harmed["w"][1, 2] = np.nan
+        harmed["grains"][1, W + 2] = np.nan
         bad = ensemble.admit(APART, NUMERICS, Checkpoint(saved.engine, saved.cache_version, harmed))
         (event,) = ensemble.advance(3)
         assert isinstance(event, Failed)
