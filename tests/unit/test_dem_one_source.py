@@ -24,7 +24,7 @@ COEFFICIENTS = {
     "linear": linear.coefficients(LinearSpringDashpot(normal_stiffness=5e4), SURFACE),
 }
 COEFFICIENTS["spheres"] = COEFFICIENTS["hertz_mindlin"]
-SWITCHES = {"FRICTION": True, "ROLLING": True, "TWIST": True}
+SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True}
 # ranges of arguments in which every branch of the laws is taken; all others lie between 0.1 and 2
 RANGES = {
     "rs": (5e-4, 2e-3),
