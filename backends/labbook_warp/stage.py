@@ -75,7 +75,6 @@ class Stage:
         self._every, self._uniform = LONGEST_CHECK, True
         self._arrays: Arrays | None = None
         self._beat: Beat | None = None
-        self._whole: tuple[np.ndarray, np.ndarray] | None = None
         self._energies: np.ndarray | None = None
 
     @property
@@ -110,7 +109,7 @@ class Stage:
     def close(self) -> None:
         """Free the device's memory."""
         self._seated.clear()
-        self._arrays = self._beat = self._whole = self._energies = None
+        self._arrays = self._beat = self._energies = None
 
     def seat(self) -> None:
         """Give every waiting member a slot, in larger arrays if need be."""
@@ -134,6 +133,8 @@ class Stage:
         elif every != self._every:
             self._every = every
             self._new_beat()
+        elif uniform:
+            self._new_beat()  # a captured graph holds the material that all share, and new members may bring another
         free = iter(slot for slot in range(needed.slots) if slot not in self._seated)
         fresh = []
         for run in new:
@@ -308,7 +309,7 @@ class Stage:
         return tuple(self._seated.values())
 
     def _stale(self) -> None:
-        self._whole = self._energies = None
+        self._energies = None
 
     def _look(self) -> None:
         if self._energies is None:

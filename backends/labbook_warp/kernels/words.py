@@ -40,13 +40,10 @@ OUTLET = True
 LEDGER = True
 ANY_WALLS = True
 
-LANES = 1
+LANES = 1  # threads that share a grain: many where grains are few
 FINE = False  # whether forces are computed in double, and summed as precisely
 UNIFORM = False  # whether all members have the same material
 SHARED = False  # whether several threads share a grain
-"""Threads that share a grain: many where grains are few."""
-WORDS = 4
-"""16-byte words of a grain's state."""
 PARKED = -1.0e9
 """z [m] at which grains are kept that have left."""
 BAD_STATE, BAD_SPEED, BAD_OVERLAP = 1, 2, 3
