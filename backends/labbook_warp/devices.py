@@ -18,3 +18,11 @@ def find(name: str):
         )
         raise Unsupported("device", remedy)
     return wp.get_device(name)
+
+
+def free(device: wp.Device) -> int | None:
+    """Bytes of memory that are free on a device; None for the processor's own memory, which is not rationed."""
+    if not device.is_cuda:
+        return None
+    wp.synchronize_device(device)  # what was let go returns to the device only then
+    return device.free_memory
