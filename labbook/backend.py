@@ -283,6 +283,15 @@ class Backend(Protocol):
         ...
 
 
+@runtime_checkable
+class Rationed(Protocol):
+    """An engine on whose devices memory limits how many members run at once."""
+
+    def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
+        """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
+        ...
+
+
 GROUP = "labbook.backends"
 
 
