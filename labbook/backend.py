@@ -292,6 +292,32 @@ class Rationed(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Device:
+    """A processor that an engine finds here. `memory`: bytes of its own, if it has any."""
+
+    alias: str
+    name: str
+    memory: int | None = None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What an engine finds here: versions of what it stands on, by name, and its devices."""
+
+    versions: Mapping[str, str]
+    devices: tuple[Device, ...]
+
+
+@runtime_checkable
+class Surveys(Protocol):
+    """An engine that tells what it finds on a machine."""
+
+    def survey(self) -> Survey:
+        """Versions and devices."""
+        ...
+
+
 GROUP = "labbook.backends"
 
 

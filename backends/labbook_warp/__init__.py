@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Probe, Spec
+from labbook.backend import Capabilities, Probe, Spec, Survey
 from labbook.numerics import Numerics
 from labbook.scene import Scene
 
@@ -46,6 +46,12 @@ class Backend:
         from labbook_warp.room import capacity
 
         return capacity(spec, scene, find(device))
+
+    def survey(self) -> Survey:
+        """Versions of Warp and CUDA, and every device."""
+        from labbook_warp.devices import survey
+
+        return survey()
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
