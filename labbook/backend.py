@@ -283,6 +283,41 @@ class Backend(Protocol):
         ...
 
 
+@runtime_checkable
+class Rationed(Protocol):
+    """An engine on whose devices memory limits how many members run at once."""
+
+    def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
+        """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
+        ...
+
+
+@dataclass(frozen=True)
+class Device:
+    """A processor that an engine finds here. `memory`: bytes of its own, if it has any."""
+
+    alias: str
+    name: str
+    memory: int | None = None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What an engine finds here: versions of what it stands on, by name, and its devices."""
+
+    versions: Mapping[str, str]
+    devices: tuple[Device, ...]
+
+
+@runtime_checkable
+class Surveys(Protocol):
+    """An engine that tells what it finds on a machine."""
+
+    def survey(self) -> Survey:
+        """Versions and devices."""
+        ...
+
+
 GROUP = "labbook.backends"
 
 

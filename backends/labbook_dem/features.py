@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Unsupported
+from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
@@ -48,6 +48,17 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     bottom = outlet(scene)
     drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * scene.grains.diameter
     return (crossed[0] if crossed else 0.0), drop
+
+
+def specialise(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
+    """What an engine with these capabilities compiles in. Raises Unsupported."""
+    check(can, scene, numerics, probes)
+    return Spec(
+        engine=can.name,
+        features=tuple(sorted(features(scene, numerics, probes).items())),
+        probes=tuple(dict.fromkeys(probes)),
+        steps_per_beat=numerics.steps_per_beat,
+    )
 
 
 def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> None:
