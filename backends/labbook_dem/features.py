@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Unsupported
+from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Slab, Table, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
@@ -50,6 +50,12 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     return (crossed[0] if crossed else 0.0), drop
 
 
+def within(slab: Slab, sample: Table) -> Table:
+    """The rows of a sample that a slab sees."""
+    inside = slab.holds(np.asarray(sample["z"]))
+    return {name: column[inside] for name, column in sample.items()}
+
+
 def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> None:
     """Raises Unsupported if an engine with these capabilities cannot do it."""
     wanted = [
@@ -64,7 +70,7 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
     for probe in probes:
-        if isinstance(probe, Sample | Contacts | Ledger) and probe.every < 1:
+        if isinstance(probe, Sample | Slab | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")
 
 

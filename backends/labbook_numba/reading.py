@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 
 import numpy as np
+from labbook_dem.features import within
 from labbook_dem.ledger import totals
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
 from labbook_numba import state as S
 from labbook_numba.member import Run
 
@@ -22,6 +23,8 @@ def _rows(run: Run, probe: Probe) -> Table:
             return _crossed(run)
         case Sample():
             return _sampled(run, probe)
+        case Slab():
+            return within(probe, _sampled(run, Sample(fields=("x", "v"))))
         case Contacts():
             return _touching(run)
         case Ledger():

@@ -4,9 +4,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from labbook_dem.features import within
 from labbook_dem.ledger import totals
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
 from labbook_warp import transfer
 from labbook_warp.arrays import fetch
 from labbook_warp.run import Run
@@ -28,6 +29,8 @@ def _rows(stage: Stage, run: Run, probe: Probe, crossings: np.ndarray) -> Table:
             return {**table, "id": table["id"].astype(np.int64), "step": table["step"].astype(np.int64)}
         case Sample():
             return _sampled(stage, run, probe)
+        case Slab():
+            return within(probe, _sampled(stage, run, Sample(fields=("x", "v"))))
         case Contacts():
             return _touching(stage, run)
         case Ledger():
