@@ -54,6 +54,12 @@ def run_of(times, x, speed, gap=None, gravity=G, beat=1e-3):
     return RunData(scene, numerics, 1, start, "emptied", float(times.max()) + 0.1, tables)
 
 
+def profile_of(run):
+    found = outlet_profile(run, Window())
+    assert found is not None
+    return found
+
+
 def passing(n, seed, centre=0.0):
     """Random places between the edges, at a steady pace, slower towards the edges."""
     rng = np.random.default_rng(seed)
@@ -70,7 +76,7 @@ def dwell(h, speed):
 
 def test_profiles_are_those_of_the_motion():
     run = run_of(*passing(40_000, 1))
-    found = outlet_profile(run, Window())
+    found = profile_of(run)
     per_length = 2000 / (2 * (R - RADIUS))
 
     def of_all(what, at):
@@ -99,7 +105,7 @@ def test_the_speed_at_the_line_alone_would_give_another_area_fraction():
     """What frames see and passages do not: a slow grain gathers speed while its body passes."""
     n, speed = 20_000, 0.18
     times, x, _ = passing(n, 2)
-    found = outlet_profile(run_of(times, x, np.full(n, speed)), Window())
+    found = profile_of(run_of(times, x, np.full(n, speed)))
     middle = slice(BINS // 2 - 4, BINS // 2 + 4)
     per_length = 2000 / (2 * (R - RADIUS))
     held, _ = quad(lambda c: 2 * math.sqrt(RADIUS**2 - c**2) / speed, -RADIUS, RADIUS)
@@ -114,7 +120,7 @@ def test_the_flow_of_the_profiles_is_the_flow_counted_within_its_error(beat):
     for seed in range(100):
         _, x, speed = passing(1200, seed)
         times = np.cumsum(np.random.default_rng(seed).exponential(1 / 2000, len(x))) + 0.05
-        found = outlet_profile(run_of(times, x, speed, beat=beat), Window())
+        found = profile_of(run_of(times, x, speed, beat=beat))
         assert found.closure_error < 0.03
         pulls.append((found.closure - 1) / found.closure_error)
     assert abs(np.mean(pulls)) < 4 / math.sqrt(100)
@@ -124,7 +130,7 @@ def test_the_flow_of_the_profiles_is_the_flow_counted_within_its_error(beat):
 def test_uniform_motion_seen_often_closes_to_a_part_in_a_thousand():
     n = 30_000
     times, x, _ = passing(n, 3)
-    found = outlet_profile(run_of(times, x, np.full(n, 0.5), gravity=0.0), Window())
+    found = profile_of(run_of(times, x, np.full(n, 0.5), gravity=0.0))
     assert found.closure == pytest.approx(1, abs=max(1e-3, 3 * found.closure_error))
     np.testing.assert_allclose(found.velocity, 0.5, rtol=1e-12)
     np.testing.assert_allclose(found.crossing_velocity[3:-3], 0.5, rtol=1e-12)
@@ -134,25 +140,25 @@ def test_the_mean_over_passages_weighs_fast_grains_more():
     n = 20_000
     times, x, _ = passing(n, 4)
     speed = np.where(np.arange(n) % 2, 0.3, 0.9)
-    found = outlet_profile(run_of(times, x, speed, gravity=0.0), Window())
+    found = profile_of(run_of(times, x, speed, gravity=0.0))
     inner = slice(4, BINS - 4)
     assert found.crossing_velocity[inner].mean() == pytest.approx(0.6, rel=0.01)
     assert found.velocity[inner].mean() == pytest.approx(2 / (1 / 0.3 + 1 / 0.9), rel=0.01)
 
 
 def test_an_eccentric_outlet_has_its_own_centre():
-    centred = outlet_profile(run_of(*passing(2000, 5)), Window())
+    centred = profile_of(run_of(*passing(2000, 5)))
     gap = 6e-3
-    aside = outlet_profile(run_of(*passing(2000, 5, centre=gap + R - 0.05), gap=gap), Window())
+    aside = profile_of(run_of(*passing(2000, 5, centre=gap + R - 0.05), gap=gap))
     np.testing.assert_allclose(aside.area_fraction, centred.area_fraction, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(aside.flux, centred.flux, rtol=1e-6, atol=1e-9)
 
 
 def test_gaps_without_flow_are_left_out():
     times, x, speed = passing(2000, 6)
-    whole = outlet_profile(run_of(times, x, speed), Window())
+    whole = profile_of(run_of(times, x, speed))
     late = times + np.where(np.arange(2000) >= 700, 3.0, 0.0)
-    paused = outlet_profile(run_of(late, x, speed), Window())
+    paused = profile_of(run_of(late, x, speed))
     assert paused.frames == pytest.approx(whole.frames, abs=12)
     assert paused.counted == pytest.approx(whole.counted, rel=1e-3)
     assert paused.area_fraction.mean() == pytest.approx(whole.area_fraction.mean(), rel=0.03)
@@ -161,7 +167,7 @@ def test_gaps_without_flow_are_left_out():
 def test_quantities_of_a_run():
     run = run_of(*passing(2000, 7))
     found = {m.quantity: m for m in MEASURE.evaluate(run, Window())}
-    profile = outlet_profile(run, Window())
+    profile = profile_of(run)
     assert set(found) == {"outlet_closure", "outlet_area_fraction", "outlet_velocity"}
     assert found["outlet_closure"].error == profile.closure_error
     product = 2 / 3 * D * 2500 * found["outlet_area_fraction"].value * found["outlet_velocity"].value * 2 * R

@@ -19,7 +19,13 @@ VERSION = 1
 FORMULA = "v = v_c (1 - (x/R)^2)^a, v_c = sqrt(2 g gamma R); phi = phi_c (1 - (x/R)^2)^b"
 SOURCE = "Fan et al. 2023, eqs 10-12 and 15-17"
 _DRAWS = 400
-_UNITS = {"tau2": "1/m", "v_c": "m/s"}
+_SHARED = ("a", "gamma", "b", "delta1", "epsilon1", "sigma1", "delta2", "epsilon2", "sigma2")
+_SATURATION = ("phi_inf", "tau1", "tau2")
+PARAMETERS = _SHARED + _SATURATION
+"""Names of the parameters that outlets of a series share."""
+OF_OUTLET = ("v_c", "phi_c", "phi_max", "direct", "centred", "printed", "eccentric")
+"""Names of the numbers of each outlet."""
+_UNITS = {"tau2": "1/m"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +99,6 @@ def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> Profile
     return ProfileFit(
         parameters, outlets, _misfit(outlets, parameters), tuple(_notes(seeds, means, several, saturates))
     )
-
-
-_SHARED = ("a", "gamma", "b", "delta1", "epsilon1", "sigma1", "delta2", "epsilon2", "sigma2")
-_SATURATION = ("phi_inf", "tau1", "tau2")
 
 
 def _numbers(outlets: Sequence[Outlet], context: Context, saturates: bool) -> list[float]:

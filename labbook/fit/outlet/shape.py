@@ -100,7 +100,7 @@ def fit_dome(outlets: Sequence[Outlet], values: Sequence[np.ndarray], *, one_amp
         if not one_amplitude:
             explained += (scale * products[-1]) ** 2 / norms[-1]
     if one_amplitude:
-        explained = sum(products) ** 2 / sum(norms)
+        explained = np.sum(products, axis=0) ** 2 / np.sum(norms, axis=0)
     at, exponent = _top(explained)
     product = np.array([np.interp(exponent, EXPONENTS[at : at + 3], p[at : at + 3]) for p in products])
     norm = np.array([np.interp(exponent, EXPONENTS[at : at + 3], n[at : at + 3]) for n in norms])
