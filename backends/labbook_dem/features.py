@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Spec, Unsupported
+from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Slab, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
@@ -75,7 +75,7 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
     for probe in probes:
-        if isinstance(probe, Sample | Contacts | Ledger) and probe.every < 1:
+        if isinstance(probe, Sample | Slab | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")
 
 

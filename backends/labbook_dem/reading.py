@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 CONTACT_COLUMNS = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
@@ -61,6 +61,8 @@ def _rows(member: Readable, probe: Probe) -> Table:
             return _columns(CROSSING_COLUMNS, member.crossings(), ("id", "step"))
         case Sample():
             return _stamped(member, _sampled(member.grains(bool({"v", "omega"} & set(probe.fields))), probe))
+        case Slab():
+            return _stamped(member, _within(member.grains(True), probe))
         case Contacts():
             return _stamped(member, _columns(CONTACT_COLUMNS, member.contacts(), ("i", "j", "wall")))
         case Ledger():
@@ -79,6 +81,11 @@ def _sampled(grains: Grains, probe: Sample) -> Table:
         prefix, array = parts[name]
         table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate("xyz")}
     return table
+
+
+def _within(grains: Grains, slab: Slab) -> Table:
+    inside = slab.holds(grains.x[:, 2])
+    return _sampled(Grains(*(column[inside] for column in grains)), Sample(fields=("x", "v")))
 
 
 def _stamped(member: Readable, table: Table) -> Table:
