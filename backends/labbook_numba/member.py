@@ -129,7 +129,7 @@ class Run:
     def status(self) -> Status:
         """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
         n, grains = int(self.state.count[S.GRAINS]), self.scene.grains
-        energy = kinetic(grains.mass, grains.inertia, *self.whole_step())
+        energy = kinetic(grains, *self.whole_step())
         return Status(self.step, self.step * self.numerics.dt, n, energy / max(n, 1) / energy_scale(self.scene))
 
     def packing(self) -> Packing:
