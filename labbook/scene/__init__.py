@@ -1,15 +1,18 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
 from labbook.scene.contact import ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
-from labbook.scene.container import Box, Container, Primitives, WedgeHopper
-from labbook.scene.grains import Grains, Spheres
+from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
+from labbook.scene.grains import Grains, Spheres, Spherocylinders
 from labbook.scene.scene import Scene
-from labbook.scene.walls import Plane, Strip, SurfaceMotion, Wall
+from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
 __all__ = [
     "Box",
+    "ConicalSilo",
     "ContactLaw",
     "Container",
+    "CylinderSilo",
+    "Frustum",
     "Grains",
     "HertzMindlin",
     "LinearSpringDashpot",
@@ -17,6 +20,7 @@ __all__ = [
     "Primitives",
     "Scene",
     "Spheres",
+    "Spherocylinders",
     "Strip",
     "Surface",
     "SurfaceMotion",
