@@ -1,6 +1,5 @@
 """Members of one Spec, stepped side by side on the cores of a CPU."""
 
-import os
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -26,16 +25,22 @@ from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_numba.member import Run
+from labbook_numba.parts import threads_for
 from labbook_numba.reading import read
 from labbook_numba.specialise import specialise
 
 
 class Ensemble:
-    """See `labbook.backend.Ensemble`. Each member runs on one thread at a time, without the interpreter's lock."""
+    """See `labbook.backend.Ensemble`. Each member runs on a thread of its own, without the interpreter's lock.
 
-    def __init__(self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, threads: int):
+    `members` take a beat at the same time; a large one may be split among `threads` more or less idle cores.
+    """
+
+    def __init__(self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, members: int, threads: int):
         self._can, self._spec, self._kernels = capabilities, spec, kernels
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="labbook-numba")
+        self._pool = ThreadPoolExecutor(members, thread_name_prefix="labbook-numba")
+        # the ledger's work is a sum over grains in their order
+        self._threads = 1 if spec.feature("LEDGER") else threads
         self._runs: dict[Member, Run] = {}
         self._settling: dict[Member, tuple[float, int, int]] = {}
         self._rows: dict[Probe, list[Table]] = defaultdict(list)
@@ -84,7 +89,8 @@ class Ensemble:
         rows: list[tuple[Probe, Table]] = []
         events: list[Event] = []
         for _ in range(beats):
-            run.beat()
+            with threads_for(run.grains, self._threads) as threads:
+                run.beat(threads)
             if run.failure:
                 guard, step, grain, message = run.failure
                 return rows, [*events, Failed(member, guard, step, grain, message)]
@@ -131,8 +137,3 @@ class Ensemble:
 
 def _joined(tables: list[Table]) -> Table:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

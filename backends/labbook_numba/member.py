@@ -11,6 +11,7 @@ from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_numba import state as S
+from labbook_numba.parts import advance, in_layers
 from labbook_numba.specialise import parameters
 from labbook_numba.state import Params
 
@@ -32,6 +33,7 @@ class Run:
 
     def start(self, packing: Packing) -> None:
         """Begin from a packing at step 0."""
+        packing = in_layers(packing, self.scene.grains.diameter)
         n = len(packing)
         near, walls = PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64
         self.state = st = S.allocate(n, near, len(self.names), walls, self._crossings(n), self.numerics.precision)
@@ -71,7 +73,7 @@ class Run:
             raise ValueError("the checkpoint has other arrays than this engine's state")
         stored = {name: np.array(array) for name, array in checkpoint.arrays.items()}
         empty = S.allocate(len(stored["ids"]), 0, 0, 0, 0, self.numerics.precision)
-        self.state = empty._replace(**stored)
+        self.state = empty._replace(**stored, whole=stored["count"])
 
     def checkpoint(self) -> Checkpoint:
         """The exact state, copied."""
@@ -86,15 +88,23 @@ class Run:
         return int(self.state.count[S.STEP])
 
     @property
+    def grains(self) -> int:
+        """Grains that are left."""
+        return int(self.state.count[S.GRAINS])
+
+    @property
     def empty(self) -> bool:
         """Whether no grain is left."""
-        return int(self.state.count[S.GRAINS]) == 0
+        return self.grains == 0
 
-    def beat(self) -> None:
-        """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat."""
+    def beat(self, threads: int = 1) -> None:
+        """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat.
+
+        No bit depends on the number of threads.
+        """
         before = self.checkpoint()
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
-        while (code := self.kernels.advance(self.state, self.params, target)) == self.kernels.GROW:
+        while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.GROW:
             self._grow()
         st = self.state
         if code != self.kernels.DONE:

@@ -10,6 +10,12 @@ COUNTERS = 10
 # sums and clocks, in State.sums
 MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
 SUMS = 4
+# of a part, in State.part: its number, and how many there are; its rows and its pairs, from the first to behind the
+# last; how many pairs it has borrowed
+NUMBER, PARTS, FIRST, LAST, FIRST_PAIR, LAST_PAIR, BORROWED = range(7)
+# what parts tell each other, columns of State.told
+OVERLAP, SPEED = range(2)
+TOLD = 8  # a cache line
 BLOCK = 384  # contacts that a law works on at a time
 PAD = 8  # spare places behind lists, which are read eight at a time
 # of the columns of a block: no power of two, whose columns would share cache sets; a multiple of 16, without which LLVM
@@ -50,6 +56,16 @@ class State(NamedTuple):
     cross: np.ndarray
     count: np.ndarray
     sums: np.ndarray
+    # how the scene is split among threads: this thread's part; pairs borrowed from others, as above; what parts tell
+    # each other; arrivals at their meetings, and whether lists are new; counters of the first part, which keeps lists
+    part: np.ndarray
+    borrowed_i: np.ndarray
+    borrowed_j: np.ndarray
+    borrowed_held: np.ndarray
+    borrowed_spring: np.ndarray
+    told: np.ndarray
+    meetings: np.ndarray
+    whole: np.ndarray
     # scratch: a block of contacts, in the precision of laws, the same memory as integers, the grains and the list
     # entries in it; what is near a wall; squares of speeds; and the same memory as integers
     block: np.ndarray
@@ -87,7 +103,11 @@ class State(NamedTuple):
         return self.loads[:-GHOSTS, F : F + 3]
 
 
-SCRATCH = ("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits")
+SCRATCH = (
+    *("part", "borrowed_i", "borrowed_j", "borrowed_held", "borrowed_spring", "told", "meetings", "whole"),
+    *("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits"),
+)
+"""Arrays that hold nothing from one beat to the next."""
 
 
 class Params(NamedTuple):
@@ -115,13 +135,12 @@ class Params(NamedTuple):
 
 def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str) -> State:
     """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
-    real, whole = (np.float32, np.int32) if precision == "mixed" else (np.float64, np.int64)
-    block, speed2 = _aligned(BLOCK_COLUMNS * STRIDE, real), _aligned(n + 1)
+    count = np.zeros(COUNTERS, np.int64)
     grains = _aligned((n + GHOSTS) * GRAIN).reshape(-1, GRAIN)
     grains[-1, X] = FAR
     return State(
         grains=grains,
-        loads=_aligned((n + GHOSTS) * LOAD).reshape(-1, LOAD),
+        loads=loads(n),
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
         pair_i=np.zeros(pairs + PAD, np.int32),
@@ -133,17 +152,46 @@ def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, pr
         wall_held=np.zeros(near_walls + PAD, np.uint8),
         wall_spring=_aligned((near_walls + PAD) * SPRING).reshape(-1, SPRING),
         cross=np.zeros((crossings, len(CROSS_COLUMNS))),
-        count=np.zeros(COUNTERS, np.int64),
+        count=count,
         sums=np.zeros(SUMS),
-        block=block,
-        bits=block.view(whole),
-        block_i=np.zeros(BLOCK + PAD, np.int32),
-        block_j=np.zeros(BLOCK + PAD, np.int32),
-        slot=np.zeros(BLOCK + PAD, np.int32),
-        near=_aligned(NEAR_COLUMNS * STRIDE),
-        speed2=speed2,
-        speed_bits=speed2.view(np.int64),
+        **borrowed(0),
+        part=np.array([0, 1, 0, 0, 0, 0, 0]),
+        told=np.zeros((1, TOLD)),
+        meetings=np.zeros(2, np.int64),
+        whole=count,
+        **scratch(n, precision),
     )
+
+
+def loads(n: int) -> np.ndarray:
+    """No loads on n grains, and on ghosts."""
+    return _aligned((n + GHOSTS) * LOAD).reshape(-1, LOAD)
+
+
+def borrowed(pairs: int) -> dict[str, np.ndarray]:
+    """Room for so many borrowed pairs."""
+    return {
+        "borrowed_i": np.zeros(pairs + PAD, np.int32),
+        "borrowed_j": np.zeros(pairs + PAD, np.int32),
+        "borrowed_held": np.zeros(pairs + PAD, np.uint8),
+        "borrowed_spring": _aligned((pairs + PAD) * SPRING).reshape(-1, SPRING),
+    }
+
+
+def scratch(n: int, precision: str) -> dict[str, np.ndarray]:
+    """Scratch of one thread, for n grains."""
+    real, whole = (np.float32, np.int32) if precision == "mixed" else (np.float64, np.int64)
+    block, speed2 = _aligned(BLOCK_COLUMNS * STRIDE, real), _aligned(n + 1)
+    return {
+        "block": block,
+        "bits": block.view(whole),
+        "block_i": np.zeros(BLOCK + PAD, np.int32),
+        "block_j": np.zeros(BLOCK + PAD, np.int32),
+        "slot": np.zeros(BLOCK + PAD, np.int32),
+        "near": _aligned(NEAR_COLUMNS * STRIDE),
+        "speed2": speed2,
+        "speed_bits": speed2.view(np.int64),
+    }
 
 
 def _aligned(n: int, kind: type = np.float64) -> np.ndarray:

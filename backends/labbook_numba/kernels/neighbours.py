@@ -37,6 +37,11 @@ def pad_pairs(pair_i, pair_j, pairs, rows):
 def drop_leavers(st: State, p: Params):
     """Take out grains below p.drop, keeping the order of the others, and renumber lists."""
     n = st.count[GRAINS]
+    low = 0
+    for i in range(n):
+        low += st.grains[i, X + 2] < p.drop
+    if low == 0:
+        return
     place = np.full(n, -1, np.int64)
     kept = 0
     for i in range(n):
@@ -181,7 +186,7 @@ def carry(old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i,
 @kernel
 def rebuild(st: State, p: Params):
     """Rebuild all lists. False, and the lengths needed in WANT_*, if an array is too short: lists stay as they were."""
-    if OUTLET and st.count[LEAVING] > 0:
+    if OUTLET:
         drop_leavers(st, p)
     n = st.count[GRAINS]
     if n == 0:

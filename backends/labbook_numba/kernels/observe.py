@@ -7,6 +7,7 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 from labbook_numba.kernels.blocks import reals
 from labbook_numba.kernels.features import ANY_WALLS, GRAINS, MOVING, PAIRS, STEP, F, T, U, V, W, X, kernel
 from labbook_numba.kernels.pairs import pair_forces
+from labbook_numba.kernels.parts import take_part
 from labbook_numba.kernels.walls import load, wall_distance, wall_forces, wall_velocity
 from labbook_numba.state import Params, State
 
@@ -94,6 +95,7 @@ def whole_step(st: State, p: Params, v, w):
 
     The forces are computed in st.loads, and springs advanced: call it on a copy of the state.
     """
+    take_part(st, p)
     pair_forces(st, p)
     if ANY_WALLS:
         wall_forces(st, p)
