@@ -81,7 +81,7 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     ]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
-    return text.replace(": State", "").replace(": Params", "")
+    return text.replace(": State", "").replace(": Params", "").replace(": Lists", "").replace(": Grid", "")
 
 
 class _Unsigned(int):

@@ -21,8 +21,9 @@ from labbook_numba.squeeze import (
 from labbook_numba.vector import vec3d, vec3f
 
 FAST = {fast}
-func = njit(forceinline=True, fastmath=FAST, error_model="numpy")
-kernel = njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+func = njit(forceinline=True, fastmath=FAST, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+kernel = njit(fastmath=FAST, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+entry = njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", no_cfunc_wrapper=True)
 real = {real}
 wide = float64
 vec3 = {vec3}

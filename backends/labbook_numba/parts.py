@@ -69,7 +69,7 @@ def advance(kernels: ModuleType, state: State, params: Params, target: int, thre
 def _split(state: State, threads: int) -> list[State]:
     """States that share grains and lists, and have their own of all that a thread writes elsewhere than in its part."""
     n, precision = len(state.ids), "mixed" if state.block.dtype == np.float32 else "double"
-    told, meetings = np.zeros((threads, S.TOLD)), np.zeros(2, np.int64)
+    told, meetings = np.zeros((threads, S.TOLD)), np.zeros(1, np.int64)
     counts = [state.count.copy() for _ in range(threads)]
     for count in counts:
         count[S.CROSSED], count[S.FAIL_GRAIN] = 0, -1
@@ -83,7 +83,6 @@ def _split(state: State, threads: int) -> list[State]:
             **S.borrowed(len(state.pair_i)),
             told=told,
             meetings=meetings,
-            whole=counts[0],
             **S.scratch(n, precision),
         )
         for number, count in enumerate(counts)

@@ -17,6 +17,7 @@ from labbook_numba.kernels.features import (
     MAX_OVERLAP,
     TOUCHING,
     X,
+    int64,
     kernel,
     uint64,
 )
@@ -61,7 +62,7 @@ def pair_forces(st: State, p: Params):
     if LEDGER:
         st.count[TOUCHING] = 0
     # rows are first of all second in their pairs, and those that stand before this part come first
-    listed_forces(st, p, st.borrowed_i, st.borrowed_j, st.borrowed_held, st.borrowed_spring, 0, part[BORROWED])
+    listed_forces(st, p, st.borrowed_i, st.borrowed_j, st.borrowed_held, st.borrowed_spring, int64(0), part[BORROWED])
     listed_forces(st, p, st.pair_i, st.pair_j, st.held, st.spring, part[FIRST_PAIR], part[LAST_PAIR])
 
 

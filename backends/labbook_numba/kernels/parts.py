@@ -16,16 +16,15 @@ from labbook_numba.kernels.features import (
     GRAINS,
     LAST,
     LAST_PAIR,
-    LEAVING,
     LOAD,
-    MOVED,
     NUMBER,
     PAIRS,
     PARTS,
     F,
+    int64,
     kernel,
 )
-from labbook_numba.kernels.neighbours import pad_pairs, rebuild
+from labbook_numba.kernels.neighbours import pad_pairs
 from labbook_numba.kernels.search import first_at_least
 from labbook_numba.meeting import arrive, arrived, give_way
 from labbook_numba.state import Params, State
@@ -59,11 +58,11 @@ def agree(st: State, column, value):
 @kernel
 def row_after(st: State, work):
     """The first row before which, with its pairs, there is so much work."""
-    first = 0
+    first = int64(0)
     last = st.count[GRAINS]
     while first < last:
         middle = (first + last) // 2
-        if middle + NEAR_WORK * first_at_least(st.pair_i, 0, st.count[PAIRS], middle) < work:
+        if middle + NEAR_WORK * first_at_least(st.pair_i, int64(0), st.count[PAIRS], middle) < work:
             first = middle + 1
         else:
             last = middle
@@ -74,16 +73,14 @@ def row_after(st: State, work):
 def take_part(st: State, p: Params):
     """Set which rows and pairs are this part's, and borrow the pairs that it shares with parts before it."""
     part = st.part
-    st.count[GRAINS] = st.whole[GRAINS]
-    st.count[PAIRS] = st.whole[PAIRS]
     pairs = st.count[PAIRS]
     work = st.count[GRAINS] + NEAR_WORK * pairs
     part[FIRST] = row_after(st, work * part[NUMBER] // part[PARTS])
     part[LAST] = row_after(st, work * (part[NUMBER] + 1) // part[PARTS])
     if part[NUMBER] + 1 == part[PARTS]:
         part[LAST] = st.count[GRAINS]
-    part[FIRST_PAIR] = first_at_least(st.pair_i, 0, pairs, part[FIRST])
-    part[LAST_PAIR] = first_at_least(st.pair_i, 0, pairs, part[LAST])
+    part[FIRST_PAIR] = first_at_least(st.pair_i, int64(0), pairs, part[FIRST])
+    part[LAST_PAIR] = first_at_least(st.pair_i, int64(0), pairs, part[LAST])
     part[BORROWED] = 0
     if part[PARTS] > 1:
         for i in range(part[FIRST], part[LAST]):
@@ -112,17 +109,3 @@ def borrow(st: State):
             found += 1
     pad_pairs(st.borrowed_i, st.borrowed_j, found, len(st.grains))
     st.part[BORROWED] = found
-
-
-@kernel
-def renew(st: State, p: Params):
-    """Rebuild all lists, which the first part does for all. False, in all parts, if an array is too short."""
-    if st.part[NUMBER] == 0:
-        st.meetings[1] = rebuild(st, p)
-    meet(st.meetings, st.part[PARTS])
-    st.count[LEAVING] = 0  # they are gone
-    if not st.meetings[1]:
-        return False
-    st.sums[MOVED] = wide(0.0)
-    take_part(st, p)
-    return True

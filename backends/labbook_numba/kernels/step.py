@@ -16,7 +16,6 @@ from labbook_numba.kernels.features import (
     FIRST,
     GRAIN,
     GRAINS,
-    GROW,
     LAST,
     LEAVING,
     LEDGER,
@@ -25,6 +24,7 @@ from labbook_numba.kernels.features import (
     MOVED,
     OUTLET,
     OVERLAP,
+    REBUILD,
     SPEED,
     STEP,
     WORK,
@@ -34,11 +34,12 @@ from labbook_numba.kernels.features import (
     V,
     W,
     X,
+    entry,
     kernel,
     uint64,
 )
 from labbook_numba.kernels.pairs import pair_forces
-from labbook_numba.kernels.parts import agree, renew, take_part
+from labbook_numba.kernels.parts import agree, take_part
 from labbook_numba.kernels.walls import wall_forces
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
@@ -140,23 +141,24 @@ def integrate(st: State, p: Params):
     return largest(st.part[FIRST], st.part[LAST], st.speed2, st.speed_bits)
 
 
-@kernel
+@entry
 def advance(st: State, p: Params, target):
-    """Take steps up to step `target`; DONE, or why not. After GROW and longer arrays it may be called again.
+    """Take steps up to step `target`; DONE, or why not. After REBUILD and a rebuild it is called again.
 
-    The threads of all parts of a scene call it together, and come to the same end.
+    If that is the present step, forces and torques of now are left in loads, and the springs advanced: on a copy of
+    the state, this is how they are read. The threads of all parts of a scene call it together and end alike.
     """
     limit2 = p.speed_limit * p.speed_limit
+    reading = st.count[STEP] == target
     take_part(st, p)
-    leavers = st.count[LEAVING] > 0  # so that grains far below the outlet go, even when nothing else moves
-    while st.count[STEP] < target and st.count[GRAINS] > 0:
-        if leavers or not st.sums[MOVED] < wide(0.5) * p.skin:
-            leavers = False
-            if not renew(st, p):
-                return GROW
+    while (reading or st.count[STEP] < target) and st.count[GRAINS] > 0:
+        if not st.sums[MOVED] < wide(0.5) * p.skin:
+            return REBUILD
         pair_forces(st, p)
         if ANY_WALLS:
             wall_forces(st, p)
+        if reading:
+            return DONE
         overlap = agree(st, OVERLAP, st.sums[MAX_OVERLAP])
         if not overlap <= p.overlap_limit:
             st.sums[FAIL_VALUE] = overlap
