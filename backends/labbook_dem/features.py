@@ -15,8 +15,9 @@ WALL_KINDS = {
     "strip": (1, strip.parameters),
     "frustum": (2, frustum.parameters),
 }
-PARTS = {"plane": 2, "strip": 4, "frustum": 4}  # contacts that a rod may have with a wall
-FALL = 2.0  # lengths of a grain below the outlet at which a grain is dropped: nothing that is still to be counted touches it
+PARTS = {"plane": 2, "strip": 4, "frustum": 4}
+"""Contacts that a rod may have with one wall."""
+FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
