@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Unsupported
+from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Slab, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
@@ -68,6 +68,17 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     return (crossed[0] if crossed else 0.0), drop
 
 
+def specialise(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
+    """What an engine with these capabilities compiles in. Raises Unsupported."""
+    check(can, scene, numerics, probes)
+    return Spec(
+        engine=can.name,
+        features=tuple(sorted(features(scene, numerics, probes).items())),
+        probes=tuple(dict.fromkeys(probes)),
+        steps_per_beat=numerics.steps_per_beat,
+    )
+
+
 def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> None:
     """Raises Unsupported if an engine with these capabilities cannot do it."""
     wanted = [
@@ -82,7 +93,7 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
     for probe in probes:
-        if isinstance(probe, Sample | Contacts | Ledger) and probe.every < 1:
+        if isinstance(probe, Sample | Slab | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")
 
 

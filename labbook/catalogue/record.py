@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab
 from labbook.catalogue.parts import Part, Record
 from labbook.keys import canonical
 from labbook.numerics import Numerics
@@ -29,6 +29,8 @@ class StopRule(Part):
     """Time since the opening [s]."""
     stall: float
     """Time without a grain leaving [s] after which the outlet counts as clogged."""
+    fill_height: float | None = None
+    """Height of the bed [m] at which it has fallen far enough; None: any."""
 
 
 class Coverage(Part):
@@ -50,11 +52,18 @@ class Coverage(Part):
     """Probes, as `describe_probe` writes them."""
     recording: float | None = None
     """Time between recorded frames [s] if the run was recorded."""
+    bed_height: float | None = None
+    """Height of the settled bed at the opening [m]: twice its mean height above the outlet plane."""
 
     @property
     def discharged(self) -> float:
         """Fraction of the grains that have left."""
         return self.crossed / self.grains
+
+    @property
+    def fill_height(self) -> float | None:
+        """Height [m] of the bed as it is now, if its cross-section is the same everywhere."""
+        return None if self.bed_height is None else self.bed_height * (1 - self.discharged)
 
     @property
     def waiting(self) -> float:
@@ -131,13 +140,14 @@ class RunRecord(Record):
 _KINDS: dict[str, type[Probe]] = {
     "crossing": Crossing,
     "sample": Sample,
+    "slab": Slab,
     "contacts": Contacts,
     "ledger": Ledger,
 }
 
 
 def table_name(probe: Probe) -> str:
-    """Name of a probe's table: `crossing`, `sample`, `contacts` or `ledger`."""
+    """Name of a probe's table: `crossing`, `sample`, `slab`, `contacts` or `ledger`."""
     return type(probe).__name__.lower()
 
 

@@ -42,6 +42,8 @@ def shortfall(
         return Shortfall("unobserved", what)
     if outcome == "emptied" or had.discharged >= stop.discharged:
         return NOTHING
+    if stop.fill_height is not None and had.fill_height is not None and had.fill_height <= stop.fill_height:
+        return NOTHING
     if outcome == "diverged":
         changed = [name for name, value in guards.items() if had.guards.get(name) != value]
         return Shortfall("shorter", f"diverged under another {' and '.join(changed)}") if changed else NOTHING

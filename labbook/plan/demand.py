@@ -102,7 +102,7 @@ class PointDemand:
         """When a run ends."""
         stop, end = self.study.stop, self.study.window.end
         discharged = end if stop.discharged is None else stop.discharged
-        return StopRule(discharged=discharged, max_time=stop.max_time, stall=stop.stall)
+        return StopRule(discharged=discharged, max_time=stop.max_time, stall=stop.stall, fill_height=stop.fill_height)
 
     @cached_property
     def probe_names(self) -> frozenset[str]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -58,10 +59,7 @@ class DischargeJob(Job):
 
     def fresh(self) -> Packing:
         """The packing, with the outlet open."""
-        try:
-            packing = load_packing(self.bench.lab.packing(self.keys.packing))
-        except Unreadable as problem:
-            raise JobFailed(f"{self.label}: {problem}; remove the folder, and it is made again") from problem
+        packing = self._packing()
         height = self.scene.container.height if isinstance(self.scene.container, WedgeHopper) else math.inf
         bed = float(packing.x[:, 2].max())
         if bed > height:
@@ -69,7 +67,19 @@ class DischargeJob(Job):
                 f"{self.label}: the settled bed stands {bed * 1e3:.4g} mm high, above the side walls "
                 f"({height * 1e3:.4g} mm), and would spill over them; raise container.height or use fewer grains"
             )
+        lowest = self.demand.shared.stop.fill_height
+        if lowest is not None and self._bed_height <= lowest:
+            raise JobFailed(
+                f"{self.label}: the settled bed is {self._bed_height * 1e3:.4g} mm high, not above stop.fill_height "
+                f"({lowest * 1e3:.4g} mm); use more grains or lower stop.fill_height"
+            )
         return opened(packing, self.demand.shared.closed, self.scene)
+
+    def _packing(self) -> Packing:
+        try:
+            return load_packing(self.bench.lab.packing(self.keys.packing))
+        except Unreadable as problem:
+            raise JobFailed(f"{self.label}: {problem}; remove the folder, and it is made again") from problem
 
     def recall(self, saved: Saved | None) -> Saved | None:
         """The later of what is in the work folder and in the run's folder, if it observes all that is
@@ -149,7 +159,7 @@ class DischargeJob(Job):
             self._failure = Failure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
             return "diverged"
         stop = self.demand.shared.stop
-        if self._crossed / self.scene.grains.count >= stop.discharged:
+        if self._crossed / self.scene.grains.count >= self._enough:
             return "finished"
         if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
             return "emptied"
@@ -160,8 +170,21 @@ class DischargeJob(Job):
     def progress(self) -> float:
         """By discharged fraction or by time, whichever is nearer to its end."""
         stop = self.demand.shared.stop
-        left = self._crossed / self.scene.grains.count / stop.discharged
+        left = self._crossed / self.scene.grains.count / self._enough
         return min(1.0, max(left, self.status.time / stop.max_time))
+
+    @cached_property
+    def _bed_height(self) -> float:
+        """Height [m] of the settled bed above the outlet plane: of a column, twice that of its centre of mass."""
+        return 2 * float(np.mean(self._packing().x[:, 2]) - (self._plane or 0.0))
+
+    @cached_property
+    def _enough(self) -> float:
+        """Discharged fraction at which the run has come far enough."""
+        stop = self.demand.shared.stop
+        if stop.fill_height is None:
+            return stop.discharged
+        return min(stop.discharged, 1 - stop.fill_height / self._bed_height)
 
     # end
 
@@ -190,6 +213,7 @@ class DischargeJob(Job):
             guards=demand.guards,
             probes=tuple(describe_probe(probe) for probe in self._measured),
             recording=self.film.every * self.numerics.beat if self.film else None,
+            bed_height=self._bed_height if demand.shared.stop.fill_height is not None else None,
         )
         physics = bench.backend.describe(self.scene, self.numerics)
         return RunRecord.model_validate(

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from labbook.scene.model import Fault, Model, refuse
-from labbook.scene.quantities import Coefficient, Duration, Ratio
+from labbook.scene.quantities import Coefficient, Duration, Length, Ratio
 from labbook.scene.scene import Scene
 
 Fraction = Annotated[Ratio, Field(ge=0, le=1)]
@@ -52,6 +52,8 @@ class Stop(Model):
     """Stop at this time after the opening."""
     stall: Duration = 2.0
     """A run from which no grain has left for this long is clogged."""
+    fill_height: Length | None = None
+    """Stop when the bed of a flat-bottomed silo has fallen to this height; none: it may run empty."""
 
 
 class Accuracy(Model):

@@ -47,6 +47,9 @@ def coverage(**changes) -> Coverage:
         ("diverged", {"crossed": 10}, {}, "none"),
         ("diverged", {"crossed": 10, "guards": {"speed_limit": 10.0}}, {}, "shorter"),
         ("finished", {"probes": ()}, {}, "unobserved"),
+        ("finished", {"crossed": 50, "bed_height": 0.2}, {"fill_height": 0.1}, "none"),
+        ("finished", {"crossed": 50, "bed_height": 0.2}, {"fill_height": 0.09}, "shorter"),
+        ("finished", {"crossed": 50}, {"fill_height": 0.1}, "shorter"),
     ],
 )
 def test_demand_minus_coverage(outcome, had, asked, gap):

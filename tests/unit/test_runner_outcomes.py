@@ -11,6 +11,7 @@ from toy_lab import arrays, carry_out, study, study_file
 from labbook.backend import Overflow, Spec
 from labbook.catalogue import Catalogue, Lab, RunRecord
 from labbook.catalogue.index import Index
+from labbook.catalogue.packings import load_packing
 from labbook.catalogue.record import Observe
 from labbook.catalogue.tables import read_checkpoint
 from labbook.cli.run import report
@@ -106,6 +107,21 @@ def test_a_run_out_of_time_is_interrupted_and_goes_on_when_more_is_asked(tmp_pat
         assert [session.from_step for session in record.sessions] == [0, 2000], (label, seed)
         assert arrays(tmp_path / "lab/runs" / record.run_key) == arrays(tmp_path / "whole/runs" / record.run_key)
     assert not list((tmp_path / "lab/work").iterdir())
+
+
+def test_a_bed_that_has_fallen_to_the_asked_height_is_done(tmp_path):
+    lab, sizes = tmp_path / "lab", {"replicates": 1, "orifices": "[24, 30]"}
+    carry_out(study(tmp_path, **sizes), tmp_path / "other")
+    packing = load_packing(next((tmp_path / "other/packings").iterdir()))
+    height = 2 * packing.x[:, 2].mean()
+    halved = study(tmp_path, f"stop: {{fill_height: {height / 2 * 1e3} mm}}", **sizes)
+    assert outcomes(carry_out(halved, lab)) == ["finished"] * 2
+    for record in records(lab).values():
+        assert record.coverage.bed_height == pytest.approx(height)
+        assert 0.5 <= record.coverage.discharged < 0.55
+    assert not carry_out(halved, lab).tally.ran
+    high = study(tmp_path, f"stop: {{fill_height: {height * 1e3} mm}}", replicates=2, orifices="[24, 30]")
+    assert any("not above stop.fill_height" in line for line in carry_out(high, tmp_path / "third").tally.failed)
 
 
 def test_what_is_emptied_is_done_whatever_is_asked(tmp_path):
