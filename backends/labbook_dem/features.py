@@ -93,6 +93,8 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
     for probe in probes:
+        if isinstance(probe, Sample) and "q" in probe.fields and not is_rod(scene):
+            raise Unsupported("measure", "only rods have an orientation q")
         if isinstance(probe, Sample | Slab | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")
 

@@ -7,18 +7,15 @@ from labbook_dem.words import FRICTION  # noqa: F401 - part of the vocabulary of
 
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
     BLOCK,
-    BLOCK_COLUMNS,
     CROSSED,
     FAIL_GRAIN,
     FAIL_VALUE,
     GHOSTS,
-    GRAIN,
     GRAINS,
     LEAVING,
     LOAD,
     MAX_OVERLAP,
     MOVED,
-    NEAR_COLUMNS,
     PAD,
     PAIRS,
     REBUILDS,
@@ -29,13 +26,18 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     WANT_PAIRS,
     WANT_WALLS,
     WORK,
+    A,
     F,
+    M,
+    P,
+    Q,
     T,
     U,
     V,
     W,
     X,
 )
+from labbook_numba.state import RODS as RODS_LAYOUT
 
 Function = TypeVar("Function", bound=Callable)
 
@@ -48,6 +50,9 @@ def kernel(function: Function) -> Function:
 MOVING = True  # some wall's surface moves
 PLANES = True
 STRIPS = True
+FRUSTUMS = True
+RODS = True  # grains have an orientation
+GRAIN, PARTS = RODS_LAYOUT.GRAIN, RODS_LAYOUT.PARTS
 CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up

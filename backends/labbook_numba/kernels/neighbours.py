@@ -1,7 +1,6 @@
 """Lists of near grains and near walls, rebuilt when a grain may have moved half a skin; springs are carried over."""
 
 import numpy as np
-from labbook_dem.words import wide
 
 from labbook_numba.kernels.features import (
     ANY_WALLS,
@@ -15,13 +14,14 @@ from labbook_numba.kernels.features import (
     OUTLET,
     PAD,
     PAIRS,
+    PARTS,
     REBUILDS,
     WANT_PAIRS,
     WANT_WALLS,
     X,
     kernel,
 )
-from labbook_numba.kernels.walls import load, wall_distance
+from labbook_numba.kernels.near import near_pairs, near_walls
 from labbook_numba.state import Params, State
 
 
@@ -73,109 +73,26 @@ def drop_leavers(st: State, p: Params):
             if a >= 0:
                 st.wall_grain[walls] = a
                 st.wall_held[walls] = st.wall_held[k]
-                for c in range(3):
-                    st.wall_spring[walls, c] = st.wall_spring[k, c]
+                for part in range(PARTS):
+                    for c in range(3):
+                        st.wall_spring[walls * PARTS + part, c] = st.wall_spring[k * PARTS + part, c]
                 walls += 1
         first = last
         st.wall_first[w + 1] = walls
 
 
 @kernel
-def cells_of(st: State, reach):
-    """Cell of each grain in a grid no finer than `reach` [m], and the grid's three sizes; at most 4 cells a grain."""
-    n = st.count[GRAINS]
-    low = np.empty(3)
-    span = np.empty(3)
-    for c in range(3):
-        a = st.grains[0, X + c]
-        b = a
-        for i in range(1, n):
-            a = min(a, st.grains[i, X + c])
-            b = max(b, st.grains[i, X + c])
-        low[c] = a
-        span[c] = b - a
-    size = np.ones(3, np.int64)
-    while True:
-        cells = wide(1.0)
-        for c in range(3):
-            cells *= np.floor(span[c] / reach) + wide(1.0)
-        if cells <= wide(4.0) * n + wide(64.0):
-            break
-        reach *= wide(1.26)  # doubles the volume of a cell
-    for c in range(3):
-        size[c] = np.int64(span[c] / reach) + 1
-    cell = np.empty((n, 3), np.int32)
-    for i in range(n):
-        for c in range(3):
-            cell[i, c] = min(np.int64((st.grains[i, X + c] - low[c]) / reach), size[c] - 1)
-    return cell, size
-
-
-@kernel
-def near_pairs(st: State, p: Params, pair_i, pair_j):
-    """Fill the list of pairs i < j closer than a diameter and a skin, i then j ascending; its length."""
-    n = st.count[GRAINS]
-    reach = wide(2.0) * p.radius + p.skin
-    reach2 = reach * reach
-    cell, size = cells_of(st, reach)
-    head = np.full((size[0], size[1], size[2]), -1, np.int32)
-    following = np.empty(n, np.int32)
-    for i in range(n):
-        a, b, c = cell[i, 0], cell[i, 1], cell[i, 2]
-        following[i] = head[a, b, c]
-        head[a, b, c] = i
-    found = 0
-    for i in range(n):
-        start = found
-        for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, size[0])):
-            for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, size[1])):
-                for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, size[2])):
-                    j = head[a, b, c]
-                    while j > i:  # a cell's grains come in falling order
-                        dx = st.grains[i, X + 0] - st.grains[j, X + 0]
-                        dy = st.grains[i, X + 1] - st.grains[j, X + 1]
-                        dz = st.grains[i, X + 2] - st.grains[j, X + 2]
-                        if dx * dx + dy * dy + dz * dz < reach2:
-                            if found < len(pair_j) - PAD:
-                                k = found
-                                while k > start and pair_j[k - 1] > j:
-                                    pair_j[k] = pair_j[k - 1]
-                                    k -= 1
-                                pair_j[k] = j
-                                pair_i[found] = i
-                            found += 1
-                        j = following[j]
-    return found
-
-
-@kernel
-def near_walls(st: State, p: Params, first, grain):
-    """Fill the list of grains that could touch a wall before the next rebuild, wall by wall; its length."""
-    found = 0
-    first[0] = 0
-    reach = p.radius + wide(0.5) * p.skin
-    for w in range(len(p.wall_kind)):
-        for i in range(st.count[GRAINS]):
-            distance, _ = wall_distance(p.wall_shape, p.wall_kind, w, load(st.grains, i, X))
-            if distance < reach:
-                if found < len(grain) - PAD:
-                    grain[found] = i
-                found += 1
-        first[w + 1] = found
-    return found
-
-
-@kernel
-def carry(old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i, new_j, held, spring):
-    """Springs of entries that are in both lists, each ascending in (i, j); new entries hold none."""
+def carry(parts, old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i, new_j, held, spring):
+    """Springs of entries that are in both lists, each ascending in (i, j); new entries hold none; each has `parts`."""
     for k in range(first, last):
         i, j = new_i[k], new_j[k]
         while old < old_last and (old_i[old] < i or (old_i[old] == i and old_j[old] < j)):
             old += 1
         same = old < old_last and old_i[old] == i and old_j[old] == j
         held[k] = old_held[old] if same else 0
-        for c in range(3):
-            spring[k, c] = old_spring[old, c] if same else 0.0
+        for part in range(parts):
+            for c in range(3):
+                spring[k * parts + part, c] = old_spring[old * parts + part, c] if same else 0.0
 
 
 @kernel
@@ -200,15 +117,15 @@ def rebuild(st: State, p: Params):
         m = st.count[PAIRS]
         spring = st.spring[:m].copy()
         carry(
-            0, m, st.pair_i, st.pair_j, st.held[:m].copy(), spring,
+            1, 0, m, st.pair_i, st.pair_j, st.held[:m].copy(), spring,
             0, pairs, pair_i, pair_j, st.held, st.spring,
         )  # fmt: skip
         m = st.wall_first[len(p.wall_kind)]
         wall_held = st.wall_held[:m].copy()
-        wall_spring = st.wall_spring[:m].copy()
+        wall_spring = st.wall_spring[: m * PARTS].copy()
         for w in range(len(p.wall_kind)):
             carry(
-                st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, wall_held, wall_spring,
+                PARTS, st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, wall_held, wall_spring,
                 wall_first[w], wall_first[w + 1], wall_grain, wall_grain, st.wall_held, st.wall_spring,
             )  # fmt: skip
     st.pair_i[:pairs] = pair_i[:pairs]
