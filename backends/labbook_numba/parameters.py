@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from labbook_dem import features
 from labbook_dem.describe import LAWS
+from labbook_dem.rotation import slenderness
 
 from labbook.backend import Probe
 from labbook.numerics import Numerics
@@ -20,6 +21,8 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
     return Params(
         c=LAWS[scene.contact.law].coefficients(scene.contact, scene.surface_of_grains, numerics.stiffness_scale),
         radius=grains.radius,
+        half=grains.half_length,
+        slender=slenderness(grains),
         mass=grains.mass,
         inertia=grains.inertia,
         gravity=scene.gravity,

@@ -9,12 +9,13 @@ offsets unknown to the compiler (hence one buffer, constant offsets), and a law 
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, func, real, vec3, wide
 
-from labbook_numba.kernels.features import BLOCK_COLUMNS, LANES, STRIDE, kernel, uint64
+from labbook_numba.kernels.features import LANES, STRIDE, kernel, uint64
+from labbook_numba.state import SPHERES
 
 # columns; in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
 # out, in the places of the velocities, spins and spring: force, torque on i and on j, spring
 (NX, NY, NZ, GAP, UX, UY, UZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, SX, SY, SZ, DT, SPARE) = (
-    uint64(column * STRIDE) for column in range(BLOCK_COLUMNS)
+    uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS)
 )
 HELD = DT  # 1 for a contact that has a spring; becomes DT
 
