@@ -1,6 +1,6 @@
 """All cases, in the order in which they are best read: simple contacts first, flow last."""
 
-from labbook.verify import bed, collision, edge, energy, flow, gas, rolling, symmetry, turntable
+from labbook.verify import bed, collision, edge, energy, flow, gas, rods, rolling, round, symmetry, turntable
 from labbook.verify.case import Case
 
 CASES: tuple[Case, ...] = (
@@ -9,6 +9,8 @@ CASES: tuple[Case, ...] = (
     *rolling.CASES,
     *turntable.CASES,
     *edge.CASES,
+    *round.CASES,
+    *rods.CASES,
     *energy.CASES,
     *symmetry.CASES,
     *bed.CASES,

@@ -51,7 +51,7 @@ def wall_part(shape, kind, w, x, a, half, radius, part):
     return plane_rod(point, normal, x, a, half, part)
 
 
-@kernel
+@func
 def measure_rod(st: State, p: Params, w, i):
     """Distance, unit normal and place of each part of rod i at wall w, to State.near; which touch, as bits."""
     x = load(st.grains, i, X)
@@ -69,7 +69,7 @@ def measure_rod(st: State, p: Params, w, i):
     return now
 
 
-@kernel
+@func
 def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
     """Force and torque of wall w on a measured part of rod i, spring, and branch from the rod's centre [m]."""
     c = p.wall_c
