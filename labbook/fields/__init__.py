@@ -1,0 +1,20 @@
+"""Continuum fields of grains by coarse-graining: density, velocity, stresses, orientation."""
+
+from labbook.fields.fields import Fields, coarse_grain, nematic_order
+from labbook.fields.grids import Grid, Layer, Ring, Space
+from labbook.fields.rows import Contacts, Grains, axes, contacts_of, grains_of
+
+__all__ = [
+    "Contacts",
+    "Fields",
+    "Grains",
+    "Grid",
+    "Layer",
+    "Ring",
+    "Space",
+    "axes",
+    "coarse_grain",
+    "contacts_of",
+    "grains_of",
+    "nematic_order",
+]
