@@ -10,9 +10,9 @@ from labbook.fields import compiled
 
 @contextmanager
 def limited(threads: int) -> Iterator[None]:
-    """Numba uses `threads` threads inside."""
+    """Numba uses `threads` threads inside, but no more than it has."""
     before = numba.get_num_threads()
-    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    numba.set_num_threads(min(threads, before))
     try:
         yield
     finally:
