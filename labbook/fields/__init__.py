@@ -2,6 +2,8 @@
 
 from labbook.fields.fields import Fields, coarse_grain, nematic_order
 from labbook.fields.grids import Grid, Layer, Ring, Space
+from labbook.fields.orifice import orifice_means
+from labbook.fields.pattern import Pattern, pattern_of
 from labbook.fields.rows import Contacts, Grains, axes, contacts_of, grains_of
 
 __all__ = [
@@ -10,6 +12,7 @@ __all__ = [
     "Grains",
     "Grid",
     "Layer",
+    "Pattern",
     "Ring",
     "Space",
     "axes",
@@ -17,4 +20,6 @@ __all__ = [
     "contacts_of",
     "grains_of",
     "nematic_order",
+    "orifice_means",
+    "pattern_of",
 ]
