@@ -138,7 +138,7 @@ class FinishedDouble:
         }
 
     def recording(self) -> dict[str, np.ndarray] | None:
-        return sample(self.point.scene, self.data().tables["crossing"]) if self.recorded else None
+        return sample(self.point.scene, dict(self.data().tables["crossing"])) if self.recorded else None
 
     def data(self) -> RunData:
         return observe(self.point.scene, self.seed, self.outcome)
