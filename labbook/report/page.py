@@ -9,6 +9,7 @@ from labbook.fit import OUTLET_PROFILES
 from labbook.report import display, figures, tables
 from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
+from labbook.report.ratios import by_angle, by_position
 from labbook.report.sections import Picture, picture, series_section
 
 FILE = "report.html"
@@ -99,9 +100,30 @@ def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
             name = display.key(key).name
             stem = folder / f"{_slug(called)}-{_slug(name)}"
             pictures.append(picture(figure, stem, f"parameters of {called} against {name}", caption))
+    return pictures + _ratios(analysis, folder)
+
+
+def _ratios(analysis: Analysis, folder: Path) -> list[Picture]:
+    """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied."""
+    pictures = []
+    if angles := by_angle(analysis.points):
+        figure = figures.flow_against_angle(angles)
+        pictures.append(picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", _ANGLES))
+    if positions := by_position(analysis.points):
+        figure = figures.flow_against_position(positions)
+        alt = "flow rate against position over that in the middle"
+        pictures.append(picture(figure, folder / "ratio-position", alt, _POSITIONS))
     return pictures
 
 
+_ANGLES = (
+    "Flow rate over that of a flat bottom with the same outlet; bars: one standard error. Lines have no free parameter; "
+    "the angle φ_d of Rose and Tanaka is taken as the arctangent of the grains’ friction."
+)
+_POSITIONS = (
+    "Flow rate over that of the same outlet in the middle, and shape of the profiles of each point (eqs 16 and 17), "
+    "against the relative distance from the wall; bars: one standard error."
+)
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."
 
 
