@@ -117,8 +117,8 @@ def _ratios(analysis: Analysis, folder: Path) -> list[Picture]:
 
 
 _ANGLES = (
-    "Flow rate over that of a flat bottom with the same outlet; bars: one standard error. Lines have no free parameter; "
-    "the angle φ_d of Rose and Tanaka is taken as the arctangent of the grains’ friction."
+    "Flow rate over that of a flat bottom with the same outlet; bars: one standard error. Lines have no free "
+    "parameter; the angle φ_d of Rose and Tanaka is taken as the arctangent of the grains’ friction."
 )
 _POSITIONS = (
     "Flow rate over that of the same outlet in the middle, and shape of the profiles of each point (eqs 16 and 17), "
