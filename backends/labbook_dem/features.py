@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Slab, Unsupported
+from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Slab, Table, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
@@ -48,6 +48,12 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     bottom = outlet(scene)
     drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * scene.grains.diameter
     return (crossed[0] if crossed else 0.0), drop
+
+
+def within(slab: Slab, sample: Table) -> Table:
+    """The rows of a sample that a slab sees."""
+    inside = slab.holds(np.asarray(sample["z"]))
+    return {name: column[inside] for name, column in sample.items()}
 
 
 def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> None:

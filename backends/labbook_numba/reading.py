@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from labbook_dem.features import within
 from labbook_dem.ledger import totals
 
 from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
@@ -23,7 +24,7 @@ def _rows(run: Run, probe: Probe) -> Table:
         case Sample():
             return _sampled(run, probe)
         case Slab():
-            return _within(probe, _sampled(run, Sample(fields=("x", "v"))))
+            return within(probe, _sampled(run, Sample(fields=("x", "v"))))
         case Contacts():
             return _touching(run)
         case Ledger():
@@ -46,11 +47,6 @@ def _sampled(run: Run, probe: Sample) -> Table:
         prefix, array = parts[name]
         table |= {prefix + axis: array[: len(v), c].copy() for c, axis in enumerate("xyz")}
     return _stamped(run, table, len(v))
-
-
-def _within(slab: Slab, sample: Table) -> Table:
-    inside = slab.holds(sample["z"])
-    return {name: column[inside] for name, column in sample.items()}
 
 
 def _touching(run: Run) -> Table:

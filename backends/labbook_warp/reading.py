@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from labbook_dem.features import within
 from labbook_dem.ledger import totals
 
 from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
@@ -29,17 +30,17 @@ def _rows(stage: Stage, run: Run, probe: Probe, crossings: np.ndarray) -> Table:
         case Sample():
             return _sampled(stage, run, probe)
         case Slab():
-            return _sampled(stage, run, Sample(fields=("x", "v")), probe)
+            return within(probe, _sampled(stage, run, Sample(fields=("x", "v"))))
         case Contacts():
             return _touching(stage, run)
         case Ledger():
             return _totals(stage, run)
 
 
-def _sampled(stage: Stage, run: Run, probe: Sample, slab: Slab | None = None) -> Table:
+def _sampled(stage: Stage, run: Run, probe: Sample) -> Table:
     x, _, _ = stage.arrays.decode(stage.arrays.read("p", run.slot, run.rows))
     ids = stage.arrays.read("ids", run.slot, run.rows).astype(np.int64)
-    order = transfer.here(x, ids, None if slab is None else slab.holds(x[:, 2]))
+    order = transfer.here(x, ids)
     v, w = stage.whole_step(run) if {"v", "omega"} & set(probe.fields) else (x, x)
     parts = {"x": ("", x), "v": ("v", v), "omega": ("w", w)}
     table = {"id": ids[order]}

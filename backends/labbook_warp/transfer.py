@@ -102,10 +102,9 @@ def packing(
     )
 
 
-def here(x: np.ndarray, ids: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
-    """Rows of the grains that have not left, or of those of them for which `among` holds, in the order of their ids."""
-    there = x[:, 2] > 0.5 * PARKED
-    left = np.flatnonzero(there if among is None else there & among)
+def here(x: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Rows of the grains that have not left, in the order of their ids."""
+    left = np.flatnonzero(x[:, 2] > 0.5 * PARKED)
     return left[np.argsort(ids[left])]
 
 
