@@ -19,7 +19,7 @@ from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
 from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
-from labbook_numba.kernels import blocks, neighbours, observe, pairs, parts, search, step, transfer, walls
+from labbook_numba.kernels import blocks, meet, neighbours, observe, pairs, search, step, transfer, walls
 from labbook_numba.kernels import features as vocabulary
 
 SWITCHES = (
@@ -59,7 +59,7 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     """Source of the kernel module of one specialisation."""
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
     places = _numbers(blocks) | _numbers(walls) | {name: getattr(state, name) for name in PLACES}
-    constants: dict[str, object] = {**_numbers(state), **_numbers(vocabulary), **_numbers(parts), **switches}
+    constants: dict[str, object] = {**_numbers(state), **_numbers(vocabulary), **switches}
     constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
     del constants["LANES"]  # the header's
     modules = [
@@ -75,7 +75,7 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
         pairs,
         walls,
         neighbours,
-        parts,
+        meet,
         step,
         observe,
     ]
