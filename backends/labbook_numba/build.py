@@ -22,6 +22,7 @@ from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
 from labbook_numba.kernels import (
     blocks,
     cells,
+    meet,
     move,
     near,
     neighbours,
@@ -34,7 +35,6 @@ from labbook_numba.kernels import (
     rod_pairs,
     rod_walls,
     search,
-    sharing,
     single,
     step,
     surfaces,
@@ -64,7 +64,7 @@ PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "X", "V", "W", "U", "P",
 SHARED = [contact, motion, plane, strip, frustum, spheres, single, cells, surfaces, blocks, transfer, search]
 OF_SPHERES = [pairs, walls, near, move, observe]
 OF_RODS = [segments, rotation, parts, rods, rod_blocks, rod_pairs, rod_walls, rod_near, rod_move, rod_observe]
-OF_ALL = [neighbours, sharing, step]
+OF_ALL = [neighbours, meet, step]
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX
@@ -90,7 +90,7 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     shared = _numbers(state) | layout._asdict()
     places = {name: value for module in (blocks, *kind) for name, value in _numbers(module).items()}
     places |= {name: shared[name] for name in PLACES}
-    constants: dict[str, object] = {**_numbers(vocabulary), **_numbers(sharing), **shared, **switches}
+    constants: dict[str, object] = {**_numbers(vocabulary), **shared, **switches}
     constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
     del constants["LANES"]  # the header's
     modules = [LAWS[law], *SHARED, *kind, *OF_ALL]

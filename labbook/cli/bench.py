@@ -111,16 +111,16 @@ def _show(result) -> None:
         table.add_row(
             rate.case, str(rate.grains), rate.precision, f"{rate.median:.1f}", f"{rate.low:.1f}-{rate.high:.1f}"
         )
-    full = next(rate.median for rate in result.rates if (rate.case, rate.precision) == ("fan settled", "double"))
-    saved = Table("fan settled, double", "million grain-steps/s/core", "times the full scene")
-    for rate in result.ablations:
-        saved.add_row(rate.case, f"{rate.median:.1f}", f"{rate.median / full:.2f}")
+    saved = Table("fan settled, double", "times as fast", "range")
+    for saving in result.savings:
+        saved.add_row(saving.case, f"{saving.times:.2f}", f"{saving.low:.2f}-{saving.high:.2f}")
     console = Console()
     console.print(f"engine {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
     console.print(table, saved)
     start = result.starting
+    large = f"one large scene on all cores: {result.large:.2f} times one thread; " if result.large else ""
     console.print(
-        f"{result.members} members side by side: {result.speed_up:.2f} times one; peak memory {result.memory:.0f} MB; "
-        f"from process start to the engine's first step {start.first_step:.1f} s, of which opening and stepping "
-        f"{start.cached:.2f} s; {start.compiled:.1f} s if it must compile"
+        f"{result.members} members side by side: {result.speed_up:.2f} times one; {large}"
+        f"peak memory {result.memory:.0f} MB; from process start to the engine's first step {start.first_step:.1f} s, "
+        f"of which opening and stepping {start.cached:.2f} s; {start.compiled:.1f} s if it must compile"
     )
