@@ -8,16 +8,20 @@ import numpy as np
 from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
+OF_RODS = ("qw", "qx", "qy", "qz")
+"""Further columns of crossings."""
 CONTACT_COLUMNS = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
 
 
 class Grains(NamedTuple):
-    """Grains that have not left, by id: ids [n]; x [m], and at the whole step v [m/s], w [rad/s], shape [n, 3]."""
+    """Grains that have not left, by id: ids [n]; x [m], and at the whole step v [m/s], w [rad/s], shape [n, 3]; of rods
+    also q [n, 4]."""
 
     ids: np.ndarray
     x: np.ndarray
     v: np.ndarray
     w: np.ndarray
+    q: np.ndarray | None = None
 
 
 class Readable(Protocol):
@@ -33,7 +37,7 @@ class Readable(Protocol):
         ...
 
     def crossings(self) -> np.ndarray:
-        """First passages of the last beat, in CROSSING_COLUMNS."""
+        """First passages of the last beat, in CROSSING_COLUMNS; of rods also OF_RODS."""
         ...
 
     def grains(self, moving: bool) -> Grains:
@@ -58,7 +62,8 @@ def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
 def _rows(member: Readable, probe: Probe) -> Table:
     match probe:
         case Crossing():
-            return _columns(CROSSING_COLUMNS, member.crossings(), ("id", "step"))
+            rows = member.crossings()
+            return _columns((*CROSSING_COLUMNS, *OF_RODS)[: rows.shape[1]], rows, ("id", "step"))
         case Sample():
             return _stamped(member, _sampled(member.grains(bool({"v", "omega"} & set(probe.fields))), probe))
         case Slab():
@@ -75,17 +80,19 @@ def _columns(names: Sequence[str], rows: np.ndarray, whole: Sequence[str]) -> Ta
 
 
 def _sampled(grains: Grains, probe: Sample) -> Table:
-    parts = {"x": ("", grains.x), "v": ("v", grains.v), "omega": ("w", grains.w)}
+    parts = {"x": ("", "xyz", grains.x), "v": ("v", "xyz", grains.v), "omega": ("w", "xyz", grains.w)}
+    if grains.q is not None:
+        parts["q"] = ("q", "wxyz", grains.q)
     table = {"id": grains.ids}
     for name in probe.fields:
-        prefix, array = parts[name]
-        table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate("xyz")}
+        prefix, axes, array = parts[name]
+        table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate(axes)}
     return table
 
 
 def _within(grains: Grains, slab: Slab) -> Table:
     inside = slab.holds(grains.x[:, 2])
-    return _sampled(Grains(*(column[inside] for column in grains)), Sample(fields=("x", "v")))
+    return _sampled(Grains(*(None if column is None else column[inside] for column in grains)), Sample(fields=("x", "v")))
 
 
 def _stamped(member: Readable, table: Table) -> Table:

@@ -18,6 +18,7 @@ real = wp.{real}
 wide = wp.float64
 vec3 = wp.{vec3}
 wide3 = wp.vec3d
+wide4 = wp.vec4d
 word = wp.{word}
 int64 = wp.int64
 uint32 = wp.uint32

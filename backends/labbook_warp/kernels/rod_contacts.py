@@ -1,0 +1,168 @@
+"""What a rod meets: the contact with one of its neighbours, and up to PARTS contacts with each of the walls near it."""
+
+from __future__ import annotations
+
+from labbook_dem.parts import has, heir
+from labbook_dem.rods import rod_on_rod, rod_on_wall
+from labbook_dem.rotation import spin
+from labbook_dem.segments import closest
+from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide
+
+from labbook_warp.kernels.mixed_rods import (
+    momentum,
+    orientation,
+    position,
+    predicted,
+    predicted_momentum,
+    velocity,
+)
+from labbook_warp.kernels.rod_walls import edge_distance, part_distance
+from labbook_warp.kernels.rods import Grain, facing
+from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
+from labbook_warp.kernels.system import Material, System, entry
+from labbook_warp.kernels.walls import wall_distance, wall_velocity
+from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, uint32, wp
+
+
+@func
+def with_neighbour(a: System, p: Words, m: Material, at: int, i: int, j: int, held: bool, g: Grain):
+    """The contact of grain i with grain j, whose spring stands at `at` and is valid if `held`.
+
+    Closest points are always looked for from the rod that comes first, so that both sides find the same.
+    """
+    c = Contact()
+    away = g.x - position(p, j)
+    other = facing(orientation(p, j))
+    ahead = i < j
+    first, second, branch = closest(
+        away if ahead else -away, g.axis if ahead else other, other if ahead else g.axis, m.half
+    )
+    gap = m.reach2 - dot(branch, branch)
+    c.touches = gap > wide(0.0)
+    if c.touches:
+        mine = first if ahead else second
+        yours = second if ahead else first
+        branch = branch if ahead else -branch
+        last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+        b = narrow(other)
+        f, t, _t, kept, delta = rod_on_rod(
+            m.c, m.radius, m.mass, narrow(branch), real(gap), narrow(g.axis * mine), narrow(other * yours),
+            g.u - predicted(p, j), g.v - velocity(p, j), g.soon, spin(predicted_momentum(p, j), b, real(m.slender)),
+            g.spin, spin(momentum(p, j), b, real(m.slender)), last, advance, m.inertia_rate,
+        )  # fmt: skip
+        c.overlap = delta
+        c.force = f
+        c.torque = t
+        c.spring = kept
+        c.branch = -away
+    return c
+
+
+@func
+def touching(a: System, m: Material, wall: int, near: int, g: Grain):
+    """Which of the parts `near` touch a wall, as bits."""
+    now = int(0)
+    left = int(near)
+    while left != 0:
+        part = first_bit(wp.uint32(left))
+        left = left & (left - 1)
+        distance, _normal, _at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part)
+        if distance < m.reach:
+            now = now | (1 << part)
+    return now
+
+
+@func
+def with_wall(a: System, m: Material, wall: int, first: int, part: int, source: int, g: Grain):
+    """The contact of one part with a wall. first: where the spring of part 0 stands; source: the part whose spring it
+    goes on with, or -1."""
+    c = Contact()
+    c.touches = True
+    distance, normal, s = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part)
+    overlap = real(m.reach - distance)
+    lever = g.axis * s
+    last, advance = spring_before(a.wall_spring, first + source * a.cap, source >= 0, real(wide(0.5) * m.dt))
+    surface = vec3(real(0.0), real(0.0), real(0.0))
+    turning = vec3(real(0.0), real(0.0), real(0.0))
+    if MOVING:
+        surface = narrow(wall_velocity(a, wall, g.x + lever - normal * distance))
+        turning = vec3(real(0.0), real(0.0), real(a.wall_motion[wall][3]))
+    f, t, kept = rod_on_wall(
+        a.wall_c[wall], m.radius, m.mass, overlap, narrow(normal), narrow(lever), g.u - surface, g.v - surface,
+        g.soon, g.spin, turning, last, advance, m.inertia_rate,
+    )  # fmt: skip
+    c.overlap = overlap
+    c.force = f
+    c.torque = t
+    c.spring = kept
+    c.branch = lever - normal * distance
+    return c
+
+
+@func
+def parts_of(mask: uint32, q: int):
+    """The bits of wall q."""
+    return int((mask >> wp.uint32(q * PARTS)) & wp.uint32((1 << PARTS) - 1))
+
+
+@func
+def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain):
+    """The contact of row r with part and wall number k = wall PARTS + part; old: at which parts springs are held."""
+    q = k // PARTS
+    part = k - q * PARTS
+    now = touching(a, m, s * a.walls + q, parts_of(near, q), g)
+    c = Contact()
+    if has(now, part):
+        first = entry(a, s, a.walls * PARTS, q * PARTS, r)
+        c = with_wall(a, m, s * a.walls + q, first, part, heir(part, parts_of(old, q), now), g)
+    return c
+
+
+@func
+def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: Sums, keep: bool):
+    """`sums` with the contacts with all walls that are near, and at which parts springs are held now."""
+    i = s * a.cap + r
+    held = wp.uint32(0)
+    old = a.wall_held[i]
+    near = a.wall_near[i]
+    turn = int(0)  # the threads that share a grain take whole walls in turn: parts hand their springs on
+    while near != wp.uint32(0):
+        q = first_bit(near) // PARTS
+        parts = parts_of(near, q)
+        near = near & ~(wp.uint32((1 << PARTS) - 1) << wp.uint32(q * PARTS))
+        if turn == lane or not SHARED:
+            now = touching(a, m, s * a.walls + q, parts, g)
+            left = int(now)
+            while left != 0:
+                part = first_bit(wp.uint32(left))
+                left = left & (left - 1)
+                first = entry(a, s, a.walls * PARTS, q * PARTS, r)
+                c = with_wall(a, m, s * a.walls + q, first, part, heir(part, parts_of(old, q), now), g)
+                sums = plus(sums, c, m)
+                held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+                if FRICTION:
+                    if keep:
+                        a.wall_spring[first + part * a.cap] = c.spring
+        turn = (turn + 1) % LANES
+    return sums, held
+
+
+@func
+def near_walls(a: System, m: Material, s: int, g: Grain):
+    """The parts that may touch a wall before the grain's list is built again, as bits.
+
+    An end counts wherever the plate is near, an edge as soon as the rod could reach it however it turned.
+    """
+    near = wp.uint32(0)
+    for q in range(a.place[s].walls):
+        wall = s * a.walls + q
+        for part in range(PARTS):
+            if part < 2:
+                end = m.half if part == 1 else -m.half
+                distance, _normal = wall_distance(a, wall, g.x + g.axis * end)
+                if distance < m.reach + m.half_skin:
+                    near = near | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+            else:
+                if edge_distance(a, wall, part, g.x) < m.half + m.reach + m.half_skin:
+                    near = near | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+    return near
