@@ -7,7 +7,7 @@ import sys
 import warp as wp
 
 wp.set_module_options(
-    {{"enable_backward": False, "fast_math": {fast}, "default_grid_stride": False}}, module=sys.modules[__name__]
+    {{"enable_backward": False, "fast_math": {fast}, "max_unroll": {unroll}, "default_grid_stride": False}}, module=sys.modules[__name__]
 )
 
 func = wp.func
@@ -143,7 +143,7 @@ _HALVED = """
 """
 
 
-def header(precision: str, registers: int = 0) -> str:
+def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
     """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single).
 
     registers: how many a thread of the step may use; 0 leaves it to the compiler.
@@ -153,6 +153,7 @@ def header(precision: str, registers: int = 0) -> str:
     axes = "xyzw" if single else "xy"
     return _HEADER.format(
         fast=single,
+        unroll=unroll,
         registers=f"(cuda_max_registers={registers})" if registers else "",
         real="float32" if single else "float64",
         vec3="vec3f" if single else "vec3d",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from labbook_dem.parts import has, heir
 from labbook_dem.rods import rod_on_rod, rod_on_wall
 from labbook_dem.rotation import spin
-from labbook_dem.segments import closest
-from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide
+from labbook_dem.segments import closest_from
+from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed_rods import (
     momentum,
@@ -34,7 +34,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, i: int, j: int, he
     away = g.x - position(p, j)
     other = facing(orientation(p, j))
     ahead = i < j
-    first, second, branch = closest(
+    first, second, branch = closest_from(
         away if ahead else -away, g.axis if ahead else other, other if ahead else g.axis, m.half
     )
     gap = m.reach2 - dot(branch, branch)
@@ -59,29 +59,12 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, i: int, j: int, he
 
 
 @func
-def touching(a: System, m: Material, wall: int, near: int, g: Grain):
-    """Which of the parts `near` touch a wall, as bits."""
-    now = int(0)
-    left = int(near)
-    while left != 0:
-        part = first_bit(wp.uint32(left))
-        left = left & (left - 1)
-        distance, _normal, _at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part)
-        if distance < m.reach:
-            now = now | (1 << part)
-    return now
-
-
-@func
-def with_wall(a: System, m: Material, wall: int, first: int, part: int, source: int, g: Grain):
-    """The contact of one part with a wall. first: where the spring of part 0 stands; source: the part whose spring it
-    goes on with, or -1."""
+def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, distance: wide, normal: wide3, s: wide):
+    """The contact with a wall at the point s [m] of the segment, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
-    c.touches = True
-    distance, normal, s = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part)
     overlap = real(m.reach - distance)
     lever = g.axis * s
-    last, advance = spring_before(a.wall_spring, first + source * a.cap, source >= 0, real(wide(0.5) * m.dt))
+    last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
     surface = vec3(real(0.0), real(0.0), real(0.0))
     turning = vec3(real(0.0), real(0.0), real(0.0))
     if MOVING:
@@ -91,6 +74,7 @@ def with_wall(a: System, m: Material, wall: int, first: int, part: int, source: 
         a.wall_c[wall], m.radius, m.mass, overlap, narrow(normal), narrow(lever), g.u - surface, g.v - surface,
         g.soon, g.spin, turning, last, advance, m.inertia_rate,
     )  # fmt: skip
+    c.touches = True
     c.overlap = overlap
     c.force = f
     c.torque = t
@@ -110,11 +94,18 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     """The contact of row r with part and wall number k = wall PARTS + part; old: at which parts springs are held."""
     q = k // PARTS
     part = k - q * PARTS
-    now = touching(a, m, s * a.walls + q, parts_of(near, q), g)
+    now = int(0)
+    for other in range(PARTS):
+        if has(parts_of(near, q), other):
+            distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, other)
+            if distance < m.reach:
+                now = now | (1 << other)
     c = Contact()
     if has(now, part):
-        first = entry(a, s, a.walls * PARTS, q * PARTS, r)
-        c = with_wall(a, m, s * a.walls + q, first, part, heir(part, parts_of(old, q), now), g)
+        distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, part)
+        source = heir(part, parts_of(old, q), now)
+        spring = entry(a, s, a.walls * PARTS, q * PARTS + source, r)
+        c = with_wall(a, m, s * a.walls + q, spring, source >= 0, g, distance, normal, at)
     return c
 
 
@@ -128,22 +119,35 @@ def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: 
     turn = int(0)  # the threads that share a grain take whole walls in turn: parts hand their springs on
     while near != wp.uint32(0):
         q = first_bit(near) // PARTS
-        parts = parts_of(near, q)
+        left = parts_of(near, q)
         near = near & ~(wp.uint32((1 << PARTS) - 1) << wp.uint32(q * PARTS))
-        if turn == lane or not SHARED:
-            now = touching(a, m, s * a.walls + q, parts, g)
-            left = int(now)
-            while left != 0:
-                part = first_bit(wp.uint32(left))
-                left = left & (left - 1)
+        if turn != lane and SHARED:
+            left = 0
+        turn = (turn + 1) % LANES
+        # once to see which parts touch, and once more for their forces: who inherits a spring depends on all
+        now = int(0)
+        looking = bool(True)
+        while left != 0:
+            part = first_bit(wp.uint32(left))
+            left = left & (left - 1)
+            distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, part)
+            if looking:
+                if distance < m.reach:
+                    now = now | (1 << part)
+                if left == 0:
+                    left = now
+                    looking = False
+            else:
+                source = heir(part, parts_of(old, q), now)
                 first = entry(a, s, a.walls * PARTS, q * PARTS, r)
-                c = with_wall(a, m, s * a.walls + q, first, part, heir(part, parts_of(old, q), now), g)
+                c = with_wall(
+                    a, m, s * a.walls + q, first + source * a.cap, source >= 0, g, distance, normal, at
+                )  # fmt: skip
                 sums = plus(sums, c, m)
                 held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
                 if FRICTION:
                     if keep:
                         a.wall_spring[first + part * a.cap] = c.spring
-        turn = (turn + 1) % LANES
     return sums, held
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from labbook_dem.motion import predict
 from labbook_dem.rotation import axis, spin, turn
-from labbook_dem.segments import closest
+from labbook_dem.segments import closest_from
 from labbook_dem.words import dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed_rods import (
@@ -129,6 +129,6 @@ def apart2(p: Words, m: Material, g: Grain, j: int):
     away = g.x - position(p, j)
     d2 = dot(away, away)
     if d2 < m.centres2:
-        _s, _t, branch = closest(away, g.axis, facing(orientation(p, j)), m.half)
+        _s, _t, branch = closest_from(away, g.axis, facing(orientation(p, j)), m.half)
         d2 = dot(branch, branch)
     return d2
