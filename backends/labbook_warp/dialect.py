@@ -11,6 +11,7 @@ wp.set_module_options(
 )
 
 func = wp.func
+rare_func = wp.func(inline=False)
 kernel = wp.kernel
 hot_kernel = wp.kernel{registers}
 struct = wp.struct
@@ -57,6 +58,10 @@ def widen(v: vec3):
 def load_word(array: Words, k: int) -> word: ...
 
 
+@wp.func_native({again!r})
+def load_again(array: Words, k: int) -> word: ...
+
+
 @wp.func_native({store!r})
 def store_word(array: Words, k: int, v: word): ...
 
@@ -97,6 +102,15 @@ def halved(v: wp.float64, high: int) -> float: ...
 _LOAD = """
 #if defined(__CUDA_ARCH__)
     {vector} t = __ldg(reinterpret_cast<const {vector}*>(array.data + k)); return {type}({parts});
+#else
+    return array.data[k];
+#endif
+"""
+# The same, but never the load of before: what is needed only at the end need not wait in registers.
+_AGAIN = """
+#if defined(__CUDA_ARCH__)
+    {vector} t; asm volatile("ld.global.{ptx} {{{holes}}}, [%{last}];" : {outputs} : "l"(array.data + k));
+    return {type}({parts});
 #else
     return array.data[k];
 #endif
@@ -159,6 +173,15 @@ def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
         vec3="vec3f" if single else "vec3d",
         word="vec4f" if single else "vec2d",
         load=_LOAD.format(vector=vector, type=kind, parts=", ".join(f"t.{axis}" for axis in axes)),
+        again=_AGAIN.format(
+            vector=vector,
+            type=kind,
+            parts=", ".join(f"t.{axis}" for axis in axes),
+            ptx="v4.f32" if single else "v2.f64",
+            holes=", ".join(f"%{place}" for place in range(len(axes))),
+            last=len(axes),
+            outputs=", ".join(f'"={"f" if single else "d"}"(t.{axis})' for axis in axes),
+        ),
         store=_STORE.format(vector=vector, parts=", ".join(f"v[{place}]" for place in range(len(axes)))),
         load_int=_LOAD_INT,
         add_lanes=_ADD_LANES,

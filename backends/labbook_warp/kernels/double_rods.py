@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from labbook_dem.words import func, real, vec3, wide3
 
-from labbook_warp.kernels.words import Words, load_word, store_word, wide4, word
+from labbook_warp.kernels.words import Words, load_again, load_word, store_word, wide4, word
 
 
 @func
@@ -22,6 +22,17 @@ def orientation(p: Words, i: int):
     c = load_word(p, i * 10 + 2)
     d = load_word(p, i * 10 + 3)
     return wide4(b[1], c[0], c[1], d[0])
+
+
+@func
+def turning_again(p: Words, i: int):
+    """Orientation and momentum of grain i, loaded anew: only the end of a step needs the one, and the other as it is."""
+    b = load_again(p, i * 10 + 1)
+    c = load_again(p, i * 10 + 2)
+    d = load_again(p, i * 10 + 3)
+    f = load_again(p, i * 10 + 5)
+    g = load_again(p, i * 10 + 6)
+    return wide4(b[1], c[0], c[1], d[0]), vec3(f[0], f[1], g[0])
 
 
 @func

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from labbook_dem.words import func, real, vec3, wide3
 
-from labbook_warp.kernels.words import Words, halved, joined, load_word, store_word, wide4, word
+from labbook_warp.kernels.words import Words, halved, joined, load_again, load_word, store_word, wide4, word
 
 
 @func
@@ -22,6 +22,17 @@ def orientation(p: Words, i: int):
     c = load_word(p, i * 7 + 2)
     d = load_word(p, i * 7 + 3)
     return wide4(joined(b[2], b[3]), joined(c[0], c[1]), joined(c[2], c[3]), joined(d[0], d[1]))
+
+
+@func
+def turning_again(p: Words, i: int):
+    """Orientation and momentum of grain i, loaded anew: only the end of a step needs the one, and the other as it is."""
+    b = load_again(p, i * 7 + 1)
+    c = load_again(p, i * 7 + 2)
+    d = load_again(p, i * 7 + 3)
+    e = load_again(p, i * 7 + 4)
+    q = wide4(joined(b[2], b[3]), joined(c[0], c[1]), joined(c[2], c[3]), joined(d[0], d[1]))
+    return q, vec3(e[1], e[2], e[3])
 
 
 @func

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from labbook_dem.walls.frustum import frustum_distance, frustum_rod
+from labbook_dem.walls.frustum import frustum_distance, frustum_end, frustum_rod
 from labbook_dem.walls.plane import plane_rod
 from labbook_dem.walls.strip import strip_distance, strip_rod
 from labbook_dem.words import func, wide, wide3
 
 from labbook_warp.kernels.system import System
-from labbook_warp.kernels.words import FRUSTUMS, PLANES, STRIPS
+from labbook_warp.kernels.words import FRUSTUMS, PLANES, STRIPS, rare_func
+
+
+@rare_func
+def rim_distance(rim: wide3, along: wide3, length: wide, x: wide3, axis: wide3, half: wide, radius: wide, part: int):
+    """`part_distance` of a rim from a rod that lies across it."""
+    distance, normal, s = frustum_rod(rim, along, length, x, axis, half, radius, part)
+    return distance, normal, s
 
 
 @func
@@ -29,7 +36,11 @@ def part_distance(a: System, wall: int, x: wide3, axis: wide3, half: wide, radiu
     if FRUSTUMS:
         if kind == 2:
             rim = wide3(b[0], wide(0.0), b[1])
-            distance, normal, s = frustum_rod(rim, wide3(b[2], wide(0.0), b[3]), b[4], x, axis, half, radius, part)
+            along = wide3(b[2], wide(0.0), b[3])
+            if part < 2:
+                distance, normal, s = frustum_end(rim, along, b[4], x, axis, half, part)
+            else:
+                distance, normal, s = rim_distance(rim, along, b[4], x, axis, half, radius, part)
     return distance, normal, s
 
 

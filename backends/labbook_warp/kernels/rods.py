@@ -14,6 +14,7 @@ from labbook_warp.kernels.mixed_rods import (
     predicted,
     predicted_momentum,
     put,
+    turning_again,
     velocity,
 )
 from labbook_warp.kernels.system import Material, System
@@ -55,6 +56,19 @@ def grain(p: Words, m: Material, i: int):
     g.spin = spin(g.w, narrow(g.axis), real(m.slender))
     g.soon = spin(g.y, narrow(g.axis), real(m.slender))
     return g
+
+
+@func
+def refreshed(p: Words, i: int, g: Grain):
+    """The grain with what `forces` need not know of it loaded anew, so that it does not occupy registers meanwhile."""
+    q, w = turning_again(p, i)
+    new = Grain()
+    new.x = g.x
+    new.q = q
+    new.v = g.v
+    new.w = w
+    new.axis = g.axis
+    return new
 
 
 @func

@@ -40,6 +40,12 @@ def grain(p: Words, m: Material, i: int):
 
 
 @func
+def refreshed(p: Words, i: int, g: Grain):
+    """The grain: all of it is known since `forces`."""
+    return g
+
+
+@func
 def store(q: Words, i: int, g: Grain, more: real):
     """Write grain i."""
     put(q, i, g.x, g.v, g.w, g.u, more)

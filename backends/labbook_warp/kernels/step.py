@@ -7,7 +7,7 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_warp.kernels.forces import forces
 from labbook_warp.kernels.mixed import rest
-from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, spinning, store
+from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, refreshed, spinning, store
 from labbook_warp.kernels.system import Material, System, material
 from labbook_warp.kernels.words import (
     BAD_OVERLAP,
@@ -128,7 +128,7 @@ def step(a: System, p: Words, q: Words, sub: int):
                     a.wall_held[i] = wall_held
                 if LEDGER:
                     a.deep[i] = wide(deepest)
-                advance(a, q, m, s, i, now, g, rest(p, i), f, t)
+                advance(a, q, m, s, i, now, refreshed(p, i, g), rest(p, i), f, t)
         else:
             if lane == 0:
                 store(q, i, g, real(0.0))

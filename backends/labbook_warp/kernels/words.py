@@ -16,6 +16,11 @@ def hot_kernel(function: F) -> F:
     return function
 
 
+def rare_func(function: F) -> F:
+    """Marks a function that few grains ever call: it is not inlined, so that it takes no registers from the others."""
+    return function
+
+
 wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Any
@@ -23,6 +28,7 @@ word: Any = None
 widen: Any = None
 wide4: Any = None  # a unit quaternion
 load_word: Any = None
+load_again: Any = None
 store_word: Any = None
 load_int: Any = None
 add_lanes: Any = None
