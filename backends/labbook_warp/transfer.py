@@ -60,14 +60,12 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     if not names:
         return
     wall_held, wall_spring = arrays.read("wall_held", slot, n), arrays.read("wall_spring", slot, n)
-    near = arrays.read("wall_near", slot, n)
     parts = arrays.sizes.parts
     for k in range(len(names) * parts):
         mine = (packing.wall_name == names[k // parts]) & (packing.wall_part == k % parts)
-        at, bit = rows[packing.wall_grain[mine]], np.uint32(1 << k)
-        listed = (near[at] & bit) != 0
-        wall_spring[k, at[listed]] = packing.wall_spring[mine][listed]
-        wall_held[at[listed]] |= bit
+        at = rows[packing.wall_grain[mine]]
+        wall_spring[k, at] = packing.wall_spring[mine]
+        wall_held[at] |= np.uint32(1 << k)  # near or not: another part may go on with it
     arrays.write("wall_spring", slot, wall_spring)
     arrays.write("wall_held", slot, wall_held)
 

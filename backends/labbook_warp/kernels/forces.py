@@ -30,7 +30,7 @@ def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain
         j = s * a.cap + following
         if k + LANES < count:
             following = load_int(a.nbr, at + LANES * a.cap)
-        c = with_neighbour(a, p, m, at, i, j, has_bit(old, k), g)
+        c = with_neighbour(a, p, m, at, j, has_bit(old, k), g)
         if c.touches:
             sums = plus(sums, c, m)
             held = held | (wp.uint32(1) << wp.uint32(k))

@@ -119,7 +119,8 @@ def build(a: System, p: Words):
                 near = near_walls(a, m, s, g)
         if ANY_WALLS:
             a.wall_near[i] = near
-            a.wall_held[i] = a.wall_held[i] & near
+            if g.x[2] <= wide(0.5) * wide(PARKED):
+                a.wall_held[i] = near
         carry(a, s, r, i, found)
 
 

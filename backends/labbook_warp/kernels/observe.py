@@ -91,7 +91,7 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                 at = entry(a, s, a.near, k, r)
                 j = s * a.cap + a.nbr[at]
                 if a.ids[i] < a.ids[j]:
-                    c = with_neighbour(a, p, m, at, i, j, has_bit(a.held[i], k), g)
+                    c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), g)
                     if c.touches:
                         row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
             if ANY_WALLS:

@@ -25,15 +25,16 @@ from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, firs
 
 
 @func
-def with_neighbour(a: System, p: Words, m: Material, at: int, i: int, j: int, held: bool, g: Grain):
-    """The contact of grain i with grain j, whose spring stands at `at` and is valid if `held`.
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
+    """The contact with grain j, whose spring stands at `at` and is valid if `held`.
 
-    Closest points are always looked for from the rod that comes first, so that both sides find the same.
+    Closest points are looked for from the rod that is farther along x, so that both sides find the same to the last bit.
     """
     c = Contact()
     away = g.x - position(p, j)
     other = facing(orientation(p, j))
-    ahead = i < j
+    along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
+    ahead = along > wide(0.0)
     first, second, branch = closest_from(
         away if ahead else -away, g.axis if ahead else other, other if ahead else g.axis, m.half
     )

@@ -85,8 +85,8 @@ def spinning(m: Material, g: Grain, w: wide3):
 
 
 @func
-def with_neighbour(a: System, p: Words, m: Material, at: int, i: int, j: int, held: bool, g: Grain):
-    """The contact of grain i with grain j, whose spring stands at `at` and is valid if `held`."""
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
+    """The contact with grain j, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
     away = g.x - position(p, j)
     gap = m.reach2 - dot(away, away)
