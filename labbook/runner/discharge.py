@@ -128,7 +128,7 @@ class DischargeJob(Job):
         kinds = {table_name(probe) for probe in self._measured}
         more = [probe for probe in map(parse_probe, had.probes) if table_name(probe) not in kinds]
         if self.film is None and had.recording is not None:
-            self.film = film_probe(had.recording, self.numerics)
+            self.film = film_probe(had.recording, self.numerics, self.scene.grains)
         self._observes((*self._measured, *more))
 
     # going on
