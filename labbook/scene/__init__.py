@@ -1,7 +1,7 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
 from labbook.scene.contact import ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
-from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
+from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, Silo, WedgeHopper
 from labbook.scene.grains import Grains, Spheres, Spherocylinders
 from labbook.scene.scene import Scene
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
@@ -19,6 +19,7 @@ __all__ = [
     "Plane",
     "Primitives",
     "Scene",
+    "Silo",
     "Spheres",
     "Spherocylinders",
     "Strip",
