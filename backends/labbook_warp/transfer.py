@@ -21,7 +21,8 @@ def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: floa
     x, v, m = packing.x[order], packing.v[order], packing.omega[order]
     q = None
     if is_rod(scene):
-        assert packing.q is not None
+        if packing.q is None:
+            raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
         q = packing.q[order]
         m = momenta(scene.grains, m, q)
     assert packing.ids is not None
