@@ -92,7 +92,7 @@ def _sampled(grains: Grains, probe: Sample) -> Table:
 
 def _within(grains: Grains, slab: Slab) -> Table:
     inside = slab.holds(grains.x[:, 2])
-    return _sampled(Grains(*(None if column is None else column[inside] for column in grains)), Sample(fields=("x", "v")))
+    return _sampled(Grains(*(column[inside] for column in grains[:4])), Sample(fields=("x", "v")))
 
 
 def _stamped(member: Readable, table: Table) -> Table:
