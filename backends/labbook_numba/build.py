@@ -18,10 +18,11 @@ from labbook_dem import contact, generated, motion, parts, rods, rotation, segme
 from labbook_dem.describe import LAWS
 from labbook_dem.walls import frustum, plane, strip
 
-from labbook_numba import dialect, lanes, rows, squeeze, state, vector
+from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
 from labbook_numba.kernels import (
     blocks,
     cells,
+    meet,
     move,
     near,
     neighbours,
@@ -33,6 +34,7 @@ from labbook_numba.kernels import (
     rod_observe,
     rod_pairs,
     rod_walls,
+    search,
     single,
     step,
     surfaces,
@@ -59,10 +61,10 @@ SWITCHES = (
 
 PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
-SHARED = [contact, motion, plane, strip, frustum, spheres, single, cells, surfaces, blocks, transfer]
+SHARED = [contact, motion, plane, strip, frustum, spheres, single, cells, surfaces, blocks, transfer, search]
 OF_SPHERES = [pairs, walls, near, move, observe]
 OF_RODS = [segments, rotation, parts, rods, rod_blocks, rod_pairs, rod_walls, rod_near, rod_move, rod_observe]
-OF_ALL = [neighbours, step]
+OF_ALL = [neighbours, meet, step]
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX
@@ -94,7 +96,7 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     modules = [LAWS[law], *SHARED, *kind, *OF_ALL]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
-    return text.replace(": State", "").replace(": Params", "")
+    return text.replace(": State", "").replace(": Params", "").replace(": Lists", "").replace(": Grid", "")
 
 
 class _Unsigned(int):
@@ -108,11 +110,13 @@ def _numbers(module: ModuleType) -> dict[str, int]:
     return {name: value for name, value in vars(module).items() if name.isupper() and type(value) is int}
 
 
+COMPILED_IN = (vector, lanes, rows, squeeze, meeting, state)
+"""Modules that a kernel module imports."""
+
+
 def digest(text: str) -> str:
     """Hash of a kernel module and of everything else that decides what it compiles to."""
-    sources = [
-        Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, lanes, rows, squeeze, state)
-    ]
+    sources = [Path(str(module.__file__)).read_text(encoding="utf-8") for module in COMPILED_IN]
     return generated.digest(text, numba.__version__, llvmlite.__version__, platform.python_version(), *sources)
 
 

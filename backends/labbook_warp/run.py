@@ -6,12 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from labbook_dem.ensemble import Failure
+from labbook_dem.features import is_rod
 from labbook_dem.ledger import kinetic, status
+from labbook_dem.rotation import momenta
 
 from labbook.backend import Checkpoint, Probe, Status
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
+from labbook_warp.build import REACH
 from labbook_warp.parameters import cell_size, lattice
 
 
@@ -46,7 +49,7 @@ class Run:
             assert self.begin is not None
             self.rows = len(self.begin)
             positions = self.begin.x
-        self.lattice = lattice(positions, cell_size(self.scene, self.numerics))
+        self.lattice = lattice(positions, cell_size(self.scene, self.numerics), REACH[is_rod(self.scene)])
 
     def takes_up(self, stored: Checkpoint) -> None:
         """Stand where a checkpoint was taken; grains that had left by then have no row any more."""
@@ -75,5 +78,7 @@ class Run:
 
     def first_energy(self) -> float:
         """Kinetic energy [J] of the packing it starts from."""
-        assert isinstance(self.begin, Packing)
-        return kinetic(self.scene.grains, self.begin.v, self.begin.omega)
+        start = self.begin
+        assert isinstance(start, Packing)
+        m = start.omega if start.q is None else momenta(self.scene.grains, start.omega, start.q)
+        return kinetic(self.scene.grains, start.v, m, start.q)

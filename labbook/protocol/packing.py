@@ -1,6 +1,6 @@
 """A packing: positions, velocities and friction springs of grains, free of any engine."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +79,20 @@ class Packing:
             wall_name=np.array(swapped, "U40"),
             wall_spring=self.wall_spring * mirror,
             wall_part=self.wall_part,
+        )
+
+    def renumbered(self, order: np.ndarray) -> "Packing":
+        """The same packing with grain `order[k]` in row k; ids go with the grains, springs with their contacts."""
+        place = np.argsort(order)
+        pairs = place[self.pairs]
+        turned = (pairs[:, 0] > pairs[:, 1])[:, None]
+        rows = ("x", "v", "omega", "ids") if self.q is None else ("x", "v", "omega", "ids", "q")
+        return replace(
+            self,
+            **{name: getattr(self, name)[order] for name in rows},
+            pairs=np.where(turned, pairs[:, ::-1], pairs),
+            pair_spring=np.where(turned, -self.pair_spring, self.pair_spring),
+            wall_grain=place[self.wall_grain],
         )
 
     def arrays(self) -> dict[str, np.ndarray]:

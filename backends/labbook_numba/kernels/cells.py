@@ -1,38 +1,53 @@
 """A grid of cells, in which neighbours are looked for."""
 
 import numpy as np
-from labbook_dem.words import wide
+from labbook_dem.words import func, wide
 
-from labbook_numba.kernels.features import GRAINS, X, kernel
-from labbook_numba.state import State
+from labbook_numba.kernels.features import CELLS, SPARE_CELLS, X, int64, kernel
 
 
 @kernel
-def cells_of(st: State, reach):
-    """Cell of each grain in a grid no finer than `reach` [m], and the grid's three sizes; at most 4 cells a grain."""
-    n = st.count[GRAINS]
-    low = np.empty(3)
-    span = np.empty(3)
-    for c in range(3):
-        a = st.grains[0, X + c]
-        b = a
-        for i in range(1, n):
-            a = min(a, st.grains[i, X + c])
-            b = max(b, st.grains[i, X + c])
-        low[c] = a
-        span[c] = b - a
-    size = np.ones(3, np.int64)
-    while True:
-        cells = wide(1.0)
-        for c in range(3):
-            cells *= np.floor(span[c] / reach) + wide(1.0)
-        if cells <= wide(4.0) * n + wide(64.0):
-            break
-        reach *= wide(1.26)  # doubles the volume of a cell
-    for c in range(3):
-        size[c] = np.int64(span[c] / reach) + 1
-    cell = np.empty((n, 3), np.int32)
+def extent(grains, n, column):
+    """Lowest coordinate [m] of n grains in a column, and how far the highest is from it."""
+    low = grains[0, column]
+    high = low
+    for i in range(1, n):
+        low = min(low, grains[i, column])
+        high = max(high, grains[i, column])
+    return low, high - low
+
+
+@func
+def cells(length, size):
+    """How many cells of a size a length reaches into."""
+    return np.floor(length / size) + wide(1.0)
+
+
+@kernel
+def cells_of(grains, n, size, cell):
+    """Set the cell of each of n grains, in a grid no finer than `size` [m]; the grid's three sizes."""
+    x, dx = extent(grains, n, X + 0)
+    y, dy = extent(grains, n, X + 1)
+    z, dz = extent(grains, n, X + 2)
+    while cells(dx, size) * cells(dy, size) * cells(dz, size) > CELLS * n + SPARE_CELLS:
+        size *= wide(1.26)  # doubles the volume of a cell
+    nx, ny, nz = int64(cells(dx, size)), int64(cells(dy, size)), int64(cells(dz, size))
     for i in range(n):
-        for c in range(3):
-            cell[i, c] = min(np.int64((st.grains[i, X + c] - low[c]) / reach), size[c] - 1)
-    return cell, size
+        # no more than the last, however divisions are rounded
+        cell[i, 0] = min(int64((grains[i, X + 0] - x) / size), nx - 1)
+        cell[i, 1] = min(int64((grains[i, X + 1] - y) / size), ny - 1)
+        cell[i, 2] = min(int64((grains[i, X + 2] - z) / size), nz - 1)
+    return nx, ny, nz
+
+
+@kernel
+def fill_cells(grains, n, size, cell, head, following):
+    """Put n grains into a grid no finer than `size` [m]: each cell's come in falling order; the grid's three sizes."""
+    nx, ny, nz = cells_of(grains, n, size, cell)
+    for k in range(nx * ny * nz):
+        head[k] = -1
+    for i in range(n):
+        at = (cell[i, 0] * ny + cell[i, 1]) * nz + cell[i, 2]
+        following[i] = head[at]
+        head[at] = i
+    return nx, ny, nz

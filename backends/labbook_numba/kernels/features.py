@@ -7,18 +7,29 @@ from labbook_dem.words import FRICTION  # noqa: F401 - part of the vocabulary of
 
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
     BLOCK,
+    BORROWED,
+    CELLS,
     CROSSED,
     FAIL_GRAIN,
     FAIL_VALUE,
+    FIRST,
+    FIRST_PAIR,
     GHOSTS,
     GRAINS,
+    LAST,
+    LAST_PAIR,
     LEAVING,
     LOAD,
     MAX_OVERLAP,
     MOVED,
+    NUMBER,
+    OVERLAP,
     PAD,
     PAIRS,
+    PARTS,
     REBUILDS,
+    SPARE_CELLS,
+    SPEED,
     SPRING,
     STEP,
     STRIDE,
@@ -43,7 +54,12 @@ Function = TypeVar("Function", bound=Callable)
 
 
 def kernel(function: Function) -> Function:
-    """Marks a function compiled on its own, with arrays as arguments."""
+    """Marks a function compiled on its own, with arrays as arguments, that other kernels call."""
+    return function
+
+
+def entry(function: Function) -> Function:
+    """Marks a kernel that Python calls: the compiled code of those is what is kept on disk."""
     return function
 
 
@@ -52,14 +68,14 @@ PLANES = True
 STRIPS = True
 FRUSTUMS = True
 RODS = True  # grains have an orientation
-GRAIN, PARTS = RODS_LAYOUT.GRAIN, RODS_LAYOUT.PARTS
+GRAIN, WALL_PARTS = RODS_LAYOUT.GRAIN, RODS_LAYOUT.WALL_PARTS
 CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
 LANES = 8  # numbers of the precision of laws in a register
 
-DONE, GROW, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)
+DONE, REBUILD, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)
 
 int64: Any = int
 uint64: Any = int

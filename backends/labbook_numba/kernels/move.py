@@ -3,14 +3,14 @@
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import wide
 
-from labbook_numba.kernels.features import GRAIN, GRAINS, LOAD, OUTLET, F, T, U, V, W, X, kernel, uint64
+from labbook_numba.kernels.features import FIRST, GRAIN, LAST, LOAD, OUTLET, F, T, U, V, W, X, kernel, uint64
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
 
 
 @kernel
 def move(st: State, p: Params, kick_dt, dt):
-    """Kick, drift and predict all grains; forces become gravity. Squares of speeds: zero where nothing is touched."""
+    """Kick, drift and predict the part's grains; forces become gravity. Squares of speeds, zero for leavers."""
     g = st.grains
     loads = st.loads
     per_mass = wide(1.0) / p.mass
@@ -19,7 +19,7 @@ def move(st: State, p: Params, kick_dt, dt):
     loads[far, F + 2] = -p.mass * p.gravity
     weight = row_at(loads, uint64(far) * LOAD + F)
     none = weight * wide(0.0)
-    for i in range(uint64(st.count[GRAINS])):
+    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
         at = i * GRAIN
         load = i * LOAD
         a = row_at(loads, load + F) * per_mass
@@ -41,7 +41,7 @@ def contact_work(st: State, p: Params, kick_dt):
     g = st.grains
     loads = st.loads
     work = wide(0.0)
-    for i in range(uint64(st.count[GRAINS])):
+    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
         for c in range(3):
             gravity = -p.gravity if c == 2 else wide(0.0)
             force = loads[i, F + c]

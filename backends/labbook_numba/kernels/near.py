@@ -1,41 +1,32 @@
 """Which spheres are near one another, and near walls."""
 
-import numpy as np
 from labbook_dem.words import wide
 
-from labbook_numba.kernels.cells import cells_of
-from labbook_numba.kernels.features import GRAINS, PAD, X, kernel
+from labbook_numba.kernels.cells import fill_cells
+from labbook_numba.kernels.features import PAD, X, kernel
 from labbook_numba.kernels.single import load
 from labbook_numba.kernels.surfaces import wall_distance
-from labbook_numba.state import Params, State
+from labbook_numba.state import Params
 
 
 @kernel
-def near_pairs(st: State, p: Params, pair_i, pair_j):
-    """Fill the list of pairs i < j closer than a diameter and a skin, i then j ascending; its length."""
-    n = st.count[GRAINS]
+def near_pairs(grains, n, p: Params, pair_i, pair_j, cell, head, following):
+    """Fill the list of pairs i < j of n grains closer than a diameter and a skin, ascending; its length."""
     reach = wide(2.0) * p.radius + p.skin
-    reach2 = reach * reach
-    cell, size = cells_of(st, reach)
-    head = np.full((size[0], size[1], size[2]), -1, np.int32)
-    following = np.empty(n, np.int32)
-    for i in range(n):
-        a, b, c = cell[i, 0], cell[i, 1], cell[i, 2]
-        following[i] = head[a, b, c]
-        head[a, b, c] = i
+    nx, ny, nz = fill_cells(grains, n, reach, cell, head, following)
+    room = len(pair_j) - PAD
     found = 0
     for i in range(n):
         start = found
-        for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, size[0])):
-            for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, size[1])):
-                for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, size[2])):
-                    j = head[a, b, c]
-                    while j > i:  # a cell's grains come in falling order
-                        dx = st.grains[i, X + 0] - st.grains[j, X + 0]
-                        dy = st.grains[i, X + 1] - st.grains[j, X + 1]
-                        dz = st.grains[i, X + 2] - st.grains[j, X + 2]
-                        if dx * dx + dy * dy + dz * dz < reach2:
-                            if found < len(pair_j) - PAD:
+        x, y, z = grains[i, X + 0], grains[i, X + 1], grains[i, X + 2]
+        for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, nx)):
+            for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, ny)):
+                for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, nz)):
+                    j = head[(a * ny + b) * nz + c]
+                    while j > i:
+                        dx, dy, dz = x - grains[j, X + 0], y - grains[j, X + 1], z - grains[j, X + 2]
+                        if dx * dx + dy * dy + dz * dz < reach * reach:
+                            if found < room:
                                 k = found
                                 while k > start and pair_j[k - 1] > j:
                                     pair_j[k] = pair_j[k - 1]
@@ -48,14 +39,14 @@ def near_pairs(st: State, p: Params, pair_i, pair_j):
 
 
 @kernel
-def near_walls(st: State, p: Params, first, grain):
-    """Fill the list of grains that could touch a wall before the next rebuild, wall by wall; its length."""
+def near_walls(grains, n, p: Params, first, grain):
+    """Fill the list of those of n grains that could touch a wall before the next rebuild, wall by wall; its length."""
+    reach = p.radius + wide(0.5) * p.skin
     found = 0
     first[0] = 0
-    reach = p.radius + wide(0.5) * p.skin
     for w in range(len(p.wall_kind)):
-        for i in range(st.count[GRAINS]):
-            distance, _ = wall_distance(p.wall_shape, p.wall_kind, w, load(st.grains, i, X))
+        for i in range(n):
+            distance, _ = wall_distance(p.wall_shape, p.wall_kind, w, load(grains, i, X))
             if distance < reach:
                 if found < len(grain) - PAD:
                     grain[found] = i

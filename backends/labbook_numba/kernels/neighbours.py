@@ -1,6 +1,6 @@
 """Lists of near grains and near walls, rebuilt when a grain may have moved half a skin; springs are carried over."""
 
-import numpy as np
+from labbook_dem.words import wide
 
 from labbook_numba.kernels.features import (
     ANY_WALLS,
@@ -14,15 +14,17 @@ from labbook_numba.kernels.features import (
     OUTLET,
     PAD,
     PAIRS,
-    PARTS,
     REBUILDS,
+    WALL_PARTS,
     WANT_PAIRS,
     WANT_WALLS,
     X,
+    entry,
+    int64,
     kernel,
 )
 from labbook_numba.kernels.near import near_pairs, near_walls
-from labbook_numba.state import Params, State
+from labbook_numba.state import Grid, Lists, Params, State
 
 
 @kernel
@@ -34,12 +36,12 @@ def pad_pairs(pair_i, pair_j, pairs, rows):
 
 
 @kernel
-def drop_leavers(st: State, p: Params):
-    """Take out grains below p.drop, keeping the order of the others, and renumber lists."""
+def drop_leavers(st: State, p: Params, place):
+    """Take out grains below p.drop, keeping the order of the others, and renumber lists; `place`: their new rows."""
     n = st.count[GRAINS]
-    place = np.full(n, -1, np.int64)
     kept = 0
     for i in range(n):
+        place[i] = -1
         if not st.grains[i, X + 2] < p.drop:
             place[i] = kept
             for c in range(GRAIN):
@@ -73,9 +75,9 @@ def drop_leavers(st: State, p: Params):
             if a >= 0:
                 st.wall_grain[walls] = a
                 st.wall_held[walls] = st.wall_held[k]
-                for part in range(PARTS):
+                for part in range(WALL_PARTS):
                     for c in range(3):
-                        st.wall_spring[walls * PARTS + part, c] = st.wall_spring[k * PARTS + part, c]
+                        st.wall_spring[walls * WALL_PARTS + part, c] = st.wall_spring[k * WALL_PARTS + part, c]
                 walls += 1
         first = last
         st.wall_first[w + 1] = walls
@@ -88,52 +90,42 @@ def carry(parts, old, old_last, old_i, old_j, old_held, old_spring, first, last,
         i, j = new_i[k], new_j[k]
         while old < old_last and (old_i[old] < i or (old_i[old] == i and old_j[old] < j)):
             old += 1
-        same = old < old_last and old_i[old] == i and old_j[old] == j
-        held[k] = old_held[old] if same else 0
-        for part in range(parts):
-            for c in range(3):
-                spring[k * parts + part, c] = old_spring[old * parts + part, c] if same else 0.0
+        if old < old_last and old_i[old] == i and old_j[old] == j:
+            held[k] = old_held[old]
+            for part in range(parts):
+                for c in range(3):
+                    spring[k * parts + part, c] = old_spring[old * parts + part, c]
 
 
-@kernel
-def rebuild(st: State, p: Params):
-    """Rebuild all lists. False, and the lengths needed in WANT_*, if an array is too short: lists stay as they were."""
+@entry
+def rebuild(st: State, p: Params, new: Lists, grid: Grid):
+    """Make all lists new. False, and the lengths needed in WANT_*, if an array of `new` is too short."""
     if OUTLET and st.count[LEAVING] > 0:
-        drop_leavers(st, p)
+        drop_leavers(st, p, grid.place)
     n = st.count[GRAINS]
-    if n == 0:
-        return True
-    pair_i = np.empty(len(st.pair_i), np.int32)
-    pair_j = np.empty(len(st.pair_j), np.int32)
-    pairs = near_pairs(st, p, pair_i, pair_j)
-    wall_first = np.zeros(len(st.wall_first), np.int64)
-    wall_grain = np.empty(len(st.wall_grain), np.int32)
-    walls = near_walls(st, p, wall_first, wall_grain) if ANY_WALLS else 0
-    if pairs > len(pair_j) - PAD or walls > len(wall_grain) - PAD:
+    pairs = 0
+    if n > 0:
+        pairs = near_pairs(st.grains, n, p, new.pair_i, new.pair_j, grid.cell, grid.head, grid.following)
+    walls = 0
+    if ANY_WALLS:
+        walls = near_walls(st.grains, n, p, new.wall_first, new.wall_grain)
+    if pairs > len(new.pair_j) - PAD or walls > len(new.wall_grain) - PAD:
         st.count[WANT_PAIRS] = pairs
         st.count[WANT_WALLS] = walls
         return False
     if FRICTION:
-        m = st.count[PAIRS]
-        spring = st.spring[:m].copy()
         carry(
-            1, 0, m, st.pair_i, st.pair_j, st.held[:m].copy(), spring,
-            0, pairs, pair_i, pair_j, st.held, st.spring,
+            int64(1), int64(0), st.count[PAIRS], st.pair_i, st.pair_j, st.held, st.spring,
+            int64(0), int64(pairs), new.pair_i, new.pair_j, new.held, new.spring,
         )  # fmt: skip
-        m = st.wall_first[len(p.wall_kind)]
-        wall_held = st.wall_held[:m].copy()
-        wall_spring = st.wall_spring[: m * PARTS].copy()
         for w in range(len(p.wall_kind)):
             carry(
-                PARTS, st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, wall_held, wall_spring,
-                wall_first[w], wall_first[w + 1], wall_grain, wall_grain, st.wall_held, st.wall_spring,
+                int64(WALL_PARTS), st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, st.wall_held,
+                st.wall_spring, new.wall_first[w], new.wall_first[w + 1], new.wall_grain, new.wall_grain, new.wall_held,
+                new.wall_spring,
             )  # fmt: skip
-    st.pair_i[:pairs] = pair_i[:pairs]
-    st.pair_j[:pairs] = pair_j[:pairs]
-    pad_pairs(st.pair_i, st.pair_j, pairs, len(st.grains))
-    st.wall_first[:] = wall_first
-    st.wall_grain[:walls] = wall_grain[:walls]
+    pad_pairs(new.pair_i, new.pair_j, pairs, len(st.grains))
     st.count[PAIRS] = pairs
-    st.sums[MOVED] = 0.0
+    st.sums[MOVED] = wide(0.0)
     st.count[REBUILDS] += 1
     return True

@@ -7,16 +7,15 @@ from labbook_dem.segments import closest
 from labbook_dem.words import dot, narrow, real, wide
 
 from labbook_numba.kernels.blocks import reals
-from labbook_numba.kernels.features import ANY_WALLS, GRAINS, PAIRS, PARTS, STEP, A, F, M, P, T, U, V, W, X, kernel
+from labbook_numba.kernels.features import ANY_WALLS, PAIRS, WALL_PARTS, A, F, M, P, T, U, V, W, X, entry
 from labbook_numba.kernels.rod_blocks import rolling_inertia
 from labbook_numba.kernels.rod_move import store
-from labbook_numba.kernels.rod_pairs import pair_forces
-from labbook_numba.kernels.rod_walls import heritage, measure_rod, wall_contact, wall_forces
+from labbook_numba.kernels.rod_walls import heritage, measure_rod, wall_contact
 from labbook_numba.kernels.single import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
 
-@kernel
+@entry
 def contact_rows(st: State, p: Params, out):
     """Rows i, j, wall, force on i [N], branch vector from i [m] of all touching contacts; how many there are."""
     found = 0
@@ -49,7 +48,7 @@ def contact_rows(st: State, p: Params, out):
             i = st.wall_grain[k]
             now = measure_rod(st, p, w, i)
             was = int(st.wall_held[k])
-            for part in range(PARTS):
+            for part in range(WALL_PARTS):
                 if (now >> part) & 1:
                     spring, held = heritage(st.wall_spring, k, part, was, now)
                     force, _, _, point = wall_contact(
@@ -60,17 +59,10 @@ def contact_rows(st: State, p: Params, out):
     return found
 
 
-@kernel
-def whole_step(st: State, p: Params, v, w):
-    """Velocities [m/s] and spins [rad/s] at the whole step into v and w: half a kick by the forces there.
-
-    The forces are computed in st.loads, and springs advanced: call it on a copy of the state.
-    """
-    pair_forces(st, p)
-    if ANY_WALLS:
-        wall_forces(st, p)
-    part = wide(0.5) * p.dt if st.count[STEP] > 0 else wide(0.0)
-    for i in range(st.count[GRAINS]):
-        store(v, i, 0, load(st.grains, i, V) + load(st.loads, i, F) * (part / p.mass))
-        m = load(st.grains, i, M) + load(st.loads, i, T) * (part / p.inertia)
-        store(w, i, 0, spin(m, load(st.grains, i, A), p.slender))
+@entry
+def whole_step(grains, loads, part, p: Params, v, w):
+    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
+    for i in range(len(v)):
+        store(v, i, 0, load(grains, i, V) + load(loads, i, F) * (part / p.mass))
+        m = load(grains, i, M) + load(loads, i, T) * (part / p.inertia)
+        store(w, i, 0, spin(m, load(grains, i, A), p.slender))

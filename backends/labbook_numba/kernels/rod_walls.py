@@ -16,10 +16,10 @@ from labbook_numba.kernels.features import (
     LEDGER,
     MAX_OVERLAP,
     MOVING,
-    PARTS,
     PLANES,
     STRIPS,
     TOUCHING,
+    WALL_PARTS,
     A,
     F,
     P,
@@ -57,7 +57,7 @@ def measure_rod(st: State, p: Params, w, i):
     x = load(st.grains, i, X)
     a = load(st.grains, i, A)
     now = 0
-    for part in range(PARTS):
+    for part in range(WALL_PARTS):
         distance, normal, s = wall_part(p.wall_shape, p.wall_kind, w, x, a, p.half, p.radius, part)
         if distance < p.radius:
             now |= 1 << part
@@ -97,7 +97,7 @@ def heritage(spring, k, part, was, now):
     """Spring that a part goes on with, and 1 if there is one, else 0."""
     old = heir(part, was, now)
     kept = wide(1.0) if old >= 0 else wide(0.0)
-    row = k * PARTS + max(old, 0)
+    row = k * WALL_PARTS + max(old, 0)
     return narrow(wide3(spring[row, 0] * kept, spring[row, 1] * kept, spring[row, 2] * kept)), real(kept)
 
 
@@ -122,7 +122,7 @@ def wall_forces(st: State, p: Params):
             spring1, held1 = heritage(st.wall_spring, k, 1, was, now)
             spring2, held2 = heritage(st.wall_spring, k, 2, was, now)
             spring3, held3 = heritage(st.wall_spring, k, 3, was, now)
-            for part in range(PARTS):
+            for part in range(WALL_PARTS):
                 if has(now, part):
                     spring, held = spring0, held0
                     if part == 1:
@@ -141,9 +141,9 @@ def wall_forces(st: State, p: Params):
                     st.loads[i, T + 1] += torque.y
                     st.loads[i, T + 2] += torque.z
                     if FRICTION:
-                        st.wall_spring[k * PARTS + part, 0] = kept.x
-                        st.wall_spring[k * PARTS + part, 1] = kept.y
-                        st.wall_spring[k * PARTS + part, 2] = kept.z
+                        st.wall_spring[k * WALL_PARTS + part, 0] = kept.x
+                        st.wall_spring[k * WALL_PARTS + part, 1] = kept.y
+                        st.wall_spring[k * WALL_PARTS + part, 2] = kept.z
                     touching += 1
                     overlap = p.radius - st.near[part * 5]
                     if not overlap <= st.sums[MAX_OVERLAP]:

@@ -12,38 +12,43 @@ from labbook_numba.kernels.features import (
     DONE,
     FAIL_GRAIN,
     FAIL_VALUE,
+    FIRST,
     GRAINS,
-    GROW,
+    LAST,
     LEAVING,
     LEDGER,
     MAX_OVERLAP,
     MOVED,
     OUTLET,
+    OVERLAP,
+    REBUILD,
     RODS,
+    SPEED,
     STEP,
     WORK,
     Q,
     V,
     W,
     X,
+    entry,
     kernel,
     uint64,
 )
+from labbook_numba.kernels.meet import agree
 from labbook_numba.kernels.move import contact_work, move
-from labbook_numba.kernels.neighbours import rebuild
 from labbook_numba.kernels.pairs import pair_forces
 from labbook_numba.kernels.walls import wall_forces
 from labbook_numba.state import Params, State
 
 
 @kernel
-def largest(n, speed2, bits):
-    """Largest of `speed2`, or a NaN if one is among them: by the bits, which unlike floats vectorise."""
+def largest(first, last, speed2, bits):
+    """Largest of speed2[first:last], or a NaN if one is among them: by the bits, which unlike floats vectorise."""
     most = bits[0] - bits[0]
-    for i in range(uint64(n)):
+    for i in range(uint64(first), uint64(last)):
         most = max(most, bits[i] & 0x7FFFFFFFFFFFFFFF)
-    bits[n] = most
-    return speed2[n]
+    bits[last] = most  # one behind the rows of a part is its own: so is the array
+    return speed2[last]
 
 
 @kernel
@@ -52,7 +57,7 @@ def leave(st: State, p: Params, dt):
     step = st.count[STEP]
     leaving = 0
     g = st.grains
-    for i in range(uint64(st.count[GRAINS])):
+    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
         z = g[i, X + 2]
         if CROSSING and z < p.plane and st.gone[i] == 0:
             st.gone[i] = 1
@@ -78,8 +83,7 @@ def leave(st: State, p: Params, dt):
 
 @kernel
 def integrate(st: State, p: Params):
-    """Advance all grains by one step. Gives the square of the largest speed, or a NaN."""
-    n = st.count[GRAINS]
+    """Advance the part's grains by one step. Gives the square of the largest speed, or a NaN."""
     dt = wide(p.dt)
     # the first kick brings velocities from a whole to a half step
     kick_dt = dt if st.count[STEP] > 0 else wide(0.5) * dt
@@ -89,29 +93,34 @@ def integrate(st: State, p: Params):
     if CROSSING or OUTLET:
         leave(st, p, dt)
     st.count[STEP] += 1
-    return largest(n, st.speed2, st.speed_bits)
+    return largest(st.part[FIRST], st.part[LAST], st.speed2, st.speed_bits)
 
 
-@kernel
+@entry
 def advance(st: State, p: Params, target):
-    """Take steps up to step `target`; DONE, or why not. After GROW and longer arrays it may be called again."""
+    """Take steps up to step `target`; DONE, or why not. After REBUILD and a rebuild it is called again.
+
+    If that is the present step, forces and torques of now are left in loads, and the springs advanced: on a copy of
+    the state, this is how they are read. The threads of all parts of a scene call it together and end alike.
+    """
     limit2 = p.speed_limit * p.speed_limit
-    leavers = st.count[LEAVING] > 0  # so that grains far below the outlet go, even when nothing else moves
-    while st.count[STEP] < target and st.count[GRAINS] > 0:
-        if leavers or not st.sums[MOVED] < wide(0.5) * p.skin:
-            leavers = False
-            if not rebuild(st, p):
-                return GROW
+    reading = st.count[STEP] == target
+    while (reading or st.count[STEP] < target) and st.count[GRAINS] > 0:
+        if not st.sums[MOVED] < wide(0.5) * p.skin:
+            return REBUILD
         pair_forces(st, p)
         if ANY_WALLS:
             wall_forces(st, p)
-        if not st.sums[MAX_OVERLAP] <= p.overlap_limit:
-            st.sums[FAIL_VALUE] = st.sums[MAX_OVERLAP]
+        if reading:
+            return DONE
+        overlap = agree(st, OVERLAP, st.sums[MAX_OVERLAP])
+        if not overlap <= p.overlap_limit:
+            st.sums[FAIL_VALUE] = overlap
             return BAD_OVERLAP
-        fastest2 = integrate(st, p)
+        fastest2 = agree(st, SPEED, integrate(st, p))
         if not fastest2 <= limit2:
             st.sums[FAIL_VALUE] = sqrt(fastest2)
-            for i in range(st.count[GRAINS]):
+            for i in range(st.part[FIRST], st.part[LAST]):
                 if not st.speed2[i] <= limit2:
                     st.count[FAIL_GRAIN] = st.ids[i]
             return BAD_SPEED if fastest2 > limit2 else BAD_STATE

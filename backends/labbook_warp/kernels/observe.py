@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
-from labbook_warp.kernels.contacts import with_neighbour, with_wall
 from labbook_warp.kernels.forces import forces
-from labbook_warp.kernels.mixed import position, predicted, spin, velocity
+from labbook_warp.kernels.spheres import at_wall, grain, spinning, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
 from labbook_warp.kernels.words import (
     ANY_WALLS,
     LANES,
     PARKED,
+    PARTS,
     Ints,
     Wides,
     Wides3,
@@ -24,7 +24,8 @@ from labbook_warp.kernels.words import (
 
 @kernel
 def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
-    """Velocities and spins at the whole step: half a kick by the forces there, as precise as the state is.
+    """Velocities and reduced angular momenta at the whole step: half a kick by the forces there, as precise as the
+    state is.
 
     Grains that have left: zero.
     """
@@ -34,36 +35,46 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
     s = i // a.cap
     r = i - s * a.cap
     if r < a.rows[s]:
-        x = position(p, i)
-        v = velocity(p, i)
-        w = spin(p, i)
-        if x[2] > wide(0.5) * wide(PARKED):
-            m = material(a, s)
-            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, x, v, w, predicted(p, i), False)
+        m = material(a, s)
+        g = grain(p, m, i)
+        if g.x[2] > wide(0.5) * wide(PARKED):
+            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, False)
             part = wide(0.5) * m.dt
             if a.step[s] == wp.int64(0):
                 part = wide(0.0)
             if lane == 0:
                 gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-                v_out[i] = widen(narrow(widen(v) + (f * m.per_mass + gravity) * part))
-                w_out[i] = widen(narrow(widen(w) + t * (m.per_inertia * part)))
+                v_out[i] = widen(narrow(widen(g.v) + (f * m.per_mass + gravity) * part))
+                w_out[i] = widen(narrow(widen(g.w) + t * (m.per_inertia * part)))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
 
 
 @kernel
-def kinetic(a: System, v: Wides3, w: Wides3, parts: int, out: Wides):
-    """Kinetic energy [J] of every `parts`-th grain of each member; the host adds up in a fixed order."""
+def kinetic(a: System, p: Words, v: Wides3, w: Wides3, parts: int, out: Wides):
+    """Kinetic energy [J] of every `parts`-th grain of each member, to be added up: in quanta, and the rest.
+
+    Exact sums, as those of forces: which row a grain has decides no bit. A quantum is 2^-48 of the energy of 2^20
+    grains at the guard on speeds; what it leaves over is counted in quanta finer by 2^48.
+    """
     thread = wp.tid()
     s = thread // parts
     first = thread - s * parts
     m = material(a, s)
-    twice = wide(0.0)
+    magic = wide(24.0 * 2.0**20.0) * wide(m.speed2) / m.per_mass
+    small = magic * wide(2.0**-48.0)
+    coarse = wide(0.0)
+    fine = wide(0.0)
     for r in range(first, a.rows[s], parts):
         i = s * a.cap + r
-        twice += dot(v[i], v[i]) / m.per_mass + dot(w[i], w[i]) / m.per_inertia
-    out[thread] = wide(0.5) * twice
+        turning = dot(w[i], spinning(m, grain(p, m, i), w[i]))
+        energy = wide(0.5) * (dot(v[i], v[i]) / m.per_mass + turning / m.per_inertia)
+        whole = (energy + magic) - magic
+        coarse += whole
+        fine += ((energy - whole) + small) - small
+    out[2 * thread] = coarse
+    out[2 * thread + 1] = fine
 
 
 @func
@@ -85,23 +96,21 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
     s = i // a.cap
     r = i - s * a.cap
     if r < a.rows[s]:
-        x = position(p, i)
-        if x[2] > wide(0.5) * wide(PARKED):
-            m = material(a, s)
-            v = velocity(p, i)
-            w = spin(p, i)
-            u = predicted(p, i)
+        m = material(a, s)
+        g = grain(p, m, i)
+        if g.x[2] > wide(0.5) * wide(PARKED):
             for k in range(a.count[i]):
                 at = entry(a, s, a.near, k, r)
                 j = s * a.cap + a.nbr[at]
                 if a.ids[i] < a.ids[j]:
-                    c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), x, v, w, u)
+                    c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), g)
                     if c.touches:
                         row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
             if ANY_WALLS:
-                for q in range(a.walls):
-                    if has_bit(a.wall_near[i], q):
-                        at = entry(a, s, a.walls, q, r)
-                        c = with_wall(a, m, s * a.walls + q, at, has_bit(a.wall_held[i], q), x, v, w, u)
+                for k in range(a.walls * PARTS):
+                    if has_bit(a.wall_near[i], k):
+                        c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                         if c.touches:
-                            row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, q, c.force, c.branch)
+                            row(
+                                out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, k // PARTS, c.force, c.branch
+                            )
