@@ -96,8 +96,8 @@ _FLOW = (
 _PATTERNS = (
     "First recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window. "
     "Below: mean speed in the window with streamlines; hatched: stagnant, that is slower than "
-    f"{SLOW:g} times the speed at which the section at that height sinks as a whole. More than {100 * FUNNEL:g} % of the "
-    "mass stagnant is funnel flow."
+    f"{SLOW:g} times the speed at which the section at that height sinks as a whole. More than {100 * FUNNEL:g} % of "
+    "the mass stagnant is funnel flow."
 )
 _ALONG = (
     "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "
