@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from labbook.fields import Fields, Grid, Layer, Pattern, Ring, coarse_grain, grains_of, orifice_means, pattern_of
+from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
 from labbook.scene import Scene, WedgeHopper
 from labbook.stats import Pooled, pool
 
@@ -70,6 +71,39 @@ def flow_patterns(result: "PointResult") -> list[FlowPattern]:
     if not isinstance(container, WedgeHopper) and not hasattr(container, "diameter"):
         return []
     return [found for run in result.runs if (found := _of_run(result, run)) is not None]
+
+
+INTERVAL = 0.05
+"""Time [s] between two velocities whose difference is taken for an acceleration (Pongo et al. 2022)."""
+_BINS, _UP_TO = 16, 2.0  # of height; in widths of the outlet
+
+
+def acceleration(result: "PointResult") -> AccelerationProfile | None:
+    """Acceleration against height in the middle of the outlet, up to half of its half width, in the first recorded run
+    of a point; None without one, or with frames too far apart.
+    """
+    scene, D = result.point.scene, result.orifice
+    hopper = scene.container if isinstance(scene.container, WedgeHopper) else None
+    for run in result.runs:
+        window = run.trace.window if run.trace is not None else None
+        frames = run.frames() if window is not None else None
+        if window is None or frames is None:
+            continue
+        try:
+            return acceleration_profile(
+                frames,
+                interval=INTERVAL,
+                radius=D / 4,
+                edges=np.linspace(0.0, _UP_TO * D, _BINS + 1),
+                gravity=scene.gravity,
+                begin=window[0],
+                end=window[1],
+                centre=hopper.eccentricity if hopper else 0.0,
+                planar=hopper is not None,
+            )
+        except ValueError:
+            continue
+    return None
 
 
 def pooled_means(patterns: list[FlowPattern]) -> dict[str, Pooled]:

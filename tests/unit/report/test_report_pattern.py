@@ -5,7 +5,7 @@ import pytest
 
 from labbook.report import figures, outlet_tables
 from labbook.report.analysis import analyse
-from labbook.report.pattern import flow_patterns, pooled_means
+from labbook.report.pattern import acceleration, flow_patterns, pooled_means
 
 
 @pytest.fixture(scope="module")
@@ -57,3 +57,21 @@ def test_means_above_the_orifice_are_pooled_over_recorded_runs(synthetic):
     assert table.headings[:5] == ("point", "φ", "v_z [m/s]", "p_k [Pa]", "stagnant [%]")
     assert table.rows[0][-1] == "3"
     assert "±" in table.rows[0][2]
+
+
+def test_accelerations_are_those_of_the_recorded_run(recorded, synthetic):
+    """Grains whose velocities never change, in frames some 25 ms apart."""
+    profile = acceleration(recorded.points[0])
+    assert profile is not None
+    seen = profile.count > 0
+    assert seen.any()
+    # those that leave within the interval are continued by free fall
+    assert (profile.acceleration[seen] <= 1e-9).all()
+    assert (profile.acceleration[seen] >= -9.81).all()
+    assert (profile.acceleration[seen] > -1e-9).sum() >= 3, "where none left"
+    assert (profile.acceleration[seen] < -1e-3).any() == (profile.left > 0)
+    (ax,) = figures.acceleration_against_height([(recorded.points[0], profile)], 9.81).axes
+    assert ax.get_xlabel() == "height above the outlet, $z/D$"
+    point = synthetic.point(0, 0.03)
+    silent = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, 1)]).points[0]
+    assert acceleration(silent) is None
