@@ -58,7 +58,14 @@ def _speed(section: "Section") -> np.ndarray:
 
 def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
     x, z, u, w = (one.moment[name] for name in ("x", "z", "vx", "vz"))
-    arrow = {"angles": "xy", "scale_units": "xy", "scale": norm.vmax / 12, "width": 0.003, "zorder": 3}
+    arrow = {
+        "angles": "xy",
+        "scale_units": "xy",
+        "scale": norm.vmax / 12,
+        "width": 0.003,
+        "zorder": 3,
+        "rasterized": True,
+    }
     ax.quiver(x * 1e3, z * 1e3, u, w, np.hypot(u, w), cmap="viridis", norm=norm, **arrow)
 
 
