@@ -18,8 +18,9 @@ NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; bo
 MOST_NEAR = 32  # bits of a mask
 SATURATED = 80_000  # threads that fill a large GPU
 MOST_LANES = 8
-REGISTERS = {"mixed": 80, "double": 128}
-"""A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
+REGISTERS = {("mixed", False): 80, ("double", False): 128, ("mixed", True): 96, ("double", True): 128}
+"""A thread of the step, by precision and for rods. Where spheres are few, as many as the compiler likes; for rods it
+would take twice as many, on behalf of those that lie across a rim."""
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
@@ -55,7 +56,7 @@ def grown(sizes: Sizes, near: int, depth: int) -> Sizes:
 def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
     precision = spec.feature("precision")
-    registers = 0 if lanes > 1 else REGISTERS[precision]
+    registers = 0 if lanes > 1 and not sizes.rods else REGISTERS[precision, sizes.rods]
     switches = tuple((name, bool(spec.feature(name))) for name in SWITCHES)
     return kernels(spec.feature("law"), precision, switches, uniform, lanes, registers)
 
