@@ -1,11 +1,12 @@
 """A packing: positions, velocities and friction springs of grains, free of any engine."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 _DOUBLE = ("x", "v", "omega")
+_EACH = {"diameter": np.float64, "kind": np.int64}
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,7 +15,8 @@ class Packing:
 
     `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit
     quaternions (w, x, y, z), shape [n, 4], or None for spheres. `ids`: shape [n], what grains are called in
-    every table; 0..n-1 unless grains have left. Friction springs [m]: `pair_spring` [m, 3] on the grains (i,
+    every table; 0..n-1 unless grains have left. `diameter` [m] and `kind` (place in the scene's `grains.kinds`), shape
+    [n], or None where all grains are of one diameter d, or of one kind. Friction springs [m]: `pair_spring` [m, 3] on the grains (i,
     j) of `pairs` [m, 2], indices with i < j, acting on i; `wall_spring` [k, 3] on grain `wall_grain` [k] at
     the wall named `wall_name` [k].
 
@@ -26,6 +28,8 @@ class Packing:
     omega: np.ndarray
     q: np.ndarray | None = None
     ids: np.ndarray | None = None
+    diameter: np.ndarray | None = None
+    kind: np.ndarray | None = None
     pairs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     pair_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     wall_grain: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -43,6 +47,11 @@ class Packing:
         object.__setattr__(self, "ids", ids)
         if len(ids) != n:
             raise ValueError(f"packing: {len(ids)} ids for {n} grains")
+        for name, dtype in _EACH.items():
+            if (array := getattr(self, name)) is not None:
+                object.__setattr__(self, name, np.ascontiguousarray(array, dtype))
+                if np.shape(array) != (n,):
+                    raise ValueError(f"packing: {name} has shape {np.shape(array)}, not ({n},)")
         for name in (*_DOUBLE, "pair_spring", "wall_spring"):
             bad = ~np.isfinite(getattr(self, name)).all(axis=1)
             if bad.any():
@@ -58,14 +67,12 @@ class Packing:
         """
         mirror, axial = np.array([-1.0, 1, 1]), np.array([1.0, -1, -1])
         swapped = [_swap_sides(str(name)) for name in self.wall_name]
-        return Packing(
+        return replace(
+            self,
             x=self.x * mirror,
             v=self.v * mirror,
             omega=self.omega * axial,
-            ids=self.ids,
-            pairs=self.pairs,
             pair_spring=self.pair_spring * mirror,
-            wall_grain=self.wall_grain,
             wall_name=np.array(swapped, "U40"),
             wall_spring=self.wall_spring * mirror,
         )
@@ -74,7 +81,8 @@ class Packing:
         """All arrays by name, for storage."""
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring")
         arrays = {name: getattr(self, name) for name in names}
-        return arrays if self.q is None else {**arrays, "q": self.q}
+        some = {name: array for name in ("q", *_EACH) if (array := getattr(self, name)) is not None}
+        return {**arrays, **some}
 
     def save(self, path: Path) -> None:
         """Write as a compressed npz."""

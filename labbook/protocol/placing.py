@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from labbook.protocol.assortment import assort
 from labbook.protocol.packing import Packing
 from labbook.scene import Plane, Scene, Strip
 
@@ -22,6 +23,7 @@ SPEED = {"gas": 1.0, "rain": 0.1}
 """Standard deviation of each velocity component, in units of sqrt(g d)."""
 _APART = 1 + 1e-6  # nothing touches at the start
 _ROUNDS = 2000
+_NEARLY = 0.9
 
 
 class PlacingError(Exception):
@@ -33,26 +35,77 @@ def place(closed: Scene, kind: str, seed: int) -> Packing:
 
     `gas` is denser and moves with Gaussian velocities of sqrt(g d) each way; `rain` is a taller, more dilute
     column that moves ten times slower, so that grains land one after another. The seed decides positions in
-    all three directions, and velocities; nothing spins. Raises PlacingError where the container has no sides
+    all three directions, velocities, and where grains differ, which is of which size and kind; nothing spins. Raises PlacingError where the container has no sides
     or no gravity.
     """
     grains = closed.grains
     if closed.gravity == 0:
         raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
     rng = np.random.default_rng([VERSION, seed])
+    diameter, sort = assort(grains, VERSION, seed) if grains.varied else (None, None)
+    if diameter is None:
+        x = _equal(closed, rng, DENSITY[kind])
+    else:
+        x = _of_sizes(closed, rng, DENSITY[kind], diameter)
+    speed = SPEED[kind] * math.sqrt(closed.gravity * grains.diameter)
+    return Packing(x=x, v=rng.normal(0, speed, x.shape), omega=np.zeros_like(x), diameter=diameter, kind=sort)
+
+
+def _equal(closed: Scene, rng: np.random.Generator, density: float) -> np.ndarray:
+    """Places [m] of equal grains, shape [n, 3]."""
+    grains = closed.grains
     room = _Room(closed)
-    top = room.height_for(grains.count * math.pi / 6 * grains.diameter**3 / DENSITY[kind])
+    top = room.height_for(grains.count * math.pi / 6 * grains.diameter**3 / density)
     x = np.empty((0, 3))
     for _ in range(_ROUNDS):
         wanted = grains.count - len(x)
         if wanted == 0:
-            break
+            return x
         drawn = room.draw(rng, 2 * wanted + 16, top)
         x = np.concatenate([x, _apart(drawn, x, grains.diameter * _APART)])[: grains.count]
-    else:
-        raise PlacingError(f"{grains.count} grains found no room in the container; make it wider or use fewer grains")
-    speed = SPEED[kind] * math.sqrt(closed.gravity * grains.diameter)
-    return Packing(x=x, v=rng.normal(0, speed, x.shape), omega=np.zeros_like(x))
+    raise _full(grains.count)
+
+
+def _of_sizes(closed: Scene, rng: np.random.Generator, density: float, diameter: np.ndarray) -> np.ndarray:
+    """Places [m] of grains of these diameters [m], shape [n, 3].
+
+    Large grains come first, as they would find no room among small ones: at a time, those of nearly the largest size
+    that is left, each of which tries one place a round.
+    """
+    room, clearance = _Room(closed), diameter / 2 * _APART
+    top = room.height_for(float(np.sum(diameter**3)) * math.pi / 6 / density)
+    x, left = np.empty((len(diameter), 3)), np.arange(len(diameter))
+    placed = left[:0]
+    for _ in range(_ROUNDS):
+        if len(left) == 0:
+            return x
+        trying = left[diameter[left] >= _NEARLY * diameter[left].max()]
+        x[trying] = room.draw_each(rng, clearance[trying], top)
+        inside = trying[room.holds(x[trying], clearance[trying])]
+        free = _free(x, diameter, placed, inside)
+        placed = np.concatenate([placed, free])
+        left = np.setdiff1d(left, free, assume_unique=True)
+    raise _full(len(diameter))
+
+
+def _free(x: np.ndarray, diameter: np.ndarray, placed: np.ndarray, trying: np.ndarray) -> np.ndarray:
+    """Those of the grains `trying`, in their order, that touch neither grains `placed` nor each other."""
+    from scipy.spatial import KDTree
+
+    both = np.concatenate([placed, trying])
+    order, kept = len(placed), np.ones(len(both), bool)
+    pairs = KDTree(x[both]).query_pairs(diameter.max() * _APART, output_type="ndarray")
+    first, second = both[pairs].T
+    near = np.linalg.norm(x[first] - x[second], axis=1) < (diameter[first] + diameter[second]) / 2 * _APART
+    pairs = pairs[near & (pairs[:, 1] >= order)]
+    for one, other in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
+        if kept[one]:  # as in `_apart`
+            kept[other] = False
+    return trying[kept[order:]]
+
+
+def _full(count: int) -> PlacingError:
+    return PlacingError(f"{count} grains found no room in the container; make it wider or use fewer grains")
 
 
 def _apart(drawn: np.ndarray, there: np.ndarray, distance: float) -> np.ndarray:
@@ -99,12 +152,14 @@ class _Room:
             raise PlacingError(f"the container is narrower than a grain across {'xyz'[axis]}")
         return float(first), float(last)
 
-    def holds(self, x: np.ndarray) -> np.ndarray:
-        """Whether grains centred at `x` [m], shape [n, 3], lie inside and touch no wall."""
+    def holds(self, x: np.ndarray, clearance: float | np.ndarray | None = None) -> np.ndarray:
+        """Whether grains centred at `x` [m], shape [n, 3], lie inside and keep `clearance` [m] from walls (none: that
+        of the largest)."""
+        clearance = self.clearance if clearance is None else clearance
         inside = np.ones(len(x), bool)
         for plane in self.planes:
             normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
-            inside &= (x - plane.point) @ normal >= self.clearance
+            inside &= (x - plane.point) @ normal >= clearance
         if not self.strips:
             return inside
         beneath = np.zeros(len(x), bool)
@@ -112,7 +167,7 @@ class _Room:
             start, along = np.array(strip.start), np.array(strip.end) - strip.start
             at = x[:, [0, 2]] - start
             part = np.clip(at @ along / (along @ along), 0, 1)
-            inside &= np.linalg.norm(at - part[:, None] * along, axis=1) >= self.clearance
+            inside &= np.linalg.norm(at - part[:, None] * along, axis=1) >= clearance
             if along[0] != 0:
                 across = at[:, 0] / along[0]
                 beneath |= (across >= 0) & (across <= 1) & (at[:, 1] > across * along[1])
@@ -126,6 +181,13 @@ class _Room:
         low = (self.x[0], self.y[0], self.bottom + self.clearance)
         points = rng.uniform(low, (self.x[1], self.y[1], top), (n, 3))
         return points[self.holds(points)]
+
+    def draw_each(self, rng: np.random.Generator, clearance: np.ndarray, top: float) -> np.ndarray:
+        """One uniform point up to z = `top` between the sides for each grain of this clearance [m], inside or not."""
+        nearer = (self.clearance - clearance)[:, None]
+        low = np.array([self.x[0], self.y[0], self.bottom + self.clearance]) - nearer
+        high = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
+        return rng.uniform(low, high)
 
     def height_for(self, volume: float) -> float:
         """z [m] up to which the container, walls included, holds `volume` [m^3].

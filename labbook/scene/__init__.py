@@ -1,18 +1,22 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
-from labbook.scene.contact import ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
+from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
 from labbook.scene.container import Box, Container, Primitives, WedgeHopper
-from labbook.scene.grains import Grains, Spheres
+from labbook.scene.grains import Grains, Kind, Spheres
 from labbook.scene.scene import Scene
+from labbook.scene.sizes import Normal, Uniform
 from labbook.scene.walls import Plane, Strip, SurfaceMotion, Wall
 
 __all__ = [
+    "Between",
     "Box",
     "ContactLaw",
     "Container",
     "Grains",
     "HertzMindlin",
+    "Kind",
     "LinearSpringDashpot",
+    "Normal",
     "Plane",
     "Primitives",
     "Scene",
@@ -20,6 +24,7 @@ __all__ = [
     "Strip",
     "Surface",
     "SurfaceMotion",
+    "Uniform",
     "Wall",
     "WedgeHopper",
 ]
