@@ -54,10 +54,7 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
     """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
     grains."""
     container = scene.container
-    walls = [
-        {**wall.model_dump(mode="json"), "surface": _surface(scene.surface(wall))}
-        for wall in container.walls()
-    ]
+    walls = [{**wall.model_dump(mode="json"), "surface": _surface(scene.surface(wall))} for wall in container.walls()]
     contact = scene.contact.model_dump(mode="json", exclude={"between"})
     kinds = range(len(scene.grains.kinds))
     if kinds:  # what acts between them, however it is spelled

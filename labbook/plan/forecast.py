@@ -70,7 +70,7 @@ def mass_flow(scene: Scene) -> float:
     if not isinstance(hopper, WedgeHopper):
         return 0.0
     free = max(0.0, hopper.orifice - k * scene.grains.diameter)
-    return c * scene.grains.density * math.sqrt(scene.gravity) * free**1.5 * hopper.thickness
+    return c * scene.grains.mean_density * math.sqrt(scene.gravity) * free**1.5 * hopper.thickness
 
 
 def discharge_work(shared: PointDemand) -> float:
@@ -91,7 +91,7 @@ def fill_time(demand: Demand) -> float:
     container = scene.container
     wide = getattr(container, "width", 10 * grains.diameter)
     deep = getattr(container, "thickness", getattr(container, "depth", wide))
-    volume = grains.count * math.pi / 6 * grains.diameter**3
+    volume = grains.count * math.pi / 6 * grains.mean_cube
     top = volume / placing.DENSITY[demand.filling.kind] / (wide * deep)
     return min(demand.point.fill.max_time, SETTLING * math.sqrt(2 * top / scene.gravity))
 

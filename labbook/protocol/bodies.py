@@ -26,10 +26,10 @@ class Bodies:
         kind = np.zeros(len(packing), np.int64) if packing.kind is None else packing.kind
         if packing.kind is None and kinds > 1:
             raise ValueError(f"packing: it has no kinds of grains, and the scene has {kinds}; fill it anew")
-        if len(kind) and not (0 <= kind.min() and kind.max() < kinds):
+        if len(kind) and not (kind.min() >= 0 and kind.max() < kinds):
             raise ValueError(f"packing: kinds of grains are not from 0 to {kinds - 1}; fill it anew")
         diameter = np.full(len(packing), grains.diameter) if packing.diameter is None else packing.diameter
-        if len(diameter) and not (0 < diameter.min() and diameter.max() <= grains.diameter):
+        if len(diameter) and not (diameter.min() > 0 and diameter.max() <= grains.diameter):
             raise ValueError(f"packing: diameters are not above 0 and up to d = {grains.diameter:g} m; fill it anew")
         mass = np.array([part.density for part in grains.parts])[kind] * math.pi / 6 * diameter**3
         return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)

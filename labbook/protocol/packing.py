@@ -16,9 +16,9 @@ class Packing:
     `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit
     quaternions (w, x, y, z), shape [n, 4], or None for spheres. `ids`: shape [n], what grains are called in
     every table; 0..n-1 unless grains have left. `diameter` [m] and `kind` (place in the scene's `grains.kinds`), shape
-    [n], or None where all grains are of one diameter d, or of one kind. Friction springs [m]: `pair_spring` [m, 3] on the grains (i,
-    j) of `pairs` [m, 2], indices with i < j, acting on i; `wall_spring` [k, 3] on grain `wall_grain` [k] at
-    the wall named `wall_name` [k].
+    [n], or None where all grains are of one diameter d, or of one kind. Friction springs [m]: `pair_spring` [m, 3] on
+    the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i; `wall_spring` [k, 3] on grain `wall_grain` [k]
+    at the wall named `wall_name` [k].
 
     Raises ValueError for shapes that do not fit, and for numbers that are not finite: no engine can start from them.
     """

@@ -35,8 +35,8 @@ def place(closed: Scene, kind: str, seed: int) -> Packing:
 
     `gas` is denser and moves with Gaussian velocities of sqrt(g d) each way; `rain` is a taller, more dilute
     column that moves ten times slower, so that grains land one after another. The seed decides positions in
-    all three directions, velocities, and where grains differ, which is of which size and kind; nothing spins. Raises PlacingError where the container has no sides
-    or no gravity.
+    all three directions, velocities, and where grains differ, which is of which size and kind; nothing spins. Raises
+    PlacingError where the container has no sides or no gravity.
     """
     grains = closed.grains
     if closed.gravity == 0:

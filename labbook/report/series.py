@@ -99,6 +99,6 @@ def context(points: Sequence[PointResult]) -> Context:
     scene = points[0].point.scene
     assert isinstance(scene.container, WedgeHopper)
     fractions = [r.pooled[PACKING_FRACTION].value for r in points if PACKING_FRACTION in r.pooled]
-    density = scene.grains.density
+    density = scene.grains.mean_density
     bulk = float(np.mean(fractions)) * density if fractions else None
     return Context(scene.grains.diameter, density, bulk, scene.container.thickness, scene.gravity)

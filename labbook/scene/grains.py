@@ -123,6 +123,11 @@ class Spheres(Model):
         return math.pi / 6 * math.fsum(cubes)
 
     @property
+    def mean_density(self) -> float:
+        """Mass of all grains over their volume [kg/m^3]."""
+        return self.mass / (math.pi / 6 * self.mean_cube) if self.kinds else self.density
+
+    @property
     def inertia(self) -> float:
         """Moment of inertia of one of equal grains about any axis through its centre [kg m^2]: (2/5) m r^2."""
         return 0.4 * self.mass * self.radius**2
