@@ -59,6 +59,22 @@ class Sample:
 
 
 @dataclass(frozen=True)
+class Slab:
+    """State of the grains whose centres lie at `low` <= z <= `high` [m], every `every` beats.
+
+    What happens at an outlet needs many frames but few grains. Columns id, x, y, z, vx, vy, vz.
+    """
+
+    low: float
+    high: float
+    every: int = 1
+
+    def holds(self, z: np.ndarray) -> np.ndarray:
+        """Which of the heights z [m] lie within."""
+        return (z >= self.low) & (z <= self.high)
+
+
+@dataclass(frozen=True)
 class Contacts:
     """Every touching contact every `every` beats.
 
@@ -80,7 +96,7 @@ class Ledger:
     every: int = 1
 
 
-Probe = Crossing | Sample | Contacts | Ledger
+Probe = Crossing | Sample | Slab | Contacts | Ledger
 
 _VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz"}
 _WHOLE = frozenset(["member", "step", "id", "i", "j", "wall", "grains", "touching", "rebuilds"])
@@ -93,6 +109,8 @@ def columns(probe: Probe) -> dict[str, type]:
             names = "id x y z vx vy vz wx wy wz"
         case Sample(fields=fields):
             names = " ".join(["id", *(_VECTORS[name] for name in fields)])
+        case Slab():
+            names = f"id {_VECTORS['x']} {_VECTORS['v']}"
         case Contacts():
             names = "i j wall fx fy fz bx by bz"
         case Ledger():
@@ -280,6 +298,41 @@ class Backend(Protocol):
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Derived physics for the catalogue: restitution_asked, restitution_realised, damping_coefficient."""
+        ...
+
+
+@runtime_checkable
+class Rationed(Protocol):
+    """An engine on whose devices memory limits how many members run at once."""
+
+    def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
+        """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
+        ...
+
+
+@dataclass(frozen=True)
+class Device:
+    """A processor that an engine finds here. `memory`: bytes of its own, if it has any."""
+
+    alias: str
+    name: str
+    memory: int | None = None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What an engine finds here: versions of what it stands on, by name, and its devices."""
+
+    versions: Mapping[str, str]
+    devices: tuple[Device, ...]
+
+
+@runtime_checkable
+class Surveys(Protocol):
+    """An engine that tells what it finds on a machine."""
+
+    def survey(self) -> Survey:
+        """Versions and devices."""
         ...
 
 

@@ -1,7 +1,7 @@
 """What is installed, and whether the engines work: each lets a grain bounce once on each of its devices."""
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
@@ -42,6 +42,8 @@ class EngineHealth:
     device: str
     works: bool
     note: str
+    what: str = ""
+    """Name and memory of the device, where the engine tells them."""
     precisions: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
 
@@ -54,6 +56,8 @@ class Examination:
     hardware: dict[str, object]
     packages: tuple[Package, ...]
     engines: tuple[EngineHealth, ...]
+    versions: dict[str, dict[str, str]]
+    """By engine, of what it stands on."""
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -63,8 +67,27 @@ class Examination:
 def examine() -> Examination:
     """Look at packages and engines; an engine that fails is reported with its reason, never raised."""
     packages = tuple(Package(name, _version(name), purpose) for name, purpose in PACKAGES.items())
-    engines = tuple(found for name in sorted(backend.installed()) for found in _try(name))
-    return Examination(__version__, hardware(), packages, engines)
+    engines: list[EngineHealth] = []
+    versions: dict[str, dict[str, str]] = {}
+    for name in sorted(backend.installed()):
+        try:
+            engine = backend.load(name)
+            found = engine.survey() if isinstance(engine, backend.Surveys) else backend.Survey({}, ())
+        except Exception as error:  # whatever is wrong with an engine is what a doctor is for
+            engines.append(EngineHealth(name, "", False, _reason(error)))
+            continue
+        if found.versions:
+            versions[name] = dict(found.versions)
+        engines += _try(engine, {device.alias: _what(device) for device in found.devices})
+    return Examination(__version__, hardware(), packages, tuple(engines), versions)
+
+
+def _reason(error: Exception) -> str:
+    return str(error) if isinstance(error, backend.BackendMissing) else f"{type(error).__name__}: {error}"
+
+
+def _what(device: backend.Device) -> str:
+    return f"{device.name}, {device.memory / 2**30:.0f} GiB" if device.memory else device.name
 
 
 def _version(name: str) -> str | None:
@@ -74,26 +97,24 @@ def _version(name: str) -> str | None:
         return None
 
 
-def _try(name: str) -> list[EngineHealth]:
-    try:
-        engine = backend.load(name)
-    except backend.BackendMissing as error:
-        return [EngineHealth(name, "", False, str(error))]
-    return [_try_on(engine, device) for device in engine.capabilities.devices]
+def _try(engine: backend.Backend, here: dict[str, str]) -> list[EngineHealth]:
+    """One line for each device that the engine is made for, and for each further one that is here."""
+    devices = dict.fromkeys((*engine.capabilities.devices, *here))
+    return [replace(_try_on(engine, device), what=here.get(device, "")) for device in devices]
 
 
 def _try_on(engine: backend.Backend, device: str) -> EngineHealth:
     can = engine.capabilities
-    abilities = (tuple(sorted(can.precisions)), tuple(sorted(can.laws)))
+    precisions, laws = tuple(sorted(can.precisions)), tuple(sorted(can.laws))
     try:
         began = time.perf_counter()
         restitution = bounce(engine, device)
         spent = time.perf_counter() - began
     except Exception as error:  # whatever an engine does wrong is what a doctor is for
-        return EngineHealth(can.name, device, False, f"{type(error).__name__}: {error}", *abilities)
+        return EngineHealth(can.name, device, False, _reason(error), precisions=precisions, laws=laws)
     works = abs(restitution - ASKED) < 0.01
     note = f"self-test: a bounce gave back e = {restitution:.3f} (asked {ASKED}), in {spent:.1f} s"
-    return EngineHealth(can.name, device, works, note, *abilities)
+    return EngineHealth(can.name, device, works, note, precisions=precisions, laws=laws)
 
 
 ASKED = 0.8

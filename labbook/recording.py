@@ -98,8 +98,7 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
     clock = rr.TimeColumn(CLOCK, duration=[time for time, *_ in frames])
     counts = [len(x) for _, x, _, _ in frames]
     positions, speed, ids = (np.concatenate(parts) for parts in list(zip(*frames, strict=True))[1:])
-    bodies, by_id = Bodies.of(scene.grains, start), np.argsort(start.ids)
-    which = by_id[np.searchsorted(start.ids, ids, sorter=by_id)]
+    bodies, which = Bodies.of(scene.grains, start), start.rows(ids)
     look: dict[str, np.ndarray] = {"colors": speed_colours(speed, fastest)}
     if scene.grains.kinds:
         look["colors"] = kind_colours(bodies.kind[which], speed, fastest)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Unsupported
+from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Slab, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
@@ -52,6 +52,17 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     return (crossed[0] if crossed else 0.0), drop
 
 
+def specialise(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
+    """What an engine with these capabilities compiles in. Raises Unsupported."""
+    check(can, scene, numerics, probes)
+    return Spec(
+        engine=can.name,
+        features=tuple(sorted(features(scene, numerics, probes).items())),
+        probes=tuple(dict.fromkeys(probes)),
+        steps_per_beat=numerics.steps_per_beat,
+    )
+
+
 def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> None:
     """Raises Unsupported if an engine with these capabilities cannot do it."""
     wanted = [
@@ -66,7 +77,7 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
     for probe in probes:
-        if isinstance(probe, Sample | Contacts | Ledger) and probe.every < 1:
+        if isinstance(probe, Sample | Slab | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")
 
 
@@ -79,7 +90,8 @@ def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
 
 
 def wall_tables(scene: Scene, numerics: Numerics) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of each wall: coefficients for kind k of K in row w K + k [W K, 8], shape [W, 6], kind [W], velocity and spin of its surface [W, 4]."""
+    """Of each wall: coefficients for kind k of K in row w K + k [W K, 8], shape [W, 6], kind [W], velocity and spin of
+    its surface [W, 4]."""
     law, walls, sorts = LAWS[scene.contact.law], scene.container.walls(), range(len(scene.grains.parts))
     scale = numerics.stiffness_scale
     shapes = [(*WALL_KINDS[w.shape.kind][1](w.shape), 0.0)[:6] for w in walls]  # pyright: ignore[reportArgumentType]

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from labbook.backend import Status
 from labbook.scene import Scene
 
 Weight = float | np.ndarray
@@ -30,6 +31,11 @@ def energy_scale(scene: Scene) -> float:
     """m g d [J], m the mean mass, by which kinetic energies per grain are counted; m d^2/s^2 without gravity."""
     d = scene.grains.diameter
     return scene.grains.mass * (scene.gravity * d or d**2)
+
+
+def status(scene: Scene, step: int, time: float, grains: int, energy: float) -> Status:
+    """Where a member stands, given the kinetic energy [J] of its grains."""
+    return Status(step, time, grains, energy / max(grains, 1) / energy_scale(scene))
 
 
 def totals(

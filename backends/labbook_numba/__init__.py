@@ -24,7 +24,7 @@ class Backend:
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """Features compiled in. Raises Unsupported."""
-        from labbook_numba.specialise import specialise
+        from labbook_dem.features import specialise
 
         return specialise(self.capabilities, scene, numerics, probes)
 

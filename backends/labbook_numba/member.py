@@ -3,15 +3,17 @@
 from types import ModuleType
 
 import numpy as np
+from labbook_dem.ensemble import Failure, check_checkpoint
 from labbook_dem.guards import explain
-from labbook_dem.ledger import energy_scale, kinetic
+from labbook_dem.ledger import kinetic, status
+from labbook_dem.springs import places
 
-from labbook.backend import Checkpoint, Crossing, Status
+from labbook.backend import Capabilities, Checkpoint, Crossing, Status
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_numba import state as S
-from labbook_numba.specialise import parameters
+from labbook_numba.parameters import parameters
 from labbook_numba.state import Params
 
 PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # first guesses; arrays grow when they are too short
@@ -21,12 +23,12 @@ GUARDS = {2: "state", 3: "speed", 4: "overlap"}
 class Run:
     """A scene being stepped by compiled kernels."""
 
-    def __init__(self, engine: str, version: int, kernels: ModuleType, scene: Scene, numerics: Numerics, probes):
-        self.engine, self.version, self.kernels = engine, version, kernels
+    def __init__(self, can: Capabilities, kernels: ModuleType, scene: Scene, numerics: Numerics, probes):
+        self._can, self.kernels = can, kernels
         self.scene, self.numerics, self.probes = scene, numerics, tuple(probes)
         self.params: Params = parameters(scene, numerics, probes)
         self.names = [wall.name for wall in scene.container.walls()]
-        self.failure: tuple[str, int, int, str] | None = None
+        self.failure: Failure | None = None
 
     # how it starts
 
@@ -48,27 +50,21 @@ class Run:
 
     def _set_springs(self, packing: Packing) -> None:
         st, pairs = self.state, int(self.state.count[S.PAIRS])
-        at = _places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
+        at = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
         found = at >= 0
         st.spring[at[found], :3] = packing.pair_spring[found]
         st.held[at[found]] = 1
         for w, name in enumerate(self.names):
             first, last = st.wall_first[w], st.wall_first[w + 1]
             mine = packing.wall_name == name
-            at = _places(st.wall_grain[first:last], packing.wall_grain[mine])
+            at = places(st.wall_grain[first:last], packing.wall_grain[mine])
             found = at >= 0
             st.wall_spring[first + at[found], :3] = packing.wall_spring[mine][found]
             st.wall_held[first + at[found]] = 1
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Continue where a checkpoint was taken. Raises ValueError if it is not of this engine and version."""
-        if (checkpoint.engine, checkpoint.cache_version) != (self.engine, self.version):
-            raise ValueError(
-                f"the checkpoint is of {checkpoint.engine} version {checkpoint.cache_version}, "
-                f"not of {self.engine} version {self.version}"
-            )
-        if checkpoint.arrays.keys() != set(S.State._fields) - set(S.SCRATCH):
-            raise ValueError("the checkpoint has other arrays than this engine's state")
+        check_checkpoint(self._can, set(S.State._fields) - set(S.SCRATCH), checkpoint)
         stored = {name: np.array(array) for name, array in checkpoint.arrays.items()}
         empty = S.allocate(len(stored["ids"]), 0, 0, 0, 0, self.numerics.precision)
         self.state = empty._replace(**stored)
@@ -76,7 +72,7 @@ class Run:
     def checkpoint(self) -> Checkpoint:
         """The exact state, copied."""
         arrays = {name: a.copy() for name, a in self.state._asdict().items() if name not in S.SCRATCH}
-        return Checkpoint(self.engine, self.version, arrays)
+        return Checkpoint(self._can.name, self._can.cache_version, arrays)
 
     # how it runs
 
@@ -86,9 +82,14 @@ class Run:
         return int(self.state.count[S.STEP])
 
     @property
-    def empty(self) -> bool:
-        """Whether no grain is left."""
-        return int(self.state.count[S.GRAINS]) == 0
+    def time(self) -> float:
+        """Time [s] since step 0."""
+        return self.step * self.numerics.dt
+
+    @property
+    def grains(self) -> int:
+        """Grains that have not left."""
+        return int(self.state.count[S.GRAINS])
 
     def beat(self) -> None:
         """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat."""
@@ -109,7 +110,7 @@ class Run:
             self._fail("state", grain, f"grain {grain} at step {self.step} has a spin that is no number", before)
 
     def _fail(self, guard: str, grain: int, message: str, before: Checkpoint) -> None:
-        self.failure = guard, self.step, grain, message
+        self.failure = Failure(guard, self.step, grain, message)
         self.restore(before)
 
     def _grow(self) -> None:
@@ -128,9 +129,8 @@ class Run:
 
     def status(self) -> Status:
         """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
-        n, grains = int(self.state.count[S.GRAINS]), self.scene.grains
-        energy = kinetic(grains.mass, grains.inertia, *self.whole_step())
-        return Status(self.step, self.step * self.numerics.dt, n, energy / max(n, 1) / energy_scale(self.scene))
+        energy = kinetic(self.scene.grains.mass, self.scene.grains.inertia, *self.whole_step())
+        return status(self.scene, self.step, self.time, self.grains, energy)
 
     def packing(self) -> Packing:
         """The portable state."""
@@ -180,11 +180,3 @@ def _lengthened(array: np.ndarray, to: int) -> np.ndarray:
 
 def _keys(i: np.ndarray, j: np.ndarray) -> np.ndarray:
     return i.astype(np.int64) << 32 | j.astype(np.int64)
-
-
-def _places(ascending: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Where each wanted key stands in an ascending array; -1 if nowhere."""
-    at = np.searchsorted(ascending, wanted)
-    inside = np.minimum(at, max(len(ascending) - 1, 0))
-    there = (at < len(ascending)) & (ascending[inside] == wanted) if len(ascending) else np.zeros(len(wanted), bool)
-    return np.where(there, at, -1)

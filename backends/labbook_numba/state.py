@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from labbook_dem.reading import CROSSING_COLUMNS
 
 # counters, in State.count
 GRAINS, PAIRS, STEP, CROSSED, REBUILDS, TOUCHING, FAIL_GRAIN, LEAVING, WANT_PAIRS, WANT_WALLS = range(10)
@@ -22,8 +23,6 @@ F, T, LOAD = 0, 4, 8
 SPRING = 4
 GHOSTS = 2  # rows behind the grains: one that may be written to for nothing, and one too far away to touch it
 FAR = 1e30
-# columns of a row of State.cross
-CROSS_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 
 
 class State(NamedTuple):
@@ -132,7 +131,7 @@ def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, pr
         wall_grain=np.zeros(near_walls + PAD, np.int32),
         wall_held=np.zeros(near_walls + PAD, np.uint8),
         wall_spring=_aligned((near_walls + PAD) * SPRING).reshape(-1, SPRING),
-        cross=np.zeros((crossings, len(CROSS_COLUMNS))),
+        cross=np.zeros((crossings, len(CROSSING_COLUMNS))),
         count=np.zeros(COUNTERS, np.int64),
         sums=np.zeros(SUMS),
         block=block,

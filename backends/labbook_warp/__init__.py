@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Probe, Spec
+from labbook.backend import Capabilities, Probe, Spec, Survey
 from labbook.numerics import Numerics
 from labbook.scene import Scene
 
@@ -23,9 +23,9 @@ class Backend:
         single_velocities=True,
     )
 
-    def __init__(self, **tuning: int):
-        """tuning: fields of `labbook_warp.stage.Tuning`; they decide speed only."""
-        self._tuning = tuning
+    def __init__(self, lanes: int | None = None):
+        """lanes: threads a grain on a GPU, a power of two up to 8, or None for as many as keep it busy."""
+        self._lanes = lanes
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """Features compiled in. Raises Unsupported."""
@@ -37,9 +37,21 @@ class Backend:
         """An ensemble that grows with its members. Raises Unsupported for a device that is not there."""
         from labbook_warp.devices import find
         from labbook_warp.ensemble import Ensemble
-        from labbook_warp.stage import Tuning
 
-        return Ensemble(self.capabilities, spec, find(device), slots, Tuning(**self._tuning))
+        return Ensemble(self.capabilities, spec, find(device), slots, self._lanes)
+
+    def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
+        """How many members of `scene` fit into the device's free memory; None: any number."""
+        from labbook_warp.devices import find
+        from labbook_warp.room import capacity
+
+        return capacity(spec, scene, find(device))
+
+    def survey(self) -> Survey:
+        """Versions of Warp and CUDA, and every device."""
+        from labbook_warp.devices import survey
+
+        return survey()
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

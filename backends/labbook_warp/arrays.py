@@ -1,6 +1,6 @@
-"""The arrays of an ensemble on a device: how they are laid out, copied in and out slot by slot, and backed up."""
+"""The arrays of an ensemble on a device: copied in and out slot by slot, and backed up."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
@@ -9,38 +9,7 @@ import warp as wp
 
 from labbook_warp.build import WORDS
 from labbook_warp.kernels.words import NO_FAILURE
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """What arrays are made for; see `labbook_warp.kernels.system`."""
-
-    slots: int
-    cap: int
-    near: int
-    walls: int
-    cells: int
-    depth: int
-
-
-# arrays of grains that make up a member's state, and their entries a grain
-STATE = {
-    "ids": "one",
-    "gone": "one",
-    "origin": "one",
-    "count": "one",
-    "nbr": "near",
-    "held": "one",
-    "spring": "near",
-    "wall_near": "one",
-    "wall_held": "one",
-    "wall_spring": "walls",
-    "work": "one",
-    "deep": "one",
-}
-SCRATCH = {"new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
-OF_SLOTS = ("step", "flag", "late", "rebuilds", "left", "fail")
-OF_WALLS = ("wall_c", "wall_shape", "wall_kind", "wall_motion")
+from labbook_warp.layout import COPIED, STATE, WORDS_OF_STATE, Sizes, shapes
 
 
 def fetch(array: Any) -> np.ndarray:
@@ -52,33 +21,21 @@ def fetch(array: Any) -> np.ndarray:
 class Arrays:
     """Zeroed arrays of the given sizes, and `system`, the argument that kernels take."""
 
+    p: Any
+    q: Any
+
     def __init__(self, module: ModuleType, precision: str, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
         self.words = WORDS[precision]
-        self.entries = {"one": 1, "near": sizes.near, "walls": max(sizes.walls, 1)}
-        rows = sizes.slots * sizes.cap
-        self.p, self.q = (self._zeros(rows * self.words, module.word) for _ in range(2))
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
         system.cells, system.depth = sizes.cells, sizes.depth
-        lengths = {name: rows * self.entries[of] for name, of in (STATE | SCRATCH).items()}
-        lengths |= dict.fromkeys(OF_SLOTS, sizes.slots)
-        lengths |= dict.fromkeys(OF_WALLS, max(1, sizes.slots * sizes.walls))
-        lengths |= {"rows": sizes.slots, "material": sizes.slots, "place": sizes.slots, "any_flag": 1, "crossed": 1}
-        lengths |= {"cell_count": sizes.slots * sizes.cells, "overflow": 2 * sizes.slots}
-        lengths |= {"cell_rows": sizes.slots * sizes.cells * sizes.depth, "cross": 13 * rows if crossings else 1}
-        types = {name: variable.type.dtype for name, variable in module.System.vars.items() if name in lengths}
-        for name, length in lengths.items():
-            setattr(system, name, self._zeros(length, types[name]))
+        for shape in shapes(module, precision, sizes, crossings):
+            owner = self if shape.name in WORDS_OF_STATE else system
+            setattr(owner, shape.name, wp.zeros(shape.length, dtype=shape.dtype, device=device))
         system.fail.fill_(NO_FAILURE)
-        self._saved = [(array, wp.clone(array)) for array in self._backed_up()]
-
-    def _zeros(self, length: int, dtype: Any):
-        return wp.zeros(length, dtype=dtype, device=self.device)
-
-    def _backed_up(self) -> list:
-        changing = [getattr(self.system, name) for name in STATE if name != "ids"]
-        return [self.p, *changing, self.system.rebuilds, self.system.left]
+        copied = (self.p if name == "p" else getattr(system, name) for name in COPIED)
+        self._saved = [(array, wp.clone(array)) for array in copied]
 
     def back_up(self) -> None:
         """Copy the state of all slots aside; may be captured."""
@@ -91,6 +48,13 @@ class Arrays:
             size = array.shape[0] // self.sizes.slots
             wp.copy(array, copy, slot * size, slot * size, size)
 
+    def set_rows(self, rows: Mapping[int, int]) -> None:
+        """Let kernels work on that many rows of these slots, and on no others."""
+        numbers = np.zeros(self.sizes.slots, np.int32)
+        for slot, count in rows.items():
+            numbers[slot] = count
+        self.system.rows.assign(numbers)
+
     # one slot, to and from the host
 
     def read(self, name: str, slot: int, rows: int) -> np.ndarray:
@@ -98,7 +62,7 @@ class Arrays:
         if name == "p":
             per, array = self.sizes.cap * self.words, self.p
             return fetch(array[slot * per : slot * per + rows * self.words]).reshape(rows, -1)
-        entries = self.entries[STATE[name]]
+        entries = self.sizes.entries[STATE[name]]
         per, array = self.sizes.cap * entries, getattr(self.system, name)
         block = fetch(array[slot * per : (slot + 1) * per])
         block = block.reshape(entries, self.sizes.cap, *block.shape[1:])[:, :rows]
@@ -110,7 +74,7 @@ class Arrays:
             per, array = self.sizes.cap * self.words, self.p
             array[slot * per : slot * per + len(values) * self.words].assign(values.reshape(-1, array.dtype._length_))
             return
-        entries, array = self.entries[STATE[name]], getattr(self.system, name)
+        entries, array = self.sizes.entries[STATE[name]], getattr(self.system, name)
         values = values[None] if STATE[name] == "one" else values
         block = np.zeros((entries, self.sizes.cap, *values.shape[2:]), values.dtype)
         block[: len(values), : values.shape[1]] = values

@@ -8,21 +8,27 @@ import warp as wp
 from labbook_warp.arrays import Arrays
 
 _PARTS = 64  # threads a member that add up energies
+_BLOCK = 128  # threads that are started together
 
 
 class Beat:
     """All launches over one set of arrays."""
 
-    def __init__(self, arrays: Arrays, lanes: int, steps: int, every: int, block: int):
-        self.arrays, self.lanes, self.steps, self.every, self.block = arrays, lanes, steps, every, block
-        self.kernels, self.device = arrays.module, arrays.device
+    def __init__(self, arrays: Arrays, steps: int, every: int):
+        self.arrays, self.steps, self.every = arrays, steps, every
+        self.kernels, self.device, self.lanes = arrays.module, arrays.device, arrays.module.LANES
         sizes = arrays.sizes
-        self._rows, self._cells, self._slots = sizes.slots * sizes.cap, sizes.slots * sizes.cells, sizes.slots
+        self._rows, self._cells, self._slots = sizes.rows, sizes.slots * sizes.cells, sizes.slots
         self._graph: Any = None
         self._looked: Any = None
 
+    def renew(self, every: int) -> None:
+        """Check displacements `every` so many steps. A captured graph is dropped: it holds that number, and the
+        material that all members share, as they were."""
+        self.every, self._graph = every, None
+
     def _launch(self, kernel: Any, dim: int, *inputs: Any) -> None:
-        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=self.block)
+        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=_BLOCK)
 
     def run(self) -> None:
         """Take the beat's steps with every member whose `rows` are not zero."""
@@ -30,7 +36,7 @@ class Beat:
             self._steps()
             return
         if self._graph is None:
-            wp.load_module(self.kernels, device=self.device, block_dim=self.block)
+            wp.load_module(self.kernels, device=self.device, block_dim=_BLOCK)
             with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
                 self._steps()
             self._graph = capture.graph
@@ -84,9 +90,7 @@ class Beat:
 
     def contacts(self):
         """Rows slot, i, j, wall, force, branch of all touching contacts, in any order."""
-        sizes = self.arrays.sizes
-        room = self._rows * (sizes.near // 2 + min(sizes.walls, 6)) + 1
         counter = wp.zeros(1, dtype=wp.int32, device=self.device)
-        out = wp.zeros(10 * room, dtype=wp.float64, device=self.device)
+        out = wp.zeros(10 * self.arrays.sizes.contacts, dtype=wp.float64, device=self.device)
         self._launch(self.kernels.contacts, self._rows, self.arrays.p, counter, out)
         return out.numpy().reshape(-1, 10)[: counter.numpy()[0]]

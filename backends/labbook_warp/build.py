@@ -9,7 +9,7 @@ from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
 from labbook_warp import dialect
-from labbook_warp.kernels import double, forces, mixed, neighbours, observe, step, system, walls, words
+from labbook_warp.kernels import contacts, double, forces, mixed, neighbours, observe, step, system, walls, words
 
 SWITCHES = (
     "FRICTION",
@@ -40,7 +40,7 @@ def module_text(
     }
     constants |= {name: getattr(words, name) for name in ("PARKED", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, spheres, system, STATE[precision]]
-    modules += [walls, forces, step, neighbours, observe]
+    modules += [walls, contacts, forces, step, neighbours, observe]
     return source.generate(dialect.header(precision, registers), constants, modules)
 
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from labbook.backend import Unsupported
+from labbook.backend import Device, Survey, Unsupported
 
 wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU is no cause for a warning
 
@@ -18,3 +18,27 @@ def find(name: str):
         )
         raise Unsupported("device", remedy)
     return wp.get_device(name)
+
+
+def free(device: wp.Device) -> int | None:
+    """Bytes of memory that are free on a device; None for the processor's own memory, which is not rationed."""
+    if not device.is_cuda:
+        return None
+    wp.synchronize_device(device)  # what was let go returns to the device only then
+    return device.free_memory
+
+
+def survey() -> Survey:
+    """Versions of Warp and CUDA, and every device that Warp finds."""
+    wp.init()
+    versions = {
+        "Warp": wp.config.version,
+        "CUDA that Warp was built with": _dotted(wp.get_cuda_toolkit_version()),
+        "CUDA that the driver supports": _dotted(wp.get_cuda_driver_version()),
+    }
+    found = (Device(d.alias, d.name, d.total_memory if d.is_cuda else None) for d in wp.get_devices())
+    return Survey(versions, tuple(found))
+
+
+def _dotted(version: tuple[int, int] | None) -> str:
+    return ".".join(map(str, version)) if version else "none"

@@ -20,6 +20,7 @@ vec3 = wp.{vec3}
 wide3 = wp.vec3d
 word = wp.{word}
 int64 = wp.int64
+uint32 = wp.uint32
 float32 = wp.float32
 coefs = wp.types.vector(length=8, dtype=real)
 shape6 = wp.types.vector(length=6, dtype=wide)

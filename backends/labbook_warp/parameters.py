@@ -57,12 +57,17 @@ def cell_size(scene: Scene, numerics: Numerics) -> float:
     return scene.grains.diameter * (1 + numerics.skin)
 
 
+def most_cells(grains: int) -> int:
+    """Cells that a lattice has at most."""
+    return 4 * grains + 64
+
+
 def lattice(x: np.ndarray, cell: float) -> tuple[int, ...]:
-    """Cells along each axis that grains at x [n, 3] spread over: 1, or at least 3 and at most four a grain in all."""
+    """Cells along each axis that grains at x [n, 3] spread over: 1, or at least 3, and at most `most_cells` in all."""
     extent = np.ptp(x, axis=0) if len(x) else np.zeros(3)
     # grains that lie within one cell's thickness may straddle two; both wrap onto one
     wanted = np.where(extent < cell, 1, np.ceil(extent / cell) + 2).clip(max=1e6)
-    most = 4.0 * len(x) + 64
+    most = most_cells(len(x))
     while wanted.prod() > most:
         k = int(np.argmax(wanted))
         if wanted[k] <= 3:

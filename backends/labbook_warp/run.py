@@ -1,15 +1,18 @@
 """One running scene: where it stands, and what it was started from."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from labbook_dem.ledger import energy_scale, kinetic
+from labbook_dem.ensemble import Failure
+from labbook_dem.ledger import kinetic, status
 
 from labbook.backend import Checkpoint, Probe, Status
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
+from labbook_warp.parameters import cell_size, lattice
 
 
 @dataclass(eq=False)
@@ -20,27 +23,30 @@ class Run:
     numerics: Numerics
     probes: Sequence[Probe]
     begin: Packing | Checkpoint | None
-    settled_below: float | None = None
-    settled_beats: int = 3
     slot: int = -1
     rows: int = 0
     left: int = 0
     step: int = 0
-    seen: int = 0
-    """Beats on end at which it was settled."""
-    failure: tuple[str, int, int, str] | None = None
+    failure: Failure | None = None
     names: list[str] = field(default_factory=list)
     rebuilds: int = 0
     past_work: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Work [J] of contacts on grains that have no row any more."""
     lattice: tuple[int, ...] = ()
+    """Cells along x, y, z."""
+    crossed: np.ndarray = field(default_factory=lambda: np.zeros((0, 12)))
+    """Rows of crossings of the last beat."""
 
     def __post_init__(self):
         self.names = [wall.name for wall in self.scene.container.walls()]
         if isinstance(self.begin, Checkpoint):
             self.takes_up(self.begin)
-        elif self.begin is not None:
+            positions = self.begin.arrays["origin"]
+        else:
+            assert self.begin is not None
             self.rows = len(self.begin)
+            positions = self.begin.x
+        self.lattice = lattice(positions, cell_size(self.scene, self.numerics))
 
     def takes_up(self, stored: Checkpoint) -> None:
         """Stand where a checkpoint was taken; grains that had left by then have no row any more."""
@@ -59,13 +65,13 @@ class Run:
         return self.step * self.numerics.dt
 
     @property
-    def going(self) -> bool:
-        """Whether it takes steps."""
-        return self.failure is None and self.grains > 0
+    def cells(self) -> int:
+        """Cells of its lattice."""
+        return math.prod(self.lattice)
 
     def status(self, energy: float) -> Status:
         """Where it stands, given its kinetic energy [J]."""
-        return Status(self.step, self.time, self.grains, energy / max(self.grains, 1) / energy_scale(self.scene))
+        return status(self.scene, self.step, self.time, self.grains, energy)
 
     def first_energy(self) -> float:
         """Kinetic energy [J] of the packing it starts from."""

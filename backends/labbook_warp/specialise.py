@@ -17,16 +17,11 @@ about the motion."""
 
 def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
     """Features compiled in. Raises Unsupported."""
-    features.check(capabilities, scene, numerics, probes)
+    found = features.specialise(capabilities, scene, numerics, probes)
     walls = len(scene.container.walls())
     if walls > MOST_WALLS:
         raise Unsupported("container", f"the engine {capabilities.name} takes {MOST_WALLS} walls, not {walls}")
-    return Spec(
-        engine=capabilities.name,
-        features=tuple(sorted(features.features(scene, numerics, probes).items())),
-        probes=tuple(dict.fromkeys(probes)),
-        steps_per_beat=numerics.steps_per_beat,
-    )
+    return found
 
 
 def check_interval(scene: Scene, numerics: Numerics) -> int:

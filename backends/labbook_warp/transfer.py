@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
+from labbook_dem.springs import places
 
 from labbook.backend import Checkpoint
 from labbook.protocol.packing import Packing
-from labbook_warp.arrays import STATE, Arrays
+from labbook_warp.arrays import Arrays
 from labbook_warp.kernels.words import PARKED
+from labbook_warp.layout import STATE
 
 
 def start(arrays: Arrays, slot: int, packing: Packing, plane: float, cell: float) -> None:
@@ -41,7 +43,7 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     by_key = np.argsort(keys)
     i, j = rows[packing.pairs[:, 0]], rows[packing.pairs[:, 1]]
     for a, b, sign in ((i, j, 1.0), (j, i, -1.0)):
-        at = _places(keys[by_key], a * n + b)
+        at = places(keys[by_key], a * n + b)
         there = by_key[at[at >= 0]]
         spring[k[there], r[there]] = sign * packing.pair_spring[at >= 0]
         np.bitwise_or.at(held, r[there], np.uint32(1) << k[there].astype(np.uint32))
@@ -59,14 +61,6 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
         wall_held[at[listed]] |= bit
     arrays.write("wall_spring", slot, wall_spring)
     arrays.write("wall_held", slot, wall_held)
-
-
-def _places(ascending: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Where each wanted key stands in an ascending array; -1 if nowhere."""
-    if not len(ascending):
-        return np.full(len(wanted), -1)
-    at = np.searchsorted(ascending, wanted).clip(max=len(ascending) - 1)
-    return np.where(ascending[at] == wanted, at, -1)
 
 
 def packing(

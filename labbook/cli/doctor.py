@@ -31,15 +31,19 @@ def _show(found) -> None:
 
     console = Console()
     console.print(f"labbook {found.version}, Python {found.hardware['python']} on {found.hardware['processor']}")
+    console.print(f"GPU and driver: {found.hardware['gpu'] or 'none found'}")
+    for engine, versions in found.versions.items():
+        console.print(f"{engine}: " + ", ".join(f"{what} {version}" for what, version in versions.items()))
     packages = Table("package", "version", "needed for")
     for package in found.packages:
         packages.add_row(package.name, package.version or "not installed", package.purpose)
     console.print(packages)
-    engines = Table("engine", "device", "works", "precisions", "laws", "note")
+    engines = Table("engine", "device", "what it is", "works", "precisions", "laws", "note")
     for engine in found.engines:
         engines.add_row(
             engine.name,
             engine.device,
+            engine.what,
             "yes" if engine.works else "no",
             ", ".join(engine.precisions),
             ", ".join(engine.laws),

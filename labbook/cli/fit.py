@@ -27,6 +27,7 @@ def register(app: typer.Typer) -> None:
 def _show(analysis) -> None:
     from rich.console import Console
 
+    from labbook.fit.outlet import FORMULA
     from labbook.report import tables
     from labbook.report.page import summary
 
@@ -35,13 +36,16 @@ def _show(analysis) -> None:
     for sentence in summary(analysis):
         console.print(sentence, markup=False)
     print_table(console, tables.flow_table(analysis), "Flow rates")
-    packing = tables.packing_table(analysis)
-    if packing is not None:
-        print_table(console, packing, "Packings")
+    further = tables.further_table(analysis)
+    if further is not None:
+        print_table(console, further, "Further measurements")
     for series in analysis.series:
         where = f" at {series.label}" if series.label else ""
         for law, found in series.fits.items():
             print_table(console, tables.fit_table(law, found), f"{law.capitalize()}{where}: {found.law.formula}")
+        if series.profiles:
+            print_table(console, tables.profile_table(series), f"Profiles along the outlets{where}: {FORMULA}")
+            print_table(console, tables.outlet_table(series), f"Outlets{where}")
         for problem in series.problems:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:

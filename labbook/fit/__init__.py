@@ -4,9 +4,13 @@ from labbook.fit.beverloo import Beverloo2D
 from labbook.fit.fitting import compare, fit
 from labbook.fit.janda import Janda2D
 from labbook.fit.law import Context, Law
+from labbook.fit.outlet import NAME as OUTLET_PROFILES
 from labbook.fit.result import FitError, FitResult, Parameter
 
 LAWS: dict[str, Law] = {law.name: law for law in (Beverloo2D(), Janda2D())}
-"""The laws that a study can name under `fit`."""
+"""Laws of the flow rate against the orifice."""
 
-__all__ = ["LAWS", "Context", "FitError", "FitResult", "Law", "Parameter", "compare", "fit"]
+FITS = frozenset({*LAWS, OUTLET_PROFILES})
+"""All that a study can name under `fit`."""
+
+__all__ = ["FITS", "LAWS", "OUTLET_PROFILES", "Context", "FitError", "FitResult", "Law", "Parameter", "compare", "fit"]

@@ -1,11 +1,12 @@
-"""What is measured of a run: flow rates from crossing events, and the packing that it started from."""
+"""What is measured of a run: flow rates, profiles along the outlet, and the packing that it started from."""
 
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
 from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.outlet import OutletProfiles
 from labbook.measure.packing import PackingStructure
 
-MEASURES: dict[str, Measure] = {measure.name: measure for measure in (FlowRate(), PackingStructure())}
+MEASURES: dict[str, Measure] = {measure.name: measure for measure in (FlowRate(), OutletProfiles(), PackingStructure())}
 """The measures that a study can name under `measure`."""
 
 __all__ = ["MEASURES", "Measure", "MeasureError", "RunData", "Window"]

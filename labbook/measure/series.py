@@ -20,8 +20,7 @@ def crossings(run: RunData) -> tuple[np.ndarray, np.ndarray]:
         return times, np.ones(len(times))
     table = run.tables["crossing"]
     left = np.asarray(table["id"])[np.argsort(table["time"], kind="stable")]
-    by_id = np.argsort(run.start.ids)
-    return times, mass[by_id[np.searchsorted(run.start.ids, left, sorter=by_id)]] / mass.mean()
+    return times, mass[run.start.rows(left)] / mass.mean()
 
 
 def mean_mass(run: RunData) -> float:

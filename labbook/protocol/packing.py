@@ -60,6 +60,11 @@ class Packing:
     def __len__(self) -> int:
         return len(self.x)
 
+    def rows(self, ids: np.ndarray) -> np.ndarray:
+        """Rows of the grains called `ids`, which must all be there; shape as ids."""
+        order = np.argsort(self.ids)
+        return order[np.searchsorted(self.ids, ids, sorter=order)]
+
     def mirrored(self) -> "Packing":
         """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) in y and z.
 

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from labbook.fit import OUTLET_PROFILES
+from labbook.fit.outlet import Outlet
 from labbook.measure import MEASURES, RunData
+from labbook.measure.outlet import outlet_profile
 from labbook.measure.series import crossings, flow_series
 from labbook.measure.steady import steady_flow
 from labbook.report import display
@@ -56,7 +59,7 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """One run: how it ended, what was measured of it, by quantity, and its W(t)."""
+    """One run: how it ended, what was measured of it, by quantity, its W(t), and the profiles along its outlet."""
 
     seed: int
     run_key: str
@@ -64,6 +67,7 @@ class RunResult:
     measured: Mapping[str, Measured]
     trace: Trace | None
     provenance: Mapping[str, Any]
+    outlet: Outlet | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +98,11 @@ class PointResult:
     def flow_rate(self) -> Pooled | None:
         """Pooled W [kg/s], or None if no replicate gave one."""
         return self.pooled.get(FLOW_RATE)
+
+    @property
+    def outlets(self) -> tuple[Outlet, ...]:
+        """Profiles along the outlet, of every run that has them."""
+        return tuple(run.outlet for run in self.runs if run.outlet is not None)
 
     @property
     def outcomes(self) -> Counter[str]:
@@ -199,9 +208,18 @@ def _point(study: "Study", point: "Point", extra: frozenset[str], runs: tuple[Ru
 def _run(study: "Study", finished: Finished) -> RunResult:
     data = finished.data()
     measured = {m.quantity: m for name in study.measure for m in MEASURES[name].evaluate(data, study.window)}
-    return RunResult(
-        finished.seed, finished.run_key, finished.outcome, measured, _trace(study, data), finished.provenance
-    )
+    outlet = _outlet(study, data) if OUTLET_PROFILES in study.measure else None
+    trace = _trace(study, data)
+    return RunResult(finished.seed, finished.run_key, finished.outcome, measured, trace, finished.provenance, outlet)
+
+
+def _outlet(study: "Study", data: RunData) -> Outlet | None:
+    """The profiles of a run that flowed through the window; None of a clogged one, as for its flow rate."""
+    found = outlet_profile(data, study.window) if data.outcome not in ("clogged", "diverged") else None
+    if found is None:
+        return None
+    reach = 1 - data.scene.grains.radius / found.R
+    return Outlet(found.R, found.edges, found.area_fraction, found.flux, reach, found.counted)
 
 
 def _trace(study: "Study", data: RunData) -> Trace | None:

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from labbook.fit import LAWS
+from labbook.fit import LAWS, OUTLET_PROFILES
+from labbook.fit.outlet import PARAMETERS
 from labbook.report import display
 from labbook.report.analysis import ORIFICE, PointResult
 from labbook.report.series import Series
@@ -76,11 +77,12 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
 
 def _entry(entry: "ReferenceEntry", points: Sequence[PointResult], series: Sequence[Series]) -> Iterator[Comparison]:
     head, _, tail = entry.quantity.partition(".")
-    quantity = entry.quantity if head in LAWS else tail or head
+    fitted = head in LAWS or (head == OUTLET_PROFILES and tail in PARAMETERS)
+    quantity = entry.quantity if fitted else tail or head
     label = display.label(entry.at)
     base = Comparison(quantity, entry.at, label, entry.value, entry.error, None)
     found: list[Comparison] = []
-    if head in LAWS:
+    if fitted:
         at = {name: value for name, value in entry.at.items() if name != ORIFICE}
         for one in (one for one in series if _matches(at, one.points[0].point)):
             found.append(_of_fit(replace(base, at=one.at or at, label=one.label or label), head, tail, one))
@@ -108,12 +110,12 @@ def _merged(found: Sequence[Comparison], points: int) -> list[Comparison]:
 
 
 def _of_fit(base: Comparison, law: str, parameter: str, series: Series) -> Comparison:
-    fitted = series.fits.get(law)
-    if fitted is None:
+    fitted = series.parameters(law)
+    if not fitted:
         return replace(base, why="; ".join(series.problems) or f"the study does not fit {law}")
-    ours = fitted.parameters.get(parameter)
+    ours = fitted.get(parameter)
     if ours is None:
-        return replace(base, why=f"{law} has no {parameter} here; it has {', '.join(fitted.parameters)}")
+        return replace(base, why=f"{law} has no {parameter} here; it has {', '.join(fitted)}")
     return replace(base, ours=ours.value, error=ours.error, low=ours.low, high=ours.high, unit=ours.unit)
 
 

@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labbook import __version__
+from labbook.fit import OUTLET_PROFILES
+from labbook.fit.outlet import FORMULA, SOURCE
 from labbook.report import display, figures, style, tables
 from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
+from labbook.report.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +49,7 @@ def write(analysis: Analysis, folder: Path) -> Path:
         trends=_trends(analysis, folder),
         series=[_series(analysis, k, folder) for k in range(len(analysis.series))],
         flow=tables.flow_table(analysis),
-        packing=tables.packing_table(analysis),
+        further=tables.further_table(analysis),
         outcomes=tables.outcomes_table(analysis),
         provenance=tables.provenance_table(analysis),
         runs=tables.runs_table(analysis),
@@ -105,14 +108,15 @@ def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
     numbers = {name: len(found) for name, found in values.items() if not any(isinstance(v, str) for v in found)}
     key = max(numbers, key=lambda name: numbers[name], default="")
     pictures = []
-    for law in dict.fromkeys(law for one in analysis.series for law in one.fits):
-        places = {one.at[key] for one in analysis.series if law in one.fits and key in one.at}
+    for law in (*dict.fromkeys(law for one in analysis.series for law in one.fits), OUTLET_PROFILES):
+        places = {one.at[key] for one in analysis.series if one.parameters(law) and key in one.at}
         if len(places) > 1:
             figure = figures.parameters_against(key, law, analysis.series, analysis.comparisons)
-            caption = f"Parameters of {law.capitalize()} with 95 % intervals; diamonds: the reference."
+            called = law.replace("_", " ")
+            caption = f"Parameters of {called.capitalize()} with 95 % intervals; diamonds: the reference."
             name = display.key(key).name
-            stem = folder / f"{law}-{_slug(name)}"
-            pictures.append(_picture(figure, stem, f"parameters of {law} against {name}", caption))
+            stem = folder / f"{_slug(called)}-{_slug(name)}"
+            pictures.append(_picture(figure, stem, f"parameters of {called} against {name}", caption))
     return pictures
 
 
@@ -141,6 +145,19 @@ def _series(analysis: Analysis, index: int, folder: Path) -> dict:
         "verdict": series.verdict,
         "problems": [f"Not fitted: {problem}." for problem in series.problems],
         "flow": _picture(flow, folder / f"flow{suffix}", f"W against time{where}", _FLOW),
+        "profiles": _profiles(series, folder, suffix, where) if series.profiles else None,
+    }
+
+
+def _profiles(series: Series, folder: Path, suffix: str, where: str) -> dict:
+    along, middles = figures.outlet_profiles(series), figures.outlet_middles(series)
+    return {
+        "along": _picture(along, folder / f"profiles{suffix}", f"profiles along the outlets{where}", _ALONG),
+        "middles": _picture(middles, folder / f"middles{suffix}", f"middles of the profiles{where}", _MIDDLES),
+        "formula": FORMULA,
+        "source": SOURCE,
+        "table": tables.profile_table(series),
+        "outlets": tables.outlet_table(series),
     }
 
 
@@ -152,6 +169,16 @@ _FIT = (
 _FLOW = (
     "W(t) of every replicate. Shaded: the window, between the asked fractions of mass discharged (mean over "
     "replicates); in it the pooled mean and its 95 % interval."
+)
+
+_ALONG = (
+    "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "
+    "middle. Points are fitted; bins without points lie nearer to the edges than centres of grains come. Bands: one "
+    "standard error over seeds. Dashed: the tilted curves of eqs 16 and 17, where the tilt is significant."
+)
+_MIDDLES = (
+    "Velocity and area fraction in the middle of the outlets, and the flow that the profiles come to, over the flow "
+    "counted. Bars: one standard error over seeds."
 )
 
 

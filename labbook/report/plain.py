@@ -1,8 +1,11 @@
 """An analysis as plain data, for scripts: SI units, and null for what is not known or has no end."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
+from labbook.fit import Parameter
+from labbook.fit.outlet import FORMULA, OF_OUTLET, VERSION, ProfileFit
 from labbook.report.analysis import Analysis, PointResult
 from labbook.report.comparison import Comparison
 from labbook.report.series import Series
@@ -53,16 +56,7 @@ def _series(series: Series) -> dict[str, Any]:
             law: {
                 "version": fit.law.version,
                 "formula": fit.law.formula,
-                "parameters": {
-                    name: {
-                        "value": _finite(parameter.value),
-                        "error": _finite(parameter.error),
-                        "low": _finite(parameter.low),
-                        "high": _finite(parameter.high),
-                        "unit": parameter.unit,
-                    }
-                    for name, parameter in fit.parameters.items()
-                },
+                "parameters": _parameters(fit.parameters),
                 "confidence": fit.confidence,
                 "chi2": _finite(fit.chi2),
                 "degrees_of_freedom": fit.dof,
@@ -72,6 +66,39 @@ def _series(series: Series) -> dict[str, Any]:
             }
             for law, fit in series.fits.items()
         },
+        "profiles": _profiles(series.profiles) if series.profiles else None,
+    }
+
+
+def _profiles(fit: ProfileFit) -> dict[str, Any]:
+    outlets = []
+    for one in fit.outlets:
+        pooled = {name: getattr(one, name) for name in OF_OUTLET}
+        profile = one.profile
+        outlets.append(
+            {
+                "R": profile.R,
+                "edges": profile.edges.tolist(),
+                "area_fraction": profile.area_fraction.tolist(),
+                "velocity": [_finite(v) for v in profile.velocity],
+                "fitted": profile.inside.tolist(),
+                **{name: {"value": p.value, "error": _finite(p.error)} for name, p in pooled.items()},
+            }
+        )
+    parameters = _parameters(fit.parameters)
+    return {"version": VERSION, "formula": FORMULA, "parameters": parameters, "outlets": outlets, "notes": fit.notes}
+
+
+def _parameters(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+    return {
+        name: {
+            "value": _finite(parameter.value),
+            "error": _finite(parameter.error),
+            "low": _finite(parameter.low),
+            "high": _finite(parameter.high),
+            "unit": parameter.unit,
+        }
+        for name, parameter in parameters.items()
     }
 
 

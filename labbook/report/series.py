@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from labbook.fit import LAWS, Context, FitError, FitResult, compare, fit
+from labbook.fit import LAWS, OUTLET_PROFILES, Context, FitError, FitResult, Parameter, compare, fit
+from labbook.fit.outlet import ProfileFit, fit_profiles
 from labbook.report import display
 from labbook.report.analysis import ORIFICE, PointResult
 from labbook.scene import WedgeHopper
@@ -32,6 +33,19 @@ class Series:
     preferred: str | None
     problems: tuple[str, ...]
     unset: tuple[str, ...] = ()
+    profiles: ProfileFit | None = None
+    """Profiles along the outlets, of the points that have any, if the study fits them."""
+
+    def parameters(self, name: str) -> Mapping[str, Parameter]:
+        """Fitted parameters of the law `name`, or of the profiles; empty where it was not fitted."""
+        if name == OUTLET_PROFILES:
+            return self.profiles.parameters if self.profiles else {}
+        return self.fits[name].parameters if name in self.fits else {}
+
+    @property
+    def profiled(self) -> tuple[PointResult, ...]:
+        """Points with profiles along their outlet, in the order of `profiles.outlets`."""
+        return tuple(result for result in self.points if result.outlets)
 
     @property
     def label(self) -> str:
@@ -80,9 +94,15 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
     replicates = np.array([pooled.n for _, pooled in used])
     fits: dict[str, FitResult] = {}
     problems = []
-    for name in laws:
+    for name in (law for law in laws if law in LAWS):
         try:
             fits[name] = fit(LAWS[name], D, W, error, context(points), replicates)
+        except FitError as failure:
+            problems.append(str(failure))
+    profiles = None
+    if OUTLET_PROFILES in laws:
+        try:
+            profiles = fit_profiles([result.outlets for result in points if result.outlets], context(points))
         except FitError as failure:
             problems.append(str(failure))
     outside = np.zeros(len(used), bool)
@@ -91,7 +111,16 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
     flagged = {r.point.index for (r, _), out in zip(used, outside, strict=True) if out or r.trending}
     preferred = compare(list(fits.values())) if len(fits) > 1 else None
     indices = frozenset(result.point.index for result, _ in used)
-    return Series(dict(at), tuple(points), fits, indices, frozenset(flagged), preferred, tuple(problems))
+    return Series(
+        dict(at),
+        tuple(points),
+        fits,
+        indices,
+        frozenset(flagged),
+        preferred,
+        tuple(problems),
+        profiles=profiles,
+    )
 
 
 def context(points: Sequence[PointResult]) -> Context:

@@ -5,10 +5,11 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from labbook.fit import FitResult, Parameter
+from labbook.fit import OUTLET_PROFILES, FitResult, Parameter
 from labbook.report import display
 from labbook.report.analysis import Analysis, PointResult
 from labbook.report.comparison import CLOSE, Comparison
+from labbook.report.series import Series
 from labbook.stats import Measured
 
 CONVENTIONS = (
@@ -47,7 +48,7 @@ def flow_table(analysis: Analysis) -> Table:
     return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=(CONVENTIONS,))
 
 
-def packing_table(analysis: Analysis) -> Table | None:
+def further_table(analysis: Analysis) -> Table | None:
     """Every point: whatever else was measured, pooled over replicates; None if nothing was."""
     swept, measured = _swept(analysis), _measured(analysis, of_flow=False)
     if not measured:
@@ -135,13 +136,54 @@ def fit_table(law: str, fit: FitResult) -> Table:
     return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
 
 
+def profile_table(series: Series) -> Table:
+    """Parameters of the profiles along the outlets of a series."""
+    fit = series.profiles
+    assert fit is not None
+    rows = tuple(_parameter_row(f"{OUTLET_PROFILES}.{name}", p) for name, p in fit.parameters.items())
+    collapse = f"Root mean square about the domes: {fit.misfit[0]:.2g} of v_c, {fit.misfit[1]:.2g} of φ_c."
+    notes = (collapse, *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
+    return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
+
+
+_OF_OUTLET = {
+    "v_c": "v_c [m/s]",
+    "phi_c": "φ_c",
+    "direct": "∫/W",
+    "centred": "eq 14/W",
+    "printed": "printed/W",
+    "eccentric": "eq 18/W",
+}
+
+
+def outlet_table(series: Series) -> Table:
+    """Each outlet of a series: middle of its profiles, and the flow that they come to over the flow counted."""
+    fit = series.profiles
+    assert fit is not None
+    rows = tuple(
+        (
+            f"{result.orifice * 1e3:g}",
+            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in _OF_OUTLET),
+        )
+        for result, one in zip(series.profiled, fit.outlets, strict=True)
+    )
+    notes = (
+        "Flow of the profiles over the flow counted, W: by integrating them as measured; by eq 14 with v_c and φ_c of "
+        "each outlet; by eq 14 as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
+    )
+    return Table(("D [mm]", *_OF_OUTLET.values()), rows, frozenset(), notes=notes)
+
+
+_MAY_VANISH = frozenset({"outlet_profiles.delta1", "outlet_profiles.delta2"})  # a tilt of zero is a finding
+
+
 def _parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
     """A parameter with its interval; one without an end, or far wider than the value, leaves no value to quote."""
     shown = display.quantity(quantity, parameter.unit)
     width = parameter.high - parameter.low
     digits = width / 4  # about a standard error, also where the linearised one means nothing
     ends = (display.number(end, digits, shown.scale) for end in (parameter.low, parameter.high))
-    if not math.isfinite(width) or width > 10 * abs(parameter.value):
+    if not math.isfinite(width) or (width > 10 * abs(parameter.value) and quantity not in _MAY_VANISH):
         value = "not determined"
     elif parameter.error > width:
         value = display.number(parameter.value, digits, shown.scale)

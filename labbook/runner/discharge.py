@@ -191,7 +191,7 @@ class DischargeJob(Job):
         """Of the mass of all grains, the part that each is, by id."""
         packing = self._packing()
         mass = Bodies.of(self.scene.grains, packing).mass
-        return mass[np.argsort(packing.ids)] / mass.sum()
+        return mass[packing.rows(np.arange(len(mass)))] / mass.sum()
 
     @cached_property
     def _enough(self) -> float:

@@ -22,6 +22,7 @@ from labbook.runner.board import Board, Started, Tally
 from labbook.runner.job import Bench, Job, JobFailed
 from labbook.runner.lane import Lane, Turn
 from labbook.runner.provenance import cores
+from labbook.runner.slots import slots
 from labbook.runner.watch import Meter, Unwatched, View, Watcher
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ class Runner:
             self._board = Board(bench, planner, index, observe, packings_only=self.packings_only)
             self._board.pin(plan)
             with self._signals():
-                self._carry_out()
+                self._carry_out(slots(self.backend, self.device, plan.points))
             self._tell()
         finally:
             catalogue.close()
@@ -108,9 +109,8 @@ class Runner:
             self._board.tally, points, self._stop.is_set(), wall, self._meter.work, tuple(index.found.problems)
         )
 
-    def _carry_out(self) -> None:
+    def _carry_out(self, slots: int) -> None:
         many = self.lanes or (cores() if self.device == "cpu" else 1)
-        slots = 1 if self.device == "cpu" else 1_000_000
         lanes = [Lane(self.backend, self.device, slots) for _ in range(many)]
         turns: Turns = {}
         with ThreadPoolExecutor(many, thread_name_prefix="labbook-lane") as pool:

@@ -45,10 +45,10 @@ def load(path: Path) -> Study:
 
 def known_names() -> set[str]:
     """Names of all measurements and laws."""
-    from labbook.fit import LAWS
+    from labbook.fit import FITS
     from labbook.measure import MEASURES
 
-    return {*MEASURES, *LAWS}
+    return {*MEASURES, *FITS}
 
 
 def _unknown_keys(source: Source) -> list[Problem]:
@@ -70,17 +70,21 @@ def _settings(source: Source, misspelled: Set[str | None], problems: list[Proble
 
 
 def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
-    """Measurements and laws that do not exist."""
-    from labbook.fit import LAWS
+    """Measurements and fits that do not exist, and a fit of profiles that nothing measures."""
+    from labbook.fit import FITS, OUTLET_PROFILES
     from labbook.measure import MEASURES
 
-    for key, stated, known in (("measure", settings.measure, MEASURES), ("fit", settings.fit, LAWS)):
+    for key, stated, known in (("measure", settings.measure, MEASURES), ("fit", settings.fit, FITS)):
         for index, name in enumerate(stated):
             if name not in known:
                 line = source.line((key, index))
                 what = "measurement" if key == "measure" else "law"
                 message = f"no {what} is called {shown(name)}"
                 yield Problem(source.path, line, key, message, instead(name, known))
+    if OUTLET_PROFILES in settings.fit and OUTLET_PROFILES not in settings.measure:
+        line = source.line(("fit", settings.fit.index(OUTLET_PROFILES)))
+        message = f"{OUTLET_PROFILES} cannot be fitted: they are not measured"
+        yield Problem(source.path, line, "fit", message, f"add {OUTLET_PROFILES} to measure")
 
 
 def _outlets(source: Source, settings: Settings, points: tuple[Point, ...]) -> Iterator[Problem]:

@@ -61,6 +61,23 @@ def test_whichever_slot_it_has(silo, alone):
         check(ensemble, late, alone)
 
 
+def test_whoever_was_there_before(silo):
+    """Of a member that is gone, nothing stays: not its clock, nor its material, in what was compiled or captured."""
+    contact = silo.scene.contact
+    other = silo.scene.model_copy(update={"contact": contact.model_copy(update={"friction": 0.5 * contact.friction})})
+    with silo.ensemble(slots=1) as ensemble:
+        first = ensemble.admit(other, silo.numerics(0.5 * DT), silo.start)
+        ensemble.advance(2)
+        with_other = ensemble.packing(first)
+        ensemble.retire(first)
+        ensemble.drain()
+        second = silo.admit(ensemble)
+        ensemble.advance(2)
+        state, _ = silo.discharge(2)
+        assert identical(ensemble.packing(second), state)
+        assert not identical(state, with_other)
+
+
 def test_members_keep_their_own_clocks(silo):
     with silo.ensemble() as ensemble:
         slow, fast = silo.admit(ensemble), ensemble.admit(silo.scene, silo.numerics(0.5 * DT), silo.start)

@@ -5,14 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from labbook.backend import Contacts, Crossing, Ledger, Sample
+from labbook.backend import Contacts, Crossing, Ledger, Sample, Slab
 from labbook.scene import Plane, Primitives, Spheres, Wall
 from labbook.verify.stand import Start, grains_at, identical, rows_of
 from labbook.verify.symmetry import DT, difference
 
 BEATS = 12
 SAMPLE, CONTACTS = Sample(fields=("x", "v", "omega")), Contacts()
-EVERYTHING = (Crossing(), Ledger(), SAMPLE, CONTACTS)
+SLAB = Slab(low=-0.0015, high=0.0015)
+EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, CONTACTS)
 
 
 def test_declaring_and_reading_them_changes_no_bit(silo):
@@ -45,6 +46,7 @@ def test_drained_rows_come_once_and_none_is_lost(silo):
 COLUMNS = {
     "Crossing": "id time x y z vx vy vz wx wy wz",
     "Sample": "id x y z vx vy vz wx wy wz",
+    "Slab": "id x y z vx vy vz",
     "Contacts": "i j wall fx fy fz bx by bz",
     "Ledger": "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz",
 }
@@ -65,7 +67,8 @@ def test_tables_have_the_columns_of_the_contract(silo):
 
 
 def test_a_probe_that_saw_nothing_gives_an_empty_table_like_its_others(silo):
-    seldom = (Crossing(), Ledger(every=5), Sample(fields=("x", "v", "omega"), every=5), Contacts(every=5))
+    slab = Slab(low=-0.0015, high=0.0015, every=5)
+    seldom = (Crossing(), Ledger(every=5), Sample(fields=("x", "v", "omega"), every=5), slab, Contacts(every=5))
     with silo.ensemble(probes=seldom) as ensemble:
         assert set(ensemble.drain()) == set(seldom), "also before the first beat"
         scene, start = falling(silo, np.array([0.1]), np.array([0.0]))
@@ -120,6 +123,18 @@ def test_sample_and_ledger_agree_with_the_packing(silo):
     assert row["potential"] == pytest.approx(m * silo.scene.gravity * packing.x[:, 2].sum(), rel=1e-12)
     assert [row[p] for p in ("px", "py", "pz")] == pytest.approx(list(m * packing.v.sum(axis=0)), rel=1e-10)
     assert [row[l] for l in ("lx", "ly", "lz")] == pytest.approx(list(spin), rel=1e-10)
+
+
+def test_a_slab_has_the_rows_of_the_sample_between_its_heights(silo):
+    with silo.ensemble(probes=EVERYTHING) as ensemble:
+        silo.admit(ensemble)
+        ensemble.advance(BEATS)
+        tables = ensemble.drain()
+    sample, slab = tables[SAMPLE], tables[SLAB]
+    inside = abs(sample["z"]) <= SLAB.high
+    assert 0 < inside.sum() < len(inside) / 4
+    for name, column in slab.items():
+        assert np.array_equal(column, sample[name][inside])
 
 
 def test_touching_and_overlap_of_the_ledger_are_those_of_the_contacts(silo):

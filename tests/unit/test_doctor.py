@@ -63,6 +63,49 @@ def test_every_device_is_a_line_that_works_or_says_why_not(monkeypatch):
     assert "runs on cpu only" in lines[1]
 
 
+class Surveyed(TwoDevices):
+    """Finds two GPUs, of which it is made for the first."""
+
+    def survey(self):
+        gpus = tuple(backend.Device(f"cuda:{k}", "Toy GPU", (8 + k) * 2**30) for k in range(2))
+        return backend.Survey({"Toy": "7.1", "CUDA": "none"}, (backend.Device("cpu", "toy CPU"), *gpus))
+
+
+def test_every_device_that_is_there_is_named_with_its_memory(monkeypatch):
+    monkeypatch.setattr(backend, "installed", lambda: {"toy": "labbook_toy:Backend"})
+    monkeypatch.setattr(backend, "load", lambda _name: Surveyed())
+    monkeypatch.setattr(doctor, "bounce", lambda _engine, _device: doctor.ASKED)
+    found = doctor.examine()
+    assert found.versions == {"toy": {"Toy": "7.1", "CUDA": "none"}}
+    named = [(engine.device, engine.what) for engine in found.engines]
+    assert named == [("cpu", "toy CPU"), ("cuda:0", "Toy GPU, 8 GiB"), ("cuda:1", "Toy GPU, 9 GiB")]
+    result = CliRunner().invoke(build(), ["doctor"], env={"COLUMNS": "300"})
+    assert "toy: Toy 7.1, CUDA none" in result.stdout
+    assert "Toy GPU, 9 GiB" in result.stdout
+
+
+def test_an_engine_that_cannot_look_around_is_a_line_with_its_reason(monkeypatch):
+    class Blind(TwoDevices):
+        def survey(self):
+            raise RuntimeError("no library libtoy")
+
+    monkeypatch.setattr(backend, "installed", lambda: {"toy": "labbook_toy:Backend"})
+    monkeypatch.setattr(backend, "load", lambda _name: Blind())
+    found = doctor.examine().engines
+    assert [(engine.works, engine.note) for engine in found] == [(False, "RuntimeError: no library libtoy")]
+
+
+def test_the_gpu_engine_names_what_it_stands_on():
+    wp = pytest.importorskip("warp")
+    engine = backend.load("warp")
+    assert isinstance(engine, backend.Surveys)
+    found = engine.survey()
+    assert found.versions["Warp"] == wp.config.version
+    assert found.versions["CUDA that the driver supports"] != "none" or wp.get_cuda_device_count() == 0
+    assert {device.alias for device in found.devices} == {device.alias for device in wp.get_devices()}
+    assert all((device.memory is None) == (device.alias == "cpu") for device in found.devices)
+
+
 def test_the_self_test_opens_the_device_it_is_asked_for():
     with pytest.raises(backend.Unsupported, match="cuda:0"):
         doctor.bounce(backend.load("numba"), "cuda:0")

@@ -36,6 +36,14 @@ def problems(tmp_path: Path, text: str) -> tuple[Problem, ...]:
     [
         ("  angle: 90 deg", "  angel: 90 deg", 9, "container.angel", "unknown key", "did you mean angle?"),
         ("name: base", "name: base\nsweeep: {}", 2, "sweeep", "unknown key", "did you mean sweep?"),
+        (
+            "name: base",
+            "name: base\nfit: [outlet_profiles]",
+            2,
+            "fit",
+            "not measured",
+            "add outlet_profiles to measure",
+        ),
         ("name: base", "nmae: base", 1, "nmae", "unknown key", "did you mean name?"),
         ("container:", "containr:", 4, "containr", "unknown key", "did you mean container?"),
         ("  thickness", "  thicknes", 8, "container.thicknes", "unknown key", "did you mean thickness?"),

@@ -8,17 +8,14 @@ when it was built, nor how many threads share a grain decides a bit of the resul
 
 from __future__ import annotations
 
-from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
+from labbook_dem.words import FRICTION, func, narrow, real, struct, vec3, wide, wide3
 
-from labbook_warp.kernels.mixed import position, predicted, spin, velocity
-from labbook_warp.kernels.system import Material, System, entry
-from labbook_warp.kernels.walls import wall_distance, wall_velocity
+from labbook_warp.kernels.contacts import Contact, with_neighbour, with_wall
+from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.words import (
     ANY_WALLS,
     FINE,
     LANES,
-    MOVING,
     SHARED,
     Words,
     add_lanes,
@@ -51,6 +48,47 @@ def all_lanes(v: wide3):
     return wide3(add_lanes(v[0], LANES), add_lanes(v[1], LANES), add_lanes(v[2], LANES))
 
 
+@struct
+class Sums:
+    """Force [N] and torque [N m] so far, in quanta and in finer ones, and the largest overlap [m]."""
+
+    force: wide3
+    torque: wide3
+    fine_force: wide3
+    fine_torque: wide3
+    deepest: real
+
+
+@func
+def plus(sums: Sums, c: Contact, m: Material):
+    """Sums with one contact more."""
+    new = Sums()
+    new.force = sums.force + on_grid(c.force, m.grid_f)
+    new.deepest = max(sums.deepest, c.overlap)
+    if FINE:
+        new.fine_force = sums.fine_force + fine(c.force, m.grid_f)
+    if FRICTION:
+        new.torque = sums.torque + on_grid(c.torque, m.grid_t)
+        if FINE:
+            new.fine_torque = sums.fine_torque + fine(c.torque, m.grid_t)
+    return new
+
+
+@func
+def over_lanes(sums: Sums):
+    """Sums over all threads that share a grain."""
+    new = Sums()
+    new.force = all_lanes(sums.force)
+    new.deepest = most_lanes(sums.deepest, LANES)
+    if FINE:
+        new.fine_force = all_lanes(sums.fine_force)
+    if FRICTION:
+        new.torque = all_lanes(sums.torque)
+        if FINE:
+            new.fine_torque = all_lanes(sums.fine_torque)
+    return new
+
+
 @func
 def forces(
     a: System, p: Words, m: Material, s: int, r: int, lane: int, x: wide3, v: vec3, w: vec3, u: vec3, keep: bool
@@ -59,17 +97,11 @@ def forces(
 
     keep: whether springs are advanced in memory.
     """
-    zero = real(0.0)
     none = wp.uint32(0)
     i = s * a.cap + r
-    force = wide3(wide(0.0), wide(0.0), wide(0.0))
-    torque = wide3(wide(0.0), wide(0.0), wide(0.0))
-    more_force = wide3(wide(0.0), wide(0.0), wide(0.0))
-    more_torque = wide3(wide(0.0), wide(0.0), wide(0.0))
+    sums = Sums()
     held = wp.uint32(0)
     wall_held = wp.uint32(0)
-    deepest = real(0.0)
-    half_dt = real(wide(0.5) * m.dt)
     old = a.held[i]
     count = a.count[i]
     following = int(0)  # neighbours are looked up one ahead: the store of a spring would hold the next load back
@@ -80,31 +112,13 @@ def forces(
         j = s * a.cap + following
         if k + LANES < count:
             following = load_int(a.nbr, at + LANES * a.cap)
-        away = x - position(p, j)
-        gap = m.reach2 - dot(away, away)
-        if gap > wide(0.0):
-            bit = wp.uint32(1) << wp.uint32(k)
-            last = vec3(zero, zero, zero)
-            advance = half_dt
+        c = with_neighbour(a, p, m, at, j, has_bit(old, k), x, v, w, u)
+        if c.touches:
+            sums = plus(sums, c, m)
+            held = held | (wp.uint32(1) << wp.uint32(k))
             if FRICTION:
-                if (old & bit) != none:
-                    last = a.spring[at]
-                    advance = half_dt + half_dt
-            f, t, _t, kept, delta = sphere_on_sphere(
-                m.c, m.radius, m.mass, narrow(away), real(gap), u - predicted(p, j), v - velocity(p, j), w, spin(p, j),
-                last, advance, m.inertia_rate,
-            )  # fmt: skip
-            force = force + on_grid(f, m.grid_f)
-            if FINE:
-                more_force = more_force + fine(f, m.grid_f)
-            if FRICTION:
-                torque = torque + on_grid(t, m.grid_t)
-                if FINE:
-                    more_torque = more_torque + fine(t, m.grid_t)
                 if keep:
-                    a.spring[at] = kept
-            held = held | bit
-            deepest = max(deepest, delta)
+                    a.spring[at] = c.spring
     if ANY_WALLS:
         # each grain by its own first, second, ... near wall: side by side, whichever walls these are
         near = without_first(a.wall_near[i], lane)
@@ -112,49 +126,21 @@ def forces(
         while near != none:
             q = first_bit(near)
             near = without_first(near, LANES)
-            bit = wp.uint32(1) << wp.uint32(q)
-            g = s * a.walls + q
-            distance, normal = wall_distance(a, g, x)
-            overlap = real(m.reach - distance)
-            if overlap > zero:
-                at = entry(a, s, a.walls, q, r)
-                last = vec3(zero, zero, zero)
-                advance = half_dt
+            at = entry(a, s, a.walls, q, r)
+            c = with_wall(a, m, s * a.walls + q, at, has_bit(old, q), x, v, w, u)
+            if c.touches:
+                sums = plus(sums, c, m)
+                wall_held = wall_held | (wp.uint32(1) << wp.uint32(q))
                 if FRICTION:
-                    if (old & bit) != none:
-                        last = a.wall_spring[at]
-                        advance = half_dt + half_dt
-                surface = vec3(zero, zero, zero)
-                turning = vec3(zero, zero, zero)
-                if MOVING:
-                    surface = narrow(wall_velocity(a, g, x - normal * distance))
-                    turning = vec3(zero, zero, real(a.wall_motion[g][3]))
-                f, t, kept = sphere_on_wall(
-                    a.wall_c[g], m.radius, m.mass, overlap, narrow(normal), u - surface, v - surface, w, turning,
-                    last, advance, m.inertia_rate,
-                )  # fmt: skip
-                force = force + on_grid(f, m.grid_f)
-                if FINE:
-                    more_force = more_force + fine(f, m.grid_f)
-                if FRICTION:
-                    torque = torque + on_grid(t, m.grid_t)
-                    if FINE:
-                        more_torque = more_torque + fine(t, m.grid_t)
                     if keep:
-                        a.wall_spring[at] = kept
-                wall_held = wall_held | bit
-                deepest = max(deepest, overlap)
+                        a.wall_spring[at] = c.spring
     if SHARED:
-        force = all_lanes(force)
-        deepest = most_lanes(deepest, LANES)
+        sums = over_lanes(sums)
         held = or_lanes(held, LANES)
         wall_held = or_lanes(wall_held, LANES)
-        if FRICTION:
-            torque = all_lanes(torque)
-        if FINE:
-            more_force = all_lanes(more_force)
-            more_torque = all_lanes(more_torque)
+    force = sums.force
+    torque = sums.torque
     if FINE:
-        force = force + more_force
-        torque = torque + more_torque
-    return force, torque, held, wall_held, deepest
+        force = force + sums.fine_force
+        torque = torque + sums.fine_torque
+    return force, torque, held, wall_held, sums.deepest

@@ -9,7 +9,7 @@ from __future__ import annotations
 from labbook_dem.words import FRICTION, dot, func, sqrt, wide
 
 from labbook_warp.kernels.mixed import position, velocity
-from labbook_warp.kernels.system import Place, System, entry, material
+from labbook_warp.kernels.system import Place, System, entry, has_bit, material
 from labbook_warp.kernels.walls import wall_distance
 from labbook_warp.kernels.words import ANY_WALLS, PARKED, Words, float32, kernel, widen, wp
 
@@ -145,7 +145,6 @@ def insert(a: System, s: int, r: int, found: int, o: int, key: float32):
 @func
 def carry(a: System, s: int, r: int, i: int, found: int):
     """Replace the list of row r by the new one, with the springs that are held."""
-    none = wp.uint32(0)
     old = a.held[i]
     held = wp.uint32(0)
     count = a.count[i]
@@ -155,14 +154,14 @@ def carry(a: System, s: int, r: int, i: int, found: int):
             o = a.new_nbr[to]
             for b in range(count):
                 at = entry(a, s, a.near, b, r)
-                if a.nbr[at] == o and (old & (wp.uint32(1) << wp.uint32(b))) != none:
+                if a.nbr[at] == o and has_bit(old, b):
                     a.new_spring[to] = a.spring[at]
                     held = held | (wp.uint32(1) << wp.uint32(k))
     for k in range(found):
         to = entry(a, s, a.near, k, r)
         a.nbr[to] = a.new_nbr[to]
         if FRICTION:
-            if (held & (wp.uint32(1) << wp.uint32(k))) != none:
+            if has_bit(held, k):
                 a.spring[to] = a.new_spring[to]
     a.count[i] = found
     a.held[i] = held

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
+from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
+from labbook_warp.kernels.contacts import with_neighbour, with_wall
 from labbook_warp.kernels.forces import forces
 from labbook_warp.kernels.mixed import position, predicted, spin, velocity
-from labbook_warp.kernels.system import Material, System, entry, material
-from labbook_warp.kernels.walls import wall_distance, wall_velocity
+from labbook_warp.kernels.system import System, entry, has_bit, material
 from labbook_warp.kernels.words import (
     ANY_WALLS,
     LANES,
-    MOVING,
     PARKED,
     Ints,
     Wides,
@@ -90,61 +88,20 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
         x = position(p, i)
         if x[2] > wide(0.5) * wide(PARKED):
             m = material(a, s)
-            half_dt = real(wide(0.5) * m.dt)
-            of_pairs(a, p, m, s, r, x, half_dt, counter, out)
+            v = velocity(p, i)
+            w = spin(p, i)
+            u = predicted(p, i)
+            for k in range(a.count[i]):
+                at = entry(a, s, a.near, k, r)
+                j = s * a.cap + a.nbr[at]
+                if a.ids[i] < a.ids[j]:
+                    c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), x, v, w, u)
+                    if c.touches:
+                        row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
             if ANY_WALLS:
-                of_walls(a, p, m, s, r, x, half_dt, counter, out)
-
-
-@func
-def of_pairs(a: System, p: Words, m: Material, s: int, r: int, x: wide3, half_dt: real, counter: Ints, out: Wides):
-    """Contacts of a grain with neighbours of larger id."""
-    zero = real(0.0)
-    i = s * a.cap + r
-    for k in range(a.count[i]):
-        at = entry(a, s, a.near, k, r)
-        j = s * a.cap + a.nbr[at]
-        away = x - position(p, j)
-        gap = m.reach2 - dot(away, away)
-        if gap > wide(0.0) and a.ids[i] < a.ids[j]:
-            last = vec3(zero, zero, zero)
-            advance = half_dt
-            if FRICTION:
-                if (a.held[i] & (wp.uint32(1) << wp.uint32(k))) != wp.uint32(0):
-                    last = a.spring[at]
-                    advance = half_dt + half_dt
-            f, _t, _o, _kept, _delta = sphere_on_sphere(
-                m.c, m.radius, m.mass, narrow(away), real(gap), predicted(p, i) - predicted(p, j),
-                velocity(p, i) - velocity(p, j), spin(p, i), spin(p, j), last, advance, m.inertia_rate,
-            )  # fmt: skip
-            row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, f, -away)
-
-
-@func
-def of_walls(a: System, p: Words, m: Material, s: int, r: int, x: wide3, half_dt: real, counter: Ints, out: Wides):
-    """Contacts of a grain with walls."""
-    zero = real(0.0)
-    i = s * a.cap + r
-    for q in range(a.walls):
-        bit = wp.uint32(1) << wp.uint32(q)
-        if (a.wall_near[i] & bit) != wp.uint32(0):
-            g = s * a.walls + q
-            distance, normal = wall_distance(a, g, x)
-            overlap = real(m.reach - distance)
-            if overlap > zero:
-                last = vec3(zero, zero, zero)
-                advance = half_dt
-                if FRICTION:
-                    if (a.wall_held[i] & bit) != wp.uint32(0):
-                        last = a.wall_spring[entry(a, s, a.walls, q, r)]
-                        advance = half_dt + half_dt
-                surface = vec3(zero, zero, zero)
-                turning = vec3(zero, zero, zero)
-                if MOVING:
-                    surface = narrow(wall_velocity(a, g, x - normal * distance))
-                    turning = vec3(zero, zero, real(a.wall_motion[g][3]))
-                f, _t, _kept = sphere_on_wall(
-                    a.wall_c[g], m.radius, m.mass, overlap, narrow(normal), predicted(p, i) - surface,
-                    velocity(p, i) - surface, spin(p, i), turning, last, advance, m.inertia_rate,
-                )  # fmt: skip
-                row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, q, f, -(normal * distance))
+                for q in range(a.walls):
+                    if has_bit(a.wall_near[i], q):
+                        at = entry(a, s, a.walls, q, r)
+                        c = with_wall(a, m, s * a.walls + q, at, has_bit(a.wall_held[i], q), x, v, w, u)
+                        if c.touches:
+                            row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, q, c.force, c.branch)

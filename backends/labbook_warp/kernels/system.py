@@ -21,6 +21,7 @@ from labbook_warp.kernels.words import (
     Vectors,
     Wides,
     Wides3,
+    uint32,
     wp,
 )
 
@@ -121,3 +122,9 @@ def material(a: System, s: int):
 def entry(a: System, s: int, entries: int, k: int, r: int):
     """Where entry k of row r of slot s stands."""
     return (s * entries + k) * a.cap + r
+
+
+@func
+def has_bit(mask: uint32, k: int):
+    """Whether bit k is set."""
+    return (mask & (wp.uint32(1) << wp.uint32(k))) != wp.uint32(0)

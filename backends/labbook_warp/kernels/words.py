@@ -17,7 +17,7 @@ def hot_kernel(function: F) -> F:
 
 
 wp: Any = None  # Warp itself
-int64 = float32 = Any
+int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Any
 word: Any = None
 widen: Any = None

@@ -3,5 +3,13 @@
 from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
+from labbook.report.figures.profiles import outlet_middles, outlet_profiles
 
-__all__ = ["flow_against_orifice", "flow_against_time", "overview", "parameters_against"]
+__all__ = [
+    "flow_against_orifice",
+    "flow_against_time",
+    "outlet_middles",
+    "outlet_profiles",
+    "overview",
+    "parameters_against",
+]

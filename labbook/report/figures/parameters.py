@@ -24,8 +24,8 @@ def parameters_against(key: str, law: str, series: Sequence["Series"], compariso
     """
     from matplotlib.figure import Figure
 
-    fitted = [one for one in series if law in one.fits and key in one.at]
-    names = list(dict.fromkeys(p for one in fitted for p in one.fits[law].parameters))
+    fitted = [one for one in series if one.parameters(law) and key in one.at]
+    names = list(dict.fromkeys(p for one in fitted for p in one.parameters(law)))
     columns = min(len(names), 3 if len(names) % 2 else 2)
     rows = math.ceil(len(names) / columns)
     groups = list(dict.fromkeys(one.label_without(key) for one in fitted))
@@ -35,7 +35,7 @@ def parameters_against(key: str, law: str, series: Sequence["Series"], compariso
         for ax, parameter in zip(axes, names, strict=False):
             scale = display.key(key).scale
             for one in fitted:
-                found = one.fits[law].parameters.get(parameter)  # C of the bulk needs a measured packing
+                found = one.parameters(law).get(parameter)  # C of the bulk needs a measured packing
                 if found is not None:
                     shown = display.quantity(f"{law}.{parameter}", found.unit)
                     ax.set_ylabel(mathtext(shown.heading))

@@ -31,6 +31,7 @@ from labbook.backend import (
     Member,
     Sample,
     Settled,
+    Slab,
     Spec,
     Status,
     Unsupported,
@@ -256,6 +257,10 @@ class Glass:
         return table | {name: zero.copy() for name in ("vx", "vy", "vz", "wx", "wy", "wz")}
 
     def _state(self, probe):
+        if isinstance(probe, Slab):
+            table = self._state(Sample(fields=("x", "v")))
+            inside = probe.holds(table["z"])
+            return {name: column[inside] for name, column in table.items()}
         if not isinstance(probe, Sample):
             raise Unsupported("measure", "the toy engine has neither contacts nor totals")
         n = len(self.x)

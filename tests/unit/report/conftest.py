@@ -195,7 +195,7 @@ def analysis(column) -> Analysis:
     return analyse(study, finished)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def synthetic():
     """The makers of this file, for tests that need other studies."""
     return sys.modules[__name__]

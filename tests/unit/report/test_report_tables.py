@@ -35,7 +35,7 @@ def test_rows_far_from_the_reference_are_marked():
 
 
 def test_flow_and_packing_are_shown_for_every_point(analysis):
-    flow, packing = tables.flow_table(analysis), tables.packing_table(analysis)
+    flow, packing = tables.flow_table(analysis), tables.further_table(analysis)
     assert packing is not None
     assert flow.headings[:3] == ("D [mm]", "W [g/s]", "95 % interval")
     assert packing.headings == ("D [mm]", "φ", "φ in 2D", "ψ₆ local", "ψ₆ global")

@@ -1,25 +1,14 @@
-"""From a scene to the features that it needs, and to the numbers that its kernels take as arguments."""
+"""From a scene to the numbers that its kernels take as arguments."""
 
 from collections.abc import Sequence
 
 from labbook_dem import features
 from labbook_dem.describe import LAWS
 
-from labbook.backend import Capabilities, Probe, Spec
+from labbook.backend import Probe
 from labbook.numerics import Numerics
 from labbook.scene import Scene
 from labbook_numba.state import Params
-
-
-def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
-    """Features compiled in for this scene. Raises Unsupported."""
-    features.check(capabilities, scene, numerics, probes)
-    return Spec(
-        engine=capabilities.name,
-        features=tuple(sorted(features.features(scene, numerics, probes).items())),
-        probes=tuple(dict.fromkeys(probes)),
-        steps_per_beat=numerics.steps_per_beat,
-    )
 
 
 def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Params:

@@ -1,0 +1,167 @@
+"""What ensembles of all engines do alike: members come and go, rows are collected, and events tell what happened."""
+
+from abc import ABC, abstractmethod
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from labbook.backend import (
+    Capabilities,
+    Checkpoint,
+    Emptied,
+    Event,
+    Failed,
+    Member,
+    Probe,
+    Settled,
+    Spec,
+    Status,
+    Table,
+    empty_table,
+)
+from labbook.numerics import Numerics
+from labbook.protocol.packing import Packing
+from labbook.scene import Scene
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a guard stopped a member; see `labbook.backend.Failed`."""
+
+    guard: str
+    step: int
+    grain: int
+    message: str
+
+
+class Standing(Protocol):
+    """What an engine knows of a member, as far as every engine knows it."""
+
+    failure: Failure | None
+
+    @property
+    def step(self) -> int:
+        """Steps taken."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Time [s] since step 0."""
+        ...
+
+    @property
+    def grains(self) -> int:
+        """Grains that have not left."""
+        ...
+
+
+@dataclass
+class Settling:
+    """When a member counts as settled, and at how many beats on end it has been below the limit."""
+
+    below: float
+    beats: int
+    seen: int = 0
+
+    def after(self, kinetic: float) -> bool:
+        """Whether it is settled as of this beat, at this kinetic energy per grain."""
+        self.seen = self.seen + 1 if kinetic < self.below else 0
+        return self.seen == self.beats
+
+
+R = TypeVar("R", bound=Standing)
+
+
+class Ensemble(ABC, Generic[R]):
+    """See `labbook.backend.Ensemble`. An engine adds how a member begins, is stepped and is read."""
+
+    def __init__(self, capabilities: Capabilities, spec: Spec):
+        self._can, self._spec = capabilities, spec
+        self._runs: dict[Member, R] = {}
+        self._settling: dict[Member, Settling] = {}
+        self._rows: dict[Probe, list[Table]] = defaultdict(list)
+        self._next = 0
+
+    @abstractmethod
+    def _specialise(self, scene: Scene, numerics: Numerics) -> Spec: ...
+
+    @abstractmethod
+    def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> R: ...
+
+    @abstractmethod
+    def _read(self, run: R, beat: int) -> Mapping[Probe, Table]:
+        """Rows, without members, of the probes that are due on this beat."""
+
+    @abstractmethod
+    def status(self, member: Member) -> Status:
+        """Where a member stands."""
+
+    def admit(
+        self,
+        scene: Scene,
+        numerics: Numerics,
+        start: Packing | Checkpoint,
+        *,
+        settled_below: float | None = None,
+        settled_beats: int = 3,
+    ) -> Member:
+        """Add a member. Raises ValueError if it needs another Spec than this ensemble's."""
+        if self._specialise(scene, numerics) != self._spec:
+            raise ValueError("this member needs another specialisation than the ensemble's")
+        run = self._begin(scene, numerics, start)
+        member = Member(self._next)
+        self._next += 1
+        self._runs[member] = run
+        if settled_below is not None:
+            self._settling[member] = Settling(settled_below, settled_beats)
+        return member
+
+    def retire(self, member: Member) -> None:
+        """Drop a member; its slot is free."""
+        del self._runs[member]
+        self._settling.pop(member, None)
+
+    def _going(self) -> dict[Member, R]:
+        """Members that take steps: those that failed or emptied rest."""
+        return {member: run for member, run in self._runs.items() if run.failure is None and run.grains > 0}
+
+    def _after_beat(self, member: Member, run: R) -> tuple[Mapping[Probe, Table], list[Event]]:
+        """Rows of the probes that are due, and what happened; of a failed member, only that it failed."""
+        if failure := run.failure:
+            return {}, [Failed(member, failure.guard, failure.step, failure.grain, failure.message)]
+        rows = self._read(run, run.step // self._spec.steps_per_beat)
+        if run.grains == 0:
+            return rows, [Emptied(member, run.time)]
+        settling = self._settling.get(member)
+        if settling and settling.after(self.status(member).kinetic):
+            return rows, [Settled(member, run.time)]
+        return rows, []
+
+    def _keep(self, member: Member, rows: Mapping[Probe, Table]) -> None:
+        for probe, table in rows.items():
+            size = len(table["step"])
+            if size:
+                self._rows[probe].append({"member": np.full(size, member.index), **table})
+
+    def drain(self) -> Mapping[Probe, Table]:
+        """Rows since the last drain, of every declared probe."""
+        rows, self._rows = self._rows, defaultdict(list)
+        return {probe: _joined(rows[probe] or [empty_table(probe)]) for probe in self._spec.probes}
+
+
+def _joined(tables: list[Table]) -> Table:
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+
+def check_checkpoint(can: Capabilities, names: set[str], stored: Checkpoint) -> None:
+    """Raises ValueError if a checkpoint is not of this engine and version, or has other arrays than `names`."""
+    if (stored.engine, stored.cache_version) != (can.name, can.cache_version):
+        raise ValueError(
+            f"the checkpoint is of {stored.engine} version {stored.cache_version}, "
+            f"not of {can.name} version {can.cache_version}"
+        )
+    if other := names ^ set(stored.arrays):
+        raise ValueError(f"the checkpoint has other arrays than this engine's state: {', '.join(sorted(other))}")

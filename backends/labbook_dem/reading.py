@@ -1,0 +1,94 @@
+"""Rows of the probes, from what an engine reads of a member between two beats."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
+
+CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
+CONTACT_COLUMNS = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
+
+
+class Grains(NamedTuple):
+    """Grains that have not left, by id: ids [n]; x [m], and at the whole step v [m/s], w [rad/s], shape [n, 3]."""
+
+    ids: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+
+
+class Readable(Protocol):
+    """A member, as probes see it."""
+
+    @property
+    def probes(self) -> Sequence[Probe]:
+        """All that look at it."""
+        ...
+
+    def clock(self) -> tuple[int, float]:
+        """Step, and time [s]."""
+        ...
+
+    def crossings(self) -> np.ndarray:
+        """First passages of the last beat, in CROSSING_COLUMNS."""
+        ...
+
+    def grains(self, moving: bool) -> Grains:
+        """Its grains; v and w may be anything of their shape unless `moving`."""
+        ...
+
+    def contacts(self) -> np.ndarray:
+        """Its touching contacts, in CONTACT_COLUMNS."""
+        ...
+
+    def totals(self) -> Mapping[str, float]:
+        """The columns of `Ledger`."""
+        ...
+
+
+def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
+    """Rows of every probe that is due on this beat."""
+    due = [probe for probe in member.probes if isinstance(probe, Crossing) or beat % probe.every == 0]
+    return {probe: _rows(member, probe) for probe in due}
+
+
+def _rows(member: Readable, probe: Probe) -> Table:
+    match probe:
+        case Crossing():
+            return _columns(CROSSING_COLUMNS, member.crossings(), ("id", "step"))
+        case Sample():
+            return _stamped(member, _sampled(member.grains(bool({"v", "omega"} & set(probe.fields))), probe))
+        case Slab():
+            return _stamped(member, _within(member.grains(True), probe))
+        case Contacts():
+            return _stamped(member, _columns(CONTACT_COLUMNS, member.contacts(), ("i", "j", "wall")))
+        case Ledger():
+            return _stamped(member, {name: np.array([value]) for name, value in member.totals().items()})
+
+
+def _columns(names: Sequence[str], rows: np.ndarray, whole: Sequence[str]) -> Table:
+    table = dict(zip(names, rows.T.copy(), strict=True))
+    return {**table, **{name: table[name].astype(np.int64) for name in whole}}
+
+
+def _sampled(grains: Grains, probe: Sample) -> Table:
+    parts = {"x": ("", grains.x), "v": ("v", grains.v), "omega": ("w", grains.w)}
+    table = {"id": grains.ids}
+    for name in probe.fields:
+        prefix, array = parts[name]
+        table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate("xyz")}
+    return table
+
+
+def _within(grains: Grains, slab: Slab) -> Table:
+    inside = slab.holds(grains.x[:, 2])
+    return _sampled(Grains(*(column[inside] for column in grains)), Sample(fields=("x", "v")))
+
+
+def _stamped(member: Readable, table: Table) -> Table:
+    n = len(next(iter(table.values())))
+    step, time = member.clock()
+    return {"step": np.full(n, step), "time": np.full(n, time), **table}

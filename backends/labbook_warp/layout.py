@@ -1,0 +1,93 @@
+"""Which arrays an ensemble has, how long they are, and what they come to in bytes."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import warp as wp
+
+from labbook_warp.build import WORDS
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What arrays are made for; see `labbook_warp.kernels.system`."""
+
+    slots: int
+    cap: int
+    near: int
+    walls: int
+    cells: int
+    depth: int
+
+    @property
+    def rows(self) -> int:
+        """Rows of all slots."""
+        return self.slots * self.cap
+
+    @property
+    def entries(self) -> dict[str, int]:
+        """How many entries a grain the kinds of arrays below have."""
+        return {"one": 1, "near": self.near, "walls": max(self.walls, 1)}
+
+    @property
+    def contacts(self) -> int:
+        """Rows of contacts for which there is room."""
+        return self.rows * (self.near // 2 + min(self.walls, 6)) + 1
+
+
+# arrays of grains that make up a member's state, and their entries a grain
+STATE = {
+    "ids": "one",
+    "gone": "one",
+    "origin": "one",
+    "count": "one",
+    "nbr": "near",
+    "held": "one",
+    "spring": "near",
+    "wall_near": "one",
+    "wall_held": "one",
+    "wall_spring": "walls",
+    "work": "one",
+    "deep": "one",
+}
+SCRATCH = {"new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
+OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
+OF_WALLS = ("wall_c", "wall_shape", "wall_kind", "wall_motion")
+WORDS_OF_STATE = ("p", "q")
+COPIED = ("p", *(name for name in STATE if name != "ids"), "rebuilds", "left")
+"""Arrays that are copied aside before every beat."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Of one array."""
+
+    name: str
+    dtype: Any
+    length: int
+
+    @property
+    def bytes(self) -> int:
+        """Memory that it takes, with its copy if it has one."""
+        return self.length * wp.types.type_size_in_bytes(self.dtype) * (2 if self.name in COPIED else 1)
+
+
+def shapes(module: ModuleType, precision: str, sizes: Sizes, crossings: bool) -> Iterator[Shape]:
+    """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
+    rows, slots = sizes.rows, sizes.slots
+    lengths = {name: rows * sizes.entries[of] for name, of in (STATE | SCRATCH).items()}
+    lengths |= dict.fromkeys(OF_SLOTS, slots)
+    lengths |= dict.fromkeys(OF_WALLS, max(1, slots * sizes.walls))
+    lengths |= {"overflow": 2 * slots, "any_flag": 1, "crossed": 1, "cross": 13 * rows if crossings else 1}
+    lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
+    for name in WORDS_OF_STATE:
+        yield Shape(name, module.word, rows * WORDS[precision])
+    for name, length in lengths.items():
+        yield Shape(name, module.System.vars[name].type.dtype, length)
+
+
+def memory(module: ModuleType, precision: str, sizes: Sizes, crossings: bool) -> int:
+    """Bytes of all arrays, their copies included."""
+    return sum(shape.bytes for shape in shapes(module, precision, sizes, crossings))

@@ -1,0 +1,93 @@
+"""How large arrays have to be, how many members a device can hold, and which kernels suit them."""
+
+from collections.abc import Collection
+from dataclasses import replace
+from types import ModuleType
+
+import warp as wp
+
+from labbook.backend import Contacts, Crossing, Overflow, Spec
+from labbook.scene import Scene
+from labbook_warp import devices
+from labbook_warp.build import SWITCHES, kernels
+from labbook_warp.layout import Sizes, memory
+from labbook_warp.parameters import most_cells
+from labbook_warp.run import Run
+
+NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; both grow when they are too few
+MOST_NEAR = 32  # bits of a mask
+SATURATED = 80_000  # threads that fill a large GPU
+MOST_LANES = 8
+REGISTERS = {"mixed": 80, "double": 128}
+"""A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
+USED = 0.8
+"""Part of a device's free memory that members may fill; the rest is for what else goes on there."""
+
+
+def empty(slots: int) -> Sizes:
+    """Sizes for nobody yet, in at least so many slots."""
+    return Sizes(slots, 0, NEAR, 0, 0, DEPTH)
+
+
+def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
+    """Sizes for `seated` members that fit already, and new ones."""
+    return replace(
+        sizes,
+        slots=max(sizes.slots, seated + len(new)),
+        cap=max(sizes.cap, *(_rounded(run.rows) for run in new)),
+        walls=max(sizes.walls, *(len(run.names) for run in new)),
+        cells=max(sizes.cells, *(run.cells for run in new)),
+    )
+
+
+def _rounded(grains: int) -> int:
+    return max(32, -(-grains // 32) * 32)
+
+
+def grown(sizes: Sizes, near: int, depth: int) -> Sizes:
+    """Sizes for lists of `near` neighbours and cells of `depth` grains, where these are not 0. Raises Overflow."""
+    if near > MOST_NEAR:
+        raise Overflow(f"a grain has {near} near neighbours, more than {MOST_NEAR}; use a thinner numerics.skin")
+    wider = min(MOST_NEAR, near + 4) if near else sizes.near
+    return replace(sizes, near=wider, depth=max(sizes.depth, depth + 4 if depth else 0))
+
+
+def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
+    """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
+    precision = spec.feature("precision")
+    registers = 0 if lanes > 1 else REGISTERS[precision]
+    switches = tuple((name, bool(spec.feature(name))) for name in SWITCHES)
+    return kernels(spec.feature("law"), precision, switches, uniform, lanes, registers)
+
+
+def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
+    """Threads a grain, a power of two; unless asked for, as many as keep the device busy. They decide no bit."""
+    if not device.is_cuda:
+        return 1
+    if asked:
+        return asked
+    wanted = min(MOST_LANES, max(1, SATURATED // max(1, sizes.rows)))
+    return 1 << (wanted.bit_length() - 1)
+
+
+def records_crossings(spec: Spec) -> bool:
+    """Whether rows of crossings are kept."""
+    return any(isinstance(probe, Crossing) for probe in spec.probes)
+
+
+def largest(scene: Scene) -> Sizes:
+    """What one member of a scene may come to need."""
+    n = scene.grains.count
+    return Sizes(1, _rounded(n), MOST_NEAR, len(scene.container.walls()), most_cells(n), DEPTH + 4)
+
+
+def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:
+    """How many members of a scene the device has memory for, at least one; None where nothing limits them."""
+    free = devices.free(device)
+    if free is None:
+        return None
+    sizes = largest(scene)
+    module = suitable(spec, sizes, False, 1)
+    reading = 80 * sizes.contacts if any(isinstance(probe, Contacts) for probe in spec.probes) else 0
+    slot = memory(module, spec.feature("precision"), sizes, records_crossings(spec)) + reading + 48 * sizes.rows
+    return max(1, int(USED * free / slot))

@@ -1,0 +1,71 @@
+"""Reading members: states, energies, contacts. What is costly is read for all members at once."""
+
+from typing import Any
+
+import numpy as np
+
+from labbook.backend import Checkpoint, Status
+from labbook.protocol.packing import Packing
+from labbook_warp import transfer
+from labbook_warp.arrays import fetch
+from labbook_warp.run import Run
+from labbook_warp.stage import Stage
+
+
+class View:
+    """See above. Reading changes nothing, but members that wait for their slots get them."""
+
+    def __init__(self, stage: Stage):
+        self.stage = stage
+        self._at = -1  # the stage's `changes` at which velocities and energies were read
+        self._velocities: tuple[Any, Any] | None = None
+        self._energies = np.zeros(0)
+
+    def _look(self) -> tuple[Any, Any]:
+        stage = self.stage
+        stage.seat()
+        if self._velocities is None or self._at != stage.changes:
+            stage.wake(stage.runs)
+            self._velocities = stage.beats.look()
+            self._energies = stage.beats.kinetic(*self._velocities)
+            self._at = stage.changes
+        return self._velocities
+
+    def whole_step(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities [m/s] and spins [rad/s] of a member at the whole step, by row."""
+        velocities = self._look()
+        first = run.slot * self.stage.arrays.sizes.cap
+        v, w = (fetch(array[first : first + run.rows]) for array in velocities)
+        return v, w
+
+    def deepest(self, run: Run) -> float:
+        """The largest overlap [m] of a member at the last step."""
+        return float(np.max(self.stage.arrays.read("deep", run.slot, run.rows), initial=0.0))
+
+    def contacts(self, run: Run) -> np.ndarray:
+        """Rows i, j, wall, force, branch of a member's touching contacts, in the order of i, j, wall."""
+        self.stage.wake(self.stage.runs)
+        rows = self.stage.beats.contacts()
+        rows = rows[rows[:, 0] == run.slot, 1:]
+        return rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+
+    def status(self, run: Run) -> Status:
+        """Where a member stands."""
+        if run.slot < 0 and isinstance(run.begin, Packing):
+            return run.status(run.first_energy())
+        self._look()
+        return run.status(float(self._energies[run.slot]))
+
+    def packing(self, run: Run) -> Packing:
+        """The portable state of a member."""
+        v, w = self.whole_step(run)
+        return transfer.packing(self.stage.arrays, run.slot, run.rows, run.names, v, w)
+
+    def checkpoint(self, run: Run) -> Checkpoint:
+        """The exact state of a member."""
+        self.stage.seat()
+        return self.stage.stored(run)
+
+    def close(self) -> None:
+        """Free the device's memory."""
+        self._velocities = None

@@ -1,0 +1,34 @@
+"""Profiles of velocity and area fraction along outlets: their parameters, and the flow rate that they come to."""
+
+from labbook.fit.outlet.approach import Approach, fit_approach
+from labbook.fit.outlet.joint import (
+    FORMULA,
+    NAME,
+    OF_OUTLET,
+    PARAMETERS,
+    SOURCE,
+    VERSION,
+    FittedOutlet,
+    ProfileFit,
+    fit_profiles,
+)
+from labbook.fit.outlet.saturation import Saturation, fit_saturation
+from labbook.fit.outlet.shape import Outlet, dome
+
+__all__ = [
+    "FORMULA",
+    "NAME",
+    "OF_OUTLET",
+    "PARAMETERS",
+    "SOURCE",
+    "VERSION",
+    "Approach",
+    "FittedOutlet",
+    "Outlet",
+    "ProfileFit",
+    "Saturation",
+    "dome",
+    "fit_approach",
+    "fit_profiles",
+    "fit_saturation",
+]

@@ -1,0 +1,167 @@
+"""Fan's parameters of the profiles along outlets that differ in their width, with intervals over seeds."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.fit.law import Context
+from labbook.fit.outlet.flow import centred_flow, eccentric_flow
+from labbook.fit.outlet.saturation import FEWEST, fit_saturation
+from labbook.fit.outlet.shape import Outlet, dome, fit_dome, mean_of
+from labbook.fit.result import FitError, Parameter
+from labbook.stats.bootstrap import bootstrap_all
+from labbook.stats.pooling import Pooled
+
+NAME = "outlet_profiles"
+VERSION = 1
+FORMULA = "v = v_c (1 - (x/R)^2)^a, v_c = sqrt(2 g gamma R); phi = phi_c (1 - (x/R)^2)^b"
+SOURCE = "Fan et al. 2023, eqs 10-12 and 15-17"
+_DRAWS = 400
+_SHARED = ("a", "gamma", "b", "delta1", "epsilon1", "sigma1", "delta2", "epsilon2", "sigma2")
+_SATURATION = ("phi_inf", "tau1", "tau2")
+PARAMETERS = _SHARED + _SATURATION
+"""Names of the parameters that outlets of a series share."""
+OF_OUTLET = ("v_c", "phi_c", "phi_max", "direct", "centred", "printed", "eccentric")
+"""Names of the numbers of each outlet."""
+_UNITS = {"tau2": "1/m"}
+
+
+@dataclass(frozen=True, eq=False)
+class FittedOutlet:
+    """What was fitted to one outlet of several.
+
+    `profile`: mean over seeds; `v_c` [m/s] and `phi_c` in the middle, by the dome; `phi_max`: the largest value of the
+    tilted curve; flow rates [kg/s] over the flow rate counted: `direct` by integrating the profiles, `centred` by eq 14
+    with phi_c and v_c of this outlet, `printed` by eq 14 as printed (gamma, and phi_inf where it could be fitted, else
+    phi_c), `eccentric` by eq 18.
+    """
+
+    profile: Outlet
+    v_c: Pooled
+    phi_c: Pooled
+    phi_max: Pooled
+    direct: Pooled
+    centred: Pooled
+    printed: Pooled
+    eccentric: Pooled
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileFit:
+    """Parameters shared by all outlets of a series, by name.
+
+    a, gamma, b (centred: eqs 10, 11), phi_inf, tau1, tau2 [1/m] (eq 12; for four outlets or more), delta1, epsilon1,
+    sigma1, delta2, epsilon2, sigma2 (eqs 16, 17). `misfit`: root mean square of v/v_c and phi/phi_c about the domes,
+    which says how well the profiles collapse. `notes`: what a reader must know.
+    """
+
+    parameters: Mapping[str, Parameter]
+    outlets: tuple[FittedOutlet, ...]
+    misfit: tuple[float, float]
+    notes: tuple[str, ...]
+
+    @property
+    def exponents(self) -> tuple[float, float]:
+        """a and b."""
+        return self.parameters["a"].value, self.parameters["b"].value
+
+
+def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> ProfileFit:
+    """Fit the profiles of one or several outlets; `seeds`: for each outlet its replicates.
+
+    Intervals are Student's, with errors by the bootstrap over seeds (what a bin sees in one run hangs together with
+    its neighbours, so that bins are no independent points). With one replicate anywhere they have no ends. The range
+    fitted is |x*| <= 1 - r/R, which centres of grains can reach. Raises FitError without any outlet.
+    """
+    if not seeds or any(not one for one in seeds):
+        raise FitError(f"{NAME}: no outlet has profiles; measure outlet_profiles, and leave out clogged points")
+    several = min(len(one) for one in seeds) > 1
+    saturates = len({one[0].R for one in seeds}) >= FEWEST
+
+    def statistic(drawn: Sequence[Sequence[Outlet]]) -> list[float]:
+        return _numbers([mean_of(one) for one in drawn], context, saturates)
+
+    if several:
+        pooled = bootstrap_all(seeds, statistic, _DRAWS)
+    else:
+        n = sum(map(len, seeds))
+        pooled = tuple(Pooled(value, math.nan, math.inf, n) for value in statistic(seeds))
+    names = _SHARED + (_SATURATION if saturates else ())
+    parameters = {
+        name: Parameter(one.value, one.low, one.high, one.error, _UNITS.get(name, ""))
+        for name, one in zip(names, pooled, strict=False)
+    }
+    means = [mean_of(one) for one in seeds]
+    each = np.array(pooled[len(names) :], dtype=object).reshape(len(seeds), -1)
+    outlets = tuple(FittedOutlet(mean, *row) for mean, row in zip(means, each, strict=True))
+    return ProfileFit(
+        parameters, outlets, _misfit(outlets, parameters), tuple(_notes(seeds, means, several, saturates))
+    )
+
+
+def _numbers(outlets: Sequence[Outlet], context: Context, saturates: bool) -> list[float]:
+    """The shared parameters, those of eq 12, and seven numbers of each outlet."""
+    d, rho, g = context.d, context.rho_p, context.g
+    R = np.array([one.R for one in outlets])
+    fall = np.sqrt(2 * g * R)
+    velocity = fit_dome(outlets, [one.velocity for one in outlets])
+    scaled = fit_dome(outlets, [one.velocity / s for one, s in zip(outlets, fall, strict=True)], one_amplitude=True)
+    fraction = fit_dome(outlets, [one.area_fraction for one in outlets])
+    # v_c = sqrt(gamma) sqrt(2 g R): a straight line through the origin in sqrt(R)
+    gamma = float((velocity.amplitude @ fall) / (fall @ fall)) ** 2
+    speed = (float(scaled.tilt[0]), float(scaled.amplitude[0]), scaled.exponent)
+    # one tilt for all outlets, each with an amplitude of its own
+    tilt = float((fraction.amplitude @ fraction.tilt) / (fraction.amplitude @ fraction.amplitude))
+    highest = _highest(tilt, fraction.exponent)
+    cover = (tilt / highest, 1 / highest, fraction.exponent)
+    numbers = [velocity.exponent, gamma, fraction.exponent, *speed, *cover]
+    limit = fraction.amplitude
+    if saturates:
+        law = fit_saturation(R.tolist(), fraction.amplitude.tolist(), d)
+        numbers += [law.phi_inf, law.tau1, law.tau2]
+        limit = np.full(len(R), law.phi_inf)
+    for k, one in enumerate(outlets):
+        v_c, phi_c, phi_max = (
+            float(velocity.amplitude[k]),
+            float(fraction.amplitude[k]),
+            fraction.amplitude[k] * highest,
+        )
+        shape = (one.R, velocity.exponent, fraction.exponent)
+        width = np.diff(one.edges) * one.R
+        numbers += [v_c, phi_c, float(phi_max)]
+        numbers += [2 / 3 * d * rho * float(one.flux @ width) / one.counted]
+        numbers += [centred_flow(d, rho, phi_c, v_c, *shape) / one.counted]
+        numbers += [centred_flow(d, rho, float(limit[k]), math.sqrt(gamma) * fall[k], *shape) / one.counted]
+        numbers += [eccentric_flow(d, rho, g, one.R, float(phi_max), speed, cover) / one.counted]
+    return numbers
+
+
+def _highest(tilt: float, exponent: float) -> float:
+    """The largest value of tilt x + (1 - x^2)^p within the outlet."""
+    x = np.linspace(-1, 1, 2001)
+    return float(np.max(tilt * x + (1 - x**2) ** exponent))
+
+
+def _misfit(outlets: Sequence[FittedOutlet], parameters: Mapping[str, Parameter]) -> tuple[float, float]:
+    found = []
+    for name, exponent in (("velocity", "a"), ("area_fraction", "b")):
+        left = []
+        for one in outlets:
+            centre = one.v_c if name == "velocity" else one.phi_c
+            inside = one.profile.inside
+            shape = dome(one.profile.edges, parameters[exponent].value)
+            left.append((getattr(one.profile, name) / centre.value - shape)[inside])
+        found.append(float(np.sqrt(np.mean(np.concatenate(left) ** 2))))
+    return found[0], found[1]
+
+
+def _notes(seeds: Sequence[Sequence[Outlet]], means: Sequence[Outlet], several: bool, saturates: bool):
+    reach = ", ".join(f"{one.reach:.3g}" for one in means)
+    yield f"fitted for |x*| up to 1 - r/R = {reach}, which centres of grains can reach"
+    if not several:
+        yield "fewer than 2 replicates at some outlet: no intervals"
+    if not saturates:
+        widths = len({one[0].R for one in seeds})
+        yield f"eq 12 needs {FEWEST} outlets of different widths, and there are {widths}: no phi_inf, tau1, tau2"

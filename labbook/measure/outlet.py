@@ -1,0 +1,196 @@
+"""Area fraction and velocity of the grains along the outlet line.
+
+The area fraction phi(x) is the part of the time during which x is covered by a grain: by its disc in the x-z plane,
+which cuts the line z = 0 in a chord of half length sqrt(r^2 - z^2). The velocity is v(x) = sum chord v / sum chord, so
+that phi v is the mean of v wherever and whenever the line is covered. A disc of diameter d that passes sweeps
+int dt v 2 sqrt(r^2 - z^2) = int dz 2 sqrt(r^2 - z^2) = pi r^2 of phi v, however its speed changes on the way; with
+(2/3) d rho_p pi r^2 = rho_p (4/3) pi r^3 this is its mass, and (2/3) d rho_p int(phi v dx) = W exactly.
+
+Frames of the grains near the line estimate these means without bias. The passages of centres through the line, which
+are recorded too, would give phi only with the speed at z = 0 held for the whole body: a grain that rolls over an edge
+at 0.15 m/s doubles its speed within its own radius, and the balance would then close for any speeds at all.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.backend import Crossing, Probe, Slab
+from labbook.measure.data import RunData
+from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.series import crossings, mean_mass
+from labbook.measure.steady import GAP, SteadyFlow, steady_flow
+from labbook.protocol.bodies import Bodies
+from labbook.scene import Scene, WedgeHopper
+from labbook.stats import Measured
+
+BINS = 24
+"""Bins of x* = (x - e)/R from -1 to 1: as many for every outlet, so that profiles can be laid over each other."""
+_EVERY = 1
+_FEWEST = 12
+"""Frames below which there is no profile."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutletProfile:
+    """Profiles along one outlet, means over a window of time.
+
+    `edges`: of the bins, in x* = (x - e)/R from -1 (at the left side) to 1, shape [m + 1]; `R`: half width of the
+    outlet [m]; `area_fraction` phi and `flux` phi v [m/s], positive downwards; `crossing_velocity`: beside it the mean
+    of -v_z [m/s] over the grains whose centres passed within a bin (NaN where none did), which weighs fast grains more;
+    each of shape [m]. `flow`: (2/3) d rho_p int(phi v dx) [kg/s], `counted`: mass flow rate of the grains that left
+    [kg/s], `closure_error`: standard error of flow/counted.
+    """
+
+    edges: np.ndarray
+    R: float
+    area_fraction: np.ndarray
+    flux: np.ndarray
+    crossing_velocity: np.ndarray
+    flow: float
+    counted: float
+    closure_error: float
+    frames: int
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """v = phi v / phi [m/s], shape [m]; NaN where no grain ever was."""
+        return np.divide(
+            self.flux, self.area_fraction, out=np.full_like(self.flux, math.nan), where=self.area_fraction > 0
+        )
+
+    @property
+    def closure(self) -> float:
+        """Flow rate of the profiles over that of the grains counted; 1 but for the error."""
+        return self.flow / self.counted
+
+
+def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProfile | None:
+    """Profiles along the outlet of `run` within `window`, gaps without flow left out; None for too few grains.
+
+    Raises MeasureError if the run did not record what is needed.
+    """
+    if "slab" not in run.tables:
+        raise MeasureError("outlet_profiles: the run recorded no grains at the outlet; run it again with this measure")
+    hopper, bodies = _hopper(run.scene), Bodies.of(run.scene.grains, run.start)
+    times, weights = crossings(run)
+    steady = steady_flow(times, len(run.start), window, weights)
+    if steady is None:
+        return None
+    slab, frames = run.tables["slab"], _frames(run, steady, times)
+    if len(frames) < _FEWEST:
+        return None
+    number = np.asarray(slab["step"]) // (_EVERY * run.numerics.steps_per_beat)
+    frame = np.minimum(np.searchsorted(frames, number), len(frames) - 1)
+    seen = frames[frame] == number
+    edges, R = np.linspace(-1, 1, bins + 1), hopper.orifice / 2
+    x, z, v = (np.asarray(slab[name], float)[seen] for name in ("x", "z", "vz"))
+    ids = np.asarray(slab["id"])[seen]
+    grain = run.start.rows(ids)
+    covered = _covered(x - hopper.eccentricity, z, bodies.radius[grain], R * edges)
+    width = 2 * R / bins
+    phi, flux = covered.sum(axis=0), covered.T @ -v
+    behind = bodies.mass / (math.pi * bodies.radius**2)  # (2/3) d rho_p of each grain
+    swept = covered.sum(axis=1) * -v * behind[grain]
+    flow_rate = float(swept.sum()) / len(frames)
+    counted = mean_mass(run) * steady.rate
+    return OutletProfile(
+        edges=edges,
+        R=R,
+        area_fraction=phi / (len(frames) * width),
+        flux=flux / (len(frames) * width),
+        crossing_velocity=_at_crossings(run, steady, hopper.eccentricity, R * edges),
+        flow=flow_rate,
+        counted=counted,
+        closure_error=flow_rate / counted * _sweep_error(swept / bodies.mass[grain], ids, frame[seen], len(frames) - 1),
+        frames=len(frames),
+    )
+
+
+class OutletProfiles(Measure):
+    """Profiles of velocity and area fraction along the outlet of a quasi-2D hopper.
+
+    Quantities: `outlet_closure`, the flow rate of the profiles over that of the grains counted; `outlet_area_fraction`,
+    the mean of phi across the outlet; `outlet_velocity` [m/s], int(phi v dx) / int(phi dx). `outlet_profile` gives the
+    profiles themselves.
+    """
+
+    name = "outlet_profiles"
+    version = 1
+
+    def probes(self, scene: Scene) -> tuple[Probe, ...]:
+        plane, radius = _hopper(scene).outlet_plane, scene.grains.radius
+        return (Crossing(plane), Slab(low=plane - radius, high=plane + radius, every=_EVERY))
+
+    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
+        profile = outlet_profile(run, window)
+        where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
+        if profile is None:
+            note = "too few grains at the outlet within the window"
+            none = (math.nan, math.nan, 0, where, "chords of grains on the outlet line", "", note)
+            return (Measured("outlet_closure", *none),)
+        how = f"chords of grains on the outlet line in {profile.frames} frames"
+        mean_phi = float(profile.area_fraction.mean())
+        mean_v = float(profile.flux.sum() / profile.area_fraction.sum())
+        error, n = profile.closure_error, profile.frames
+        return (
+            Measured(
+                "outlet_closure", profile.closure, error, n, where, f"{how}; error from the scatter between grains", ""
+            ),
+            Measured("outlet_area_fraction", mean_phi, math.nan, n, where, how, ""),
+            Measured("outlet_velocity", mean_v, math.nan, n, where, how, "m/s"),
+        )
+
+
+def _hopper(scene: Scene) -> WedgeHopper:
+    if not isinstance(scene.container, WedgeHopper):
+        kind = scene.container.kind
+        raise MeasureError(f"measure: outlet_profiles needs the slot of a wedge-hopper, and this is a {kind}")
+    return scene.container
+
+
+def _frames(run: RunData, flow: SteadyFlow, times: np.ndarray) -> np.ndarray:
+    """Numbers of the frames within the window, also of those without a grain; none from gaps without flow."""
+    between = _EVERY * run.numerics.beat
+    number = np.arange(math.ceil(flow.begin / between), math.floor(min(flow.end, run.duration) / between) + 1)
+    inside = times[(times >= flow.begin) & (times <= flow.end)]
+    start, stop = inside[:-1], inside[1:]
+    longer = stop - start > GAP
+    for before, after in zip(start[longer], stop[longer], strict=True):
+        number = number[(number * between <= before) | (number * between >= after)]
+    return number
+
+
+def _covered(x: np.ndarray, z: np.ndarray, radius: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Length [m] of each bin that the chord of each disc covers, shape [n, m]; the chords are of grains at (x, z)."""
+    half = np.sqrt(np.maximum(radius**2 - z**2, 0.0))
+    return np.diff(np.clip(edges[None, :], (x - half)[:, None], (x + half)[:, None]), axis=1)
+
+
+def _at_crossings(run: RunData, flow: SteadyFlow, centre: float, edges: np.ndarray) -> np.ndarray:
+    table = run.tables["crossing"]
+    inside = (table["time"] > flow.begin) & (table["time"] <= flow.end)
+    place = np.searchsorted(edges, np.asarray(table["x"])[inside] - centre) - 1
+    within = (place >= 0) & (place < len(edges) - 1)
+    place, v = place[within], -np.asarray(table["vz"], float)[inside][within]
+    n = np.bincount(place, minlength=len(edges) - 1)
+    total = np.bincount(place, v, len(edges) - 1)
+    return np.divide(total, n, out=np.full(len(n), math.nan), where=n > 0)
+
+
+def _sweep_error(swept: np.ndarray, ids: np.ndarray, frame: np.ndarray, last: int) -> float:
+    """Relative standard error of the total of what rows `swept`, in parts of their grains, against the number that passed.
+
+    Frames fall on each grain's passage at random; and of the grains on the line when the window opens or closes a
+    random part, of variance 1/12, has passed. (For a flow as regular as a clock these parts cancel.)
+    """
+    _, grain = np.unique(ids, return_inverse=True)
+    total = np.bincount(grain, swept)
+    cut = np.isin(np.arange(len(total)), grain[(frame == 0) | (frame == last)])
+    whole = total[~cut]
+    if len(whole) < 2:
+        return math.nan
+    on_the_line = len(swept) / (last + 1)
+    variance = float(whole.var(ddof=1)) / float(whole.mean()) ** 2 + on_the_line / (6 * len(whole))
+    return math.sqrt(variance / len(whole))

@@ -1,0 +1,130 @@
+"""Profiles along the outlets of a series: as measured, laid over each other, and their middles against the width."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from labbook.fit.outlet import Saturation
+from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house, look
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from labbook.fit.outlet import FittedOutlet, ProfileFit
+    from labbook.report.series import Series
+
+_FINE = np.linspace(-1, 1, 401)
+_SHOWN = {"velocity": "v_c", "area_fraction": "phi_c"}
+
+
+def outlet_profiles(series: "Series") -> "Figure":
+    """v(x) and phi(x) above, v/v_c and phi/phi_c below with the fitted dome; an outlet a colour, bands of one standard
+    error over seeds. Faint: bins nearer to the edges than centres of grains can come, which are not fitted.
+    """
+    from matplotlib.figure import Figure
+
+    fit = series.profiles
+    assert fit is not None
+    with house():
+        figure = Figure(figsize=(PAGE, 118 * MILLIMETRE))
+        axes = figure.subplots(2, 2, sharex="row")
+        for index, (result, one) in enumerate(zip(series.profiled, fit.outlets, strict=True)):
+            label = f"D = {result.orifice * 1e3:g} mm"
+            for column, name in enumerate(_SHOWN):
+                runs = np.array([getattr(outlet, name) for outlet in result.outlets])
+                _draw(axes[0, column], one, name, runs, 1.0, one.profile.R * 1e3, index, label)
+                centre = getattr(one, _SHOWN[name]).value
+                _draw(axes[1, column], one, name, runs, centre, 1.0, index, label)
+        for column, exponent in enumerate(fit.exponents):
+            name = "ab"[column]
+            shape = f"$(1-x^{{*2}})^{{{name}}}$, {name} = {exponent:.3g}"
+            axes[1, column].plot(_FINE, (1 - _FINE**2) ** exponent, color=INK, linewidth=0.9, zorder=1, label=shape)
+            axes[1, column].set_xlabel(r"$x^* = (x-e)/R$")
+            axes[0, column].set_xlabel(r"$x-e$ [mm]")
+            axes[1, column].legend(handles=axes[1, column].lines[-1:], loc="lower center")
+        tilted = (("delta1", "epsilon1", "sigma1"), ("delta2", "epsilon2", "sigma2"))
+        if abs(fit.parameters["delta1"].value) > 2 * fit.parameters["delta1"].error:
+            for column, names in enumerate(tilted):
+                delta, eps, sigma = (fit.parameters[name].value for name in names)
+                curve = delta / eps * _FINE + (1 - _FINE**2) ** sigma
+                axes[1, column].plot(_FINE, curve, color=INK, linestyle="--", linewidth=0.9, zorder=1)
+        for ax, text in zip(axes.flat, ("$v$ [m/s]", r"$\phi$", "$v/v_c$", r"$\phi/\phi_c$"), strict=True):
+            ax.set_ylabel(text)
+            ax.set_ylim(bottom=0)
+        figure.legend(
+            *axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=min(8, len(fit.outlets))
+        )
+        if series.label:
+            figure.suptitle(series.label, x=0.01, ha="left", fontsize=7.5)
+        figure.align_ylabels()
+    return figure
+
+
+def _draw(
+    ax: "Axes", one: "FittedOutlet", name: str, runs: np.ndarray, over: float, scale: float, index: int, label: str
+) -> None:
+    profile, style = one.profile, look(index)
+    x = (profile.edges[1:] + profile.edges[:-1]) / 2 * scale
+    y = getattr(profile, name) / over
+    inside = profile.inside
+    ax.plot(x, y, color=style["color"], alpha=0.3, linewidth=0.7, zorder=1)
+    if len(runs) > 1:
+        error = runs.std(axis=0, ddof=1) / math.sqrt(len(runs)) / over
+        ax.fill_between(x, y - error, y + error, where=inside, color=style["color"], alpha=0.2, linewidth=0)
+    style = {**style, "linestyle": "none", "markersize": 3}
+    ax.plot(x[inside], y[inside], **style, label=label, zorder=2)
+
+
+def outlet_middles(series: "Series") -> "Figure":
+    """v_c against sqrt(R) with sqrt(2 g gamma R), phi_c against R with eq 12, and the flow that profiles come to."""
+    from matplotlib.figure import Figure
+
+    fit = series.profiles
+    assert fit is not None
+    R = np.array([one.profile.R for one in fit.outlets])
+    with house():
+        figure = Figure(figsize=(PAGE, 60 * MILLIMETRE))
+        left, middle, right = figure.subplots(1, 3)
+        _speeds(left, fit, R, series.points[0].point.scene.gravity)
+        _middles(middle, fit, R)
+        for place, (name, label) in enumerate(_FLOWS.items()):
+            style = {**look(place), "linestyle": "none"}
+            flows = [getattr(one, name) for one in fit.outlets]
+            offset = 0.4 * (place - (len(_FLOWS) - 1) / 2)
+            values, errors = [one.value for one in flows], [np.nan_to_num(one.error) for one in flows]
+            right.errorbar(2e3 * R + offset, values, yerr=errors, label=label, **style)
+        right.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
+        right.set_xlabel("orifice, $D$ [mm]")
+        right.set_ylabel("flow of the profiles / $W$ counted")
+        right.legend(loc="best")
+        if series.label:
+            figure.suptitle(series.label, x=0.01, ha="left", fontsize=7.5)
+    return figure
+
+
+_FLOWS = {"direct": "integral", "centred": "eq 14, own φ", "printed": "eq 14 as printed", "eccentric": "eq 18"}
+
+
+def _speeds(ax: "Axes", fit: "ProfileFit", R: np.ndarray, g: float) -> None:
+    gamma = fit.parameters["gamma"].value
+    fine = np.linspace(0, 1.05 * R.max(), 200)
+    ax.plot(np.sqrt(fine * 1e3), np.sqrt(2 * g * gamma * fine), color=COLOURS[1], label=f"γ = {gamma:.3g}")
+    values, errors = [one.v_c.value for one in fit.outlets], [np.nan_to_num(one.v_c.error) for one in fit.outlets]
+    ax.errorbar(np.sqrt(R * 1e3), values, yerr=errors, color=INK, marker="o", linestyle="none")
+    ax.set_xlabel(r"$\sqrt{R}$ [mm$^{1/2}$]")
+    ax.set_ylabel("$v_c$ [m/s]")
+    ax.legend(loc="upper left")
+
+
+def _middles(ax: "Axes", fit: "ProfileFit", R: np.ndarray) -> None:
+    values, errors = [one.phi_c.value for one in fit.outlets], [np.nan_to_num(one.phi_c.error) for one in fit.outlets]
+    ax.errorbar(R * 1e3, values, yerr=errors, color=INK, marker="o", linestyle="none")
+    if "phi_inf" in fit.parameters:
+        law = Saturation(*(fit.parameters[name].value for name in ("phi_inf", "tau1", "tau2")))
+        fine = np.linspace(0.95 * R.min(), 1.05 * R.max(), 200)
+        ax.plot(fine * 1e3, law.at(fine), color=COLOURS[1], label=f"eq 12, φ_∞ = {law.phi_inf:.3g}")
+        ax.legend(loc="lower right")
+    ax.set_xlabel("$R$ [mm]")
+    ax.set_ylabel(r"$\phi_c$")

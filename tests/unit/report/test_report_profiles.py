@@ -1,0 +1,130 @@
+"""Profiles along outlets in a report, from runs made with known profiles."""
+
+import json
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from labbook.numerics import Numerics
+from labbook.report import figures, tables
+from labbook.report.analysis import Analysis, analyse
+from labbook.report.page import write
+from labbook.report.plain import plain
+from labbook.study.schema import Reference, ReferenceEntry
+
+A, B, GAMMA = 0.4, 0.3, 1.5
+WIDTHS = (0.018, 0.024, 0.03, 0.042)
+
+
+@dataclass(frozen=True)
+class Profiled:
+    """A finished run whose grains pass with speeds v_c (1 - u^2)^a, spread so that phi goes as (1 - u^2)^b."""
+
+    run: Any
+    numerics: Numerics
+
+    def __getattr__(self, name):
+        return getattr(self.run, name)
+
+    def data(self):
+        made = self.run.data()
+        scene, crossing, rng = made.scene, made.tables["crossing"], np.random.default_rng(self.run.seed)
+        R, r = scene.container.orifice / 2, scene.grains.radius
+        n, beat = len(crossing["time"]), self.numerics.beat
+        u = rng.uniform(-1, 1, 20 * n)
+        u = u[(rng.uniform(0, 1, 20 * n) < (1 - u**2) ** (A + B)) & (abs(u) < 1 - r / R)][:n]
+        speed = math.sqrt(2 * scene.gravity * GAMMA * R) * (1 - u**2) ** A
+        number = np.floor((crossing["time"] - r / speed) / beat).astype(int)[:, None] + np.arange(60)
+        z = speed[:, None] * (crossing["time"][:, None] - number * beat)
+        grain, at = np.nonzero(abs(z) <= r)
+        step = number[grain, at] * self.numerics.steps_per_beat
+        slab = {"id": grain, "step": step, "time": step * self.numerics.dt}
+        slab |= {"x": u[grain] * R, "z": z[grain, at], "vz": -speed[grain]}
+        tables = {"crossing": {**crossing, "x": u * R, "vz": -speed}, "slab": slab}
+        return replace(made, tables=tables, numerics=self.numerics)
+
+
+@pytest.fixture(scope="module")
+def profiled(synthetic) -> Analysis:
+    points = [synthetic.point(k, D) for k, D in enumerate(WIDTHS)]
+    reference = Reference(
+        "Fan et al. 2023",
+        (
+            ReferenceEntry("outlet_profiles.a", {}, A),
+            ReferenceEntry("outlet_profiles.outlet_closure", {"container.orifice": 0.03}, 1.0),
+        ),
+    )
+    study = synthetic.study_of(
+        points,
+        measure=("flow_rate", "outlet_profiles"),
+        fit=("beverloo", "outlet_profiles"),
+        reference=reference,
+    )
+    numerics = Numerics(dt=1e-6, steps_per_beat=500)
+    runs: Any = [Profiled(synthetic.FinishedDouble(p, seed), numerics) for p in points for seed in (1, 2, 3)]
+    return analyse(study, runs)
+
+
+def test_parameters_are_those_that_the_runs_were_made_from(profiled):
+    (series,) = profiled.series
+    found = series.profiles.parameters
+    assert found["a"].value == pytest.approx(A, abs=0.03)
+    assert found["gamma"].value == pytest.approx(GAMMA, rel=0.03)
+    assert found["b"].value == pytest.approx(B, abs=0.06)
+    assert abs(found["delta1"].value) < 3 * found["delta1"].error
+    assert set(series.fits) == {"beverloo"}
+
+
+def test_the_flow_of_the_profiles_closes(profiled):
+    (series,) = profiled.series
+    for result, one in zip(series.profiled, series.profiles.outlets, strict=True):
+        assert result.pooled["outlet_closure"].value == pytest.approx(1, abs=0.01)
+        assert one.direct.value == pytest.approx(result.pooled["outlet_closure"].value, rel=5e-3)
+        assert one.centred.value == pytest.approx(1, abs=0.05)
+
+
+def test_fitted_parameters_and_measured_numbers_are_both_compared(profiled):
+    fitted, measured = profiled.comparisons
+    assert fitted.quantity == "outlet_profiles.a"
+    assert fitted.ours == profiled.series[0].profiles.parameters["a"].value
+    assert measured.quantity == "outlet_closure"
+    assert measured.ours == pytest.approx(1, abs=0.01)
+
+
+def test_tables_and_page_show_them(profiled, tmp_path):
+    (series,) = profiled.series
+    rows = {row[0]: row[1] for row in tables.profile_table(series).rows}
+    assert rows["a"].startswith(f"{series.profiles.parameters['a'].value:.3f}")
+    assert "±" in rows["δ₁"]  # a tilt of zero is a number, not one that is not determined
+    assert [row[0] for row in tables.outlet_table(series).rows] == ["18", "24", "30", "42"]
+    page = write(profiled, tmp_path).read_text(encoding="utf-8")
+    assert "Profiles along the outlets" in page
+    for stem in ("profiles", "middles"):
+        assert (tmp_path / f"{stem}.png").stat().st_size > 10_000
+    found = json.loads(json.dumps(plain(profiled), allow_nan=False))["series"][0]["profiles"]
+    assert found["parameters"]["a"]["value"] == series.profiles.parameters["a"].value
+    assert len(found["outlets"]) == 4
+    assert len(found["outlets"][0]["velocity"]) == len(found["outlets"][0]["edges"]) - 1
+
+
+def test_the_figure_lays_profiles_over_each_other(profiled):
+    (series,) = profiled.series
+    figure = figures.outlet_profiles(series)
+    below = figure.axes[2]
+    collapsed = [line for line in below.lines if line.get_marker() not in ("None", None, "")]
+    assert len(collapsed) == 4
+    x = np.linspace(-0.7, 0.7, 9)
+    over = [np.interp(x, *np.asarray(line.get_data(), float)) for line in collapsed]
+    assert np.ptp(over, axis=0).max() < 0.08
+
+
+def test_without_profiles_the_series_says_why(synthetic):
+    points = [synthetic.point(0, 0.03)]
+    study = synthetic.study_of(points, fit=("outlet_profiles",), reference=None)
+    runs = [synthetic.FinishedDouble(points[0], seed) for seed in (1, 2)]
+    (series,) = analyse(study, runs).series
+    assert series.profiles is None
+    assert "measure outlet_profiles" in series.problems[0]

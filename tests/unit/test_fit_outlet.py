@@ -1,0 +1,178 @@
+"""Parameters of profiles along outlets, on profiles made from them."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from labbook.fit import Context, FitError
+from labbook.fit.outlet import Outlet, dome, fit_approach, fit_profiles, fit_saturation
+from labbook.fit.outlet.flow import centred_flow, eccentric_flow
+
+FAN = Context(d=3e-3, rho_p=2500, rho_b=None, Z=3.03e-3, g=9.81)
+RADIUS = FAN.d / 2
+WIDTHS = np.array([18, 30, 45, 60]) * 1e-3
+EDGES = np.linspace(-1, 1, 25)
+FINE = np.linspace(-1, 1, 2401)
+
+
+def made(R, speed, cover, phi_max, edges=EDGES):
+    """Bin means of given profiles: `speed` and `cover` are (delta, eps, sigma); v in units of sqrt(2 g R)."""
+
+    def profile(u, shape):
+        delta, eps, sigma = shape
+        return delta * u + eps * (1 - u**2) ** sigma
+
+    fine = (FINE[1:] + FINE[:-1]) / 2
+    place = np.searchsorted(edges, fine) - 1
+    phi = phi_max * profile(fine, cover)
+    flux = phi * profile(fine, speed) * math.sqrt(2 * FAN.g * R)
+    means = [np.bincount(place, values) / np.bincount(place) for values in (phi, flux)]
+    counted = 2 / 3 * FAN.d * FAN.rho_p * float(means[1].mean()) * 2 * R
+    return Outlet(R, edges, means[0], means[1], 1 - RADIUS / R, counted)
+
+
+def noisy(outlet, rng, scatter):
+    phi = outlet.area_fraction * (1 + scatter * rng.standard_normal(len(outlet.area_fraction)))
+    v = outlet.velocity * (1 + scatter * rng.standard_normal(len(phi)))
+    return Outlet(outlet.R, outlet.edges, phi, phi * v, outlet.reach, outlet.counted)
+
+
+def phi_c(R):
+    """Eq 12 with the paper's numbers for gaps of 6 mm and more."""
+    return 0.78 * (1 - 5.34 * np.exp(-2 * 190.0 * R))
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.16, 0.39, 1.0, 2.0])
+def test_bins_of_the_dome_are_its_integrals(exponent):
+    edges = np.array([-1.0, -0.6, 0.1, 0.95, 1.0])
+    expected = [quad(lambda u: (1 - u**2) ** exponent, a, b)[0] / (b - a) for a, b in itertools.pairwise(edges)]
+    np.testing.assert_allclose(dome(edges, exponent), expected, rtol=1e-7)
+
+
+def test_profiles_give_their_parameters_back():
+    """Fan's table 2 at 90 deg; within a bin v is weighed by phi, which bends it by less than a part in a hundred."""
+    outlets = [[made(D / 2, (0, math.sqrt(1.66), 0.39), (0, 1, 0.39), phi_c(D / 2))] for D in WIDTHS]
+    found = fit_profiles(outlets, FAN).parameters
+    assert found["a"].value == pytest.approx(0.39, abs=0.004)
+    assert found["gamma"].value == pytest.approx(1.66, rel=0.005)
+    assert found["b"].value == pytest.approx(0.39, abs=1e-3)
+    assert found["phi_inf"].value == pytest.approx(0.78, rel=1e-3)
+    assert found["tau1"].value == pytest.approx(5.34, rel=0.03)
+    assert found["tau2"].value == pytest.approx(190, rel=0.01)
+    assert found["tau2"].unit == "1/m"
+    assert found["delta1"].value == pytest.approx(0, abs=1e-12)
+    assert found["epsilon1"].value == pytest.approx(math.sqrt(found["gamma"].value), rel=1e-3)
+
+
+def test_tilted_profiles_give_their_parameters_back():
+    """Fan's table 3 at s = 0, in which the curve with eps2 = 1 rises to 1.03 of phi_max."""
+    delta2, sigma2 = -0.13, 0.32
+    u = np.linspace(-1, 1, 100_001)
+    highest = np.max(delta2 * u + (1 - u**2) ** sigma2)
+    cover = (delta2 / highest, 1 / highest, sigma2)
+    outlets = [[made(D / 2, (-0.31, 1.46, 0.28), cover, phi_c(D / 2))] for D in WIDTHS]
+    found = fit_profiles(outlets, FAN)
+    expected = {"delta1": -0.31, "epsilon1": 1.46, "sigma1": 0.28, "delta2": cover[0], "epsilon2": cover[1]}
+    for name, value in {**expected, "sigma2": sigma2}.items():
+        assert found.parameters[name].value == pytest.approx(value, abs=0.006), name
+    for D, one in zip(WIDTHS, found.outlets, strict=True):
+        assert one.phi_max.value == pytest.approx(phi_c(D / 2), rel=2e-3)
+        assert one.eccentric.value == pytest.approx(1, abs=4e-3)
+
+
+def test_flow_from_profiles_is_their_integral():
+    R, a, b, v_c, phi = 0.015, 0.35, 0.2, 0.7, 0.75
+    integral, _ = quad(lambda x: phi * (1 - (x / R) ** 2) ** b * v_c * (1 - (x / R) ** 2) ** a, -R, R)
+    assert centred_flow(FAN.d, FAN.rho_p, phi, v_c, R, a, b) == pytest.approx(2 / 3 * FAN.d * FAN.rho_p * integral)
+    speed, cover = (-0.31, 1.46, 0.28), (-0.13, 1.0, 0.32)
+
+    def product(x):
+        u = x / R
+        of = [delta * u + eps * (1 - u**2) ** sigma for delta, eps, sigma in (speed, cover)]
+        return phi * math.sqrt(2 * FAN.g * R) * of[0] * of[1]
+
+    integral, _ = quad(product, -R, R)
+    flow = eccentric_flow(FAN.d, FAN.rho_p, FAN.g, R, phi, speed, cover)
+    assert flow == pytest.approx(2 / 3 * FAN.d * FAN.rho_p * integral, rel=1e-8)
+
+
+def test_without_tilt_the_two_laws_are_one():
+    gamma, a, b, R = 1.66, 0.39, 0.3, 0.02
+    centred = centred_flow(FAN.d, FAN.rho_p, 0.7, math.sqrt(2 * FAN.g * gamma * R), R, a, b)
+    tilted = eccentric_flow(FAN.d, FAN.rho_p, FAN.g, R, 0.7, (0, math.sqrt(gamma), a), (0, 1, b))
+    assert tilted == pytest.approx(centred, rel=1e-12)
+
+
+def test_the_paper_s_table_gives_the_flow_rates_that_its_equation_gives():
+    """22, 57, 107 and 165 g/s for Fan's outlets, from table 2 and eq 12."""
+    flows = [
+        centred_flow(FAN.d, FAN.rho_p, phi_c(D / 2), math.sqrt(FAN.g * 1.66 * D), D / 2, 0.39, 0.39) for D in WIDTHS
+    ]
+    np.testing.assert_allclose(np.array(flows) * 1e3, [22, 57, 107, 165], rtol=0.03)
+
+
+def test_flows_over_the_flow_counted_close():
+    outlets = [[made(D / 2, (0, 1.29, 0.39), (0, 1, 0.39), phi_c(D / 2))] for D in WIDTHS]
+    found = fit_profiles(outlets, FAN)
+    for one in found.outlets:
+        assert one.direct.value == pytest.approx(1, rel=1e-9)
+        assert one.centred.value == pytest.approx(1, rel=4e-3)
+    # the printed law takes phi_inf for phi_c: too much by their ratio
+    narrow = found.outlets[0]
+    assert narrow.printed.value == pytest.approx(0.78 / phi_c(0.009), rel=0.01)
+
+
+def test_only_bins_that_centres_can_reach_are_fitted():
+    outlet = made(0.009, (0, 1.3, 0.4), (0, 1, 0.4), 0.7)
+    assert outlet.inside.sum() == 20  # |x*| <= 1 - 1.5/9, in bins of 1/12
+    spoilt = outlet.area_fraction.copy()
+    spoilt[~outlet.inside] *= 3
+    aside = Outlet(outlet.R, EDGES, spoilt, outlet.flux, outlet.reach, outlet.counted)
+    assert fit_profiles([[aside]], FAN).parameters["b"] == fit_profiles([[outlet]], FAN).parameters["b"]
+
+
+def test_one_replicate_has_no_interval_and_few_outlets_no_saturation():
+    found = fit_profiles([[made(0.009, (0, 1.3, 0.4), (0, 1, 0.4), 0.7)]], FAN)
+    assert "phi_inf" not in found.parameters
+    assert math.isinf(found.parameters["a"].high)
+    assert any("no intervals" in note for note in found.notes)
+    assert any("eq 12 needs 4 outlets" in note for note in found.notes)
+    with pytest.raises(FitError, match="no outlet has profiles"):
+        fit_profiles([], FAN)
+
+
+@pytest.mark.slow
+def test_intervals_over_seeds_cover():
+    """Three seeds at four outlets: 95 % intervals of 250 sets cover, within the scatter of such a count."""
+    rng = np.random.default_rng(1)
+    exact = [made(D / 2, (-0.05, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in WIDTHS]
+    truth = {name: p.value for name, p in fit_profiles([[one] for one in exact], FAN).parameters.items()}
+    hits = dict.fromkeys(("a", "b", "gamma", "delta1", "epsilon1", "phi_inf"), 0)
+    for _ in range(250):
+        found = fit_profiles([[noisy(one, rng, 0.03) for _ in range(3)] for one in exact], FAN).parameters
+        for name in hits:
+            hits[name] += found[name].low <= truth[name] <= found[name].high
+    for name, count in hits.items():
+        assert 0.90 <= count / 250 <= 0.99, name
+
+
+def test_saturation_gives_its_parameters_back():
+    R = np.array([9, 10.5, 12, 15, 22.5, 30]) * 1e-3
+    found = fit_saturation(R.tolist(), phi_c(R).tolist(), FAN.d)
+    assert found.phi_inf == pytest.approx(0.78, rel=1e-4)
+    assert found.tau2 == pytest.approx(190, rel=0.01)
+    np.testing.assert_allclose(found.at(R), phi_c(R), rtol=1e-4)
+    with pytest.raises(ValueError, match="at least 4"):
+        fit_saturation([0.01, 0.02, 0.03], [0.7, 0.75, 0.76], FAN.d)
+
+
+def test_approach_gives_the_paper_s_curve_back():
+    s = np.array([0, 0.15, 0.3, 0.5, 0.7, 1.0])
+    found = fit_approach(s.tolist(), (0.39 - 0.12 * np.exp(-3.74 * s)).tolist(), [0.01] * 6)
+    assert (found.limit, found.depth, found.rate) == pytest.approx((0.39, 0.12, 3.74), rel=0.01)
+    np.testing.assert_allclose(found.at(s), 0.39 - 0.12 * np.exp(-3.74 * s), atol=1e-4)
+    with pytest.raises(ValueError, match="at least 4"):
+        fit_approach([0, 0, 1, 1], [0.3, 0.3, 0.4, 0.4], [0.01] * 4)

@@ -1,0 +1,72 @@
+"""The GPU engine knows what its members take, and how many of them a device can hold."""
+
+import pytest
+
+wp = pytest.importorskip("warp")
+
+from labbook_warp import Backend, devices, room  # noqa: E402
+from labbook_warp.arrays import Arrays  # noqa: E402
+from labbook_warp.layout import memory  # noqa: E402
+
+from labbook.backend import Contacts, Crossing  # noqa: E402
+from labbook.bench.scenes import FAN_STEP, fan  # noqa: E402
+from labbook.protocol.placing import place  # noqa: E402
+
+GIB = 1 << 30
+PROBES = (Crossing(),)
+
+
+def spec_of(scene, precision="mixed", probes=PROBES):
+    return Backend().specialise(scene, FAN_STEP.model_copy(update={"precision": precision}), probes)
+
+
+@pytest.mark.parametrize("precision", ["mixed", "double"])
+def test_memory_is_what_arrays_take(precision):
+    spec = spec_of(fan(grains=40), precision)
+    sizes = room.largest(fan(grains=40))
+    module = room.suitable(spec, sizes, False, 1)
+    arrays = Arrays(module, precision, sizes, devices.find("cpu"), True)
+    held = [arrays.p, arrays.q, *vars(arrays.system).values(), *(copy for _, copy in arrays._saved)]
+    taken = sum(array.capacity for array in held if isinstance(array, wp.array))
+    assert memory(module, precision, sizes, True) == taken
+
+
+def capacity(monkeypatch, free, scene, **how):
+    monkeypatch.setattr(devices, "free", lambda _device: free)
+    fit = Backend().capacity(spec_of(scene, **how), scene, "cpu")
+    assert fit is not None
+    return fit
+
+
+def test_as_many_fit_as_memory_has_room_for(monkeypatch):
+    scene = fan(grains=3000)
+    fit = capacity(monkeypatch, 16 * GIB, scene)
+    assert fit == pytest.approx(2 * capacity(monkeypatch, 8 * GIB, scene), abs=1)
+    assert fit == pytest.approx(2 * capacity(monkeypatch, 16 * GIB, fan(grains=6000)), rel=0.02)
+    assert capacity(monkeypatch, 16 * GIB, scene, precision="double") < fit
+    assert capacity(monkeypatch, 16 * GIB, scene, probes=(Crossing(), Contacts())) < fit
+    # a grain in mixed has 3 x 64 bytes of state, and 32 neighbours with two springs of 12 bytes at least
+    assert fit < 16 * GIB / (3000 * (3 * 64 + 32 * 24))
+    assert fit > 100
+
+
+def test_one_member_is_always_tried(monkeypatch):
+    assert capacity(monkeypatch, 1000, fan(grains=3000)) == 1
+
+
+def test_a_processors_memory_is_not_rationed():
+    assert Backend().capacity(spec_of(fan(grains=40)), fan(grains=40), "cpu") is None
+
+
+def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch):
+    def exhausted(*_args, **_kinds):
+        raise RuntimeError("Failed to allocate 99 bytes")
+
+    scene = fan(grains=40).close()
+    numerics = FAN_STEP.model_copy(update={"precision": "mixed"})
+    engine = Backend()
+    ensemble = engine.open(engine.specialise(scene, numerics))
+    ensemble.admit(scene, numerics, place(scene, "gas", 1))
+    monkeypatch.setattr(wp, "zeros", exhausted)
+    with pytest.raises(MemoryError, match="cpu has no memory for 1 members: Failed to allocate 99 bytes"):
+        ensemble.advance(1)
