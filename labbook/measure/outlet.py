@@ -180,7 +180,7 @@ def _at_crossings(run: RunData, flow: SteadyFlow, centre: float, edges: np.ndarr
 
 
 def _sweep_error(swept: np.ndarray, ids: np.ndarray, frame: np.ndarray, last: int) -> float:
-    """Relative standard error of the total of what rows `swept`, in parts of their grains, against the number that passed.
+    """Relative standard error of the total of what rows `swept`, in parts of their grains, against the grains counted.
 
     Frames fall on each grain's passage at random; and of the grains on the line when the window opens or closes a
     random part, of variance 1/12, has passed. (For a flow as regular as a clock these parts cancel.)
