@@ -43,8 +43,8 @@ class Capabilities:
 class Crossing:
     """First passage of each grain's centre downwards through z = `plane` [m].
 
-    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz: positions at the
-    end of that step, velocities half a step before.
+    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz, and for rods qw, qx, qy, qz:
+    positions and orientations at the end of that step, velocities half a step before.
     """
 
     plane: float = 0.0
@@ -52,7 +52,8 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Sample:
-    """State of all grains every `every` beats. `fields` from x, v, omega; columns id, x, y, z, vx, ..., wx, ..."""
+    """State of all grains every `every` beats. `fields` from x, v, omega and, for rods, q (unit quaternions, whose
+    rotation takes the z axis to the rod's); columns id, x, y, z, vx, ..., wx, ..., qw, qx, qy, qz."""
 
     fields: tuple[str, ...] = ("x", "v")
     every: int = 1
@@ -76,7 +77,7 @@ class Slab:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Every touching contact every `every` beats.
+    """Every touching contact every `every` beats; a rod may touch a wall at several points, each a row.
 
     Columns: i, j (ids; j = -1 at a wall), wall (index into the scene's walls, -1 for a pair), fx, fy, fz [N] on i,
     bx, by, bz [m]: branch vector, from the centre of i to that of j or to the point of contact with the wall.
@@ -98,15 +99,18 @@ class Ledger:
 
 Probe = Crossing | Sample | Slab | Contacts | Ledger
 
-_VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz"}
+_VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz", "q": "qw qx qy qz"}
 _WHOLE = frozenset(["member", "step", "id", "i", "j", "wall", "grains", "touching", "rebuilds"])
 
 
-def columns(probe: Probe) -> dict[str, type]:
-    """Names of the columns of a probe's table, and whether each holds whole or real numbers (int64, float64)."""
+def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
+    """Names of the columns of a probe's table, and whether each holds whole or real numbers (int64, float64).
+
+    rods: whether the grains have an orientation.
+    """
     match probe:
         case Crossing():
-            names = "id x y z vx vy vz wx wy wz"
+            names = "id x y z vx vy vz wx wy wz" + (" qw qx qy qz" if rods else "")
         case Sample(fields=fields):
             names = " ".join(["id", *(_VECTORS[name] for name in fields)])
         case Slab():
@@ -118,9 +122,9 @@ def columns(probe: Probe) -> dict[str, type]:
     return {name: np.int64 if name in _WHOLE else np.float64 for name in ["member", "step", "time", *names.split()]}
 
 
-def empty_table(probe: Probe) -> Table:
-    """The table of a probe that saw nothing."""
-    return {name: np.zeros(0, kind) for name, kind in columns(probe).items()}
+def empty_table(probe: Probe, rods: bool = False) -> Table:
+    """The table of a probe that saw nothing; `rods` as in `columns`."""
+    return {name: np.zeros(0, kind) for name, kind in columns(probe, rods).items()}
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,15 @@ from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sam
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
-from labbook_dem.walls import plane, strip
+from labbook_dem.walls import frustum, plane, strip
 
-WALL_KINDS = {"plane": (0, plane.parameters), "strip": (1, strip.parameters)}
-FALL = 2.0  # diameters below the outlet at which a grain is dropped: nothing that is still to be counted touches it
+WALL_KINDS = {
+    "plane": (0, plane.parameters),
+    "strip": (1, strip.parameters),
+    "frustum": (2, frustum.parameters),
+}
+PARTS = {"plane": 2, "strip": 4, "frustum": 4}  # contacts that a rod may have with a wall
+FALL = 2.0  # lengths of a grain below the outlet at which a grain is dropped: nothing that is still to be counted touches it
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
@@ -32,11 +37,23 @@ def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[
         "MOVING": any(wall.motion != SurfaceMotion() for wall in walls),
         "PLANES": "plane" in kinds,
         "STRIPS": "strip" in kinds,
+        "FRUSTUMS": "frustum" in kinds,
+        "RODS": is_rod(scene),
         "ANY_WALLS": bool(walls),
         "OUTLET": outlet(scene) is not None,
         "CROSSING": any(isinstance(probe, Crossing) for probe in probes),
         "LEDGER": any(isinstance(probe, Ledger) for probe in probes),
     }
+
+
+def is_rod(scene: Scene) -> bool:
+    """Whether grains have an orientation."""
+    return scene.grains.shape == "spherocylinder"
+
+
+def parts(scene: Scene) -> int:
+    """Contacts that a grain may have with one wall, at most."""
+    return max([1, *(PARTS[wall.shape.kind] for wall in scene.container.walls() if is_rod(scene))])
 
 
 def outlet(scene: Scene) -> float | None:
@@ -47,8 +64,8 @@ def outlet(scene: Scene) -> float | None:
 def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     """z [m] of the plane whose crossings are recorded, and z below which grains are dropped."""
     crossed = [probe.plane for probe in probes if isinstance(probe, Crossing)]
-    bottom = outlet(scene)
-    drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * scene.grains.diameter
+    bottom, size = outlet(scene), scene.grains.diameter + 2 * scene.grains.half_length
+    drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * size
     return (crossed[0] if crossed else 0.0), drop
 
 

@@ -5,26 +5,21 @@ import math
 import numpy as np
 
 from labbook.backend import Status
-from labbook.scene import Scene
-
-Weight = float | np.ndarray
-"""A mass [kg] or moment of inertia [kg m^2]: of every grain, or of each, shape [n]."""
-
-
-def weighted(weight: Weight, values: np.ndarray) -> np.ndarray:
-    """Sum over grains of weight times `values`, shape [n, ...]; shape [...]."""
-    return weight @ values if isinstance(weight, np.ndarray) else weight * values.sum(axis=0)
+from labbook.protocol import Bodies
+from labbook.scene import Grains, Scene
+from labbook_dem.rotation import spins
 
 
-def kinetic(mass: Weight, inertia: Weight, v: np.ndarray, w: np.ndarray) -> float:
-    """Kinetic energy [J] of velocities v [m/s] and spins w [rad/s]."""
-    return _half(mass, v) + _half(inertia, w)
+def kinetic(grains: Grains | Bodies, v: np.ndarray, m: np.ndarray, q: np.ndarray | None = None) -> float:
+    """Kinetic energy [J] of velocities v [m/s] and reduced angular momenta m [rad/s] (of spheres: spins).
 
-
-def _half(weight: Weight, v: np.ndarray) -> float:
-    if isinstance(weight, np.ndarray):
-        return 0.5 * float(weight @ np.sum(v**2, axis=1))
-    return 0.5 * weight * float(np.sum(v**2))
+    grains: what all are, or each. q: orientations of rods (`labbook_dem.rotation`), whose rotational energy is
+    I_t m.omega / 2.
+    """
+    if isinstance(grains, Bodies):
+        return 0.5 * float(grains.mass @ np.sum(v**2, axis=1) + grains.inertia @ np.sum(m**2, axis=1))
+    omega = m if q is None else spins(grains, m, q)
+    return 0.5 * grains.mass * float(np.sum(v**2)) + 0.5 * grains.inertia * float(np.sum(m * omega))
 
 
 def energy_scale(scene: Scene) -> float:
@@ -38,25 +33,33 @@ def status(scene: Scene, step: int, time: float, grains: int, energy: float) -> 
     return Status(step, time, grains, energy / max(grains, 1) / energy_scale(scene))
 
 
+def _sum(weight: float | np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sum over grains of a weight, that of all or of each, times `values`, shape [n, ...]; shape [...]."""
+    return weight @ values if isinstance(weight, np.ndarray) else weight * values.sum(axis=0)
+
+
 def totals(
-    mass: Weight, inertia: Weight, gravity: float, x: np.ndarray, v: np.ndarray, w: np.ndarray, v_half: np.ndarray,
-    w_half: np.ndarray, since_half: float, work: float,
+    scene: Scene, x: np.ndarray, v: np.ndarray, m: np.ndarray, v_half: np.ndarray, m_half: np.ndarray,
+    since_half: float, work: float, q: np.ndarray | None = None, bodies: Bodies | None = None,
 ) -> dict[str, float]:  # fmt: skip
     """Energies [J], mass [kg], momentum [kg m/s] and angular momentum [kg m^2/s] about the origin.
 
-    x, v, w at the whole step; v_half, w_half: half a step before, `since_half` [s] ago (0 at the start). work: that of
-    all kicks so far; the work of the last half kick is its gain in kinetic energy, less what gravity did.
+    x, v, m, q at the whole step; v_half, m_half: half a step before, `since_half` [s] ago (0 at the start); m as in
+    `kinetic`. work: that of all kicks so far; the work of the last half kick is its gain in kinetic energy, less what
+    gravity did. bodies: what each grain is, where they differ.
     """
-    energy, weight = kinetic(mass, inertia, v, w), mass * gravity
-    gained = energy - kinetic(mass, inertia, v_half, w_half)
-    by_gravity = -0.5 * float(weighted(weight * since_half, v[:, 2] + v_half[:, 2]))
-    momentum = weighted(mass, v)
-    angular = weighted(mass, np.cross(x, v)) + weighted(inertia, w)
+    grains = bodies or scene.grains
+    mass, weight = grains.mass, grains.mass * scene.gravity
+    energy = kinetic(grains, v, m, q)
+    gained = energy - kinetic(grains, v_half, m_half, q)  # m.a, and so the energy, stays while a rod drifts
+    by_gravity = -0.5 * float(_sum(weight * since_half, v[:, 2] + v_half[:, 2]))
+    momentum = _sum(mass, v)
+    angular = _sum(mass, np.cross(x, v)) + _sum(grains.inertia, m)
     return {
         "kinetic": energy,
-        "potential": math.fsum(weight * x[:, 2]) if isinstance(weight, np.ndarray) else weight * math.fsum(x[:, 2]),
+        "potential": math.fsum(weight * x[:, 2]) if bodies else weight * math.fsum(x[:, 2]),
         "contact_work": work + gained - by_gravity,
-        "mass": math.fsum(mass) if isinstance(mass, np.ndarray) else mass * len(x),
+        "mass": math.fsum(mass) if bodies else mass * len(x),
         **dict(zip(("px", "py", "pz"), momentum.tolist(), strict=True)),
         **dict(zip(("lx", "ly", "lz"), angular.tolist(), strict=True)),
     }

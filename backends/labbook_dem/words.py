@@ -3,7 +3,7 @@
 Engines replace it: `func` marks a function to compile, `real` is the scalar of contact laws, `wide` that of positions,
 gaps and updates (`real` may be single, `wide` never is), `vec3` and `wide3` are their vectors, `narrow` turns a wide
 vector into a real one, `coefs` is a row of eight coefficients of a law. Literals are written `real(0.5)`. Functions
-are free of loops and choose by conditional expressions, so that they inline and vectorise.
+choose by conditional expressions and are free of loops, but for `for _ in range(8)`, so that they inline and vectorise.
 """
 
 import math

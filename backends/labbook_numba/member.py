@@ -129,7 +129,7 @@ class Run:
 
     def status(self) -> Status:
         """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
-        energy = kinetic(self.scene.grains.mass, self.scene.grains.inertia, *self.whole_step())
+        energy = kinetic(self.scene.grains, *self.whole_step())
         return status(self.scene, self.step, self.time, self.grains, energy)
 
     def packing(self) -> Packing:

@@ -76,4 +76,4 @@ class Run:
     def first_energy(self) -> float:
         """Kinetic energy [J] of the packing it starts from."""
         assert isinstance(self.begin, Packing)
-        return kinetic(self.scene.grains.mass, self.scene.grains.inertia, self.begin.v, self.begin.omega)
+        return kinetic(self.scene.grains, self.begin.v, self.begin.omega)

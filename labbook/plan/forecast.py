@@ -89,10 +89,9 @@ def fill_time(demand: Demand) -> float:
     """Expected simulated time [s] of a filling: a few falls from the height of its start."""
     scene, grains = demand.shared.scene, demand.shared.scene.grains
     container = scene.container
-    wide = getattr(container, "width", 10 * grains.diameter)
+    wide = getattr(container, "width", getattr(container, "diameter", 10 * grains.diameter))
     deep = getattr(container, "thickness", getattr(container, "depth", wide))
-    volume = grains.count * math.pi / 6 * grains.mean_cube
-    top = volume / placing.DENSITY[demand.filling.kind] / (wide * deep)
+    top = placing.volume_of_start(scene, demand.filling.kind) / (wide * deep)
     return min(demand.point.fill.max_time, SETTLING * math.sqrt(2 * top / scene.gravity))
 
 

@@ -34,6 +34,7 @@ def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
         wall_name=names[kept],
         wall_grain=packing.wall_grain[kept],
         wall_spring=packing.wall_spring[kept],
+        wall_part=packing.wall_part[kept],
     )
 
 

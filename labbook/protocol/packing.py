@@ -14,13 +14,15 @@ class Packing:
     """State of n grains, in double precision and SI, portable between engines.
 
     `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit
-    quaternions (w, x, y, z), shape [n, 4], or None for spheres. `ids`: shape [n], what grains are called in
-    every table; 0..n-1 unless grains have left. `diameter` [m] and `kind` (place in the scene's `grains.kinds`), shape
-    [n], or None where all grains are of one diameter d, or of one kind. Friction springs [m]: `pair_spring` [m, 3] on
-    the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i; `wall_spring` [k, 3] on grain `wall_grain` [k]
-    at the wall named `wall_name` [k].
+    quaternions (w, x, y, z), shape [n, 4], whose rotation takes the z axis to the rod's, or None for spheres. `ids`:
+    shape [n], what grains are called in every table; 0..n-1 unless grains have left. `diameter` [m] and `kind` (place
+    in the scene's `grains.kinds`), shape [n], or None where all grains are of one diameter d, or of one kind. Friction
+    springs [m]: `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i;
+    `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several
+    points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`).
 
-    Raises ValueError for shapes that do not fit, and for numbers that are not finite: no engine can start from them.
+    Raises ValueError for shapes that do not fit, for numbers that are not finite and for quaternions that are not of
+    length one: no engine can start from them.
     """
 
     x: np.ndarray
@@ -35,6 +37,7 @@ class Packing:
     wall_grain: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     wall_name: np.ndarray = field(default_factory=lambda: np.zeros(0, "U40"))
     wall_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    wall_part: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self):
         n = len(self.x)
@@ -52,6 +55,12 @@ class Packing:
                 object.__setattr__(self, name, np.ascontiguousarray(array, dtype))
                 if np.shape(array) != (n,):
                     raise ValueError(f"packing: {name} has shape {np.shape(array)}, not ({n},)")
+        if len(self.wall_part) == 0:
+            object.__setattr__(self, "wall_part", np.zeros(len(self.wall_grain), np.int64))
+        if len(self.wall_part) != len(self.wall_grain):
+            raise ValueError(f"packing: {len(self.wall_part)} wall_part for {len(self.wall_grain)} springs at walls")
+        if self.q is not None:
+            object.__setattr__(self, "q", _quaternions(self.q, n))
         for name in (*_DOUBLE, "pair_spring", "wall_spring"):
             bad = ~np.isfinite(getattr(self, name)).all(axis=1)
             if bad.any():
@@ -66,7 +75,7 @@ class Packing:
         return order[np.searchsorted(self.ids, ids, sorter=order)]
 
     def mirrored(self) -> "Packing":
-        """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) in y and z.
+        """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) and the rotation q in y and z.
 
         Walls called left and right (`left`, `bottom-left` ...) swap names.
         """
@@ -77,14 +86,16 @@ class Packing:
             x=self.x * mirror,
             v=self.v * mirror,
             omega=self.omega * axial,
+            q=None if self.q is None else self.q * [1, *axial],
             pair_spring=self.pair_spring * mirror,
             wall_name=np.array(swapped, "U40"),
             wall_spring=self.wall_spring * mirror,
+            wall_part=self.wall_part,
         )
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All arrays by name, for storage."""
-        names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring")
+        names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
         arrays = {name: getattr(self, name) for name in names}
         some = {name: array for name in ("q", *_EACH) if (array := getattr(self, name)) is not None}
         return {**arrays, **some}
@@ -99,6 +110,16 @@ class Packing:
         """Read what `save` wrote. Raises OSError or ValueError on a file that is none."""
         with np.load(path, allow_pickle=False) as stored:
             return cls(**{name: stored[name] for name in stored.files})
+
+
+def _quaternions(q: np.ndarray, n: int) -> np.ndarray:
+    q = np.ascontiguousarray(q, np.float64)
+    if q.shape != (n, 4):
+        raise ValueError(f"packing: q has shape {q.shape}, not ({n}, 4)")
+    bad = ~(np.abs(np.linalg.norm(q, axis=1) - 1) < 1e-6)
+    if bad.any():
+        raise ValueError(f"packing: q is no unit quaternion in row {int(np.argmax(bad))}")
+    return q
 
 
 def _swap_sides(name: str) -> str:

@@ -1,17 +1,20 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
 from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
-from labbook.scene.container import Box, Container, Primitives, WedgeHopper
-from labbook.scene.grains import Grains, Kind, Spheres
+from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
+from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.scene import Scene
 from labbook.scene.sizes import Normal, Uniform
-from labbook.scene.walls import Plane, Strip, SurfaceMotion, Wall
+from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
 __all__ = [
     "Between",
     "Box",
+    "ConicalSilo",
     "ContactLaw",
     "Container",
+    "CylinderSilo",
+    "Frustum",
     "Grains",
     "HertzMindlin",
     "Kind",
@@ -21,6 +24,7 @@ __all__ = [
     "Primitives",
     "Scene",
     "Spheres",
+    "Spherocylinders",
     "Strip",
     "Surface",
     "SurfaceMotion",

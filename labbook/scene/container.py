@@ -1,4 +1,4 @@
-"""Containers: what a study names (`wedge-hopper`, `box`), turned into wall primitives.
+"""Containers: what a study names (`wedge-hopper`, `cylinder-silo`), turned into wall primitives.
 
 Each container knows its walls when open and when closed. A closed container's outlet carries a lid and its
 side walls reach up as far as a filling needs, so that flat-bottomed silos that differ only in their outlets
@@ -12,8 +12,8 @@ from typing import Annotated, Literal
 from pydantic import Field, StrictBool, model_validator
 
 from labbook.scene.model import Fault, InternalFlag, Model, refuse
-from labbook.scene.quantities import Angle, Coordinate, Distance, Length
-from labbook.scene.walls import Plane, Strip, Wall
+from labbook.scene.quantities import Angle, Coordinate, Distance, Frequency, Length
+from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
 _FLAT = 1e-12  # rad: an angle this close to 90 deg is a flat bottom
 
@@ -127,6 +127,105 @@ class WedgeHopper(Model):
         return tuple(walls)
 
 
+class CylinderSilo(Model):
+    """Upright cylinder with a round outlet in the middle of its flat bottom, which may turn (Pongó et al. 2022)."""
+
+    kind: Literal["cylinder-silo"] = "cylinder-silo"
+    diameter: Length
+    """Inner diameter D_c of the cylinder."""
+    height: Length
+    """Height of the cylinder above the outlet; a filling may stand higher."""
+    orifice: Length
+    """Diameter D of the outlet, less than the cylinder's."""
+    rotation: Frequency = 0.0
+    """Turns per second f of the bottom about the axis, from the opening on; positive is counter-clockwise from above."""
+    closed: InternalFlag = False
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        refuse(_orifice_faults(self.orifice, self.diameter))
+        return self
+
+    @property
+    def outlet_plane(self) -> float:
+        """z [m] of the plane through which grains leave."""
+        return 0.0
+
+    def close(self) -> "CylinderSilo":
+        """The closed container in which a packing is made; it has neither outlet nor rotation."""
+        return self.model_copy(update={"closed": True, "orifice": self.diameter / 2, "rotation": 0.0})
+
+    def walls(self) -> tuple[Wall, ...]:
+        """Wall primitives: side, and the bottom round the outlet (closed: all of it)."""
+        radius, hole = self.diameter / 2, 0.0 if self.closed else self.orifice / 2
+        top = 2000 * self.diameter if self.closed else self.height
+        turning = SurfaceMotion(spin=2 * math.pi * self.rotation)
+        return (
+            Wall(name="side", shape=Frustum(lower=(radius, 0), upper=(radius, top))),
+            Wall(name="bottom", shape=Frustum(lower=(hole, 0), upper=(radius, 0)), motion=turning),
+        )
+
+
+class ConicalSilo(Model):
+    """Upright cylinder above a cone, with a round outlet at the cone's tip."""
+
+    kind: Literal["conical-silo"] = "conical-silo"
+    diameter: Length
+    """Inner diameter D_c of the cylinder."""
+    height: Length
+    """Height of the cylinder's upper end above the outlet; a filling may stand higher."""
+    angle: Angle
+    """Angle of the cone from the vertical, at least 1 deg and less than 90 deg."""
+    orifice: Length
+    """Diameter D of the outlet, less than the cylinder's."""
+    closed: InternalFlag = False
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        yield from _orifice_faults(self.orifice, self.diameter)
+        if not math.radians(1) * (1 - _FLAT) <= self.angle <= math.pi / 2 - 1e-3:
+            reason = f"the angle of the cone from the vertical cannot be {math.degrees(self.angle):g} deg"
+            yield Fault("angle", reason, "use 1 deg to less than 90 deg; a flat bottom is a cylinder-silo")
+        elif self.orifice < self.diameter and self.rise >= self.height:
+            rise = f"{self.rise * 1e3:g} mm"
+            reason = f"the cone rises {rise} and leaves no cylinder"
+            yield Fault("height", reason, f"make the silo higher than {rise}, or the angle larger")
+
+    @property
+    def rise(self) -> float:
+        """Height of the cone [m]."""
+        return (self.diameter - self.orifice) / 2 / math.tan(self.angle)
+
+    @property
+    def outlet_plane(self) -> float:
+        """z [m] of the plane through which grains leave."""
+        return 0.0
+
+    def close(self) -> "ConicalSilo":
+        """The closed container in which a packing is made, with a lid over its outlet."""
+        return self.model_copy(update={"closed": True})
+
+    def walls(self) -> tuple[Wall, ...]:
+        """Wall primitives: side, the cone, called bottom, and closed a lid."""
+        radius, hole, rise = self.diameter / 2, self.orifice / 2, self.rise
+        top = 2000 * self.diameter if self.closed else self.height
+        walls = (
+            Wall(name="side", shape=Frustum(lower=(radius, rise), upper=(radius, top))),
+            Wall(name="bottom", shape=Frustum(lower=(hole, 0), upper=(radius, rise))),
+        )
+        return (*walls, Wall(name="lid", shape=Frustum(lower=(0, 0), upper=(hole, 0)))) if self.closed else walls
+
+
+def _orifice_faults(orifice: float, diameter: float) -> Iterator[Fault]:
+    if orifice >= diameter * (1 - 2e-9):
+        reason = f"the orifice is not narrower than the silo ({orifice * 1e3:g} mm against {diameter * 1e3:g} mm)"
+        yield Fault("orifice", reason, "make the orifice smaller or the silo wider")
+
+
 class Box(Model):
     """A box of inner size width x depth x height, x and y centred, bottom at z = 0; `lid` closes its top."""
 
@@ -190,4 +289,4 @@ class Primitives(Model):
         return self.parts
 
 
-Container = Annotated[WedgeHopper | Box | Primitives, Field(discriminator="kind")]
+Container = Annotated[WedgeHopper | CylinderSilo | ConicalSilo | Box | Primitives, Field(discriminator="kind")]

@@ -1,15 +1,21 @@
-"""Bodies that flow."""
+"""Bodies that flow: spheres, equal or of several sizes and kinds, or equal rods.
+
+Every shape knows its mass, its inertia and the segment that its surface is at a radius from: that of a sphere has the
+half length 0, and so a sphere is the spherocylinder whose length is its diameter.
+"""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from labbook.scene.model import Fault, Model, refuse
-from labbook.scene.quantities import Density, Length, Ratio
+from labbook.scene.quantities import Density, GrainLength, Length, Ratio
 from labbook.scene.sizes import SMALLEST_PART, Equal, Sizes
+
+Count = Annotated[int, Field(ge=1, le=100_000_000, strict=True)]
 
 
 class Kind(Model):
@@ -42,7 +48,7 @@ class Spheres(Model):
     """Diameter d, that of the largest grains; `d` is a unit of length in all other keys."""
     density: Density
     """Density ρ_p of the grains' material."""
-    count: Annotated[int, Field(ge=1, le=100_000_000, strict=True)]
+    count: Count
     """Number of grains N."""
     # what is not there is left out of what is stored and hashed: equal spheres are the same scene as ever
     sizes: Annotated[Sizes | None, Field(exclude_if=lambda sizes: sizes is None)] = None
@@ -109,10 +115,25 @@ class Spheres(Model):
 
     @property
     def mean_cube(self) -> float:
-        """Mean of the diameter cubed [m^3], which times pi/6 is the mean volume."""
+        """Mean of the diameter cubed [m^3]."""
         if not self.varied:
             return self.diameter**3
         return math.fsum(part.share * part.sizes.mean_cube(self.diameter) for part in self.parts)
+
+    @property
+    def half_length(self) -> float:
+        """Half the length of the segment at the heart of the grain [m]: a point, 0."""
+        return 0.0
+
+    @property
+    def volume(self) -> float:
+        """Mean volume of a grain [m^3]; of every grain, if they are equal."""
+        return math.pi / 6 * self.mean_cube
+
+    @property
+    def equivalent_diameter(self) -> float:
+        """Diameter d* of the sphere of the (mean) volume [m]: d itself, if they are equal."""
+        return self.mean_cube ** (1 / 3) if self.varied else self.diameter
 
     @property
     def mass(self) -> float:
@@ -125,12 +146,110 @@ class Spheres(Model):
     @property
     def mean_density(self) -> float:
         """Mass of all grains over their volume [kg/m^3]."""
-        return self.mass / (math.pi / 6 * self.mean_cube) if self.kinds else self.density
+        return self.mass / self.volume if self.kinds else self.density
 
     @property
     def inertia(self) -> float:
         """Moment of inertia of one of equal grains about any axis through its centre [kg m^2]: (2/5) m r^2."""
         return 0.4 * self.mass * self.radius**2
 
+    @property
+    def inertia_axis(self) -> float:
+        """Moment of inertia about the grain's own axis [kg m^2]: the same as about any."""
+        return self.inertia
 
-Grains = Spheres
+
+class Spherocylinders(Model):
+    """Equal rods: cylinders with hemispheres on both ends."""
+
+    shape: Literal["spherocylinder"] = "spherocylinder"
+    diameter: Length
+    """Diameter d; `d` is a unit of length in all other keys."""
+    length: GrainLength
+    """Length L from end to end, at least the diameter; an aspect ratio of 3.3 is a length of `3.3 d`."""
+    density: Density
+    """Density ρ_p of the grains' material."""
+    count: Count
+    """Number of grains N."""
+    varied: ClassVar[bool] = False
+    kinds: ClassVar[tuple[Kind, ...]] = ()
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        if self.length < self.diameter:
+            sizes = f"{self.length * 1e3:g} mm against {self.diameter * 1e3:g} mm"
+            reason = f"a rod from end to end is not shorter than its diameter ({sizes})"
+            yield Fault("length", reason, "make it at least 1 d, which is a sphere")
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What the grains are made up of: rods are all alike."""
+        return (Part(1.0, self.density, Equal(self.diameter)),)
+
+    def smallest(self) -> tuple["Spherocylinders", ...]:
+        """Rods are all alike."""
+        return (self,)
+
+    @property
+    def mean_density(self) -> float:
+        """Mass of all grains over their volume [kg/m^3]."""
+        return self.density
+
+    @property
+    def radius(self) -> float:
+        """Radius of cylinder and ends [m]."""
+        return self.diameter / 2
+
+    @property
+    def half_length(self) -> float:
+        """Half the length of the segment that the surface is a radius away from [m]: (L - d)/2."""
+        return (self.length - self.diameter) / 2
+
+    @property
+    def aspect_ratio(self) -> float:
+        """L/d."""
+        return self.length / self.diameter
+
+    @property
+    def volume(self) -> float:
+        """Volume of one grain [m^3]."""
+        return math.pi / 4 * self.diameter**2 * (2 * self.half_length) + math.pi / 6 * self.diameter**3
+
+    @property
+    def equivalent_diameter(self) -> float:
+        """Diameter d* of the sphere of the same volume [m]."""
+        return (6 * self.volume / math.pi) ** (1 / 3)
+
+    @property
+    def _masses(self) -> tuple[float, float]:
+        """Of the cylinder and of both ends together [kg]."""
+        ends = self.density * math.pi / 6 * self.diameter**3
+        return self.density * math.pi * self.radius**2 * (2 * self.half_length), ends
+
+    @property
+    def mass(self) -> float:
+        """Mass of one grain [kg]."""
+        cylinder, ends = self._masses
+        return cylinder + ends
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia about any axis through the centre across the rod [kg m^2].
+
+        m_c (l^2/12 + r^2/4) + m_s (2 r^2/5 + l^2/4 + 3 l r/8) with l = L - d: Steiner's theorem for two hemispheres.
+        """
+        (cylinder, ends), r, l = self._masses, self.radius, 2 * self.half_length
+        return cylinder * (l**2 / 12 + r**2 / 4) + 0.4 * ends * r**2 + ends * (l**2 / 4 + 3 * l * r / 8)
+
+    @property
+    def inertia_axis(self) -> float:
+        """Moment of inertia about the rod's axis [kg m^2]: m_c r^2/2 + m_s 2 r^2/5."""
+        cylinder, ends = self._masses
+        return cylinder * self.radius**2 / 2 + 0.4 * ends * self.radius**2
+
+
+Grains = Annotated[Spheres | Spherocylinders, Field(discriminator="shape")]

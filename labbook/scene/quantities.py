@@ -116,7 +116,7 @@ class Unit:
         context = info.context or {}
         if isinstance(value, str):
             try:
-                number = parse(value, self.symbol, context.get("d"))
+                number = parse(value, self.symbol, self._diameter(info))
             except ValueError as error:
                 raise self._error("bad_quantity", str(error)) from None
         elif isinstance(value, bool) or not isinstance(value, int | float):
@@ -129,6 +129,10 @@ class Unit:
             raise self._error("not_finite", "a finite number is needed")
         return number
 
+    def _diameter(self, info: ValidationInfo) -> float | None:
+        """What the unit `d` comes to [m]."""
+        return (info.context or {}).get("d")
+
     @property
     def _wanted(self) -> str:
         return f"a quantity in {self.symbol} is needed" if self.symbol else "a number without unit is needed"
@@ -138,6 +142,13 @@ class Unit:
         return PydanticCustomError(kind, "{reason}", {"reason": reason, "unit": self.symbol})  # pyright: ignore[reportArgumentType]
 
 
+class OfGrain(Unit):
+    """Marks a quantity of the grains themselves: its `d` is the `diameter` that stands before it."""
+
+    def _diameter(self, info: ValidationInfo) -> float | None:
+        return info.data.get("diameter")
+
+
 def quantity(symbol: str) -> tuple[Unit, BeforeValidator]:
     """The pair of annotations that makes a float field a quantity in `symbol`."""
     unit = Unit(symbol)
@@ -145,6 +156,7 @@ def quantity(symbol: str) -> tuple[Unit, BeforeValidator]:
 
 
 _m, _m_ = quantity("m")
+_own = OfGrain("m")
 _rad, _rad_ = quantity("rad")
 _rho, _rho_ = quantity("kg/m^3")
 _pa, _pa_ = quantity("Pa")
@@ -158,6 +170,7 @@ _w, _w_ = quantity("rad/s")
 
 # Limits keep every product of these finite; no granular matter lies near them.
 Length = Annotated[float, _m, _m_, Field(ge=1e-9, le=1e6)]
+GrainLength = Annotated[float, _own, BeforeValidator(_own), Field(ge=1e-9, le=1e6)]
 Coordinate = Annotated[float, _m, _m_, Field(ge=-1e9, le=1e9)]
 Distance = Annotated[float, _m, _m_, Field(ge=0, le=1e6)]
 Angle = Annotated[float, _rad, _rad_, Field(ge=-1e3, le=1e3)]

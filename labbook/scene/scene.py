@@ -5,13 +5,21 @@ from collections.abc import Iterator
 from pydantic import Field, model_validator
 
 from labbook.scene.contact import ContactLaw, Surface
-from labbook.scene.container import Container, Primitives, WedgeHopper
+from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
 from labbook.scene.grains import Grains
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
 from labbook.scene.walls import Wall
 
 STANDARD_GRAVITY = 9.81
+_ROOM_FOR_A_GRAIN = {
+    WedgeHopper: ("thickness", "orifice", "width"),
+    CylinderSilo: ("orifice", "diameter"),
+    ConicalSilo: ("orifice", "diameter"),
+    Box: ("width", "depth", "height"),
+    Primitives: (),
+}
+"""Sizes of a container that are not less than a grain's diameter."""
 
 
 class Scene(Model):
@@ -38,9 +46,7 @@ class Scene(Model):
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
         yield from self._faults_between_kinds()
         c, d = self.container, self.grains.diameter
-        if isinstance(c, Primitives):
-            return
-        for key in ("thickness", "orifice", "width") if isinstance(c, WedgeHopper) else ("width", "depth", "height"):
+        for key in _ROOM_FOR_A_GRAIN[type(c)]:
             size = getattr(c, key)
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"

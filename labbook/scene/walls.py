@@ -5,6 +5,7 @@ middle between its front and back walls y = 0.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -52,7 +53,34 @@ class Strip(Model):
         return self
 
 
-WallShape = Annotated[Plane | Strip, Field(discriminator="kind")]
+class Frustum(Model):
+    """A thin plate round the vertical axis x = y = 0: a segment in the plane of radius and height, turned about it.
+
+    Upright it is the side of a cylinder, flat a plate with a hole, inclined a cone. Its lower edge is real: a grain
+    rolls over it. Two frustums that share a circle make a corner.
+    """
+
+    kind: Literal["frustum"] = "frustum"
+    lower: Point2
+    """Radius and z of the edge, the rim."""
+    upper: Point2
+    """Radius and z of the other end, at a radius that is not less."""
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        if self.lower == self.upper:
+            yield Fault("upper", "the two ends of a frustum are the same", "set them apart")
+        if self.lower[0] < 0:
+            yield Fault("lower", "a radius is not negative", "use 0 for a plate without a hole")
+        if self.upper[0] < self.lower[0]:
+            yield Fault("upper", "it is nearer to the axis than the rim", "exchange the two ends")
+
+
+WallShape = Annotated[Plane | Strip | Frustum, Field(discriminator="kind")]
 
 
 class SurfaceMotion(Model):

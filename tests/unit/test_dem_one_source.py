@@ -12,7 +12,7 @@ from types import ModuleType
 import labbook_dem
 import numpy as np
 import pytest
-from labbook_dem import contact, source, spheres, words
+from labbook_dem import contact, rods, source, spheres, words
 from labbook_dem.laws import hertz_mindlin, linear
 
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface
@@ -23,7 +23,7 @@ COEFFICIENTS = {
     "hertz_mindlin": hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), SURFACE),
     "linear": linear.coefficients(LinearSpringDashpot(normal_stiffness=5e4), SURFACE),
 }
-COEFFICIENTS["spheres"] = COEFFICIENTS["hertz_mindlin"]
+COEFFICIENTS["spheres"] = COEFFICIENTS["rods"] = COEFFICIENTS["hertz_mindlin"]
 SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True}
 # ranges of arguments in which every branch of the laws is taken; all others lie between 0.1 and 2
 RANGES = {
@@ -37,7 +37,9 @@ RANGES = {
     "mass": (1e-5, 4e-5),
     "gap": (1e-9, 1e-7),
 }
-SPREAD = {"s": 3e-6, "vt": 0.1, "away": 2e-3}
+SPREAD = {"s": 3e-6, "vt": 0.1, "away": 2e-3, "lever_i": 3e-3, "lever_j": 3e-3, "lever": 3e-3}
+UNITS = ("n", "normal", "along", "a", "b")
+WHOLE = {"part": 4, "was": 16, "now": 16, "parts": 16}
 
 
 def device_functions(module: ModuleType) -> list[str]:
@@ -58,7 +60,9 @@ MODULES = physics()
 
 def needed(module: ModuleType) -> list[ModuleType]:
     """The module and what it calls, in the order of a generated module."""
-    return [hertz_mindlin, contact, spheres] if module is spheres else [module]
+    return {spheres: [hertz_mindlin, contact, spheres], rods: [hertz_mindlin, contact, spheres, rods]}.get(
+        module, [module]
+    )
 
 
 def kinds(function) -> list[str]:
@@ -67,7 +71,7 @@ def kinds(function) -> list[str]:
     assert isinstance(node, ast.FunctionDef)
     text = [ast.unparse(a.annotation) for a in node.args.args if a.annotation]
     assert len(text) == len(node.args.args), f"{function.__name__} lacks annotations"
-    assert set(text) <= {"real", "wide", "vec3", "wide3", "coefs", "bool"}, function.__name__
+    assert set(text) <= {"real", "wide", "vec3", "wide3", "coefs", "bool", "int"}, function.__name__
     return text
 
 
@@ -79,11 +83,13 @@ def arguments(module: ModuleType, function, rng: np.random.Generator) -> dict[st
             found[name] = np.tile(COEFFICIENTS[module.__name__.rsplit(".", 1)[1]], (COUNT, 1))
         elif kind == "bool":
             found[name] = rng.random(COUNT) < 0.5
+        elif kind == "int":
+            found[name] = rng.integers(WHOLE[name], size=COUNT).astype(np.int32)
         elif kind in ("vec3", "wide3"):
             vectors = rng.normal(size=(COUNT, 3)) * SPREAD.get(name, 1.0)
-            if name == "along":
-                vectors[:, 1] = 0
-            if name in ("n", "normal", "along"):
+            if name in ("along", "rim"):
+                vectors = np.abs(vectors) * [1, 0, 1]
+            if name in UNITS:
                 vectors /= np.linalg.norm(vectors, axis=1)[:, None]
             found[name] = vectors
         else:
@@ -103,7 +109,7 @@ def row(given: dict[str, np.ndarray], k: int) -> list:
 
 
 def in_python(function, given: dict[str, np.ndarray]) -> np.ndarray:
-    return np.array([flat(function(*row(given, k))) for k in range(COUNT)])
+    return np.array([flat(function(*row(given, k))) for k in range(COUNT)], np.float64)
 
 
 def shapes(function, given) -> list[bool]:
@@ -148,7 +154,7 @@ def numba_module(module: ModuleType, given: dict, precision: str, folder) -> Mod
             return f"{kind}({name}[k, 0], {name}[k, 1], {name}[k, 2])"
         if kind == "coefs":
             return "(" + ", ".join(f"real({name}[k, {c}])" for c in range(8)) + ")"
-        return f"{name}[k]" if kind == "bool" else f"{kind}({name}[k])"
+        return f"{name}[k]" if kind in ("bool", "int") else f"{kind}({name}[k])"
 
     loops = []
     for name in device_functions(module):
@@ -227,7 +233,7 @@ def test_warp_agrees_with_python(module, precision, tmp_path):
     given = every_argument(module)
     made = warp_module(module, given, precision, tmp_path)
     types = {"real": made.real, "wide": made.wide, "vec3": made.vec3, "wide3": made.wide3}
-    types |= {"coefs": made.coefs, "bool": bool}
+    types |= {"coefs": made.coefs, "bool": bool, "int": int}
     for name, values in given.items():
         function = getattr(module, name)
         expected = in_python(function, values)
@@ -306,8 +312,9 @@ def test_all_of_the_physics_is_compared():
     names = {f"{module.__name__}.{name}" for module in MODULES for name in device_functions(module)}
     for law in ("hertz_mindlin", "linear"):
         assert {f"labbook_dem.laws.{law}.respond", f"labbook_dem.laws.{law}.normal"} <= names
-    for wall in ("plane", "strip"):
-        assert f"labbook_dem.walls.{wall}.{wall}_distance" in names
+    for wall in ("plane", "strip", "frustum"):
+        assert {f"labbook_dem.walls.{wall}.{wall}_distance", f"labbook_dem.walls.{wall}.{wall}_rod"} <= names
+    assert {"labbook_dem.rods.rod_on_rod", "labbook_dem.segments.closest", "labbook_dem.rotation.turn"} <= names
     assert {"labbook_dem.motion.kick", "labbook_dem.contact.slip", "labbook_dem.contact.rolling"} <= names
 
 

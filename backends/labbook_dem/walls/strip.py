@@ -23,6 +23,56 @@ def strip_distance(start: wide3, along: wide3, length: wide, x: wide3):
     return distance, wide3(rx * inverse, zero, rz * inverse)
 
 
+@func
+def strip_over(start: wide3, along: wide3, x: wide3):
+    """How far along the plate x is [m]."""
+    return (x.x - start.x) * along.x + (x.z - start.z) * along.z
+
+
+@func
+def strip_rod(
+    start: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
+):  # fmt: skip
+    """Distance [m] of a part of a rod from the plate, unit normal, and where on the segment it is; see `walls`.
+
+    x: centre [m]; a: unit axis; half: half the length of the segment [m]. Part 2 is the edge at `start`.
+    """
+    zero = wide(0.0)
+    nowhere = wide(1e9)
+    low, down = strip_distance(start, along, length, x - a * half)
+    high, up = strip_distance(start, along, length, x + a * half)
+    at_low = strip_over(start, along, x - a * half)
+    at_high = strip_over(start, along, x + a * half)
+    low_over = at_low >= zero and at_low <= length
+    high_over = at_high >= zero and at_high <= length
+    # the part of the segment beyond the edge: where `out` + s `slope` <= 0
+    start_edge = part == 2
+    edge_x = start.x if start_edge else start.x + along.x * length
+    edge_z = start.z if start_edge else start.z + along.z * length
+    sign = wide(1.0) if start_edge else wide(-1.0)
+    slope = sign * (a.x * along.x + a.z * along.z)
+    out = sign * ((x.x - edge_x) * along.x + (x.z - edge_z) * along.z)
+    leaves = -out / slope if slope != zero else zero
+    first = max(leaves, -half) if slope < zero else -half
+    last = min(leaves, half) if slope > zero else half
+    there = first <= last if slope != zero else out <= zero
+    # on it, the point nearest to the edge
+    a2 = a.x * a.x + a.z * a.z + wide(2e-7)  # continuous through parallel, as in `labbook_dem.segments`
+    nearest = -((x.x - edge_x) * a.x + (x.z - edge_z) * a.z) / a2
+    s = min(max(nearest, first), last)
+    distance, normal = strip_distance(start, along, length, x + a * s)
+    part_of = (s + half) / (half + half) if half > zero else zero
+    carried = (wide(1.0) - part_of) * max(radius - low, zero) if low_over else zero
+    carried = carried + (part_of * max(radius - high, zero) if high_over else zero)
+    distance = distance + carried if there else nowhere
+    low = low if low_over else nowhere
+    high = high if high_over and half > zero else nowhere
+    distance = low if part == 0 else (high if part == 1 else distance)
+    s = -half if part == 0 else (half if part == 1 else s)
+    normal = down if part == 0 else (up if part == 1 else normal)
+    return distance, normal, s
+
+
 def parameters(shape: Strip) -> tuple[float, ...]:
     """First end (x, z) [m], unit direction (x, z), length [m]."""
     (x, z), (x1, z1) = shape.start, shape.end

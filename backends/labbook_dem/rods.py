@@ -1,0 +1,50 @@
+"""Two rods, or a rod and a point of a wall, that touch: a contact of spheres at the closest points of their segments.
+
+A lever is the branch from the centre of a rod to the closest point on its segment, s a; the contact lies half a branch,
+or a radius less the overlap, further on. Relative velocities of centres become those of the closest points here; the
+surfaces' part of the motion, spin times radius, is that of spheres.
+"""
+
+from labbook_dem.spheres import touch
+from labbook_dem.words import coefs, cross, dot, func, real, sqrt, vec3
+
+
+@func
+def rod_on_rod(
+    c: coefs, radius: real, mass: real, away: vec3, gap: real, lever_i: vec3, lever_j: vec3, u: vec3, v: vec3,
+    pi: vec3, pj: vec3, wi: vec3, wj: vec3, s: vec3, dt: real, inertia_rate: real,
+):  # fmt: skip
+    """Force and torque on i, torque on j, spring and overlap [m] of two equal rods.
+
+    away: branch from the closest point of j to that of i [m]; gap: diameter squared less its square [m^2]. u, v:
+    relative velocities of the centres, predicted and half a step old [m/s]; pi, pj and wi, wj: spins likewise [rad/s].
+    """
+    half = real(0.5)
+    r = sqrt(dot(away, away))
+    delta = gap / (real(2.0) * radius + r)
+    reach = half * r
+    u = u + (cross(pi, lever_i) - cross(pj, lever_j))
+    v = v + (cross(wi, lever_i) - cross(wj, lever_j))
+    force, arm, roll, kept = touch(
+        c, half * radius, half * mass, radius, delta, away * (real(1.0) / r), u, v, (wi + wj) * reach, wi - wj,
+        s, dt, inertia_rate,
+    )  # fmt: skip
+    arm = arm * reach
+    return force, roll - arm + cross(lever_i, force), -roll - arm - cross(lever_j, force), kept, delta
+
+
+@func
+def rod_on_wall(
+    c: coefs, radius: real, mass: real, delta: real, n: vec3, lever: vec3, u: vec3, v: vec3, p: vec3, w: vec3,
+    spin: vec3, s: vec3, dt: real, inertia_rate: real,
+):  # fmt: skip
+    """Force and torque on a rod, and spring, at a point of a wall with unit normal n that turns with `spin` [rad/s].
+
+    u, v: velocities of the centre relative to the wall there; p, w: spins; predicted and half a step old.
+    """
+    reach = radius - delta
+    force, arm, roll, kept = touch(
+        c, radius, mass, radius, delta, n, u + cross(p, lever), v + cross(w, lever), w * reach, w - spin,
+        s, dt, inertia_rate,
+    )  # fmt: skip
+    return force, roll - arm * reach + cross(lever, force), kept

@@ -1,0 +1,159 @@
+"""A thin plate round the z axis: a segment in the plane of radius and height, turned about it.
+
+rim: its lower end as (radius, 0, z); along: unit direction from there as (radial, 0, axial) with a radial part of at
+least zero; length of the segment. The lower end is an edge that grains roll over.
+"""
+
+import math
+
+from labbook.scene import Frustum
+from labbook_dem.words import dot, func, sqrt, wide, wide3
+
+
+@func
+def frustum_over(rim: wide3, along: wide3, x: wide3):
+    """How far up the plate x is [m]; negative beyond the rim. Along a straight line it is convex."""
+    return (sqrt(x.x * x.x + x.y * x.y) - rim.x) * along.x + (x.z - rim.z) * along.z
+
+
+@func
+def frustum_distance(rim: wide3, along: wide3, length: wide, x: wide3):
+    """Distance [m] of x from the nearest point of the plate, and the unit normal from there to x."""
+    zero = wide(0.0)
+    one = wide(1.0)
+    rho = sqrt(x.x * x.x + x.y * x.y)
+    dr = rho - rim.x
+    dz = x.z - rim.z
+    at = min(max(dr * along.x + dz * along.z, zero), length)
+    dr = dr - along.x * at
+    dz = dz - along.z * at
+    distance = sqrt(dr * dr + dz * dz)
+    inverse = one / distance if distance > zero else zero
+    outwards = dr * inverse / rho if rho > zero else zero
+    return distance, wide3(x.x * outwards, x.y * outwards, dz * inverse)
+
+
+@func
+def leaves_plate(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide):
+    """Where on the segment, seen from its end at -half, the first point beyond the rim is [m].
+
+    A convex function falls to its first zero: Newton's steps come from the left and never pass it.
+    """
+    zero = wide(0.0)
+    s = -half
+    for _ in range(8):
+        p = x + a * s
+        rho = max(sqrt(p.x * p.x + p.y * p.y), wide(1e-12))
+        over = (rho - rim.x) * along.x + (p.z - rim.z) * along.z
+        slope = (p.x * a.x + p.y * a.y) / rho * along.x + a.z * along.z
+        step = over / slope if slope < zero else -half - half
+        s = min(s - step, half) if over > zero else s
+    return s
+
+
+@func
+def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
+    """The first point between `first` and `last` at which the distance from the rim stops falling [m].
+
+    Half the derivative of its square is g(s) = s + c.a - R rho'(s), c = x - (0, 0, z). rho'' has one maximum, where the
+    segment passes the axis, and R rho'' = 1 at the two ends m, n of the stretch on which g falls: g rises and is
+    concave before it, rises and is convex behind. There Newton's steps come from `first`, here from `last`, and never pass a
+    zero.
+    """
+    zero = wide(0.0)
+    one = wide(1.0)
+    tiny = wide(1e-12)
+    ca = dot(x, a) - rim.z * a.z
+    a2 = max(a.x * a.x + a.y * a.y, tiny)
+    passes = -(x.x * a.x + x.y * a.y) / a2
+    across = x.x * a.y - x.y * a.x
+    b2 = across * across / a2
+    reach = sqrt(max((rim.x * a2 * b2) ** (wide(2.0) / wide(3.0)) - b2, zero) / a2)
+    m = min(passes - reach, last)
+    n = passes + reach
+    # g at `first` and at m
+    px = x.x + a.x * first
+    py = x.y + a.y * first
+    at_first = first + ca - rim.x * (px * a.x + py * a.y) / max(sqrt(px * px + py * py), tiny)
+    px = x.x + a.x * m
+    py = x.y + a.y * m
+    at_m = m + ca - rim.x * (px * a.x + py * a.y) / max(sqrt(px * px + py * py), tiny)
+    before = m > first and at_m >= zero
+    low = first if before else max(first, n)
+    high = m if before else last
+    s = low if before else high
+    for _ in range(8):
+        px = x.x + a.x * s
+        py = x.y + a.y * s
+        rho = max(sqrt(px * px + py * py), tiny)
+        outwards = (px * a.x + py * a.y) / rho
+        g = s + ca - rim.x * outwards
+        slope = one - rim.x * (a2 - outwards * outwards) / rho
+        step = g / slope if slope > tiny else zero
+        s = min(max(s - step, low), high) if before or g > zero else s
+    return first if at_first >= zero else s
+
+
+@func
+def frustum_end(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, part: int):
+    """Distance [m] of an end of a rod from the plate that it is over, unit normal, and where on the segment it is."""
+    s = -half if part == 0 else half
+    p = x + a * s
+    distance, normal = frustum_distance(rim, along, length, p)
+    there = frustum_over(rim, along, p) >= wide(0.0) and (part == 0 or half > wide(0.0))
+    return (distance if there else wide(1e9)), normal, s
+
+
+@func
+def frustum_rim(
+    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
+):  # fmt: skip
+    """Distance [m] of a rod from the rim that it lies across, unit normal, and where on the segment that is.
+
+    Of the stretch of the segment beyond the rim, part 2 is the minimum of the distance that is met first from the end
+    at -half, part 3 that from the other end, where it is another. There are at most two.
+    """
+    zero = wide(0.0)
+    one = wide(1.0)
+    sign = one if part == 2 else -one
+    axis = a * sign
+    first = leaves_plate(rim, along, x, axis, half)
+    last = -leaves_plate(rim, along, x, -axis, half)
+    there = first <= last and frustum_over(rim, along, x + axis * first) <= wide(1e-9) * (rim.x + half)
+    s = nearest_to_rim(rim, x, axis, first, last)
+    back = -nearest_to_rim(rim, x, -axis, -last, -first)
+    there = there and (part == 2 or back - s > wide(1e-3) * half)
+    distance, normal = frustum_distance(rim, along, length, x + axis * s)
+    # what the ends carry: that on the part's own side while it is over the plate, the other already as it comes near
+    near, _ = frustum_distance(rim, along, length, x - axis * half)
+    far, _ = frustum_distance(rim, along, length, x + axis * half)
+    near_over = one if frustum_over(rim, along, x - axis * half) >= zero else zero
+    far_over = min(max(one + frustum_over(rim, along, x + axis * half) / radius, zero), one)
+    to_far = (s + half) / (half + half) if half > zero else zero
+    carried = (one - to_far) * near_over * max(radius - near, zero) + to_far * far_over * max(radius - far, zero)
+    return (distance + carried if there else wide(1e9)), normal, s * sign
+
+
+@func
+def frustum_rod(
+    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
+):  # fmt: skip
+    """Distance [m] of a part of a rod from the plate, unit normal, and where on the segment it is; see `walls`.
+
+    x: centre [m]; a: unit axis; half: half the length of the segment [m].
+    """
+    if part < 2:
+        return frustum_end(rim, along, length, x, a, half, part)
+    dr = sqrt(x.x * x.x + x.y * x.y) - rim.x
+    dz = x.z - rim.z
+    reach = half + radius
+    if dr * dr + dz * dz > reach * reach:  # most rods at a wall are far from its rim
+        return wide(1e9), along, wide(0.0)
+    return frustum_rim(rim, along, length, x, a, half, radius, part)
+
+
+def parameters(shape: Frustum) -> tuple[float, ...]:
+    """Lower end (radius, z) [m], unit direction (radial, axial), length [m]."""
+    (r, z), (r1, z1) = shape.lower, shape.upper
+    length = math.hypot(r1 - r, z1 - z)
+    return r, z, (r1 - r) / length, (z1 - z) / length, length, 0.0
