@@ -20,7 +20,7 @@ FALL = 2.0  # lengths of a grain below the outlet at which a grain is dropped: n
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
-    """Features by name: the law, the precision, and switches in capitals."""
+    """Features by name: the law, the precision, and in capitals switches and the number of kinds of grains."""
     walls, sorts = scene.container.walls(), range(len(scene.grains.parts))
     surfaces = [scene.surface_between(a, b) for a in sorts for b in sorts]
     surfaces += [scene.surface(wall, sort) for wall in walls for sort in sorts]
@@ -33,6 +33,7 @@ def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[
         "FRICTION": any(frictions) or rolling,
         "ROLLING": rolling,
         "VARIED": scene.grains.varied,
+        "KINDS": len(scene.grains.parts),
         "TWIST": rolling and scene.contact.rolling == "full",
         "MOVING": any(wall.motion != SurfaceMotion() for wall in walls),
         "PLANES": "plane" in kinds,
@@ -93,6 +94,8 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
             raise Unsupported(key, f"the engine {can.name} has no {value}; it has {', '.join(sorted(known))}")
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
+    if scene.grains.varied and not can.mixtures:
+        raise Unsupported("grains", f"the engine {can.name} takes equal grains only; leave out sizes and kinds")
     for probe in probes:
         if isinstance(probe, Sample | Slab | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")

@@ -9,7 +9,7 @@ import warp as wp
 
 from labbook_warp.build import WORDS
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import COPIED, STATE, WORDS_OF_STATE, Sizes, shapes
+from labbook_warp.layout import COPIED, STATE, WORDS_OF_STATE, Sizes, shapes, state
 
 
 def fetch(array: Any) -> np.ndarray:
@@ -27,6 +27,8 @@ class Arrays:
     def __init__(self, module: ModuleType, precision: str, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
         self.words = WORDS[precision]
+        self.state = state(module.VARIED)
+        """Names of the arrays that make up a member's state, beside `p`."""
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
         system.cells, system.depth = sizes.cells, sizes.depth

@@ -9,11 +9,25 @@ from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
 from labbook_warp import dialect
-from labbook_warp.kernels import contacts, double, forces, mixed, neighbours, observe, step, system, walls, words
+from labbook_warp.kernels import (
+    bodies,
+    contacts,
+    double,
+    forces,
+    mixed,
+    neighbours,
+    observe,
+    step,
+    system,
+    walls,
+    words,
+)
 
 SWITCHES = (
     "FRICTION",
     "ROLLING",
+    "VARIED",
+    "KINDS",
     "TWIST",
     "MOVING",
     "PLANES",
@@ -28,7 +42,7 @@ WORDS = {"mixed": 4, "double": 6}
 
 
 def module_text(
-    law: str, precision: str, switches: dict[str, bool], uniform: bool, lanes: int, registers: int
+    law: str, precision: str, switches: dict[str, int], uniform: bool, lanes: int, registers: int
 ) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
     constants: dict[str, object] = dict(switches)
@@ -40,13 +54,13 @@ def module_text(
     }
     constants |= {name: getattr(words, name) for name in ("PARKED", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, spheres, system, STATE[precision]]
-    modules += [walls, contacts, forces, step, neighbours, observe]
+    modules += [walls, bodies, contacts, forces, step, neighbours, observe]
     return source.generate(dialect.header(precision, registers), constants, modules)
 
 
 @lru_cache(maxsize=64)
 def kernels(
-    law: str, precision: str, switches: tuple[tuple[str, bool], ...], uniform: bool = False, lanes: int = 1,
+    law: str, precision: str, switches: tuple[tuple[str, int], ...], uniform: bool = False, lanes: int = 1,
     registers: int = 0,
 ) -> ModuleType:  # fmt: skip
     """The kernel module of one specialisation. Compiling happens at first use, per device."""

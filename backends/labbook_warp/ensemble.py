@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import warp as wp
 from labbook_dem import ensemble
-from labbook_dem.guards import explain
+from labbook_dem.guards import explain, finest
 from labbook_dem.reading import read
 
 from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Probe, Spec, Status, Table
@@ -12,7 +12,7 @@ from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import STATE
+from labbook_warp.layout import state
 from labbook_warp.reading import Seen
 from labbook_warp.run import Run
 from labbook_warp.specialise import specialise
@@ -38,7 +38,9 @@ class Ensemble(ensemble.Ensemble[Run]):
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
         if isinstance(start, Checkpoint):
-            ensemble.check_checkpoint(self._can, {"p", *STATE, "step", "rebuilds", "past_work"}, start)
+            ensemble.check_checkpoint(
+                self._can, {"p", *state(scene.grains.varied), "step", "rebuilds", "past_work"}, start
+            )
         run = Run(scene, numerics, self._spec.probes, start)
         self._stage.wait(run)
         return run
@@ -88,7 +90,7 @@ class Ensemble(ensemble.Ensemble[Run]):
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & 0xFFFFFF
         value = self._stage.bad_value(run, grain)
         run.failure = ensemble.Failure(
-            guard, step, grain, explain(guard, grain, step, value, run.scene.grains.diameter)
+            guard, step, grain, explain(guard, grain, step, value, finest(run.scene))
         )  # fmt: skip
 
     def status(self, member: Member) -> Status:

@@ -40,6 +40,7 @@ class Sizes:
 # arrays of grains that make up a member's state, and their entries a grain
 STATE = {
     "ids": "one",
+    "body": "one",
     "gone": "one",
     "origin": "one",
     "count": "one",
@@ -53,11 +54,17 @@ STATE = {
     "deep": "one",
 }
 SCRATCH = {"new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
+CONSTANT = ("ids", "body")
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
-OF_WALLS = ("wall_c", "wall_shape", "wall_kind", "wall_motion")
+OF_WALLS = ("wall_shape", "wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")
-COPIED = ("p", *(name for name in STATE if name != "ids"), "rebuilds", "left")
+COPIED = ("p", *(name for name in STATE if name not in CONSTANT), "rebuilds", "left")
 """Arrays that are copied aside before every beat."""
+
+
+def state(varied: bool) -> tuple[str, ...]:
+    """Names of the arrays that make up a member's state: what grains are only where they differ."""
+    return tuple(name for name in STATE if varied or name != "body")
 
 
 @dataclass(frozen=True)
@@ -78,8 +85,10 @@ def shapes(module: ModuleType, precision: str, sizes: Sizes, crossings: bool) ->
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
     lengths = {name: rows * sizes.entries[of] for name, of in (STATE | SCRATCH).items()}
+    lengths["body"] = rows if module.VARIED else 1
     lengths |= dict.fromkeys(OF_SLOTS, slots)
     lengths |= dict.fromkeys(OF_WALLS, max(1, slots * sizes.walls))
+    lengths |= {"wall_c": max(1, slots * sizes.walls * module.KINDS), "pair_c": slots * module.KINDS**2}
     lengths |= {"overflow": 2 * slots, "any_flag": 1, "crossed": 1, "cross": 13 * rows if crossings else 1}
     lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
     for name in WORDS_OF_STATE:

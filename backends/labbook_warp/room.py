@@ -56,7 +56,7 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
     precision = spec.feature("precision")
     registers = 0 if lanes > 1 else REGISTERS[precision]
-    switches = tuple((name, bool(spec.feature(name))) for name in SWITCHES)
+    switches = tuple((name, spec.feature(name)) for name in SWITCHES)
     return kernels(spec.feature("law"), precision, switches, uniform, lanes, registers)
 
 

@@ -10,7 +10,7 @@ from labbook_dem.ledger import kinetic, status
 
 from labbook.backend import Checkpoint, Probe, Status
 from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
+from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
 from labbook_warp.parameters import cell_size, lattice
 
@@ -76,4 +76,5 @@ class Run:
     def first_energy(self) -> float:
         """Kinetic energy [J] of the packing it starts from."""
         assert isinstance(self.begin, Packing)
-        return kinetic(self.scene.grains, self.begin.v, self.begin.omega)
+        grains = self.scene.grains
+        return kinetic(Bodies.of(grains, self.begin) if grains.varied else grains, self.begin.v, self.begin.omega)

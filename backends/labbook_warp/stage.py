@@ -99,7 +99,7 @@ class Stage:
     def _put(self, run: Run) -> None:
         if isinstance(run.begin, Packing):
             plane, _ = features.planes(run.scene, run.probes)
-            transfer.start(self.arrays, run.slot, run.begin, plane, cell_size(run.scene, run.numerics))
+            transfer.start(self.arrays, run.slot, run.scene, run.begin, plane, cell_size(run.scene, run.numerics))
         else:
             assert run.begin is not None
             transfer.restore(self.arrays, run.slot, run.begin)
@@ -110,6 +110,8 @@ class Stage:
         arrays.system.common = record
         arrays.put_record("material", run.slot, record)
         arrays.put_record("place", run.slot, place(arrays.module, run.scene, run.numerics, run.probes, run.lattice))
+        if run.scene.grains.varied:
+            arrays.put("pair_c", run.slot, features.pair_table(run.scene, run.numerics))
         if run.names:
             tables = features.wall_tables(run.scene, run.numerics)
             for name, table in zip(("wall_c", "wall_shape", "wall_kind", "wall_motion"), tables, strict=True):

@@ -6,22 +6,27 @@ import numpy as np
 from labbook_dem.springs import places
 
 from labbook.backend import Checkpoint
-from labbook.protocol.packing import Packing
+from labbook.protocol import Bodies, Packing
+from labbook.scene import Scene
 from labbook_warp.arrays import Arrays
 from labbook_warp.kernels.words import PARKED
 from labbook_warp.layout import STATE
 
 
-def start(arrays: Arrays, slot: int, packing: Packing, plane: float, cell: float) -> None:
+def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: float, cell: float) -> None:
     """Put a packing's grains into a slot, in the order of cells, so that neighbours lie near each other in memory."""
     order = _along(packing.x, cell)
     x, v, w = packing.x[order], packing.v[order], packing.omega[order]
     assert packing.ids is not None
     arrays.write("p", slot, arrays.encode(x, v, w, v))
-    empty = {name: arrays.read(name, slot, 0) for name in STATE}
+    empty = {name: arrays.read(name, slot, 0) for name in arrays.state}
     for name, nothing in empty.items():
         arrays.write(name, slot, nothing)
     arrays.write("ids", slot, packing.ids[order].astype(np.int32))
+    if scene.grains.varied:
+        own = Bodies.of(scene.grains, packing)
+        columns = np.column_stack([own.radius, own.mass, own.inertia, own.kind])
+        arrays.write("body", slot, columns[order])
     arrays.write("gone", slot, (x[:, 2] < plane).astype(np.int32))
 
 
@@ -64,7 +69,7 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
 
 
 def packing(
-    arrays: Arrays, slot: int, rows: int, names: Sequence[str], v: np.ndarray, w: np.ndarray
+    arrays: Arrays, slot: int, rows: int, scene: Scene, names: Sequence[str], v: np.ndarray, w: np.ndarray
 ) -> Packing:  # fmt: skip
     """The grains of a slot that have not left, by id. v, w: velocities and spins at the whole step, by row."""
     x, _, _ = arrays.decode(arrays.read("p", slot, rows))
@@ -83,6 +88,7 @@ def packing(
     q, g = q[by_wall], g[by_wall]
     inside = place[g] >= 0
     q, g = q[inside], g[inside]
+    own = bodies(arrays, slot, rows, scene, order)
     return Packing(
         x=x[order],
         v=v[order],
@@ -93,7 +99,16 @@ def packing(
         wall_grain=place[g],
         wall_name=np.array([*names, ""], "U40")[q],
         wall_spring=arrays.read("wall_spring", slot, rows)[q, g].astype(np.float64),
+        **(own.carried(scene.grains) if own else {}),
     )
+
+
+def bodies(arrays: Arrays, slot: int, rows: int, scene: Scene, order: np.ndarray) -> Bodies | None:
+    """What the grains of a slot in the rows `order` are; None where all are alike."""
+    if not scene.grains.varied:
+        return None
+    radius, mass, inertia, kind = arrays.read("body", slot, rows)[order].T
+    return Bodies(radius, mass, inertia, kind.astype(np.int64))
 
 
 def here(x: np.ndarray, ids: np.ndarray) -> np.ndarray:
@@ -109,7 +124,7 @@ def checkpoint(
 
     past_work: that of grains that were left out earlier [J].
     """
-    state = {name: arrays.read(name, slot, rows) for name in ("p", *STATE)}
+    state = {name: arrays.read(name, slot, rows) for name in ("p", *arrays.state)}
     here = arrays.decode(state["p"])[0][:, 2] > 0.5 * PARKED
     past = np.concatenate([past_work, state["work"][~here]])
     return _closed_up(state, here) | {"past_work": past}
@@ -139,5 +154,5 @@ def _closed_up(state: dict[str, np.ndarray], here: np.ndarray) -> dict[str, np.n
 
 def restore(arrays: Arrays, slot: int, stored: Checkpoint) -> None:
     """Put back the exact state of a slot."""
-    for name in ("p", *STATE):
+    for name in ("p", *arrays.state):
         arrays.write(name, slot, np.asarray(stored.arrays[name]))

@@ -59,7 +59,7 @@ class View:
     def packing(self, run: Run) -> Packing:
         """The portable state of a member."""
         v, w = self.whole_step(run)
-        return transfer.packing(self.stage.arrays, run.slot, run.rows, run.names, v, w)
+        return transfer.packing(self.stage.arrays, run.slot, run.rows, run.scene, run.names, v, w)
 
     def checkpoint(self, run: Run) -> Checkpoint:
         """The exact state of a member."""

@@ -21,8 +21,7 @@ def assort(grains: Spheres, version: int, seed: int) -> tuple[np.ndarray | None,
     for index, part in enumerate(grains.parts):
         mine = kind == index
         diameter[mine] = part.sizes.draw(rng, int(mine.sum()), grains.diameter)
-    equal = bool(np.all(diameter == grains.diameter))
-    return None if equal else diameter, kind if grains.kinds else None
+    return diameter if grains.graded else None, kind if grains.kinds else None
 
 
 def whole_numbers(shares: np.ndarray, total: int) -> np.ndarray:

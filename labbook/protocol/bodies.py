@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.protocol.packing import Packing
-from labbook.scene import Grains
+from labbook.scene import Grains, Spheres
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +38,13 @@ class Bodies:
             raise ValueError(f"packing: diameters are not above 0 and up to d = {grains.diameter:g} m; fill it anew")
         mass = np.array([part.density for part in grains.parts])[kind] * math.pi / 6 * diameter**3
         return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)
+
+    def carried(self, grains: Spheres) -> dict[str, np.ndarray | None]:
+        """What a packing of these grains holds of them: `diameter` and `kind`."""
+        return {
+            "diameter": 2 * self.radius if grains.graded else None,
+            "kind": self.kind if grains.kinds else None,
+        }
 
 
 def masses(grains: Grains, packing: Packing) -> float | np.ndarray:

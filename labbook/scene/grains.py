@@ -89,6 +89,11 @@ class Spheres(Model):
         return self.sizes is not None or bool(self.kinds)
 
     @property
+    def graded(self) -> bool:
+        """Whether grains differ in size."""
+        return any(part.sizes.range(self.diameter)[0] < self.diameter for part in self.parts)
+
+    @property
     def parts(self) -> tuple[Part, ...]:
         """What the grains are made up of: their kinds; equal grains are of one."""
         rest = self.sizes or Equal(self.diameter)

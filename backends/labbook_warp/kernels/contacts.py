@@ -8,6 +8,7 @@ from __future__ import annotations
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, struct, vec3, wide, wide3
 
+from labbook_warp.kernels.bodies import Body, at_wall, between, body, touching2
 from labbook_warp.kernels.mixed import position, predicted, spin, velocity
 from labbook_warp.kernels.system import Material, System
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
@@ -40,18 +41,20 @@ def spring_before(springs: Vectors, at: int, held: bool, half_dt: real):
 
 @func
 def with_neighbour(
-    a: System, p: Words, m: Material, at: int, j: int, held: bool, x: wide3, v: vec3, w: vec3, u: vec3
+    a: System, p: Words, m: Material, s: int, one: Body, at: int, j: int, held: bool, x: wide3, v: vec3, w: vec3,
+    u: vec3,
 ):  # fmt: skip
-    """The contact of a grain (x, v, w, u) with grain j, whose spring stands at `at` and is valid if `held`."""
+    """The contact of a grain (`one`; x, v, w, u) of slot s with grain j, whose spring stands at `at`, valid if `held`."""
     c = Contact()
     away = x - position(p, j)
-    gap = m.reach2 - dot(away, away)
+    other = body(a, m, j)
+    gap = touching2(m, one, other) - dot(away, away)
     c.touches = gap > wide(0.0)
     if c.touches:
         last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
         f, t, _t, kept, delta = sphere_on_sphere(
-            m.c, m.radius, m.mass, narrow(away), real(gap), u - predicted(p, j), v - velocity(p, j), w, spin(p, j),
-            last, advance, m.inertia_rate,
+            between(a, m, s, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away), real(gap),
+            u - predicted(p, j), v - velocity(p, j), w, spin(p, j), last, advance, one.rolling_rate, other.rolling_rate,
         )  # fmt: skip
         c.overlap = delta
         c.force = f
@@ -63,12 +66,12 @@ def with_neighbour(
 
 @func
 def with_wall(
-    a: System, m: Material, g: int, at: int, held: bool, x: wide3, v: vec3, w: vec3, u: vec3
+    a: System, m: Material, one: Body, g: int, at: int, held: bool, x: wide3, v: vec3, w: vec3, u: vec3
 ):  # fmt: skip
-    """The contact of a grain (x, v, w, u) with wall g, whose spring stands at `at` and is valid if `held`."""
+    """The contact of a grain (`one`; x, v, w, u) with wall g, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
     distance, normal = wall_distance(a, g, x)
-    overlap = real(m.reach - distance)
+    overlap = real(one.reach - distance)
     c.touches = overlap > real(0.0)
     if c.touches:
         last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
@@ -78,8 +81,8 @@ def with_wall(
             surface = narrow(wall_velocity(a, g, x - normal * distance))
             turning = vec3(real(0.0), real(0.0), real(a.wall_motion[g][3]))
         f, t, kept = sphere_on_wall(
-            a.wall_c[g], m.radius, m.mass, overlap, narrow(normal), u - surface, v - surface, w, turning,
-            last, advance, m.inertia_rate,
+            at_wall(a, g, one), one.radius, one.mass, overlap, narrow(normal), u - surface, v - surface, w, turning,
+            last, advance, one.rolling_rate,
         )  # fmt: skip
         c.overlap = overlap
         c.force = f

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from labbook_dem.words import FRICTION, func, narrow, real, struct, vec3, wide, wide3
 
+from labbook_warp.kernels.bodies import body
 from labbook_warp.kernels.contacts import Contact, with_neighbour, with_wall
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.words import (
@@ -99,6 +100,7 @@ def forces(
     """
     none = wp.uint32(0)
     i = s * a.cap + r
+    one = body(a, m, i)
     sums = Sums()
     held = wp.uint32(0)
     wall_held = wp.uint32(0)
@@ -112,7 +114,7 @@ def forces(
         j = s * a.cap + following
         if k + LANES < count:
             following = load_int(a.nbr, at + LANES * a.cap)
-        c = with_neighbour(a, p, m, at, j, has_bit(old, k), x, v, w, u)
+        c = with_neighbour(a, p, m, s, one, at, j, has_bit(old, k), x, v, w, u)
         if c.touches:
             sums = plus(sums, c, m)
             held = held | (wp.uint32(1) << wp.uint32(k))
@@ -127,7 +129,7 @@ def forces(
             q = first_bit(near)
             near = without_first(near, LANES)
             at = entry(a, s, a.walls, q, r)
-            c = with_wall(a, m, s * a.walls + q, at, has_bit(old, q), x, v, w, u)
+            c = with_wall(a, m, one, s * a.walls + q, at, has_bit(old, q), x, v, w, u)
             if c.touches:
                 sums = plus(sums, c, m)
                 wall_held = wall_held | (wp.uint32(1) << wp.uint32(q))

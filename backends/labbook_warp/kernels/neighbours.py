@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from labbook_dem.words import FRICTION, dot, func, sqrt, wide
 
+from labbook_warp.kernels.bodies import body, listed2
 from labbook_warp.kernels.mixed import position, velocity
 from labbook_warp.kernels.system import Place, System, entry, has_bit, material
 from labbook_warp.kernels.walls import wall_distance
@@ -110,7 +111,7 @@ def build(a: System, p: Words):
                         o = a.cell_rows[c * a.depth + e]
                         away = x - position(p, s * a.cap + o)
                         d2 = dot(away, away)
-                        if d2 < m.listed2 and o != r:
+                        if d2 < listed2(a, m, i, s * a.cap + o) and o != r:
                             if found < a.near:
                                 insert(a, s, r, found, o, wp.float32(d2))
                             found = found + 1
@@ -120,7 +121,7 @@ def build(a: System, p: Words):
             if ANY_WALLS:
                 for q in range(a.place[s].walls):
                     distance, _normal = wall_distance(a, s * a.walls + q, x)
-                    if distance < m.reach + m.half_skin:
+                    if distance < body(a, m, i).reach + m.half_skin:
                         near = near | (wp.uint32(1) << wp.uint32(q))
         if ANY_WALLS:
             a.wall_near[i] = near

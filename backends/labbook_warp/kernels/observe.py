@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
+from labbook_warp.kernels.bodies import body, per_inertia, per_mass
 from labbook_warp.kernels.contacts import with_neighbour, with_wall
 from labbook_warp.kernels.forces import forces
 from labbook_warp.kernels.mixed import position, predicted, spin, velocity
@@ -45,8 +46,8 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
                 part = wide(0.0)
             if lane == 0:
                 gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-                v_out[i] = widen(narrow(widen(v) + (f * m.per_mass + gravity) * part))
-                w_out[i] = widen(narrow(widen(w) + t * (m.per_inertia * part)))
+                v_out[i] = widen(narrow(widen(v) + (f * per_mass(a, m, i) + gravity) * part))
+                w_out[i] = widen(narrow(widen(w) + t * (per_inertia(a, m, i) * part)))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
@@ -62,7 +63,7 @@ def kinetic(a: System, v: Wides3, w: Wides3, parts: int, out: Wides):
     twice = wide(0.0)
     for r in range(first, a.rows[s], parts):
         i = s * a.cap + r
-        twice += dot(v[i], v[i]) / m.per_mass + dot(w[i], w[i]) / m.per_inertia
+        twice += dot(v[i], v[i]) / per_mass(a, m, i) + dot(w[i], w[i]) / per_inertia(a, m, i)
     out[thread] = wide(0.5) * twice
 
 
@@ -91,17 +92,18 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
             v = velocity(p, i)
             w = spin(p, i)
             u = predicted(p, i)
+            one = body(a, m, i)
             for k in range(a.count[i]):
                 at = entry(a, s, a.near, k, r)
                 j = s * a.cap + a.nbr[at]
                 if a.ids[i] < a.ids[j]:
-                    c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), x, v, w, u)
+                    c = with_neighbour(a, p, m, s, one, at, j, has_bit(a.held[i], k), x, v, w, u)
                     if c.touches:
                         row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
             if ANY_WALLS:
                 for q in range(a.walls):
                     if has_bit(a.wall_near[i], q):
                         at = entry(a, s, a.walls, q, r)
-                        c = with_wall(a, m, s * a.walls + q, at, has_bit(a.wall_held[i], q), x, v, w, u)
+                        c = with_wall(a, m, one, s * a.walls + q, at, has_bit(a.wall_held[i], q), x, v, w, u)
                         if c.touches:
                             row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, q, c.force, c.branch)
