@@ -18,8 +18,8 @@ NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; bo
 MOST_NEAR = 32  # bits of a mask
 SATURATED = 80_000  # threads that fill a large GPU
 MOST_LANES = 8
-REGISTERS = {"mixed": 80, "double": 128}
-"""A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
+REGISTERS = {"linear": {"mixed": 72, "double": 128}, "hertz-mindlin": {"mixed": 80, "double": 128}}
+"""A thread of the step by law and precision, where grains are many; where they are few, as many as the compiler likes."""
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
@@ -54,10 +54,10 @@ def grown(sizes: Sizes, near: int, depth: int) -> Sizes:
 
 def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
-    precision = spec.feature("precision")
-    registers = 0 if lanes > 1 else REGISTERS[precision]
+    law, precision = spec.feature("law"), spec.feature("precision")
+    registers = 0 if lanes > 1 else REGISTERS[law][precision]
     switches = tuple((name, spec.feature(name)) for name in SWITCHES)
-    return kernels(spec.feature("law"), precision, switches, uniform, lanes, registers)
+    return kernels(law, precision, switches, uniform, lanes, registers)
 
 
 def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
