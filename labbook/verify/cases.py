@@ -1,6 +1,6 @@
 """All cases, in the order in which they are best read: simple contacts first, flow last."""
 
-from labbook.verify import bed, collision, edge, energy, flow, gas, rolling, symmetry, turntable
+from labbook.verify import bed, collision, edge, energy, flow, gas, mixture, rolling, symmetry, turntable
 from labbook.verify.case import Case
 
 CASES: tuple[Case, ...] = (
@@ -10,6 +10,7 @@ CASES: tuple[Case, ...] = (
     *turntable.CASES,
     *edge.CASES,
     *energy.CASES,
+    *mixture.CASES,
     *symmetry.CASES,
     *bed.CASES,
     *flow.CASES,

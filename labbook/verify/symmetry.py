@@ -69,10 +69,10 @@ def renumbered(packing: Packing, order: np.ndarray) -> Packing:
     place = np.argsort(order)
     pairs = place[packing.pairs]
     turned = pairs[:, 0] > pairs[:, 1]
-    assert packing.ids is not None
+    rows = {name: getattr(packing, name) for name in ("x", "v", "omega", "ids", "diameter", "kind")}
     return replace(
         packing,
-        **{name: getattr(packing, name)[order] for name in ("x", "v", "omega", "ids")},
+        **{name: array[order] for name, array in rows.items() if array is not None},
         pairs=np.where(turned[:, None], pairs[:, ::-1], pairs),
         pair_spring=np.where(turned[:, None], -packing.pair_spring, packing.pair_spring),
         wall_grain=place[packing.wall_grain],
