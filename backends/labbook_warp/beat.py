@@ -84,9 +84,9 @@ class Beat:
 
     def kinetic(self, v: Any, w: Any):
         """Kinetic energy [J] of every slot from what `look` gave, shape [slots]."""
-        out = wp.zeros(self._slots * _PARTS, dtype=wp.float64, device=self.device)
+        out = wp.zeros(2 * self._slots * _PARTS, dtype=wp.float64, device=self.device)
         self._launch(self.kernels.kinetic, self._slots * _PARTS, v, w, _PARTS, out)
-        return out.numpy().reshape(self._slots, _PARTS).sum(axis=1)
+        return out.numpy().reshape(self._slots, _PARTS, 2).sum(axis=1).sum(axis=1)
 
     def contacts(self):
         """Rows slot, i, j, wall, force, branch of all touching contacts, in any order."""
