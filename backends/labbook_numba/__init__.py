@@ -1,4 +1,4 @@
-"""The CPU engine: Numba kernels, one member a core."""
+"""The CPU engine: Numba kernels, one member a core; a large member is split among cores that would be idle."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,7 +10,10 @@ CACHE_VERSION = 2
 
 
 class Backend:
-    """See `labbook.backend.Backend`. Nothing of Numba is loaded before `specialise` or `open`."""
+    """See `labbook.backend.Backend`. Nothing of Numba is loaded before `specialise` or `open`.
+
+    `threads`: that one large scene may use while cores are idle (None: as many as there are).
+    """
 
     capabilities = Capabilities(
         name="numba",
@@ -22,6 +25,9 @@ class Backend:
         devices=("cpu",),
     )
 
+    def __init__(self, threads: int | None = None):
+        self._threads = threads
+
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """Features compiled in. Raises Unsupported."""
         from labbook_dem.features import specialise
@@ -29,15 +35,20 @@ class Backend:
         return specialise(self.capabilities, scene, numerics, probes)
 
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
-        """An ensemble with `slots` threads (None: one a core). Raises Unsupported for a device other than `cpu`."""
+        """An ensemble that steps `slots` members at a time (None: one a core).
+
+        Raises Unsupported for a device other than `cpu`.
+        """
         from labbook_numba.build import SWITCHES, kernels
-        from labbook_numba.ensemble import Ensemble, cores
+        from labbook_numba.ensemble import Ensemble
+        from labbook_numba.parts import cores
 
         if device != "cpu":
             raise Unsupported("device", f"the engine numba runs on cpu, not on {device}")
         switches = tuple((name, spec.feature(name)) for name in SWITCHES)
         module = kernels(spec.feature("law"), spec.feature("precision"), switches)
-        return Ensemble(self.capabilities, spec, module, min(slots or cores(), cores()))
+        many = cores()
+        return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many)
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

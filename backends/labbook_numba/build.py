@@ -18,8 +18,8 @@ from labbook_dem import contact, generated, motion, source, spheres
 from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
-from labbook_numba import dialect, lanes, rows, squeeze, state, vector
-from labbook_numba.kernels import blocks, neighbours, observe, pairs, step, transfer, walls
+from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
+from labbook_numba.kernels import blocks, neighbours, observe, pairs, parts, search, step, transfer, walls
 from labbook_numba.kernels import features as vocabulary
 
 SWITCHES = (
@@ -59,7 +59,7 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
     """Source of the kernel module of one specialisation."""
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
     places = _numbers(blocks) | _numbers(walls) | {name: getattr(state, name) for name in PLACES}
-    constants: dict[str, object] = {**_numbers(state), **_numbers(vocabulary), **switches}
+    constants: dict[str, object] = {**_numbers(state), **_numbers(vocabulary), **_numbers(parts), **switches}
     constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
     del constants["LANES"]  # the header's
     modules = [
@@ -71,15 +71,17 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
         spheres,
         blocks,
         transfer,
+        search,
         pairs,
         walls,
         neighbours,
+        parts,
         step,
         observe,
     ]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
-    return text.replace(": State", "").replace(": Params", "")
+    return text.replace(": State", "").replace(": Params", "").replace(": Lists", "").replace(": Grid", "")
 
 
 class _Unsigned(int):
@@ -93,11 +95,13 @@ def _numbers(module: ModuleType) -> dict[str, int]:
     return {name: value for name, value in vars(module).items() if name.isupper() and type(value) is int}
 
 
+COMPILED_IN = (vector, lanes, rows, squeeze, meeting, state)
+"""Modules that a kernel module imports."""
+
+
 def digest(text: str) -> str:
     """Hash of a kernel module and of everything else that decides what it compiles to."""
-    sources = [
-        Path(str(module.__file__)).read_text(encoding="utf-8") for module in (vector, lanes, rows, squeeze, state)
-    ]
+    sources = [Path(str(module.__file__)).read_text(encoding="utf-8") for module in COMPILED_IN]
     return generated.digest(text, numba.__version__, llvmlite.__version__, platform.python_version(), *sources)
 
 

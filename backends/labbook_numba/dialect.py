@@ -13,6 +13,7 @@ import numpy as np
 from numba import float32, float64, int64, njit, uint64
 
 from labbook_numba.lanes import eight_at, put, put_row, row_at, spread, square
+from labbook_numba.meeting import arrive, arrived, give_way
 from labbook_numba.rows import add_rows, add_two_rows, columns, put_rows, rows, rows_at
 from labbook_numba.squeeze import (
     both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
@@ -20,8 +21,9 @@ from labbook_numba.squeeze import (
 from labbook_numba.vector import vec3d, vec3f
 
 FAST = {fast}
-func = njit(forceinline=True, fastmath=FAST, error_model="numpy")
-kernel = njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+func = njit(forceinline=True, fastmath=FAST, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+kernel = njit(fastmath=FAST, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+entry = njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", no_cfunc_wrapper=True)
 real = {real}
 wide = float64
 vec3 = {vec3}

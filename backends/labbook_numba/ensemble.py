@@ -1,6 +1,5 @@
 """Members of one Spec, stepped side by side on the cores of a CPU."""
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
@@ -14,16 +13,22 @@ from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_numba.member import Run
+from labbook_numba.parts import threads_for
 from labbook_numba.reading import Seen
 
 
 class Ensemble(ensemble.Ensemble[Run]):
-    """See `labbook.backend.Ensemble`. Each member runs on one thread at a time, without the interpreter's lock."""
+    """See `labbook.backend.Ensemble`. Each member runs on a thread of its own, without the interpreter's lock.
 
-    def __init__(self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, threads: int):
+    `members` take a beat at the same time; a large one may be split among `threads` more or less idle cores.
+    """
+
+    def __init__(self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, members: int, threads: int):
         super().__init__(capabilities, spec)
         self._kernels = kernels
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="labbook-numba")
+        self._pool = ThreadPoolExecutor(members, thread_name_prefix="labbook-numba")
+        # the ledger's work is a sum over grains in their order
+        self._threads = 1 if spec.feature("LEDGER") else threads
 
     def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
         return specialise(self._can, scene, numerics, self._spec.probes)
@@ -52,7 +57,8 @@ class Ensemble(ensemble.Ensemble[Run]):
     def _take(self, member: Member, run: Run, beats: int) -> list[tuple[Mapping[Probe, Table], list[Event]]]:
         found = []
         while len(found) < beats and run.failure is None and run.grains > 0:
-            run.beat()
+            with threads_for(run.grains, self._threads) as threads:
+                run.beat(threads)
             found.append(self._after_beat(member, run))
         return found
 
@@ -72,8 +78,3 @@ class Ensemble(ensemble.Ensemble[Run]):
         """Free threads and arrays."""
         self._pool.shutdown()
         self._runs.clear()
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -14,6 +14,7 @@ from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_numba import state as S
 from labbook_numba.parameters import parameters
+from labbook_numba.parts import advance, in_layers
 from labbook_numba.state import Params
 
 PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # first guesses; arrays grow when they are too short
@@ -34,6 +35,7 @@ class Run:
 
     def start(self, packing: Packing) -> None:
         """Begin from a packing at step 0."""
+        packing = in_layers(packing, self.scene.grains.diameter)
         n = len(packing)
         near, walls = PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64
         self.state = st = S.allocate(n, near, len(self.names), walls, self._crossings(n), self.numerics.precision)
@@ -91,12 +93,17 @@ class Run:
         """Grains that have not left."""
         return int(self.state.count[S.GRAINS])
 
-    def beat(self) -> None:
-        """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat."""
+    def beat(self, threads: int = 1) -> None:
+        """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat.
+
+        No bit depends on the number of threads.
+        """
         before = self.checkpoint()
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
-        while (code := self.kernels.advance(self.state, self.params, target)) == self.kernels.GROW:
-            self._grow()
+        if self.state.count[S.LEAVING] > 0:  # so that grains far below the outlet go, even when nothing else moves
+            self._rebuild()
+        while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.REBUILD:
+            self._rebuild()
         st = self.state
         if code != self.kernels.DONE:
             grain = int(st.count[S.FAIL_GRAIN])
@@ -113,17 +120,15 @@ class Run:
         self.failure = Failure(guard, self.step, grain, message)
         self.restore(before)
 
-    def _grow(self) -> None:
-        st = self.state
-        pairs = max(len(st.pair_j), int(1.3 * st.count[S.WANT_PAIRS]) + 64)
-        walls = max(len(st.wall_grain), int(1.3 * st.count[S.WANT_WALLS]) + 64)
-        lengths = dict.fromkeys(("pair_i", "pair_j", "held", "spring"), pairs)
-        lengths |= dict.fromkeys(("wall_grain", "wall_held", "wall_spring"), walls)
-        self.state = st._replace(**{name: _lengthened(getattr(st, name), to) for name, to in lengths.items()})
-
     def _rebuild(self) -> None:
-        while not self.kernels.rebuild(self.state, self.params):
-            self._grow()
+        st = self.state
+        pairs, walls = len(st.pair_j), len(st.wall_grain)
+        while not self.kernels.rebuild(
+            st, self.params, new := S.lists(pairs, len(self.names), walls), S.grid(len(st.ids))
+        ):
+            pairs = max(pairs, int(1.3 * st.count[S.WANT_PAIRS]) + 64)
+            walls = max(walls, int(1.3 * st.count[S.WANT_WALLS]) + 64)
+        self.state = st._replace(**new._asdict())
 
     # how it is read
 
@@ -158,7 +163,10 @@ class Run:
         v, w = np.empty((n, 3)), np.empty((n, 3))
         changed = ("loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
-        self.kernels.whole_step(copy, self.params, v, w)
+        if n:
+            assert self.kernels.advance(copy, self.params, self.step) == self.kernels.DONE
+        part = 0.5 * self.params.dt if self.step > 0 else 0.0
+        self.kernels.whole_step(copy.grains, copy.loads, part, self.params.mass, self.params.inertia, v, w)
         return v, w
 
     def contacts(self) -> np.ndarray:
@@ -170,12 +178,6 @@ class Run:
     def _fresh_lists(self) -> None:
         if self.state.sums[S.MOVED] >= 0.5 * self.params.skin:
             self._rebuild()  # lists decide nothing about the motion, so this changes none
-
-
-def _lengthened(array: np.ndarray, to: int) -> np.ndarray:
-    longer = np.zeros((to, *array.shape[1:]), array.dtype)
-    longer[: len(array)] = array
-    return longer
 
 
 def _keys(i: np.ndarray, j: np.ndarray) -> np.ndarray:

@@ -109,13 +109,24 @@ def squeeze_places(typing, array, place, start, picked):
 
 @intrinsic
 def exchange(typing, array, place, now, here):
-    """Eight flags (uint8) of `array` from `place` on, as numbers; `now` takes the places of those in `here`."""
+    """Eight flags (uint8) of `array` from `place` on, as numbers; `now` takes the places of those in `here`.
+
+    Others are not written: they may be another thread's.
+    """
 
     def code(context, builder, sig, args):
         array, place, now, here = args
         pointer = address(context, builder, sig.args[0], array, place, BYTES)
         before = builder.load(pointer, align=1)
-        builder.store(builder.select(here, builder.zext(now, BYTES), before), pointer, align=1)
+        flags = builder.zext(now, BYTES)
+        all_eight = builder.icmp_unsigned("==", builder.bitcast(here, ir.IntType(8)), ir.IntType(8)(255))
+        with builder.if_else(all_eight, likely=True) as (whole, partly):
+            with whole:
+                builder.store(flags, pointer, align=1)
+            with partly:
+                kind = ir.FunctionType(ir.VoidType(), [BYTES, pointer.type, ir.IntType(32), BITS])
+                store = builder.module.declare_intrinsic("llvm.masked.store.v8i8.p0", (), kind)
+                builder.call(store, [flags, pointer, ir.IntType(32)(1), here])
         return builder.uitofp(before, EIGHT)
 
     return eight(array, types.uint64, mask, mask), code

@@ -11,7 +11,14 @@ COUNTERS = 10
 # sums and clocks, in State.sums
 MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
 SUMS = 4
+# of a part, in State.part: its number, and how many there are; its rows and its pairs, from the first to behind the
+# last; how many pairs it has borrowed
+NUMBER, PARTS, FIRST, LAST, FIRST_PAIR, LAST_PAIR, BORROWED = range(7)
+# what parts tell each other, columns of State.told
+OVERLAP, SPEED = range(2)
+TOLD = 8  # a cache line
 BLOCK = 384  # contacts that a law works on at a time
+CELLS, SPARE_CELLS = 4, 64  # a grid has at most so many cells a grain, and so many besides
 PAD = 8  # spare places behind lists, which are read eight at a time
 # of the columns of a block: no power of two, whose columns would share cache sets; a multiple of 16, without which LLVM
 # fears for the forwarding of stores to loads in registers of 16, and uses smaller ones
@@ -49,6 +56,15 @@ class State(NamedTuple):
     cross: np.ndarray
     count: np.ndarray
     sums: np.ndarray
+    # how the scene is split among threads: this thread's part; pairs borrowed from others, as above; what parts tell
+    # each other; arrivals at their meetings
+    part: np.ndarray
+    borrowed_i: np.ndarray
+    borrowed_j: np.ndarray
+    borrowed_held: np.ndarray
+    borrowed_spring: np.ndarray
+    told: np.ndarray
+    meetings: np.ndarray
     # scratch: a block of contacts, in the precision of laws, the same memory as integers, the grains and the list
     # entries in it; what is near a wall; squares of speeds; and the same memory as integers
     block: np.ndarray
@@ -86,7 +102,33 @@ class State(NamedTuple):
         return self.loads[:-GHOSTS, F : F + 3]
 
 
-SCRATCH = ("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits")
+SCRATCH = (
+    *("part", "borrowed_i", "borrowed_j", "borrowed_held", "borrowed_spring", "told", "meetings"),
+    *("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits"),
+)
+"""Arrays that hold nothing from one beat to the next."""
+
+
+class Lists(NamedTuple):
+    """The lists of a State, by the same names."""
+
+    pair_i: np.ndarray
+    pair_j: np.ndarray
+    held: np.ndarray
+    spring: np.ndarray
+    wall_first: np.ndarray
+    wall_grain: np.ndarray
+    wall_held: np.ndarray
+    wall_spring: np.ndarray
+
+
+class Grid(NamedTuple):
+    """Scratch for making lists: cell [n, 3] of each grain; first grain of a cell, and next of each grain; new rows."""
+
+    cell: np.ndarray
+    head: np.ndarray
+    following: np.ndarray
+    place: np.ndarray
 
 
 class Params(NamedTuple):
@@ -114,35 +156,78 @@ class Params(NamedTuple):
 
 def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str) -> State:
     """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
-    real, whole = (np.float32, np.int32) if precision == "mixed" else (np.float64, np.int64)
-    block, speed2 = _aligned(BLOCK_COLUMNS * STRIDE, real), _aligned(n + 1)
     grains = _aligned((n + GHOSTS) * GRAIN).reshape(-1, GRAIN)
     grains[-1, X] = FAR
     return State(
         grains=grains,
-        loads=_aligned((n + GHOSTS) * LOAD).reshape(-1, LOAD),
+        loads=loads(n),
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
-        pair_i=np.zeros(pairs + PAD, np.int32),
-        pair_j=np.zeros(pairs + PAD, np.int32),
-        held=np.zeros(pairs + PAD, np.uint8),
-        spring=_aligned((pairs + PAD) * SPRING).reshape(-1, SPRING),
-        wall_first=np.zeros(walls + 1, np.int64),
-        wall_grain=np.zeros(near_walls + PAD, np.int32),
-        wall_held=np.zeros(near_walls + PAD, np.uint8),
-        wall_spring=_aligned((near_walls + PAD) * SPRING).reshape(-1, SPRING),
+        **lists(pairs + PAD, walls, near_walls + PAD)._asdict(),
         cross=np.zeros((crossings, len(CROSSING_COLUMNS))),
         count=np.zeros(COUNTERS, np.int64),
         sums=np.zeros(SUMS),
-        block=block,
-        bits=block.view(whole),
-        block_i=np.zeros(BLOCK + PAD, np.int32),
-        block_j=np.zeros(BLOCK + PAD, np.int32),
-        slot=np.zeros(BLOCK + PAD, np.int32),
-        near=_aligned(NEAR_COLUMNS * STRIDE),
-        speed2=speed2,
-        speed_bits=speed2.view(np.int64),
+        **borrowed(0),
+        part=np.array([0, 1, 0, 0, 0, 0, 0]),
+        told=np.zeros((1, TOLD)),
+        meetings=np.zeros(1, np.int64),
+        **scratch(n, precision),
     )
+
+
+def lists(pairs: int, walls: int, near_walls: int) -> Lists:
+    """Empty lists, with places for so many pairs and grains near `walls` walls, PAD of each among them."""
+    return Lists(
+        pair_i=np.zeros(pairs, np.int32),
+        pair_j=np.zeros(pairs, np.int32),
+        held=np.zeros(pairs, np.uint8),
+        spring=_aligned(pairs * SPRING).reshape(-1, SPRING),
+        wall_first=np.zeros(walls + 1, np.int64),
+        wall_grain=np.zeros(near_walls, np.int32),
+        wall_held=np.zeros(near_walls, np.uint8),
+        wall_spring=_aligned(near_walls * SPRING).reshape(-1, SPRING),
+    )
+
+
+def grid(n: int) -> Grid:
+    """Scratch for making lists of n grains, which come to lie in CELLS n + SPARE_CELLS cells at most."""
+    return Grid(
+        cell=np.empty((n, 3), np.int32),
+        head=np.empty(CELLS * n + SPARE_CELLS, np.int32),
+        following=np.empty(n, np.int32),
+        place=np.empty(n, np.int32),
+    )
+
+
+def loads(n: int) -> np.ndarray:
+    """No loads on n grains, and on ghosts."""
+    return _aligned((n + GHOSTS) * LOAD).reshape(-1, LOAD)
+
+
+def borrowed(pairs: int) -> dict[str, np.ndarray]:
+    """Room for so many borrowed pairs."""
+    return {
+        "borrowed_i": np.zeros(pairs + PAD, np.int32),
+        "borrowed_j": np.zeros(pairs + PAD, np.int32),
+        "borrowed_held": np.zeros(pairs + PAD, np.uint8),
+        "borrowed_spring": _aligned((pairs + PAD) * SPRING).reshape(-1, SPRING),
+    }
+
+
+def scratch(n: int, precision: str) -> dict[str, np.ndarray]:
+    """Scratch of one thread, for n grains."""
+    real, whole = (np.float32, np.int32) if precision == "mixed" else (np.float64, np.int64)
+    block, speed2 = _aligned(BLOCK_COLUMNS * STRIDE, real), _aligned(n + 1)
+    return {
+        "block": block,
+        "bits": block.view(whole),
+        "block_i": np.zeros(BLOCK + PAD, np.int32),
+        "block_j": np.zeros(BLOCK + PAD, np.int32),
+        "slot": np.zeros(BLOCK + PAD, np.int32),
+        "near": _aligned(NEAR_COLUMNS * STRIDE),
+        "speed2": speed2,
+        "speed_bits": speed2.view(np.int64),
+    }
 
 
 def _aligned(n: int, kind: type = np.float64) -> np.ndarray:

@@ -93,6 +93,20 @@ class Packing:
             wall_part=self.wall_part,
         )
 
+    def renumbered(self, order: np.ndarray) -> "Packing":
+        """The same packing with grain `order[k]` in row k; ids go with the grains, springs with their contacts."""
+        place = np.argsort(order)
+        pairs = place[self.pairs]
+        turned = (pairs[:, 0] > pairs[:, 1])[:, None]
+        rows = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
+        return replace(
+            self,
+            **{name: array[order] for name, array in rows.items() if array is not None},
+            pairs=np.where(turned, pairs[:, ::-1], pairs),
+            pair_spring=np.where(turned, -self.pair_spring, self.pair_spring),
+            wall_grain=place[self.wall_grain],
+        )
+
     def arrays(self) -> dict[str, np.ndarray]:
         """All arrays by name, for storage."""
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")

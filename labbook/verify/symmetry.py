@@ -64,21 +64,6 @@ def mirrored(scene: Scene) -> Scene:
     return scene.model_copy(update={"container": container})
 
 
-def renumbered(packing: Packing, order: np.ndarray) -> Packing:
-    """Grain `order[k]` becomes grain k; ids go with the grains."""
-    place = np.argsort(order)
-    pairs = place[packing.pairs]
-    turned = pairs[:, 0] > pairs[:, 1]
-    rows = {name: getattr(packing, name) for name in ("x", "v", "omega", "ids", "diameter", "kind")}
-    return replace(
-        packing,
-        **{name: array[order] for name, array in rows.items() if array is not None},
-        pairs=np.where(turned[:, None], pairs[:, ::-1], pairs),
-        pair_spring=np.where(turned[:, None], -packing.pair_spring, packing.pair_spring),
-        wall_grain=place[packing.wall_grain],
-    )
-
-
 def difference(a: Packing, b: Packing) -> float:
     """Largest difference in position [d], over all grains by id; infinite if they hold other grains."""
     assert a.ids is not None
@@ -126,7 +111,7 @@ def _renumbers(stand: Stand) -> Mapping[str, float]:
     differences = []
     for steps in (200, 1000):
         one = discharge(stand, open_scene, start, steps=steps)
-        other = discharge(stand, open_scene, renumbered(start, order), steps=steps)
+        other = discharge(stand, open_scene, start.renumbered(order), steps=steps)
         differences.append(difference(one.end, other.end))
     return {"after 5 ms": differences[0], "after 25 ms": differences[1]}
 

@@ -3,7 +3,7 @@
 import pytest
 
 from labbook.verify.stand import identical, rows_of
-from labbook.verify.symmetry import DT, renumbered
+from labbook.verify.symmetry import DT
 
 BEATS = 12
 
@@ -38,7 +38,7 @@ def test_however_advance_is_split(silo, alone, splits):
 @pytest.mark.parametrize("slots", [1, 2, None])
 def test_whatever_its_neighbours_are(silo, alone, slots):
     other = silo.scene.model_copy(update={"gravity": 5.0})
-    shuffled = renumbered(silo.start, silo.start.x[:, 2].argsort())
+    shuffled = silo.start.renumbered(silo.start.x[:, 2].argsort())
     with silo.ensemble(slots=slots) as ensemble:
         ensemble.admit(other, silo.numerics(0.5 * DT), shuffled)
         member = silo.admit(ensemble)

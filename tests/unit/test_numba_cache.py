@@ -112,7 +112,7 @@ def test_features_and_versions_are_part_of_the_key(monkeypatch):
     assert key_of() != plain
 
 
-@pytest.mark.parametrize("name", ["lanes", "rows", "squeeze", "vector"])
+@pytest.mark.parametrize("name", ["lanes", "meeting", "rows", "squeeze", "vector"])
 def test_registers_are_part_of_the_key(name, monkeypatch, tmp_path):
     """Instructions that kernels import are not in their text, and yet decide what they compile to."""
     import importlib

@@ -8,20 +8,31 @@ from labbook_dem.words import FRICTION  # noqa: F401 - part of the vocabulary of
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
     BLOCK,
     BLOCK_COLUMNS,
+    BORROWED,
+    CELLS,
     CROSSED,
     FAIL_GRAIN,
     FAIL_VALUE,
+    FIRST,
+    FIRST_PAIR,
     GHOSTS,
     GRAIN,
     GRAINS,
+    LAST,
+    LAST_PAIR,
     LEAVING,
     LOAD,
     MAX_OVERLAP,
     MOVED,
     NEAR_COLUMNS,
+    NUMBER,
+    OVERLAP,
     PAD,
     PAIRS,
+    PARTS,
     REBUILDS,
+    SPARE_CELLS,
+    SPEED,
     SPRING,
     STEP,
     STRIDE,
@@ -41,7 +52,12 @@ Function = TypeVar("Function", bound=Callable)
 
 
 def kernel(function: Function) -> Function:
-    """Marks a function compiled on its own, with arrays as arguments."""
+    """Marks a function compiled on its own, with arrays as arguments, that other kernels call."""
+    return function
+
+
+def entry(function: Function) -> Function:
+    """Marks a kernel that Python calls: the compiled code of those is what is kept on disk."""
     return function
 
 
@@ -54,7 +70,7 @@ LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
 LANES = 8  # numbers of the precision of laws in a register
 
-DONE, GROW, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)
+DONE, REBUILD, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)
 
 int64: Any = int
 uint64: Any = int

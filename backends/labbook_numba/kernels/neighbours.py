@@ -1,10 +1,11 @@
 """Lists of near grains and near walls, rebuilt when a grain may have moved half a skin; springs are carried over."""
 
 import numpy as np
-from labbook_dem.words import wide
+from labbook_dem.words import func, wide
 
 from labbook_numba.kernels.features import (
     ANY_WALLS,
+    CELLS,
     FRICTION,
     GHOSTS,
     GRAIN,
@@ -16,13 +17,16 @@ from labbook_numba.kernels.features import (
     PAD,
     PAIRS,
     REBUILDS,
+    SPARE_CELLS,
     WANT_PAIRS,
     WANT_WALLS,
     X,
+    entry,
+    int64,
     kernel,
 )
 from labbook_numba.kernels.walls import load, wall_distance
-from labbook_numba.state import Params, State
+from labbook_numba.state import Grid, Lists, Params, State
 
 
 @kernel
@@ -34,12 +38,12 @@ def pad_pairs(pair_i, pair_j, pairs, rows):
 
 
 @kernel
-def drop_leavers(st: State, p: Params):
-    """Take out grains below p.drop, keeping the order of the others, and renumber lists."""
+def drop_leavers(st: State, p: Params, place):
+    """Take out grains below p.drop, keeping the order of the others, and renumber lists; `place`: their new rows."""
     n = st.count[GRAINS]
-    place = np.full(n, -1, np.int64)
     kept = 0
     for i in range(n):
+        place[i] = -1
         if not st.grains[i, X + 2] < p.drop:
             place[i] = kept
             for c in range(GRAIN):
@@ -81,62 +85,62 @@ def drop_leavers(st: State, p: Params):
 
 
 @kernel
-def cells_of(st: State, reach):
-    """Cell of each grain in a grid no finer than `reach` [m], and the grid's three sizes; at most 4 cells a grain."""
-    n = st.count[GRAINS]
-    low = np.empty(3)
-    span = np.empty(3)
-    for c in range(3):
-        a = st.grains[0, X + c]
-        b = a
-        for i in range(1, n):
-            a = min(a, st.grains[i, X + c])
-            b = max(b, st.grains[i, X + c])
-        low[c] = a
-        span[c] = b - a
-    size = np.ones(3, np.int64)
-    while True:
-        cells = wide(1.0)
-        for c in range(3):
-            cells *= np.floor(span[c] / reach) + wide(1.0)
-        if cells <= wide(4.0) * n + wide(64.0):
-            break
-        reach *= wide(1.26)  # doubles the volume of a cell
-    for c in range(3):
-        size[c] = np.int64(span[c] / reach) + 1
-    cell = np.empty((n, 3), np.int32)
-    for i in range(n):
-        for c in range(3):
-            cell[i, c] = min(np.int64((st.grains[i, X + c] - low[c]) / reach), size[c] - 1)
-    return cell, size
+def extent(grains, n, column):
+    """Lowest coordinate [m] of n grains in a column, and how far the highest is from it."""
+    low = grains[0, column]
+    high = low
+    for i in range(1, n):
+        low = min(low, grains[i, column])
+        high = max(high, grains[i, column])
+    return low, high - low
+
+
+@func
+def cells(length, size):
+    """How many cells of a size a length reaches into."""
+    return np.floor(length / size) + wide(1.0)
 
 
 @kernel
-def near_pairs(st: State, p: Params, pair_i, pair_j):
-    """Fill the list of pairs i < j closer than a diameter and a skin, i then j ascending; its length."""
-    n = st.count[GRAINS]
-    reach = wide(2.0) * p.radius + p.skin
-    reach2 = reach * reach
-    cell, size = cells_of(st, reach)
-    head = np.full((size[0], size[1], size[2]), -1, np.int32)
-    following = np.empty(n, np.int32)
+def cells_of(grains, n, size, cell):
+    """Set the cell of each of n grains, in a grid no finer than `size` [m]; the grid's three sizes."""
+    x, dx = extent(grains, n, X + 0)
+    y, dy = extent(grains, n, X + 1)
+    z, dz = extent(grains, n, X + 2)
+    while cells(dx, size) * cells(dy, size) * cells(dz, size) > CELLS * n + SPARE_CELLS:
+        size *= wide(1.26)  # doubles the volume of a cell
+    nx, ny, nz = int64(cells(dx, size)), int64(cells(dy, size)), int64(cells(dz, size))
     for i in range(n):
-        a, b, c = cell[i, 0], cell[i, 1], cell[i, 2]
-        following[i] = head[a, b, c]
-        head[a, b, c] = i
+        # no more than the last, however divisions are rounded
+        cell[i, 0] = min(int64((grains[i, X + 0] - x) / size), nx - 1)
+        cell[i, 1] = min(int64((grains[i, X + 1] - y) / size), ny - 1)
+        cell[i, 2] = min(int64((grains[i, X + 2] - z) / size), nz - 1)
+    return nx, ny, nz
+
+
+@kernel
+def near_pairs(grains, n, reach, pair_i, pair_j, cell, head, following):
+    """Fill the list of pairs i < j of n grains closer than `reach` [m], i then j ascending; its length."""
+    nx, ny, nz = cells_of(grains, n, reach, cell)
+    for k in range(nx * ny * nz):
+        head[k] = -1
+    for i in range(n):
+        at = (cell[i, 0] * ny + cell[i, 1]) * nz + cell[i, 2]
+        following[i] = head[at]
+        head[at] = i
+    room = len(pair_j) - PAD
     found = 0
     for i in range(n):
         start = found
-        for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, size[0])):
-            for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, size[1])):
-                for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, size[2])):
-                    j = head[a, b, c]
+        x, y, z = grains[i, X + 0], grains[i, X + 1], grains[i, X + 2]
+        for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, nx)):
+            for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, ny)):
+                for c in range(max(cell[i, 2] - 1, 0), min(cell[i, 2] + 2, nz)):
+                    j = head[(a * ny + b) * nz + c]
                     while j > i:  # a cell's grains come in falling order
-                        dx = st.grains[i, X + 0] - st.grains[j, X + 0]
-                        dy = st.grains[i, X + 1] - st.grains[j, X + 1]
-                        dz = st.grains[i, X + 2] - st.grains[j, X + 2]
-                        if dx * dx + dy * dy + dz * dz < reach2:
-                            if found < len(pair_j) - PAD:
+                        dx, dy, dz = x - grains[j, X + 0], y - grains[j, X + 1], z - grains[j, X + 2]
+                        if dx * dx + dy * dy + dz * dz < reach * reach:
+                            if found < room:
                                 k = found
                                 while k > start and pair_j[k - 1] > j:
                                     pair_j[k] = pair_j[k - 1]
@@ -149,14 +153,13 @@ def near_pairs(st: State, p: Params, pair_i, pair_j):
 
 
 @kernel
-def near_walls(st: State, p: Params, first, grain):
-    """Fill the list of grains that could touch a wall before the next rebuild, wall by wall; its length."""
+def near_walls(grains, n, reach, shape, kind, first, grain):
+    """Fill the list of those of n grains that are closer than `reach` [m] to a wall, wall by wall; its length."""
     found = 0
     first[0] = 0
-    reach = p.radius + wide(0.5) * p.skin
-    for w in range(len(p.wall_kind)):
-        for i in range(st.count[GRAINS]):
-            distance, _ = wall_distance(p.wall_shape, p.wall_kind, w, load(st.grains, i, X))
+    for w in range(len(kind)):
+        for i in range(n):
+            distance, _ = wall_distance(shape, kind, w, load(grains, i, X))
             if distance < reach:
                 if found < len(grain) - PAD:
                     grain[found] = i
@@ -172,51 +175,44 @@ def carry(old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i,
         i, j = new_i[k], new_j[k]
         while old < old_last and (old_i[old] < i or (old_i[old] == i and old_j[old] < j)):
             old += 1
-        same = old < old_last and old_i[old] == i and old_j[old] == j
-        held[k] = old_held[old] if same else 0
-        for c in range(3):
-            spring[k, c] = old_spring[old, c] if same else 0.0
+        if old < old_last and old_i[old] == i and old_j[old] == j:
+            held[k] = old_held[old]
+            for c in range(3):
+                spring[k, c] = old_spring[old, c]
 
 
-@kernel
-def rebuild(st: State, p: Params):
-    """Rebuild all lists. False, and the lengths needed in WANT_*, if an array is too short: lists stay as they were."""
+@entry
+def rebuild(st: State, p: Params, new: Lists, grid: Grid):
+    """Make all lists new. False, and the lengths needed in WANT_*, if an array of `new` is too short."""
     if OUTLET and st.count[LEAVING] > 0:
-        drop_leavers(st, p)
+        drop_leavers(st, p, grid.place)
     n = st.count[GRAINS]
-    if n == 0:
-        return True
-    pair_i = np.empty(len(st.pair_i), np.int32)
-    pair_j = np.empty(len(st.pair_j), np.int32)
-    pairs = near_pairs(st, p, pair_i, pair_j)
-    wall_first = np.zeros(len(st.wall_first), np.int64)
-    wall_grain = np.empty(len(st.wall_grain), np.int32)
-    walls = near_walls(st, p, wall_first, wall_grain) if ANY_WALLS else 0
-    if pairs > len(pair_j) - PAD or walls > len(wall_grain) - PAD:
+    skin = p.skin
+    pairs = 0
+    if n > 0:
+        reach = wide(2.0) * p.radius + skin
+        pairs = near_pairs(st.grains, n, reach, new.pair_i, new.pair_j, grid.cell, grid.head, grid.following)
+    walls = 0
+    if ANY_WALLS:
+        reach = p.radius + wide(0.5) * skin
+        walls = near_walls(st.grains, n, reach, p.wall_shape, p.wall_kind, new.wall_first, new.wall_grain)
+    if pairs > len(new.pair_j) - PAD or walls > len(new.wall_grain) - PAD:
         st.count[WANT_PAIRS] = pairs
         st.count[WANT_WALLS] = walls
         return False
     if FRICTION:
-        m = st.count[PAIRS]
-        spring = st.spring[:m].copy()
         carry(
-            0, m, st.pair_i, st.pair_j, st.held[:m].copy(), spring,
-            0, pairs, pair_i, pair_j, st.held, st.spring,
+            int64(0), st.count[PAIRS], st.pair_i, st.pair_j, st.held, st.spring,
+            int64(0), int64(pairs), new.pair_i, new.pair_j, new.held, new.spring,
         )  # fmt: skip
-        m = st.wall_first[len(p.wall_kind)]
-        wall_held = st.wall_held[:m].copy()
-        wall_spring = st.wall_spring[:m].copy()
         for w in range(len(p.wall_kind)):
             carry(
-                st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, wall_held, wall_spring,
-                wall_first[w], wall_first[w + 1], wall_grain, wall_grain, st.wall_held, st.wall_spring,
+                st.wall_first[w], st.wall_first[w + 1], st.wall_grain, st.wall_grain, st.wall_held, st.wall_spring,
+                new.wall_first[w], new.wall_first[w + 1], new.wall_grain, new.wall_grain, new.wall_held,
+                new.wall_spring,
             )  # fmt: skip
-    st.pair_i[:pairs] = pair_i[:pairs]
-    st.pair_j[:pairs] = pair_j[:pairs]
-    pad_pairs(st.pair_i, st.pair_j, pairs, len(st.grains))
-    st.wall_first[:] = wall_first
-    st.wall_grain[:walls] = wall_grain[:walls]
+    pad_pairs(new.pair_i, new.pair_j, pairs, len(st.grains))
     st.count[PAIRS] = pairs
-    st.sums[MOVED] = 0.0
+    st.sums[MOVED] = wide(0.0)
     st.count[REBUILDS] += 1
     return True

@@ -5,13 +5,12 @@ from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals
-from labbook_numba.kernels.features import ANY_WALLS, GRAINS, MOVING, PAIRS, STEP, F, T, U, V, W, X, kernel
-from labbook_numba.kernels.pairs import pair_forces
-from labbook_numba.kernels.walls import load, wall_distance, wall_forces, wall_velocity
+from labbook_numba.kernels.features import ANY_WALLS, MOVING, PAIRS, F, T, U, V, W, X, entry, kernel
+from labbook_numba.kernels.walls import load, wall_distance, wall_velocity
 from labbook_numba.state import Params, State
 
 
-@kernel
+@entry
 def contact_rows(st: State, p: Params, out):
     """Rows i, j, wall, force on i [N], branch vector from i [m] of all touching contacts; how many there are."""
     found = 0
@@ -88,17 +87,10 @@ def write_row(out, row, i, j, wall, force, branch):
     out[row, 8] = branch.z
 
 
-@kernel
-def whole_step(st: State, p: Params, v, w):
-    """Velocities [m/s] and spins [rad/s] at the whole step into v and w: half a kick by the forces there.
-
-    The forces are computed in st.loads, and springs advanced: call it on a copy of the state.
-    """
-    pair_forces(st, p)
-    if ANY_WALLS:
-        wall_forces(st, p)
-    part = wide(0.5) * p.dt if st.count[STEP] > 0 else wide(0.0)
-    for i in range(st.count[GRAINS]):
+@entry
+def whole_step(grains, loads, part, mass, inertia, v, w):
+    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
+    for i in range(len(v)):
         for c in range(3):
-            v[i, c] = st.grains[i, V + c] + st.loads[i, F + c] * (part / p.mass)
-            w[i, c] = st.grains[i, W + c] + st.loads[i, T + c] * (part / p.inertia)
+            v[i, c] = grains[i, V + c] + loads[i, F + c] * (part / mass)
+            w[i, c] = grains[i, W + c] + loads[i, T + c] * (part / inertia)

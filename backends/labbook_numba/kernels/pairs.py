@@ -6,22 +6,25 @@ from labbook_dem.words import real, wide
 from labbook_numba.kernels.blocks import GAP, HELD, NX, NY, NZ, largest_gap, pair_law, where_gap
 from labbook_numba.kernels.features import (
     BLOCK,
+    BORROWED,
     FAIL_GRAIN,
+    FIRST_PAIR,
     FRICTION,
     GHOSTS,
     GRAIN,
+    LAST_PAIR,
     LEDGER,
     MAX_OVERLAP,
-    PAIRS,
     TOUCHING,
     X,
+    int64,
     kernel,
     uint64,
 )
 from labbook_numba.kernels.transfer import fill_up, gather_pairs, gather_springs, scatter_forces, scatter_springs
 from labbook_numba.lanes import spread
 from labbook_numba.rows import columns, rows_at
-from labbook_numba.squeeze import exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
+from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
 from labbook_numba.state import Params, State
 
 
@@ -32,18 +35,18 @@ def pack_pairs(grains, pair_i, pair_j, held, b, block_i, block_j, slot, first, l
     Branch and gap (diameter^2 - r^2) go to columns, grains to `block_i` and `block_j`, list entries to `slot`. Gaps are
     small differences: they are taken in double, whatever the block holds.
     """
-    all_eight = first_of(uint64(8))
     count = uint64(0)
     for k in range(first, last, uint64(8)):
         x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, X) - rows_at(grains, pair_j, k, GRAIN, X))
         gap = spread(reach2) - (x * x + y * y + z * z)
-        touching = positive(gap)  # pairs behind the last are of ghosts, which do not
+        here = first_of(last - k)
+        touching = both(positive(gap), here)
         squeeze(b, NX + count, x, touching)
         squeeze(b, NY + count, y, touching)
         squeeze(b, NZ + count, z, touching)
         squeeze(b, GAP + count, gap, touching)
         if FRICTION:
-            squeeze(b, HELD + count, exchange(held, k, touching, all_eight), touching)
+            squeeze(b, HELD + count, exchange(held, k, touching, here), touching)
             squeeze_places(slot, count, k, touching)
         squeeze_numbers(block_i, count, pair_i, k, touching)
         squeeze_numbers(block_j, count, pair_j, k, touching)
@@ -54,7 +57,19 @@ def pack_pairs(grains, pair_i, pair_j, held, b, block_i, block_j, slot, first, l
 @kernel
 def pair_forces(st: State, p: Params):
     """Add the forces of grains on grains to f and t; note touching pairs, the largest overlap, and whose it is."""
-    last = uint64(st.count[PAIRS])
+    part = st.part
+    st.sums[MAX_OVERLAP] = wide(0.0)
+    if LEDGER:
+        st.count[TOUCHING] = 0
+    # rows are first of all second in their pairs, and those that stand before this part come first
+    listed_forces(st, p, st.borrowed_i, st.borrowed_j, st.borrowed_held, st.borrowed_spring, int64(0), part[BORROWED])
+    listed_forces(st, p, st.pair_i, st.pair_j, st.held, st.spring, part[FIRST_PAIR], part[LAST_PAIR])
+
+
+@kernel
+def listed_forces(st: State, p: Params, pair_i, pair_j, held, spring, first, end):
+    """What `pair_forces` does, of the listed pairs first..end."""
+    last = uint64(end)
     b = st.block
     i = st.block_i
     j = st.block_j
@@ -64,21 +79,21 @@ def pair_forces(st: State, p: Params):
     half_dt = wide(0.5) * p.dt
     rate = rolling_rate(real(p.inertia), real(p.dt))
     ghost = len(st.grains) - GHOSTS
-    spare = len(st.spring) - 1
+    spare = len(spring) - 1
     touching = uint64(0)
-    deepest = wide(0.0)
+    deepest = st.sums[MAX_OVERLAP]
     # kernels of a block take arrays, not the State: its many references would be counted at every call
-    for k in range(uint64(0), last, BLOCK):
+    for k in range(uint64(first), last, BLOCK):
         end = min(k + BLOCK, last)
-        count = pack_pairs(st.grains, st.pair_i, st.pair_j, st.held, b, i, j, slot, k, end, reach2)
+        count = pack_pairs(st.grains, pair_i, pair_j, held, b, i, j, slot, k, end, reach2)
         fill_up(i, j, slot, count, ghost, spare)
         gather_pairs(st.grains, i, j, b, count)
         if FRICTION:
-            gather_springs(st.spring, slot, b, count, half_dt)
+            gather_springs(spring, slot, b, count, half_dt)
         pair_law(b, count, p.c, real(p.radius), real(p.mass), rate)
         scatter_forces(st.loads, i, j, b, count, True)
         if FRICTION:
-            scatter_springs(st.spring, slot, b, count)
+            scatter_springs(spring, slot, b, count)
         touching += count
         overlap = largest_gap(b, st.bits, count)
         if not overlap <= deepest:
@@ -87,4 +102,4 @@ def pair_forces(st: State, p: Params):
                 st.count[FAIL_GRAIN] = st.ids[i[where_gap(b, count, overlap)]]
     st.sums[MAX_OVERLAP] = deepest
     if LEDGER:
-        st.count[TOUCHING] = touching
+        st.count[TOUCHING] += touching

@@ -13,15 +13,19 @@ from labbook_numba.kernels.features import (
     DONE,
     FAIL_GRAIN,
     FAIL_VALUE,
+    FIRST,
     GRAIN,
     GRAINS,
-    GROW,
+    LAST,
     LEAVING,
     LEDGER,
     LOAD,
     MAX_OVERLAP,
     MOVED,
     OUTLET,
+    OVERLAP,
+    REBUILD,
+    SPEED,
     STEP,
     WORK,
     F,
@@ -30,11 +34,12 @@ from labbook_numba.kernels.features import (
     V,
     W,
     X,
+    entry,
     kernel,
     uint64,
 )
-from labbook_numba.kernels.neighbours import rebuild
 from labbook_numba.kernels.pairs import pair_forces
+from labbook_numba.kernels.parts import agree, take_part
 from labbook_numba.kernels.walls import wall_forces
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
@@ -42,7 +47,7 @@ from labbook_numba.state import Params, State
 
 @kernel
 def move(st: State, p: Params, kick_dt, dt):
-    """Kick, drift and predict all grains; forces become gravity. Squares of speeds: zero where nothing is touched."""
+    """Kick, drift and predict the part's grains; forces become gravity. Squares of speeds, zero for leavers."""
     g = st.grains
     loads = st.loads
     per_mass = wide(1.0) / p.mass
@@ -51,7 +56,7 @@ def move(st: State, p: Params, kick_dt, dt):
     loads[far, F + 2] = -p.mass * p.gravity
     weight = row_at(loads, uint64(far) * LOAD + F)
     none = weight * wide(0.0)
-    for i in range(uint64(st.count[GRAINS])):
+    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
         at = i * GRAIN
         load = i * LOAD
         a = row_at(loads, load + F) * per_mass
@@ -73,7 +78,7 @@ def contact_work(st: State, p: Params, kick_dt):
     g = st.grains
     loads = st.loads
     work = wide(0.0)
-    for i in range(uint64(st.count[GRAINS])):
+    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
         for c in range(3):
             gravity = -p.gravity if c == 2 else wide(0.0)
             force = loads[i, F + c]
@@ -85,13 +90,13 @@ def contact_work(st: State, p: Params, kick_dt):
 
 
 @kernel
-def largest(n, speed2, bits):
-    """Largest of `speed2`, or a NaN if one is among them: by the bits, which unlike floats vectorise."""
+def largest(first, last, speed2, bits):
+    """Largest of speed2[first:last], or a NaN if one is among them: by the bits, which unlike floats vectorise."""
     most = bits[0] - bits[0]
-    for i in range(uint64(n)):
+    for i in range(uint64(first), uint64(last)):
         most = max(most, bits[i] & 0x7FFFFFFFFFFFFFFF)
-    bits[n] = most
-    return speed2[n]
+    bits[last] = most  # one behind the rows of a part is its own: so is the array
+    return speed2[last]
 
 
 @kernel
@@ -100,7 +105,7 @@ def leave(st: State, p: Params, dt):
     step = st.count[STEP]
     leaving = 0
     g = st.grains
-    for i in range(uint64(st.count[GRAINS])):
+    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
         z = g[i, X + 2]
         if CROSSING and z < p.plane and st.gone[i] == 0:
             st.gone[i] = 1
@@ -123,8 +128,7 @@ def leave(st: State, p: Params, dt):
 
 @kernel
 def integrate(st: State, p: Params):
-    """Advance all grains by one step. Gives the square of the largest speed, or a NaN."""
-    n = st.count[GRAINS]
+    """Advance the part's grains by one step. Gives the square of the largest speed, or a NaN."""
     dt = wide(p.dt)
     # the first kick brings velocities from a whole to a half step
     kick_dt = dt if st.count[STEP] > 0 else wide(0.5) * dt
@@ -134,29 +138,35 @@ def integrate(st: State, p: Params):
     if CROSSING or OUTLET:
         leave(st, p, dt)
     st.count[STEP] += 1
-    return largest(n, st.speed2, st.speed_bits)
+    return largest(st.part[FIRST], st.part[LAST], st.speed2, st.speed_bits)
 
 
-@kernel
+@entry
 def advance(st: State, p: Params, target):
-    """Take steps up to step `target`; DONE, or why not. After GROW and longer arrays it may be called again."""
+    """Take steps up to step `target`; DONE, or why not. After REBUILD and a rebuild it is called again.
+
+    If that is the present step, forces and torques of now are left in loads, and the springs advanced: on a copy of
+    the state, this is how they are read. The threads of all parts of a scene call it together and end alike.
+    """
     limit2 = p.speed_limit * p.speed_limit
-    leavers = st.count[LEAVING] > 0  # so that grains far below the outlet go, even when nothing else moves
-    while st.count[STEP] < target and st.count[GRAINS] > 0:
-        if leavers or not st.sums[MOVED] < wide(0.5) * p.skin:
-            leavers = False
-            if not rebuild(st, p):
-                return GROW
+    reading = st.count[STEP] == target
+    take_part(st, p)
+    while (reading or st.count[STEP] < target) and st.count[GRAINS] > 0:
+        if not st.sums[MOVED] < wide(0.5) * p.skin:
+            return REBUILD
         pair_forces(st, p)
         if ANY_WALLS:
             wall_forces(st, p)
-        if not st.sums[MAX_OVERLAP] <= p.overlap_limit:
-            st.sums[FAIL_VALUE] = st.sums[MAX_OVERLAP]
+        if reading:
+            return DONE
+        overlap = agree(st, OVERLAP, st.sums[MAX_OVERLAP])
+        if not overlap <= p.overlap_limit:
+            st.sums[FAIL_VALUE] = overlap
             return BAD_OVERLAP
-        fastest2 = integrate(st, p)
+        fastest2 = agree(st, SPEED, integrate(st, p))
         if not fastest2 <= limit2:
             st.sums[FAIL_VALUE] = sqrt(fastest2)
-            for i in range(st.count[GRAINS]):
+            for i in range(st.part[FIRST], st.part[LAST]):
                 if not st.speed2[i] <= limit2:
                     st.count[FAIL_GRAIN] = st.ids[i]
             return BAD_SPEED if fastest2 > limit2 else BAD_STATE

@@ -21,9 +21,11 @@ from labbook_numba.kernels.blocks import (
 from labbook_numba.kernels.features import (
     BLOCK,
     FAIL_GRAIN,
+    FIRST,
     FRICTION,
     GHOSTS,
     GRAIN,
+    LAST,
     LEDGER,
     MAX_OVERLAP,
     MOVING,
@@ -36,6 +38,7 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
+from labbook_numba.kernels.search import first_at_least
 from labbook_numba.kernels.transfer import fill_up, gather_grains, gather_springs, scatter_forces, scatter_springs
 from labbook_numba.lanes import eight_at, put
 from labbook_numba.rows import columns, rows_at
@@ -131,8 +134,11 @@ def wall_forces(st: State, p: Params):
     for w in range(uint64(len(p.wall_kind))):
         c = (a[w, 0], a[w, 1], a[w, 2], a[w, 3], a[w, 4], a[w, 5], a[w, 6], a[w, 7])
         spin = real(p.wall_motion[w, 3])
-        last = uint64(st.wall_first[w + uint64(1)])
-        for k in range(uint64(st.wall_first[w]), last, BLOCK):
+        start = st.wall_first[w]
+        end = st.wall_first[w + uint64(1)]
+        start = first_at_least(st.wall_grain, start, end, st.part[FIRST])
+        last = uint64(first_at_least(st.wall_grain, start, end, st.part[LAST]))
+        for k in range(uint64(start), last, BLOCK):
             near = min(last - k, BLOCK)
             measure_walls(
                 st.grains, st.wall_grain, st.near, p.wall_shape, p.wall_kind, p.wall_motion, w, k, near, p.radius

@@ -70,17 +70,12 @@ def kinetic(a: System, v: Wides3, w: Wides3, parts: int, out: Wides):
     fine = wide(0.0)
     for r in range(first, a.rows[s], parts):
         i = s * a.cap + r
-<<<<<<< HEAD
-        twice += dot(v[i], v[i]) / per_mass(a, m, i) + dot(w[i], w[i]) / per_inertia(a, m, i)
-    out[thread] = wide(0.5) * twice
-=======
-        energy = wide(0.5) * (dot(v[i], v[i]) / m.per_mass + dot(w[i], w[i]) / m.per_inertia)
+        energy = wide(0.5) * (dot(v[i], v[i]) / per_mass(a, m, i) + dot(w[i], w[i]) / per_inertia(a, m, i))
         whole = (energy + magic) - magic
         coarse += whole
         fine += ((energy - whole) + small) - small
     out[2 * thread] = coarse
     out[2 * thread + 1] = fine
->>>>>>> main
 
 
 @func

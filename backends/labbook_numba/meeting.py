@@ -1,0 +1,46 @@
+"""Threads that wait for each other in compiled code, on one counter that all of them see."""
+
+import os
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+
+from labbook_numba.lanes import address, intrinsic
+
+INT64 = ir.IntType(64)
+
+
+@intrinsic
+def arrive(typing, meetings):
+    """Count one more arrival in meetings[0] (int64); how many there were before."""
+
+    def code(context, builder, sig, args):
+        place = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
+        return builder.atomic_rmw("add", place, INT64(1), "seq_cst")
+
+    return types.int64(meetings), code
+
+
+@intrinsic
+def arrived(typing, meetings):
+    """How many arrivals there are; what other threads wrote before theirs can be read from here on."""
+
+    def code(context, builder, sig, args):
+        place = address(context, builder, sig.args[0], args[0], INT64(0), INT64)
+        return builder.load_atomic(place, "seq_cst", 8)
+
+    return types.int64(meetings), code
+
+
+@intrinsic
+def give_way(typing):
+    """Let another thread have the processor, if one wants it and the system has a call for that."""
+
+    def code(context, builder, sig, args):
+        if os.name == "posix":
+            kind = ir.FunctionType(ir.IntType(32), [])
+            builder.call(cgutils.get_or_insert_function(builder.module, kind, "sched_yield"), [])
+        return context.get_dummy_value()
+
+    return types.void(), code

@@ -1,0 +1,113 @@
+"""A large scene may be stepped by several threads; how many there are changes no bit of anything."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+
+from labbook_numba import Backend, parts
+
+from labbook.backend import Contacts, Crossing, Failed, Sample
+from labbook.numerics import Numerics
+from labbook.protocol.opening import opened
+from labbook.protocol.placing import place
+from labbook.scene import Scene
+from labbook.verify.stand import identical
+from labbook.verify.symmetry import DT, hopper
+
+GRAINS = 400
+BEATS = 16
+PROBES = (Crossing(), Sample(), Contacts(every=4))
+
+
+@pytest.fixture(autouse=True)
+def every_scene_is_large(monkeypatch):
+    monkeypatch.setattr(parts, "LARGE", 8)
+    monkeypatch.setattr(parts, "cores", lambda: 8)
+
+
+def silo() -> Scene:
+    return hopper().model_copy(update={"grains": hopper().grains.model_copy(update={"count": GRAINS})})
+
+
+def numerics(precision: str) -> Numerics:
+    return Numerics.model_validate({"dt": DT, "precision": precision, "steps_per_beat": 250})
+
+
+@pytest.fixture(scope="module")
+def start():
+    engine, closed = Backend(), silo().close()
+    ensemble = engine.open(engine.specialise(closed, numerics("double")), 1)
+    member = ensemble.admit(closed, numerics("double"), place(closed, "gas", 1))
+    ensemble.advance(8)
+    fallen = ensemble.packing(member)
+    ensemble.close()
+    return opened(fallen, closed, silo())
+
+
+def discharged(threads: int, precision: str, start):
+    """Rows, checkpoint and packing after a discharge; the arrays of the checkpoint without what lies behind lists."""
+    engine = Backend(threads=threads)
+    ensemble = engine.open(engine.specialise(silo(), numerics(precision), PROBES), 1)
+    member = ensemble.admit(silo(), numerics(precision), start)
+    assert not ensemble.advance(BEATS)
+    found = ensemble.drain(), ensemble.checkpoint(member).arrays, ensemble.packing(member)
+    ensemble.close()
+    return found
+
+
+def used(arrays) -> dict[str, np.ndarray]:
+    lengths = {name: len(arrays["pair_i"]) - 8 for name in ("pair_i", "pair_j", "held", "spring")}
+    lengths |= {name: int(arrays["wall_first"][-1]) for name in ("wall_grain", "wall_held", "wall_spring")}
+    lengths |= dict.fromkeys(("grains", "loads"), len(arrays["ids"]))
+    return {name: array[: lengths.get(name, len(array))] for name, array in arrays.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["double", "mixed"])
+def test_bits_do_not_depend_on_threads(start, precision):
+    rows, arrays, packing = discharged(1, precision, start)
+    assert len(rows[PROBES[0]]["id"]) > 40, "grains leave, so that rows and parts move"
+    assert len(packing.pairs) > 200
+    for threads in (2, 5):
+        other_rows, other_arrays, other = discharged(threads, precision, start)
+        assert identical(other, packing), threads
+        assert all(identical(other_rows[probe], rows[probe]) for probe in PROBES), threads
+        ours, theirs = used(arrays), used(other_arrays)
+        assert [name for name in ours if not np.array_equal(ours[name], theirs[name])] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", [{"speed_limit": 0.5}, {"overlap_limit": 1e-4}])
+def test_guards_blame_the_same_grain(start, change):
+    messages = set()
+    for threads in (1, 3):
+        engine, how = Backend(threads=threads), numerics("double").model_copy(update=change)
+        ensemble = engine.open(engine.specialise(silo(), how, PROBES), 1)
+        ensemble.admit(silo(), how, start)
+        (event,) = ensemble.advance(BEATS)
+        assert isinstance(event, Failed)
+        messages.add(event.message)
+        ensemble.close()
+    assert len(messages) == 1
+
+
+def test_a_member_gets_its_share_of_the_cores():
+    with parts.threads_for(1000, 8) as alone:
+        assert alone == 8
+        with parts.threads_for(1000, 3) as second:
+            assert second == 3, "no more than it may"
+        with parts.threads_for(1000, 8) as second, parts.threads_for(1000, 8) as third:
+            assert (second, third) == (4, 2)
+        with parts.threads_for(7, 8) as small:
+            assert small == 1
+    with parts.threads_for(9, 8) as few:
+        assert few == 4, "a part has some grains"
+
+
+def test_large_scenes_are_put_in_layers():
+    grains = silo().grains
+    gas = place(silo().close(), "gas", 3)
+    sorted_ = parts.in_layers(gas, grains.diameter)
+    assert (np.diff(np.floor(sorted_.x[:, 2] / grains.diameter)) >= 0).all()
+    assert np.array_equal(sorted_.x, gas.x[sorted_.ids])
