@@ -19,12 +19,14 @@ from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 
 from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
-from labbook_numba.kernels import blocks, neighbours, observe, pairs, parts, search, step, transfer, walls
+from labbook_numba.kernels import blocks, bodies, neighbours, observe, pairs, parts, search, step, transfer, walls
 from labbook_numba.kernels import features as vocabulary
 
 SWITCHES = (
     "FRICTION",
     "ROLLING",
+    "VARIED",
+    "KINDS",
     "TWIST",
     "MOVING",
     "PLANES",
@@ -36,7 +38,7 @@ SWITCHES = (
 )
 
 
-PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "X", "V", "W", "U", "F", "T")
+PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "F", "T")
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX
@@ -55,7 +57,7 @@ def share_one_heap() -> None:
 share_one_heap()
 
 
-def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
+def module_text(law: str, precision: str, switches: dict[str, int]) -> str:
     """Source of the kernel module of one specialisation."""
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
     places = _numbers(blocks) | _numbers(walls) | {name: getattr(state, name) for name in PLACES}
@@ -70,6 +72,7 @@ def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
         strip,
         spheres,
         blocks,
+        bodies,
         transfer,
         search,
         pairs,
@@ -106,7 +109,7 @@ def digest(text: str) -> str:
 
 
 @lru_cache(maxsize=64)
-def kernels(law: str, precision: str, switches: tuple[tuple[str, bool], ...]) -> ModuleType:
+def kernels(law: str, precision: str, switches: tuple[tuple[str, int], ...]) -> ModuleType:
     """The kernel module of one specialisation, written if it is not there yet. Compiling happens at first use."""
     text = module_text(law, precision, dict(switches))
     key = digest(text)

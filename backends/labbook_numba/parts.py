@@ -11,12 +11,13 @@ from contextlib import contextmanager
 from types import ModuleType
 
 import numpy as np
+from labbook_dem.reading import CROSSING_COLUMNS
 
 from labbook.protocol.packing import Packing
 from labbook_numba import state as S
 from labbook_numba.state import Params, State
 
-STEP = S.CROSS_COLUMNS.index("step")
+STEP = CROSSING_COLUMNS.index("step")
 LARGE = 50_000
 """Grains from which on a scene may be split; parts have a quarter of that at least."""
 

@@ -47,7 +47,7 @@ class Seen:
         part = 0.5 * run.numerics.dt if run.step > 0 else 0.0
         return {
             "grains": n,
-            **totals(run.scene, st.x[:n], v, w, st.v[:n], st.w[:n], part, float(st.sums[S.WORK])),
+            **totals(run.scene, st.x[:n], v, w, st.v[:n], st.w[:n], part, float(st.sums[S.WORK]), bodies=run.bodies()),
             "max_overlap": float(st.sums[S.MAX_OVERLAP]),
             "touching": int(st.count[S.TOUCHING]),
             "rebuilds": int(st.count[S.REBUILDS]),

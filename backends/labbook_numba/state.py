@@ -23,11 +23,13 @@ PAD = 8  # spare places behind lists, which are read eight at a time
 # of the columns of a block: no power of two, whose columns would share cache sets; a multiple of 16, without which LLVM
 # fears for the forwarding of stores to loads in registers of 16, and uses smaller ones
 STRIDE = BLOCK + 16
-BLOCK_COLUMNS, NEAR_COLUMNS = 21, 7
+BLOCK_COLUMNS, NEAR_COLUMNS = 35, 7
+COEFFICIENTS = 8  # of a law, in the last columns of a block
 # rows of State.grains: where in them position, velocity, spin and predicted velocity start; rows of State.loads
 X, V, W, U, GRAIN = 0, 4, 8, 12, 16
 F, T, LOAD = 0, 4, 8
 SPRING = 4
+BODY = 4  # numbers of a row of State.body
 GHOSTS = 2  # rows behind the grains: one that may be written to for nothing, and one too far away to touch it
 FAR = 1e30
 
@@ -43,6 +45,7 @@ class State(NamedTuple):
 
     grains: np.ndarray
     loads: np.ndarray
+    body: np.ndarray  # where grains differ, of each: radius [m], mass [kg], moment of inertia [kg m^2], kind
     ids: np.ndarray
     gone: np.ndarray  # 1 once the grain has crossed the outlet plane
     pair_i: np.ndarray
@@ -134,10 +137,12 @@ class Grid(NamedTuple):
 class Params(NamedTuple):
     """What does not change during a run. c: coefficients between grains; wall_c: the same of each wall [W, 8].
 
-    wall_shape [W, 6], wall_kind [W], wall_motion [W, 4]: velocity and spin of its surface.
+    Where grains differ: radius of the largest; of K kinds, pair_c [K K, 8] between kinds a and b in row a K + b, and
+    wall_c [W K, 8]. wall_shape [W, 6], wall_kind [W], wall_motion [W, 4]: velocity and spin of its surface.
     """
 
     c: tuple
+    pair_c: np.ndarray
     radius: float
     mass: float
     inertia: float
@@ -154,13 +159,14 @@ class Params(NamedTuple):
     wall_motion: np.ndarray
 
 
-def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str) -> State:
+def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str, varied: bool) -> State:
     """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
     grains = _aligned((n + GHOSTS) * GRAIN).reshape(-1, GRAIN)
     grains[-1, X] = FAR
     return State(
         grains=grains,
         loads=loads(n),
+        body=np.ones((n + GHOSTS if varied else 0, BODY)),
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
         **lists(pairs + PAD, walls, near_walls + PAD)._asdict(),

@@ -1,10 +1,12 @@
 """Lists of near grains and near walls, rebuilt when a grain may have moved half a skin; springs are carried over."""
 
 import numpy as np
-from labbook_dem.words import func, wide
+from labbook_dem.words import VARIED, func, wide
 
+from labbook_numba.kernels.bodies import radius_of
 from labbook_numba.kernels.features import (
     ANY_WALLS,
+    BODY,
     CELLS,
     FRICTION,
     GHOSTS,
@@ -50,6 +52,9 @@ def drop_leavers(st: State, p: Params, place):
                 st.grains[kept, c] = st.grains[i, c]
             for c in range(LOAD):
                 st.loads[kept, c] = st.loads[i, c]
+            if VARIED:
+                for c in range(BODY):
+                    st.body[kept, c] = st.body[i, c]
             st.ids[kept] = st.ids[i]
             st.gone[kept] = st.gone[i]
             kept += 1
@@ -119,8 +124,11 @@ def cells_of(grains, n, size, cell):
 
 
 @kernel
-def near_pairs(grains, n, reach, pair_i, pair_j, cell, head, following):
-    """Fill the list of pairs i < j of n grains closer than `reach` [m], i then j ascending; its length."""
+def near_pairs(grains, body, n, reach, skin, pair_i, pair_j, cell, head, following):
+    """Fill the list of pairs i < j of n grains closer than `reach` [m], i then j ascending; its length.
+
+    Where grains differ, `reach` is that of the largest, and pairs are listed within their radii and `skin` [m].
+    """
     nx, ny, nz = cells_of(grains, n, reach, cell)
     for k in range(nx * ny * nz):
         head[k] = -1
@@ -139,7 +147,8 @@ def near_pairs(grains, n, reach, pair_i, pair_j, cell, head, following):
                     j = head[(a * ny + b) * nz + c]
                     while j > i:  # a cell's grains come in falling order
                         dx, dy, dz = x - grains[j, X + 0], y - grains[j, X + 1], z - grains[j, X + 2]
-                        if dx * dx + dy * dy + dz * dz < reach * reach:
+                        far = body[i, 0] + body[j, 0] + skin if VARIED else reach
+                        if dx * dx + dy * dy + dz * dz < far * far:
                             if found < room:
                                 k = found
                                 while k > start and pair_j[k - 1] > j:
@@ -153,14 +162,15 @@ def near_pairs(grains, n, reach, pair_i, pair_j, cell, head, following):
 
 
 @kernel
-def near_walls(grains, n, reach, shape, kind, first, grain):
-    """Fill the list of those of n grains that are closer than `reach` [m] to a wall, wall by wall; its length."""
+def near_walls(grains, body, n, radius, skin, shape, kind, first, grain):
+    """Fill the list of those of n grains that are within radius and half a skin [m] of a wall, wall by wall; its
+    length."""
     found = 0
     first[0] = 0
     for w in range(len(kind)):
         for i in range(n):
             distance, _ = wall_distance(shape, kind, w, load(grains, i, X))
-            if distance < reach:
+            if distance < radius_of(body, i, radius) + wide(0.5) * skin:
                 if found < len(grain) - PAD:
                     grain[found] = i
                 found += 1
@@ -191,11 +201,14 @@ def rebuild(st: State, p: Params, new: Lists, grid: Grid):
     pairs = 0
     if n > 0:
         reach = wide(2.0) * p.radius + skin
-        pairs = near_pairs(st.grains, n, reach, new.pair_i, new.pair_j, grid.cell, grid.head, grid.following)
+        pairs = near_pairs(
+            st.grains, st.body, n, reach, skin, new.pair_i, new.pair_j, grid.cell, grid.head, grid.following
+        )
     walls = 0
     if ANY_WALLS:
-        reach = p.radius + wide(0.5) * skin
-        walls = near_walls(st.grains, n, reach, p.wall_shape, p.wall_kind, new.wall_first, new.wall_grain)
+        walls = near_walls(
+            st.grains, st.body, n, p.radius, skin, p.wall_shape, p.wall_kind, new.wall_first, new.wall_grain
+        )
     if pairs > len(new.pair_j) - PAD or walls > len(new.wall_grain) - PAD:
         st.count[WANT_PAIRS] = pairs
         st.count[WANT_WALLS] = walls

@@ -8,6 +8,7 @@ they have in one thread, and no bit depends on the number of parts.
 
 from labbook_dem.words import wide
 
+from labbook_numba.kernels.bodies import mass_of
 from labbook_numba.kernels.features import (
     BORROWED,
     FIRST,
@@ -86,7 +87,7 @@ def take_part(st: State, p: Params):
         for i in range(part[FIRST], part[LAST]):
             for c in range(LOAD):
                 st.loads[i, c] = wide(0.0)
-            st.loads[i, F + 2] = -p.mass * p.gravity
+            st.loads[i, F + 2] = -mass_of(st.body, i, p.mass) * p.gravity
         borrow(st)
         meet(st.meetings, part[PARTS])
 

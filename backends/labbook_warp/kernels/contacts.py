@@ -44,7 +44,7 @@ def with_neighbour(
     a: System, p: Words, m: Material, s: int, one: Body, at: int, j: int, held: bool, x: wide3, v: vec3, w: vec3,
     u: vec3,
 ):  # fmt: skip
-    """The contact of a grain (`one`; x, v, w, u) of slot s with grain j, whose spring stands at `at`, valid if `held`."""
+    """The contact of a grain (`one`; x, v, w, u) of slot s with grain j; its spring is at `at`, valid if `held`."""
     c = Contact()
     away = x - position(p, j)
     other = body(a, m, j)
