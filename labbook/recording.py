@@ -15,7 +15,7 @@ import numpy as np
 from labbook.measure import RunData
 from labbook.measure.series import crossing_times, smooth_flow
 from labbook.protocol import Bodies, Packing
-from labbook.scene import Scene, Strip
+from labbook.scene import Plane, Scene, Strip
 
 VERSION = 1
 """Raised when recordings made before are no longer what would be written now."""
@@ -148,7 +148,7 @@ def wall_quads(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, np.nd
             z0, z1 = min(z0, high[2] + 4 * r), min(z1, high[2] + 4 * r)
             corners = [(x0, low[1], z0), (x1, low[1], z1), (x1, high[1], z1), (x0, high[1], z0)]
             yield wall.name, np.array(corners), WALL_COLOUR
-        else:
+        elif isinstance(shape, Plane):
             yield wall.name, _patch(np.array(shape.point), np.array(shape.normal), low, high), PANE_COLOUR
 
 

@@ -149,7 +149,10 @@ class Ensemble(ABC, Generic[R]):
     def drain(self) -> Mapping[Probe, Table]:
         """Rows since the last drain, of every declared probe."""
         rows, self._rows = self._rows, defaultdict(list)
-        return {probe: _joined(rows[probe] or [empty_table(probe)]) for probe in self._spec.probes}
+        return {
+            probe: _joined(rows[probe] or [empty_table(probe, self._spec.feature("RODS"))])
+            for probe in self._spec.probes
+        }
 
 
 def _joined(tables: list[Table]) -> Table:

@@ -15,8 +15,9 @@ WALL_KINDS = {
     "strip": (1, strip.parameters),
     "frustum": (2, frustum.parameters),
 }
-PARTS = {"plane": 2, "strip": 4, "frustum": 4}  # contacts that a rod may have with a wall
-FALL = 2.0  # lengths of a grain below the outlet at which a grain is dropped: nothing that is still to be counted touches it
+PARTS = {"plane": 2, "strip": 4, "frustum": 4}
+"""Contacts that a rod may have with one wall."""
+FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
@@ -97,6 +98,8 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     if scene.grains.varied and not can.mixtures:
         raise Unsupported("grains", f"the engine {can.name} takes equal grains only; leave out sizes and kinds")
     for probe in probes:
+        if isinstance(probe, Sample) and "q" in probe.fields and not is_rod(scene):
+            raise Unsupported("measure", "only rods have an orientation q")
         if isinstance(probe, Sample | Slab | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")
 

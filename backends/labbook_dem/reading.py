@@ -11,13 +11,22 @@ CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx",
 CONTACT_COLUMNS = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
 
 
+def crossing_columns(rods: bool) -> tuple[str, ...]:
+    """Columns of what crossed a plane; rods have an orientation."""
+    return (*CROSSING_COLUMNS, "qw", "qx", "qy", "qz") if rods else CROSSING_COLUMNS
+
+
 class Grains(NamedTuple):
-    """Grains that have not left, by id: ids [n]; x [m], and at the whole step v [m/s], w [rad/s], shape [n, 3]."""
+    """Grains that have not left, by id: ids [n]; x [m], and at the whole step v [m/s], w [rad/s], shape [n, 3].
+
+    q: orientations of rods, shape [n, 4].
+    """
 
     ids: np.ndarray
     x: np.ndarray
     v: np.ndarray
     w: np.ndarray
+    q: np.ndarray | None = None
 
 
 class Readable(Protocol):
@@ -33,7 +42,7 @@ class Readable(Protocol):
         ...
 
     def crossings(self) -> np.ndarray:
-        """First passages of the last beat, in CROSSING_COLUMNS."""
+        """First passages of the last beat, in `crossing_columns`."""
         ...
 
     def grains(self, moving: bool) -> Grains:
@@ -58,7 +67,8 @@ def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
 def _rows(member: Readable, probe: Probe) -> Table:
     match probe:
         case Crossing():
-            return _columns(CROSSING_COLUMNS, member.crossings(), ("id", "step"))
+            rows = member.crossings()
+            return _columns(crossing_columns(rows.shape[1] > len(CROSSING_COLUMNS)), rows, ("id", "step"))
         case Sample():
             return _stamped(member, _sampled(member.grains(bool({"v", "omega"} & set(probe.fields))), probe))
         case Slab():
@@ -75,17 +85,19 @@ def _columns(names: Sequence[str], rows: np.ndarray, whole: Sequence[str]) -> Ta
 
 
 def _sampled(grains: Grains, probe: Sample) -> Table:
-    parts = {"x": ("", grains.x), "v": ("v", grains.v), "omega": ("w", grains.w)}
+    parts = {"x": ("", grains.x), "v": ("v", grains.v), "omega": ("w", grains.w), "q": ("q", grains.q)}
     table = {"id": grains.ids}
     for name in probe.fields:
         prefix, array = parts[name]
-        table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate("xyz")}
+        assert array is not None  # `features.check` has seen to it
+        axes = "wxyz" if name == "q" else "xyz"
+        table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate(axes)}
     return table
 
 
 def _within(grains: Grains, slab: Slab) -> Table:
     inside = slab.holds(grains.x[:, 2])
-    return _sampled(Grains(*(column[inside] for column in grains)), Sample(fields=("x", "v")))
+    return _sampled(Grains(*(column[inside] for column in grains[:4])), Sample(fields=("x", "v")))
 
 
 def _stamped(member: Readable, table: Table) -> Table:

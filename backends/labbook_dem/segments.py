@@ -9,7 +9,7 @@ Every expression is odd or even under an exchange of the two rods, term by term,
 that fuses products and sums keeps that only where it is given the two rods in the same order.
 """
 
-from labbook_dem.words import cross, dot, func, wide, wide3
+from labbook_dem.words import dot, func, wide, wide3
 
 
 @func
@@ -37,8 +37,10 @@ def closest(c: wide3, a: wide3, b: wide3, half: wide):
     ab = dot(a, b)
     ca = dot(c, a)
     cb = dot(c, b)
-    across = cross(a, b)
-    sin2 = dot(across, across)
+    x = a.y * b.z - a.z * b.y  # by hand: `cross` gives a vector of reals
+    y = a.z * b.x - a.x * b.z
+    z = a.x * b.y - a.y * b.x
+    sin2 = x * x + y * y + z * z
     s, t = in_turn(ab, ca, cb, sin2, half)
     u, r = in_turn(ab, -cb, -ca, sin2, half)
     s = wide(0.5) * (s + r)  # both are the minimum; their mean does not know which rod came first

@@ -18,9 +18,9 @@ class Backend:
     capabilities = Capabilities(
         name="numba",
         cache_version=CACHE_VERSION,
-        shapes=frozenset({"sphere"}),
+        shapes=frozenset({"sphere", "spherocylinder"}),
         laws=frozenset({"hertz-mindlin", "linear"}),
-        walls=frozenset({"plane", "strip"}),
+        walls=frozenset({"plane", "strip", "frustum"}),
         precisions=frozenset({"double", "mixed"}),
         devices=("cpu",),
         mixtures=True,

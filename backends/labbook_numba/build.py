@@ -14,12 +14,34 @@ from types import ModuleType
 
 import llvmlite
 import numba
-from labbook_dem import contact, generated, motion, source, spheres
+from labbook_dem import contact, generated, motion, parts, rods, rotation, segments, source, spheres
 from labbook_dem.describe import LAWS
-from labbook_dem.walls import plane, strip
+from labbook_dem.walls import frustum, plane, strip
 
 from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
-from labbook_numba.kernels import blocks, bodies, neighbours, observe, pairs, parts, search, step, transfer, walls
+from labbook_numba.kernels import (
+    blocks,
+    bodies,
+    cells,
+    move,
+    near,
+    neighbours,
+    observe,
+    pairs,
+    rod_blocks,
+    rod_move,
+    rod_near,
+    rod_observe,
+    rod_pairs,
+    rod_walls,
+    search,
+    sharing,
+    single,
+    step,
+    surfaces,
+    transfer,
+    walls,
+)
 from labbook_numba.kernels import features as vocabulary
 
 SWITCHES = (
@@ -31,6 +53,8 @@ SWITCHES = (
     "MOVING",
     "PLANES",
     "STRIPS",
+    "FRUSTUMS",
+    "RODS",
     "OUTLET",
     "CROSSING",
     "LEDGER",
@@ -38,7 +62,12 @@ SWITCHES = (
 )
 
 
-PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "F", "T")
+PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
+
+SHARED = [contact, motion, plane, strip, frustum, spheres, single, cells, surfaces, blocks, bodies, transfer, search]
+OF_SPHERES = [pairs, walls, near, move, observe]
+OF_RODS = [segments, rotation, parts, rods, rod_blocks, rod_pairs, rod_walls, rod_near, rod_move, rod_observe]
+OF_ALL = [neighbours, sharing, step]
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX
@@ -59,29 +88,16 @@ share_one_heap()
 
 def module_text(law: str, precision: str, switches: dict[str, int]) -> str:
     """Source of the kernel module of one specialisation."""
+    layout, kind = (state.RODS, OF_RODS) if switches["RODS"] else (state.SPHERES, OF_SPHERES)
+    layout = state.MIXTURES if switches["VARIED"] else layout
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
-    places = _numbers(blocks) | _numbers(walls) | {name: getattr(state, name) for name in PLACES}
-    constants: dict[str, object] = {**_numbers(state), **_numbers(vocabulary), **_numbers(parts), **switches}
+    shared = _numbers(state) | layout._asdict()
+    places = {name: value for module in (blocks, *kind) for name, value in _numbers(module).items()}
+    places |= {name: shared[name] for name in PLACES}
+    constants: dict[str, object] = {**_numbers(vocabulary), **_numbers(sharing), **shared, **switches}
     constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
     del constants["LANES"]  # the header's
-    modules = [
-        LAWS[law],
-        contact,
-        motion,
-        plane,
-        strip,
-        spheres,
-        blocks,
-        bodies,
-        transfer,
-        search,
-        pairs,
-        walls,
-        neighbours,
-        parts,
-        step,
-        observe,
-    ]
+    modules = [LAWS[law], *SHARED, *kind, *OF_ALL]
     text = source.generate(dialect.header(precision), constants, modules)
     # annotations name the engine's Python types, which compiled code has no use for
     return text.replace(": State", "").replace(": Params", "").replace(": Lists", "").replace(": Grid", "")

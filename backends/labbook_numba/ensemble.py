@@ -27,8 +27,8 @@ class Ensemble(ensemble.Ensemble[Run]):
         super().__init__(capabilities, spec)
         self._kernels = kernels
         self._pool = ThreadPoolExecutor(members, thread_name_prefix="labbook-numba")
-        # the ledger's work is a sum over grains in their order
-        self._threads = 1 if spec.feature("LEDGER") else threads
+        # the ledger's work is a sum over grains in their order; kernels of rods step whole scenes
+        self._threads = 1 if spec.feature("LEDGER") or spec.feature("RODS") else threads
 
     def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
         return specialise(self._can, scene, numerics, self._spec.probes)

@@ -4,8 +4,10 @@ from types import ModuleType
 
 import numpy as np
 from labbook_dem.ensemble import Failure, check_checkpoint
+from labbook_dem.features import is_rod
 from labbook_dem.guards import explain, finest
 from labbook_dem.ledger import kinetic, status
+from labbook_dem.rotation import axes, momenta
 from labbook_dem.springs import places
 
 from labbook.backend import Capabilities, Checkpoint, Crossing, Status
@@ -29,6 +31,8 @@ class Run:
         self.scene, self.numerics, self.probes = scene, numerics, tuple(probes)
         self.params: Params = parameters(scene, numerics, probes)
         self.names = [wall.name for wall in scene.container.walls()]
+        self.rods = is_rod(scene)
+        self.layout = S.RODS if self.rods else S.MIXTURES if scene.grains.varied else S.SPHERES
         self.failure: Failure | None = None
         self._varied = scene.grains.varied
         self._kept = set(S.State._fields) - set(S.SCRATCH) - (set() if self._varied else {"body"})
@@ -40,9 +44,8 @@ class Run:
         packing = in_layers(packing, self.scene.grains.diameter)
         n = len(packing)
         near, walls = PAIRS_PER_GRAIN * n + 64, WALLS_PER_GRAIN * n + 64
-        self.state = st = S.allocate(
-            n, near, len(self.names), walls, self._crossings(n), self.numerics.precision, self._varied
-        )
+        sizes = n, near, len(self.names), walls, self._crossings(n)
+        self.state = st = S.allocate(*sizes, self.numerics.precision, self.layout)
         st.count[S.GRAINS] = n
         st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
         st.u[:] = packing.v
@@ -52,8 +55,19 @@ class Run:
             st.body[: len(packing)] = np.column_stack([own.radius, own.mass, own.inertia, own.kind])
             st.f[:, 2] = -own.mass * self.params.gravity
         st.gone[:] = packing.x[:, 2] < self.params.plane
+        if self.rods:
+            self._orient(packing)
         self._rebuild()
         self._set_springs(packing)
+
+    def _orient(self, packing: Packing) -> None:
+        if packing.q is None:
+            raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
+        st, n = self.state, len(packing)
+        st.q[:] = packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
+        st.grains[:n, S.A : S.A + 3] = axes(st.q)
+        st.grains[:n, S.P : S.P + 3] = packing.omega
+        st.m[:] = momenta(self.scene.grains, packing.omega, st.q)
 
     def _crossings(self, n: int) -> int:
         return n if any(isinstance(probe, Crossing) for probe in self.probes) else 0
@@ -69,14 +83,15 @@ class Run:
             mine = packing.wall_name == name
             at = places(st.wall_grain[first:last], packing.wall_grain[mine])
             found = at >= 0
-            st.wall_spring[first + at[found], :3] = packing.wall_spring[mine][found]
-            st.wall_held[first + at[found]] = 1
+            entry, part = first + at[found], packing.wall_part[mine][found]
+            st.wall_spring[entry * self.layout.WALL_PARTS + part, :3] = packing.wall_spring[mine][found]
+            np.bitwise_or.at(st.wall_held, entry, (1 << part).astype(np.uint8))
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Continue where a checkpoint was taken. Raises ValueError if it is not of this engine and version."""
         check_checkpoint(self._can, self._kept, checkpoint)
         stored = {name: np.array(array) for name, array in checkpoint.arrays.items()}
-        empty = S.allocate(len(stored["ids"]), 0, 0, 0, 0, self.numerics.precision, self._varied)
+        empty = S.allocate(len(stored["ids"]), 0, 0, 0, 0, self.numerics.precision, self.layout)
         self.state = empty._replace(**stored)
 
     def checkpoint(self) -> Checkpoint:
@@ -132,7 +147,7 @@ class Run:
         st = self.state
         pairs, walls = len(st.pair_j), len(st.wall_grain)
         while not self.kernels.rebuild(
-            st, self.params, new := S.lists(pairs, len(self.names), walls), S.grid(len(st.ids))
+            st, self.params, new := S.lists(pairs, len(self.names), walls, self.layout), S.grid(len(st.ids))
         ):
             pairs = max(pairs, int(1.3 * st.count[S.WANT_PAIRS]) + 64)
             walls = max(walls, int(1.3 * st.count[S.WANT_WALLS]) + 64)
@@ -142,7 +157,8 @@ class Run:
 
     def status(self) -> Status:
         """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
-        energy = kinetic(self.bodies() or self.scene.grains, *self.whole_step())
+        v, w = self.whole_step()
+        energy = kinetic(self.bodies() or self.scene.grains, v, self.momenta(w), self.q)
         return status(self.scene, self.step, self.time, self.grains, energy)
 
     def bodies(self) -> Bodies | None:
@@ -157,21 +173,33 @@ class Run:
         st, n, pairs = self.state, int(self.state.count[S.GRAINS]), int(self.state.count[S.PAIRS])
         walls = int(st.wall_first[-1])
         wall = np.repeat(np.arange(len(self.names)), np.diff(st.wall_first))
-        held, wall_held = st.held[:pairs] == 1, st.wall_held[:walls] == 1
+        entry, part = np.nonzero(st.wall_held[:walls, None] >> np.arange(self.layout.WALL_PARTS) & 1)
+        held = st.held[:pairs] == 1
         v, w = self.whole_step()
         own = self.bodies()
         return Packing(
             x=st.x[:n].copy(),
             v=v,
             omega=w,
+            q=None if self.q is None else self.q.copy(),
             ids=st.ids[:n].copy(),
             pairs=np.column_stack([st.pair_i[:pairs], st.pair_j[:pairs]])[held].astype(np.int64),
             pair_spring=st.spring[:pairs, :3][held],
-            wall_grain=st.wall_grain[:walls][wall_held].astype(np.int64),
-            wall_name=np.array([*self.names, ""], "U40")[wall[wall_held]],
-            wall_spring=st.wall_spring[:walls, :3][wall_held],
+            wall_grain=st.wall_grain[:walls][entry].astype(np.int64),
+            wall_name=np.array([*self.names, ""], "U40")[wall[entry]],
+            wall_spring=st.wall_spring[entry * self.layout.WALL_PARTS + part, :3],
+            wall_part=part,
             **(own.carried(self.scene.grains) if own else {}),
         )
+
+    @property
+    def q(self) -> np.ndarray | None:
+        """Orientations, shape [n, 4], a view; None for spheres."""
+        return self.state.q[: self.grains] if self.rods else None
+
+    def momenta(self, w: np.ndarray) -> np.ndarray:
+        """Reduced angular momenta [rad/s] of grains with spins w; those of spheres are the same."""
+        return w if self.q is None else momenta(self.scene.grains, w, self.q)
 
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and spins [rad/s], shape [n, 3], at the same time as the positions."""
@@ -183,13 +211,13 @@ class Run:
         if n:
             assert self.kernels.advance(copy, self.params, self.step) == self.kernels.DONE
         part = 0.5 * self.params.dt if self.step > 0 else 0.0
-        self.kernels.whole_step(copy.grains, copy.loads, copy.body, part, self.params.mass, self.params.inertia, v, w)
+        self.kernels.whole_step(copy.grains, copy.loads, copy.body, part, self.params, v, w)
         return v, w
 
     def contacts(self) -> np.ndarray:
         """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as in `labbook.backend.Contacts`."""
         self._fresh_lists()
-        out = np.zeros((int(self.state.count[S.PAIRS] + self.state.wall_first[-1]), 9))
+        out = np.zeros((int(self.state.count[S.PAIRS] + self.state.wall_first[-1] * self.layout.WALL_PARTS), 9))
         return out[: self.kernels.contact_rows(self.state, self.params, out)]
 
     def _fresh_lists(self) -> None:

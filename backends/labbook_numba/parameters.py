@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from labbook_dem import features
 from labbook_dem.guards import finest
+from labbook_dem.rotation import slenderness
 
 from labbook.backend import Probe
 from labbook.numerics import Numerics
@@ -22,6 +23,8 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
         c=tuple(pair_c[0].tolist()),
         pair_c=pair_c,
         radius=grains.radius,
+        half=grains.half_length,
+        slender=slenderness(grains),
         mass=grains.mass,
         inertia=grains.inertia,
         gravity=scene.gravity,

@@ -84,7 +84,7 @@ def _split(state: State, threads: int) -> list[State]:
             **S.borrowed(len(state.pair_i)),
             told=told,
             meetings=meetings,
-            **S.scratch(n, precision),
+            **S.scratch(n, precision, S.SPHERES),
         )
         for number, count in enumerate(counts)
     ]

@@ -33,7 +33,7 @@ class Seen:
         """Its grains; v and w are always those of the whole step."""
         v, w = self._run.whole_step()
         st, n = self._run.state, len(v)
-        return Grains(st.ids[:n].copy(), st.x[:n], v, w)
+        return Grains(st.ids[:n].copy(), st.x[:n], v, w, self._run.q)
 
     def contacts(self) -> np.ndarray:
         """Its touching contacts."""
@@ -44,10 +44,11 @@ class Seen:
         run = self._run
         v, w = run.whole_step()
         st, n = run.state, len(v)
-        part = 0.5 * run.numerics.dt if run.step > 0 else 0.0
+        part, work = 0.5 * run.numerics.dt if run.step > 0 else 0.0, float(st.sums[S.WORK])
+        m_half = st.m[:n] if run.rods else st.w[:n]
         return {
             "grains": n,
-            **totals(run.scene, st.x[:n], v, w, st.v[:n], st.w[:n], part, float(st.sums[S.WORK]), bodies=run.bodies()),
+            **totals(run.scene, st.x[:n], v, run.momenta(w), st.v[:n], m_half, part, work, run.q, run.bodies()),
             "max_overlap": float(st.sums[S.MAX_OVERLAP]),
             "touching": int(st.count[S.TOUCHING]),
             "rebuilds": int(st.count[S.REBUILDS]),

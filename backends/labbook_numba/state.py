@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from labbook_dem.reading import CROSSING_COLUMNS
+from labbook_dem.reading import crossing_columns
 
 # counters, in State.count
 GRAINS, PAIRS, STEP, CROSSED, REBUILDS, TOUCHING, FAIL_GRAIN, LEAVING, WANT_PAIRS, WANT_WALLS = range(10)
@@ -23,15 +23,30 @@ PAD = 8  # spare places behind lists, which are read eight at a time
 # of the columns of a block: no power of two, whose columns would share cache sets; a multiple of 16, without which LLVM
 # fears for the forwarding of stores to loads in registers of 16, and uses smaller ones
 STRIDE = BLOCK + 16
-BLOCK_COLUMNS, NEAR_COLUMNS = 35, 7
-COEFFICIENTS = 8  # of a law, in the last columns of a block
-# rows of State.grains: where in them position, velocity, spin and predicted velocity start; rows of State.loads
-X, V, W, U, GRAIN = 0, 4, 8, 12, 16
+# rows of State.grains: where in them position, velocity, spin and predicted velocity start; for rods predicted spin,
+# quaternion, axis and reduced angular momentum too; rows of State.loads
+X, V, W, U = 0, 4, 8, 12
+P, Q, A, M = 16, 20, 24, 28
 F, T, LOAD = 0, 4, 8
 SPRING = 4
 BODY = 4  # numbers of a row of State.body
+COEFFICIENTS = 8  # of a law, in the last columns of a block
 GHOSTS = 2  # rows behind the grains: one that may be written to for nothing, and one too far away to touch it
 FAR = 1e30
+
+
+class Layout(NamedTuple):
+    """What rods, equal or unlike spheres take: lengths of rows of State.grains, columns of blocks, springs at a wall."""
+
+    GRAIN: int
+    BLOCK_COLUMNS: int
+    NEAR_COLUMNS: int
+    WALL_PARTS: int
+
+
+SPHERES = Layout(GRAIN=16, BLOCK_COLUMNS=21, NEAR_COLUMNS=7, WALL_PARTS=1)
+MIXTURES = SPHERES._replace(BLOCK_COLUMNS=35)
+RODS = Layout(GRAIN=32, BLOCK_COLUMNS=33, NEAR_COLUMNS=10, WALL_PARTS=4)
 
 
 class State(NamedTuple):
@@ -40,7 +55,11 @@ class State(NamedTuple):
     grains: x [m] at whole steps; v [m/s], w [rad/s] half a step before; u: v predicted for now. loads: f [N], t [N m].
     Near pairs: grains pair_i < pair_j, both ascending, with the spring [m] of each, valid where `held`, which says that
     it touched at the last step; behind the last come pairs of ghosts. Near walls likewise: those of wall w are
-    wall_first[w]..wall_first[w + 1], grains ascending.
+    wall_first[w]..wall_first[w + 1], grains ascending; each has as many springs as a grain may have contacts there, and
+    `wall_held` has a bit for each.
+
+    Rods have more in their rows: p, the spin predicted for now; q, the orientation, and a, its axis, at whole steps; m,
+    the reduced angular momentum half a step before (`labbook_dem.rotation`), of which w is the spin.
     """
 
     grains: np.ndarray
@@ -95,6 +114,16 @@ class State(NamedTuple):
         return self.grains[:-GHOSTS, W : W + 3]
 
     @property
+    def m(self) -> np.ndarray:
+        """Reduced angular momenta [rad/s] half a step before; of rods."""
+        return self.grains[:-GHOSTS, M : M + 3]
+
+    @property
+    def q(self) -> np.ndarray:
+        """Orientations, shape [n, 4]; of rods."""
+        return self.grains[:-GHOSTS, Q : Q + 4]
+
+    @property
     def u(self) -> np.ndarray:
         """Velocities [m/s] predicted for now."""
         return self.grains[:-GHOSTS, U : U + 3]
@@ -138,12 +167,18 @@ class Params(NamedTuple):
     """What does not change during a run. c: coefficients between grains; wall_c: the same of each wall [W, 8].
 
     Where grains differ: radius of the largest; of K kinds, pair_c [K K, 8] between kinds a and b in row a K + b, and
-    wall_c [W K, 8]. wall_shape [W, 6], wall_kind [W], wall_motion [W, 4]: velocity and spin of its surface.
+    wall_c [W K, 8].
+
+    half: half the length of a rod's segment [m]; slender: I_t/I_a - 1, inertia: I_t [kg m^2].
+
+    wall_shape [W, 6], wall_kind [W], wall_motion [W, 4]: velocity and spin of its surface.
     """
 
     c: tuple
     pair_c: np.ndarray
     radius: float
+    half: float
+    slender: float
     mass: float
     inertia: float
     gravity: float
@@ -159,29 +194,31 @@ class Params(NamedTuple):
     wall_motion: np.ndarray
 
 
-def allocate(n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str, varied: bool) -> State:
+def allocate(
+    n: int, pairs: int, walls: int, near_walls: int, crossings: int, precision: str, layout: Layout
+) -> State:  # fmt: skip
     """Zeroed arrays for n grains, so many listed pairs, walls and grains near them, and crossings to be recorded."""
-    grains = _aligned((n + GHOSTS) * GRAIN).reshape(-1, GRAIN)
+    grains = _aligned((n + GHOSTS) * layout.GRAIN).reshape(-1, layout.GRAIN)
     grains[-1, X] = FAR
     return State(
         grains=grains,
         loads=loads(n),
-        body=np.ones((n + GHOSTS if varied else 0, BODY)),
+        body=np.ones((n + GHOSTS if layout is MIXTURES else 0, BODY)),
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
-        **lists(pairs + PAD, walls, near_walls + PAD)._asdict(),
-        cross=np.zeros((crossings, len(CROSSING_COLUMNS))),
+        **lists(pairs + PAD, walls, near_walls + PAD, layout)._asdict(),
+        cross=np.zeros((crossings, len(crossing_columns(layout is RODS)))),
         count=np.zeros(COUNTERS, np.int64),
         sums=np.zeros(SUMS),
         **borrowed(0),
         part=np.array([0, 1, 0, 0, 0, 0, 0]),
         told=np.zeros((1, TOLD)),
         meetings=np.zeros(1, np.int64),
-        **scratch(n, precision),
+        **scratch(n, precision, layout),
     )
 
 
-def lists(pairs: int, walls: int, near_walls: int) -> Lists:
+def lists(pairs: int, walls: int, near_walls: int, layout: Layout) -> Lists:
     """Empty lists, with places for so many pairs and grains near `walls` walls, PAD of each among them."""
     return Lists(
         pair_i=np.zeros(pairs, np.int32),
@@ -191,7 +228,7 @@ def lists(pairs: int, walls: int, near_walls: int) -> Lists:
         wall_first=np.zeros(walls + 1, np.int64),
         wall_grain=np.zeros(near_walls, np.int32),
         wall_held=np.zeros(near_walls, np.uint8),
-        wall_spring=_aligned(near_walls * SPRING).reshape(-1, SPRING),
+        wall_spring=_aligned(near_walls * layout.WALL_PARTS * SPRING).reshape(-1, SPRING),
     )
 
 
@@ -220,17 +257,17 @@ def borrowed(pairs: int) -> dict[str, np.ndarray]:
     }
 
 
-def scratch(n: int, precision: str) -> dict[str, np.ndarray]:
+def scratch(n: int, precision: str, layout: Layout) -> dict[str, np.ndarray]:
     """Scratch of one thread, for n grains."""
     real, whole = (np.float32, np.int32) if precision == "mixed" else (np.float64, np.int64)
-    block, speed2 = _aligned(BLOCK_COLUMNS * STRIDE, real), _aligned(n + 1)
+    block, speed2 = _aligned(layout.BLOCK_COLUMNS * STRIDE, real), _aligned(n + 1)
     return {
         "block": block,
         "bits": block.view(whole),
         "block_i": np.zeros(BLOCK + PAD, np.int32),
         "block_j": np.zeros(BLOCK + PAD, np.int32),
         "slot": np.zeros(BLOCK + PAD, np.int32),
-        "near": _aligned(NEAR_COLUMNS * STRIDE),
+        "near": _aligned(layout.NEAR_COLUMNS * STRIDE),
         "speed2": speed2,
         "speed_bits": speed2.view(np.int64),
     }

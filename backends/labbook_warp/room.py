@@ -19,7 +19,7 @@ MOST_NEAR = 32  # bits of a mask
 SATURATED = 80_000  # threads that fill a large GPU
 MOST_LANES = 8
 REGISTERS = {"linear": {"mixed": 72, "double": 128}, "hertz-mindlin": {"mixed": 80, "double": 128}}
-"""A thread of the step by law and precision, where grains are many; where they are few, as many as the compiler likes."""
+"""A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 

@@ -138,7 +138,7 @@ class CylinderSilo(Model):
     orifice: Length
     """Diameter D of the outlet, less than the cylinder's."""
     rotation: Frequency = 0.0
-    """Turns per second f of the bottom about the axis, from the opening on; positive is counter-clockwise from above."""
+    """Turns per second f of the bottom about the axis from the opening on; seen from above, positive is to the left."""
     closed: InternalFlag = False
 
     @model_validator(mode="after")

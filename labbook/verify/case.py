@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
+from labbook.backend import Unsupported
 from labbook.verify.stand import NotMeasured, Stand
 
-Result = Literal["passed", "failed", "reported"]
+Result = Literal["passed", "failed", "reported", "unsupported"]
+SCENE_KEYS = ("grains.shape", "container")
+"""What an engine may lack without failing: cases with shapes or walls that it does not have say nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +82,17 @@ def kind(stand: Stand) -> str:
 def judge(case: Case, stand: Stand) -> list[Verdict]:
     """Run a case and compare its errors with their limits; an error that is no number fails.
 
+    A case in a scene that the engine does not have is `unsupported`.
+
     Raises ValueError if the case states no limit for the stand's precision, or does not measure what it says.
     """
     try:
         errors = case.run(stand)
+    except Unsupported as reason:
+        if reason.key not in SCENE_KEYS:
+            raise
+        found = [_verdict(case, name, math.nan, kind(stand), reason.remedy) for name in case.measures]
+        return [replace(verdict, result="unsupported") for verdict in found]
     except NotMeasured as reason:
         return [_verdict(case, name, math.nan, kind(stand), str(reason)) for name in case.measures]
     if set(errors) != set(case.measures):

@@ -1,6 +1,6 @@
 """All cases, in the order in which they are best read: simple contacts first, flow last."""
 
-from labbook.verify import bed, collision, edge, energy, flow, gas, mixture, rolling, symmetry, turntable
+from labbook.verify import bed, collision, edge, energy, flow, gas, mixture, rods, rolling, round, symmetry, turntable
 from labbook.verify.case import Case
 
 CASES: tuple[Case, ...] = (
@@ -9,6 +9,8 @@ CASES: tuple[Case, ...] = (
     *rolling.CASES,
     *turntable.CASES,
     *edge.CASES,
+    *round.CASES,
+    *rods.CASES,
     *energy.CASES,
     *mixture.CASES,
     *symmetry.CASES,

@@ -14,7 +14,7 @@ from labbook.backend import BackendMissing, Unsupported, load
 from labbook.verify.case import Case, Verdict, judge
 from labbook.verify.stand import Stand
 
-COLOURS = {"passed": "green", "failed": "bold red", "reported": "dim"}
+COLOURS = {"passed": "green", "failed": "bold red", "reported": "dim", "unsupported": "dim"}
 
 
 def list_cases(cases: Sequence[Case], as_json: bool) -> None:

@@ -56,10 +56,12 @@ def mirrored(scene: Scene) -> Scene:
         if isinstance(shape, Plane):
             point, normal = ((-a[0], a[1], a[2]) for a in (shape.point, shape.normal))
             shape = Plane(point=point, normal=normal)
-        else:
+        elif isinstance(shape, Strip):
             start, end = ((-a[0], a[1]) for a in (shape.start, shape.end))
             shape = Strip(start=start, end=end)
-        parts.append(Wall(name=swap.get(wall.name, wall.name), shape=shape))
+        # a frustum is its own mirror image, and turns the other way
+        motion = wall.motion.model_copy(update={"spin": -wall.motion.spin})
+        parts.append(Wall(name=swap.get(wall.name, wall.name), shape=shape, motion=motion))
     container = Primitives(parts=tuple(parts), outlet_plane=scene.container.outlet_plane)
     return scene.model_copy(update={"container": container})
 

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
 from labbook.backend import Sample
-from labbook.scene import Primitives, SurfaceMotion
+from labbook.scene import Frustum, Primitives, SurfaceMotion, Wall
 from labbook.scene.scene import Surface
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import D, G, floor, hertz, scene
@@ -18,8 +19,12 @@ SPIN = 10.0
 MOTION = Sample(fields=("x", "v"))
 
 
-def _circles(stand: Stand) -> Mapping[str, float]:
-    table = floor().model_copy(update={"motion": SurfaceMotion(spin=SPIN)})
+DISC = Wall(name="floor", shape=Frustum(lower=(0, 0), upper=(0.2, 0)))
+"""A round plate in place of a plane."""
+
+
+def _circles(stand: Stand, plate: Wall) -> Mapping[str, float]:
+    table = plate.model_copy(update={"motion": SurfaceMotion(spin=SPIN)})
     surface = Surface(friction=0.5, rolling_friction=0.0)
     turns = scene(1, hertz(), Primitives(parts=(table,)), G, floor=surface)
     arm = lever(turns)
@@ -46,14 +51,15 @@ def _circles(stand: Stand) -> Mapping[str, float]:
 
 CASES = [
     Case(
-        name="turntable",
-        statement="a sphere rolling on a turntable circles at 2/7 of its angular velocity",
+        name=name,
+        statement=f"a sphere rolling on a {table} circles at 2/7 of its angular velocity",
         source="rigid body, lever R - delta",
         measures={
             "relative error of the rate": limited(1e-6, steps=2e4),
             "|rate/(2/7 of the table's) - 1|": Measure({}),
             "radius over v/rate": limited(1e-5, steps=2e4),
         },
-        run=_circles,
+        run=partial(_circles, plate=plate),
     )
+    for name, table, plate in (("turntable", "turntable", floor()), ("turntable-round", "round turntable", DISC))
 ]

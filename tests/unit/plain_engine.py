@@ -22,6 +22,7 @@ def touching_walls(scene: Scene, w: int, x: vec3):
     if shape.kind == "plane":
         a = plane.parameters(shape)
         return plane.plane_distance(vec3(*a[:3]), vec3(*a[3:]), x)
+    assert shape.kind == "strip"
     a = strip.parameters(shape)
     return strip.strip_distance(vec3(a[0], 0.0, a[1]), vec3(a[2], 0.0, a[3]), a[4], x)
 

@@ -19,6 +19,10 @@ def array(v: vec3) -> np.ndarray:
     return np.array([v.x, v.y, v.z])
 
 
+def on_rod(*given):
+    return rods.rod_on_rod(C, R, M, *given, DT, RATE)  # pyright: ignore[reportCallIssue]
+
+
 def some(seed: int) -> dict[str, vec3]:
     rng = np.random.default_rng(seed)
     sizes = {"u": 0.01, "v": 0.01, "pi": 0.5, "pj": 0.5, "wi": 0.5, "wj": 0.5, "s": 1e-7}
@@ -42,7 +46,7 @@ def test_at_the_contact_it_is_two_spheres_that_move_as_the_surfaces_do(seed):
     """Spheres at the closest points, with the velocities that rigid rods have there, feel the same force."""
     away, gap, li, lj, c = touching(seed)
     k = some(seed)
-    force, ti, tj, kept, delta = rods.rod_on_rod(C, R, M, away, gap, li, lj, *k.values(), DT, RATE)
+    force, ti, tj, kept, delta = on_rod(away, gap, li, lj, *k.values())
     u = array(k["u"]) + np.cross(array(k["pi"]), array(li)) - np.cross(array(k["pj"]), array(lj))
     v = array(k["v"]) + np.cross(array(k["wi"]), array(li)) - np.cross(array(k["wj"]), array(lj))
     f, mi, _, s, d = spheres.sphere_on_sphere(
@@ -62,7 +66,7 @@ def test_at_the_contact_it_is_two_spheres_that_move_as_the_surfaces_do(seed):
 def test_exchanged_rods_feel_opposite_forces_to_the_last_bit(seed):
     away, gap, li, lj, _ = touching(seed)
     k = some(seed)
-    force, ti, tj, kept, _ = rods.rod_on_rod(C, R, M, away, gap, li, lj, *k.values(), DT, RATE)
+    force, ti, tj, kept, _ = on_rod(away, gap, li, lj, *k.values())
     back = rods.rod_on_rod(
         C, R, M, -away, gap, lj, li, -k["u"], -k["v"], k["pj"], k["pi"], k["wj"], k["wi"], -k["s"], DT, RATE
     )
@@ -74,7 +78,7 @@ def test_rods_without_length_are_equal_spheres_to_the_last_bit(monkeypatch):
     zero = vec3(0.0, 0.0, 0.0)
     away, gap, _, _, _ = touching(1)
     k = some(1)
-    rod = rods.rod_on_rod(C, R, M, away, gap, zero, zero, *k.values(), DT, RATE)
+    rod = on_rod(away, gap, zero, zero, *k.values())
     sphere = spheres.sphere_on_sphere(
         C, R, R, M, M, away, gap, k["u"], k["v"], k["wi"], k["wj"], k["s"], DT, RATE, RATE
     )

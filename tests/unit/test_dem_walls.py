@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from labbook_dem.walls import plane, strip
+from labbook_dem.walls import frustum, plane, strip
 from labbook_dem.words import vec3
 
-from labbook.scene import Plane, Strip
+from labbook.scene import Frustum, Plane, Strip
 
 coordinate = st.floats(-1, 1, allow_subnormal=False)
 point2 = st.tuples(coordinate, coordinate)
@@ -77,3 +77,156 @@ def test_a_plane_s_distance_is_the_projection_on_its_normal(point, normal, x):
     assert distance == pytest.approx(expected, abs=1e-12)
     assert math.hypot(unit.x, unit.y, unit.z) == pytest.approx(1, rel=1e-12)
     assert math.isclose(unit.x * size, normal[0], abs_tol=1e-12)
+
+
+# frustums, and rods at edges
+
+
+def from_frustum(lower, upper, x):
+    p = frustum.parameters(Frustum(lower=lower, upper=upper))
+    assert len(p) == 6
+    return frustum.frustum_distance(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], vec3(*x))
+
+
+def turned_round(lower, upper, around=721, along=401) -> np.ndarray:
+    """Points of a frustum, shape [around * along, 3]."""
+    part, angle = np.linspace(0, 1, along)[:, None], np.linspace(0, 2 * math.pi, around)[None]
+    r, z = (lower[k] + part * (upper[k] - lower[k]) for k in (0, 1))
+    return np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), -1).reshape(-1, 3)
+
+
+FRUSTUMS = {
+    "plate": ((0.4, 0.0), (1.0, 0.0)),
+    "disc": ((0.0, 0.1), (1.0, 0.1)),
+    "cylinder": ((0.8, -0.5), (0.8, 0.5)),
+    "cone": ((0.3, 0.0), (0.9, 0.7)),
+}
+
+
+@pytest.mark.parametrize("kind", FRUSTUMS)
+def test_a_frustum_s_distance_is_that_of_its_nearest_point(kind):
+    points = turned_round(*FRUSTUMS[kind])
+    for x in np.random.default_rng(2).uniform(-1.2, 1.2, (60, 3)):
+        distance, normal = from_frustum(*FRUSTUMS[kind], x)
+        brute = np.linalg.norm(points - x, axis=1).min()
+        assert distance - 1e-12 <= brute <= distance + 8e-3
+        n = np.array([normal.x, normal.y, normal.z])
+        assert np.linalg.norm(n) == pytest.approx(1, rel=1e-12)
+        assert np.linalg.norm(points - (x - distance * n), axis=1).min() < 8e-3
+
+
+def rod_at(kind: str, x, a, half, radius, part):
+    """Distance, normal, s of a part of a rod at a wall of this kind."""
+    x, a = vec3(*map(float, x)), vec3(*map(float, a))
+    if kind == "strip":
+        p = strip.parameters(Strip(start=(-1.0, 0.2), end=(0.5, -0.1)))
+        return strip.strip_rod(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half, radius, part)
+    p = frustum.parameters(Frustum(lower=FRUSTUMS[kind][0], upper=FRUSTUMS[kind][1]))
+    if part >= 2:  # from afar, too, where `frustum_rod` does not look
+        return frustum.frustum_rim(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half, radius, part)
+    return frustum.frustum_rod(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half, radius, part)
+
+
+def bare(kind: str, points: np.ndarray) -> np.ndarray:
+    """Distances of points [n, 3] from the wall, seen in its section."""
+    start, end = map(np.array, FRUSTUMS.get(kind, ((-1.0, 0.2), (0.5, -0.1))))
+    across = points[:, 0] if kind == "strip" else np.hypot(points[:, 0], points[:, 1])
+    at = np.stack([across, points[:, 2]], axis=1) - start
+    part = np.clip(at @ (end - start) / ((end - start) @ (end - start)), 0, 1)
+    return np.linalg.norm(at - part[:, None] * (end - start), axis=1)
+
+
+def outside(kind: str, points: np.ndarray) -> bool:
+    """Whether some of these are outside the cone, where grains never are and rods would touch it by their sides."""
+    (r, z), (r1, z1) = FRUSTUMS.get(kind, ((0, 0), (0, 0)))
+    return kind == "cone" and bool(np.any((np.hypot(*points.T[:2]) - r) * (z1 - z) > (points[:, 2] - z) * (r1 - r)))
+
+
+@pytest.mark.parametrize("kind", ["plate", "cone", "strip"])
+def test_the_nearest_of_a_rod_s_parts_is_the_nearest_point_of_its_segment(kind):
+    """Thin rods anywhere round an edge: ends, and minima at the edge, against a finely sampled segment."""
+    rng = np.random.default_rng(3)
+    edges = 0
+    for _ in range(300):
+        angle, half = rng.uniform(0, 2 * math.pi), rng.uniform(0.05, 0.4)
+        r = FRUSTUMS[kind][0][0] if kind != "strip" else 0.5
+        centre = [r * math.cos(angle), r * math.sin(angle), 0.0] if kind != "strip" else [0.5, 0.0, -0.1]
+        x = np.array(centre) + rng.normal(size=3) * 0.1
+        a = rng.normal(size=3)
+        a /= np.linalg.norm(a)
+        s = np.linspace(-half, half, 2001)
+        sampled = bare(kind, x + s[:, None] * a)
+        if sampled.min() < 2e-3 or outside(kind, x + s[:, None] * a):
+            continue  # the segment cuts the wall, or is where no grain is
+        parts = [rod_at(kind, x, a, half, 1e-9, part) for part in range(4)]
+        there = [(d, n, where) for d, n, where in parts if d < 1e8]
+        for d, n, where in there:
+            point = x + where * a
+            assert d == pytest.approx(bare(kind, point[None])[0], abs=1e-12)
+            assert math.hypot(n.x, n.y, n.z) == pytest.approx(1, rel=1e-9)
+        nearest = min(there, key=lambda part: part[0])
+        over = np.abs(np.diff(sampled)).max()  # of the sampling
+        assert nearest[0] - over <= sampled.min() <= nearest[0] + over
+        edges += nearest in parts[2:]
+    assert edges > 10
+
+
+@pytest.mark.parametrize("kind", ["plate", "cone", "strip"])
+def test_a_rod_without_length_has_the_one_contact_of_a_sphere(kind):
+    rng = np.random.default_rng(4)
+    for x in np.array([0.4, 0.0, 0.0]) + rng.normal(size=(50, 3)) * 0.1:
+        found = [rod_at(kind, x, (0, 0.6, 0.8), 0.0, 1.0, part) for part in range(4)]
+        (only,) = [part for part in found if part[0] < 1e8]
+        assert only[0] == pytest.approx(bare(kind, x[None])[0], rel=1e-12)
+        assert only[2] == 0
+
+
+def overlaps(kind, x, a, half, radius) -> np.ndarray:
+    return np.array([max(0.0, radius - rod_at(kind, x, a, half, radius, part)[0]) for part in range(4)])
+
+
+@pytest.mark.parametrize("kind", ["plate", "strip"])
+@pytest.mark.parametrize("dip", [-1e-4, 0.0, 1e-4])
+def test_the_force_stays_continuous_as_a_rod_slides_over_an_edge(kind, dip):
+    """A rod lying (nearly) flat on a plate slides across its edge end first: the sum of overlaps has no jumps."""
+    half, radius, deep = 0.15, 0.05, 1e-3
+    slide = np.linspace(-0.25, 0.25, 2001)
+    if kind == "plate":
+        edge, out, up = np.array([0.4, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    else:
+        edge, out = np.array([0.5, 0.0, -0.1]), np.array([1.5, 0.0, -0.3]) / math.hypot(1.5, 0.3)
+        up = np.array([-out[2], 0.0, out[0]])
+    a = out * math.cos(dip) - up * math.sin(dip)
+    found = np.array([overlaps(kind, edge + out * u + up * (radius - deep), a, half, radius) for u in slide])
+    total = found.sum(axis=1)
+    assert np.abs(np.diff(total)).max() < 0.1 * deep  # as steep as where a sphere rolls off the edge
+    assert total[0] == pytest.approx(2 * deep, rel=0.05)  # both ends lie on the plate
+    assert total[-1] == 0
+    assert np.all(np.count_nonzero(found[(slide > -half) & (slide < half - 0.01)][:, 2:], axis=1) >= 1)
+
+
+def test_a_rod_over_a_chord_of_the_hole_is_carried_by_its_ends():
+    a, x = (0, 1, 0), (0.35, 0.0, 0.049)
+    found = overlaps("plate", x, a, 0.25, 0.05)
+    assert found[:2] == pytest.approx([1e-3, 1e-3], rel=1e-6)
+    assert found[2:] == pytest.approx([0, 0], abs=1e-12)
+
+
+def test_an_end_that_passes_the_rim_hands_its_contact_to_the_rim():
+    """A rod across the hole's edge, its one end just before and just behind the rim."""
+    half, radius = 0.15, 0.05
+    before, after = (
+        overlaps("plate", (0.4 + shift - half, 0.0, radius - 1e-3), (1, 0, 0), half, radius) for shift in (1e-6, -1e-6)
+    )
+    assert before == pytest.approx([0, 1e-3, 0, 0], abs=1e-7)
+    assert after.sum() == pytest.approx(1e-3, abs=1e-7)
+    assert after[1] == 0
+
+
+def test_a_rod_s_ends_on_a_plane():
+    p = plane.parameters(Plane(point=(0, 0, 1), normal=(0, 0, 2)))
+    point, normal = vec3(*p[:3]), vec3(*p[3:])
+    found = [plane.plane_rod(point, normal, vec3(0, 0, 2), vec3(0.6, 0, 0.8), 0.5, part) for part in (0, 1)]
+    assert np.array([(d, s) for d, _, s in found]) == pytest.approx(np.array([(0.6, -0.5), (1.4, 0.5)]))
+    alone = [plane.plane_rod(point, normal, vec3(0, 0, 2), vec3(0.6, 0, 0.8), 0.0, part)[0] for part in (0, 1)]
+    assert alone == [1.0, 1e9]

@@ -55,9 +55,9 @@ def leaves_plate(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide):
 def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     """The first point between `first` and `last` at which the distance from the rim stops falling [m].
 
-    Half the derivative of its square is g(s) = s + c.a - R rho'(s), c = x - (0, 0, z). rho'' has one maximum, where the
-    segment passes the axis, and R rho'' = 1 at the two ends m, n of the stretch on which g falls: g rises and is
-    concave before it, rises and is convex behind. There Newton's steps come from `first`, here from `last`, and never pass a
+    Half the derivative of its square is g(s) = s + c.a - R rho'(s), c = x - (0, 0, z). rho'' is largest where the
+    segment passes the axis, and R rho'' = 1 at both ends m, n of the stretch on which g falls: g rises and is concave
+    before m, rises and is convex behind n. There Newton's steps come from `first`, here from `last`, and never pass a
     zero.
     """
     zero = wide(0.0)
@@ -122,13 +122,16 @@ def frustum_rim(
     there = first <= last and frustum_over(rim, along, x + axis * first) <= wide(1e-9) * (rim.x + half)
     s = nearest_to_rim(rim, x, axis, first, last)
     back = -nearest_to_rim(rim, x, -axis, -last, -first)
-    there = there and (part == 2 or back - s > wide(1e-3) * half)
+    two = back - s > wide(1e-3) * half
+    there = there and (part == 2 or two)
     distance, normal = frustum_distance(rim, along, length, x + axis * s)
-    # what the ends carry: that on the part's own side while it is over the plate, the other already as it comes near
+    # What the ends carry while they are over the plate. One at the far side of the hole, with a minimum of its own,
+    # counts already as it comes near.
     near, _ = frustum_distance(rim, along, length, x - axis * half)
     far, _ = frustum_distance(rim, along, length, x + axis * half)
     near_over = one if frustum_over(rim, along, x - axis * half) >= zero else zero
     far_over = min(max(one + frustum_over(rim, along, x + axis * half) / radius, zero), one)
+    far_over = far_over if two or far_over >= one else zero
     to_far = (s + half) / (half + half) if half > zero else zero
     carried = (one - to_far) * near_over * max(radius - near, zero) + to_far * far_over * max(radius - far, zero)
     return (distance + carried if there else wide(1e9)), normal, s * sign

@@ -10,13 +10,17 @@ from labbook_dem.contact import rolling_rate
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, VARIED, func, real, vec3, wide
 
-from labbook_numba.kernels.features import BLOCK_COLUMNS, COEFFICIENTS, KINDS, LANES, STRIDE, kernel, uint64
+from labbook_numba.kernels.features import COEFFICIENTS, KINDS, LANES, STRIDE, kernel, uint64
+from labbook_numba.state import MIXTURES, SPHERES
 
 # columns; in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
-# where grains differ, radius, mass and moment of inertia of i and j, and where kinds do, coefficients from C0 on;
 # out, in the places of the velocities, spins and spring: force, torque on i and on j, spring
-(NX, NY, NZ, GAP, UX, UY, UZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, SX, SY, SZ, DT, SPARE, RI, RJ, MI, MJ, TI, TJ, C0) = (
-    uint64(column * STRIDE) for column in range(BLOCK_COLUMNS - COEFFICIENTS + 1)
+(NX, NY, NZ, GAP, UX, UY, UZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, SX, SY, SZ, DT, SPARE) = (
+    uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS)
+)
+# where grains differ: radius, mass and moment of inertia of i and j; and where kinds do, coefficients from C0 on
+(RI, RJ, MI, MJ, TI, TJ, C0) = (
+    uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS, MIXTURES.BLOCK_COLUMNS - COEFFICIENTS + 1)
 )
 HELD = DT  # 1 for a contact that has a spring; becomes DT
 

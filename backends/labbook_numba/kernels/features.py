@@ -7,7 +7,6 @@ from labbook_dem.words import FRICTION  # noqa: F401 - part of the vocabulary of
 
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
     BLOCK,
-    BLOCK_COLUMNS,
     BODY,
     BORROWED,
     CELLS,
@@ -18,7 +17,6 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     FIRST,
     FIRST_PAIR,
     GHOSTS,
-    GRAIN,
     GRAINS,
     LAST,
     LAST_PAIR,
@@ -26,7 +24,6 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     LOAD,
     MAX_OVERLAP,
     MOVED,
-    NEAR_COLUMNS,
     NUMBER,
     OVERLAP,
     PAD,
@@ -42,13 +39,18 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     WANT_PAIRS,
     WANT_WALLS,
     WORK,
+    A,
     F,
+    M,
+    P,
+    Q,
     T,
     U,
     V,
     W,
     X,
 )
+from labbook_numba.state import RODS as RODS_LAYOUT
 
 Function = TypeVar("Function", bound=Callable)
 
@@ -66,6 +68,9 @@ def entry(function: Function) -> Function:
 MOVING = True  # some wall's surface moves
 PLANES = True
 STRIPS = True
+FRUSTUMS = True
+RODS = True  # grains have an orientation
+GRAIN, WALL_PARTS = RODS_LAYOUT.GRAIN, RODS_LAYOUT.WALL_PARTS
 CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up

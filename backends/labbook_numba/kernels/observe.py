@@ -2,12 +2,13 @@
 
 from labbook_dem.contact import rolling_rate
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import VARIED, dot, func, narrow, real, vec3, wide, wide3
+from labbook_dem.words import dot, func, narrow, real, vec3, wide
 
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
-from labbook_numba.kernels.features import ANY_WALLS, KINDS, MOVING, PAIRS, F, T, U, V, W, X, entry, kernel
-from labbook_numba.kernels.walls import load, wall_distance, wall_velocity
+from labbook_numba.kernels.features import ANY_WALLS, KINDS, MOVING, PAIRS, F, T, U, V, W, X, entry
+from labbook_numba.kernels.single import advance_of, load, spring_of, write_row
+from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
 from labbook_numba.state import Params, State
 
 
@@ -70,39 +71,10 @@ def rate_of(body, i, p):
     return rolling_rate(real(inertia_of(body, i, p.inertia)), real(p.dt))
 
 
-@func
-def spring_of(spring, held, k):
-    """The spring of entry k; none if it is not held."""
-    kept = wide(held[k])
-    return narrow(wide3(spring[k, 0] * kept, spring[k, 1] * kept, spring[k, 2] * kept))
-
-
-@func
-def advance_of(held, k, dt):
-    """By how much the spring of entry k is to be advanced [s]."""
-    return real(0.5) * dt * (real(1.0) + real(held[k]))
-
-
-@kernel
-def write_row(out, row, i, j, wall, force, branch):
-    """Write one row."""
-    out[row, 0] = i
-    out[row, 1] = j
-    out[row, 2] = wall
-    out[row, 3] = force.x
-    out[row, 4] = force.y
-    out[row, 5] = force.z
-    out[row, 6] = branch.x
-    out[row, 7] = branch.y
-    out[row, 8] = branch.z
-
-
 @entry
-def whole_step(grains, loads, body, part, mass, inertia, v, w):
+def whole_step(grains, loads, body, part, p: Params, v, w):
     """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
     for i in range(len(v)):
-        if VARIED:
-            mass, inertia = body[i, 1], body[i, 2]
         for c in range(3):
-            v[i, c] = grains[i, V + c] + loads[i, F + c] * (part / mass)
-            w[i, c] = grains[i, W + c] + loads[i, T + c] * (part / inertia)
+            v[i, c] = grains[i, V + c] + loads[i, F + c] * (part / mass_of(body, i, p.mass))
+            w[i, c] = grains[i, W + c] + loads[i, T + c] * (part / inertia_of(body, i, p.inertia))

@@ -28,6 +28,7 @@ from labbook_numba.kernels.features import (
     GRAIN,
     LOAD,
     MOVING,
+    RODS,
     SPRING,
     STRIDE,
     F,
@@ -120,7 +121,7 @@ def scatter_forces(loads, i, j, b, count, pairs):
     nothing = spread(0.0)
     for t in range(uint64(0), count, uint64(8)):
         force = rows(eight_at(b, UX + t), eight_at(b, UY + t), eight_at(b, UZ + t), nothing)
-        if FRICTION:
+        if FRICTION or RODS:
             torque = rows(eight_at(b, AX + t), eight_at(b, AY + t), eight_at(b, AZ + t), nothing)
             if pairs:
                 torque_j = rows(eight_at(b, BX + t), eight_at(b, BY + t), eight_at(b, BZ + t), nothing)

@@ -1,8 +1,6 @@
 """Forces of walls on grains, wall by wall, a block at a time: measure, pack, gather, law, scatter."""
 
-from labbook_dem.walls.plane import plane_distance
-from labbook_dem.walls.strip import strip_distance
-from labbook_dem.words import VARIED, func, real, wide, wide3
+from labbook_dem.words import VARIED, real, wide, wide3
 
 from labbook_numba.kernels.blocks import (
     GAP,
@@ -31,10 +29,7 @@ from labbook_numba.kernels.features import (
     LEDGER,
     MAX_OVERLAP,
     MOVING,
-    NEAR_COLUMNS,
-    PLANES,
     STRIDE,
-    STRIPS,
     TOUCHING,
     X,
     int64,
@@ -42,37 +37,15 @@ from labbook_numba.kernels.features import (
     uint64,
 )
 from labbook_numba.kernels.search import first_at_least
+from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
 from labbook_numba.kernels.transfer import fill_up, gather_grains, gather_springs, scatter_forces, scatter_springs
 from labbook_numba.lanes import eight_at, put
 from labbook_numba.rows import columns, rows_at
 from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
-from labbook_numba.state import Params, State
+from labbook_numba.state import SPHERES, Params, State
 
 # columns of State.near: position, which becomes the unit normal; gap; velocity of the surface
-PX, PY, PZ, NEAR_GAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(NEAR_COLUMNS))
-
-
-@func
-def load(a, i, c):
-    """The vector that starts at column c of row i."""
-    return wide3(a[i, c], a[i, c + 1], a[i, c + 2])
-
-
-@func
-def wall_distance(shape, kind, w, x):
-    """Distance [m] of x from wall w, and the unit normal from the wall to x."""
-    if STRIPS and (kind[w] == 1 or not PLANES):
-        zero = wide(0.0)
-        start = wide3(shape[w, 0], zero, shape[w, 1])
-        return strip_distance(start, wide3(shape[w, 2], zero, shape[w, 3]), shape[w, 4], x)
-    point = wide3(shape[w, 0], shape[w, 1], shape[w, 2])
-    return plane_distance(point, wide3(shape[w, 3], shape[w, 4], shape[w, 5]), x)
-
-
-@func
-def wall_velocity(motion, w, at):
-    """Velocity [m/s] of the surface of wall w at the point `at`."""
-    return wide3(motion[w, 0] - motion[w, 3] * at.y, motion[w, 1] + motion[w, 3] * at.x, motion[w, 2])
+PX, PY, PZ, NEAR_GAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(SPHERES.NEAR_COLUMNS))
 
 
 @kernel

@@ -55,10 +55,10 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
 
 @kernel
 def kinetic(a: System, v: Wides3, w: Wides3, parts: int, out: Wides):
-    """Kinetic energy [J] of every `parts`-th grain of each member, to be added up: multiples of a quantum, and the rest.
+    """Kinetic energy [J] of every `parts`-th grain of each member, to be added up: in quanta, and the rest.
 
-    Exact sums, as those of forces: which row a grain has decides no bit. The quantum is 2^-48 of the energy of 2^20 grains
-    at the guard on speeds; what it leaves over is counted in quanta finer by 2^48.
+    Exact sums, as those of forces: which row a grain has decides no bit. A quantum is 2^-48 of the energy of 2^20
+    grains at the guard on speeds; what it leaves over is counted in quanta finer by 2^48.
     """
     thread = wp.tid()
     s = thread // parts

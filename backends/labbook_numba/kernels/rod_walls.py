@@ -1,0 +1,154 @@
+"""Forces of walls on rods, one rod and wall at a time: few rods are at walls, and each touches at up to four points."""
+
+from labbook_dem.contact import rolling_rate
+from labbook_dem.parts import has, heir
+from labbook_dem.rods import rod_on_wall
+from labbook_dem.walls.frustum import frustum_rod
+from labbook_dem.walls.plane import plane_rod
+from labbook_dem.walls.strip import strip_rod
+from labbook_dem.words import func, narrow, real, vec3, wide, wide3
+
+from labbook_numba.kernels.blocks import reals
+from labbook_numba.kernels.features import (
+    FAIL_GRAIN,
+    FRICTION,
+    FRUSTUMS,
+    LEDGER,
+    MAX_OVERLAP,
+    MOVING,
+    PLANES,
+    STRIPS,
+    TOUCHING,
+    WALL_PARTS,
+    A,
+    F,
+    P,
+    T,
+    U,
+    V,
+    W,
+    X,
+    kernel,
+)
+from labbook_numba.kernels.rod_blocks import rolling_inertia
+from labbook_numba.kernels.single import load
+from labbook_numba.kernels.surfaces import plane_of, section_of, wall_velocity
+from labbook_numba.state import Params, State
+
+
+@func
+def wall_part(shape, kind, w, x, a, half, radius, part):
+    """Distance [m] of a part of a rod from wall w, unit normal, and where on the segment it is [m]."""
+    if FRUSTUMS and (kind[w] == 2 or not (PLANES or STRIPS)):
+        rim, along = section_of(shape, w)
+        return frustum_rod(rim, along, shape[w, 4], x, a, half, radius, part)
+    if STRIPS and (kind[w] == 1 or not PLANES):
+        start, along = section_of(shape, w)
+        return strip_rod(start, along, shape[w, 4], x, a, half, radius, part)
+    point, normal = plane_of(shape, w)
+    if part > 1:
+        return wide(1e9), normal, wide(0.0)
+    return plane_rod(point, normal, x, a, half, part)
+
+
+@func
+def measure_rod(st: State, p: Params, w, i):
+    """Distance, unit normal and place of each part of rod i at wall w, to State.near; which touch, as bits."""
+    x = load(st.grains, i, X)
+    a = load(st.grains, i, A)
+    now = 0
+    for part in range(WALL_PARTS):
+        distance, normal, s = wall_part(p.wall_shape, p.wall_kind, w, x, a, p.half, p.radius, part)
+        if distance < p.radius:
+            now |= 1 << part
+            st.near[part * 5] = distance
+            st.near[part * 5 + 1] = normal.x
+            st.near[part * 5 + 2] = normal.y
+            st.near[part * 5 + 3] = normal.z
+            st.near[part * 5 + 4] = s
+    return now
+
+
+@func
+def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
+    """Force and torque of wall w on a measured part of rod i, spring, and branch from the rod's centre [m]."""
+    c = p.wall_c
+    zero = real(0.0)
+    distance = st.near[part * 5]
+    n = wide3(st.near[part * 5 + 1], st.near[part * 5 + 2], st.near[part * 5 + 3])
+    lever = load(st.grains, i, A) * st.near[part * 5 + 4]
+    branch = lever - n * distance
+    u = load(st.grains, i, U)
+    v = load(st.grains, i, V)
+    if MOVING:
+        surface = wall_velocity(p.wall_motion, w, load(st.grains, i, X) + branch)
+        u = u - surface
+        v = v - surface
+    force, torque, kept = rod_on_wall(
+        reals((c[w, 0], c[w, 1], c[w, 2], c[w, 3], c[w, 4], c[w, 5], c[w, 6], c[w, 7])), real(p.radius), real(p.mass),
+        real(p.radius - distance), narrow(n), narrow(lever), narrow(u), narrow(v), narrow(load(st.grains, i, P)),
+        narrow(load(st.grains, i, W)), vec3(zero, zero, real(p.wall_motion[w, 3])), spring, dt, rate,
+    )  # fmt: skip
+    return force, torque, kept, branch
+
+
+@func
+def heritage(spring, k, part, was, now):
+    """Spring that a part goes on with, and 1 if there is one, else 0."""
+    old = heir(part, was, now)
+    kept = wide(1.0) if old >= 0 else wide(0.0)
+    row = k * WALL_PARTS + max(old, 0)
+    return narrow(wide3(spring[row, 0] * kept, spring[row, 1] * kept, spring[row, 2] * kept)), real(kept)
+
+
+@kernel
+def wall_forces(st: State, p: Params):
+    """Add the forces of walls on rods to f and t; after `pair_forces`, whose totals it goes on with."""
+    dt = real(0.5) * real(p.dt)
+    rate = rolling_rate(rolling_inertia(p.inertia, p.slender), real(p.dt))
+    zero = real(0.0)
+    one = real(1.0)
+    touching = 0
+    for w in range(len(p.wall_kind)):
+        for k in range(st.wall_first[w], st.wall_first[w + 1]):
+            i = st.wall_grain[k]
+            now = measure_rod(st, p, w, i)
+            was = int(st.wall_held[k])
+            if FRICTION:
+                st.wall_held[k] = now
+            if now == 0:
+                continue
+            spring0, held0 = heritage(st.wall_spring, k, 0, was, now)
+            spring1, held1 = heritage(st.wall_spring, k, 1, was, now)
+            spring2, held2 = heritage(st.wall_spring, k, 2, was, now)
+            spring3, held3 = heritage(st.wall_spring, k, 3, was, now)
+            for part in range(WALL_PARTS):
+                if has(now, part):
+                    spring, held = spring0, held0
+                    if part == 1:
+                        spring, held = spring1, held1
+                    if part == 2:
+                        spring, held = spring2, held2
+                    if part == 3:
+                        spring, held = spring3, held3
+                    if not FRICTION:
+                        spring = vec3(zero, zero, zero)
+                    force, torque, kept, _ = wall_contact(st, p, w, i, part, spring, dt * (one + held), rate)
+                    st.loads[i, F + 0] += force.x
+                    st.loads[i, F + 1] += force.y
+                    st.loads[i, F + 2] += force.z
+                    st.loads[i, T + 0] += torque.x
+                    st.loads[i, T + 1] += torque.y
+                    st.loads[i, T + 2] += torque.z
+                    if FRICTION:
+                        st.wall_spring[k * WALL_PARTS + part, 0] = kept.x
+                        st.wall_spring[k * WALL_PARTS + part, 1] = kept.y
+                        st.wall_spring[k * WALL_PARTS + part, 2] = kept.z
+                    touching += 1
+                    overlap = p.radius - st.near[part * 5]
+                    if not overlap <= st.sums[MAX_OVERLAP]:
+                        st.sums[MAX_OVERLAP] = overlap
+                        if not overlap <= p.overlap_limit:
+                            st.count[FAIL_GRAIN] = st.ids[i]
+    if LEDGER:
+        st.count[TOUCHING] += touching

@@ -1,0 +1,149 @@
+"""The contract with rods in a silo whose bottom turns: probes, checkpoints, packings, members."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table, Unsupported, columns
+from labbook.numerics import Numerics
+from labbook.protocol import Packing, opened, place
+from labbook.protocol.segments import axes
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
+from labbook.verify.stand import Stand, rows_of
+from labbook.verify.symmetry import hopper
+
+DT, STEPS = 1e-5, 200
+ROD = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=60)
+SILO = CylinderSilo(diameter=60e-3, height=0.5, orifice=36e-3, rotation=1.0)
+PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS = Sample(fields=("x", "omega", "q")), Crossing(), Ledger(), Contacts()
+
+
+def silo() -> Scene:
+    law = LinearSpringDashpot(normal_stiffness=200.0, friction=0.5, rolling_friction=0.01, restitution=0.5)
+    return Scene(grains=ROD, contact=law, container=SILO, gravity=9.81)
+
+
+@pytest.fixture(scope="module")
+def rods(stand: Stand) -> Stand:
+    can = stand.engine.capabilities
+    if not {"spherocylinder"} <= can.shapes or "frustum" not in can.walls:
+        pytest.skip(f"the engine {can.name} has no rods in round silos")
+    return stand
+
+
+def numerics(stand: Stand) -> Numerics:
+    return stand.numerics(DT, steps_per_beat=STEPS)
+
+
+def run(stand: Stand, scene: Scene, start, splits=(1,) * 10, probes=PROBES, members: int = 1):
+    """End and rows of the first of some members."""
+    engine = stand.engine
+    ensemble = engine.open(engine.specialise(scene, numerics(stand), probes), members, stand.device)
+    try:
+        first, *_ = [ensemble.admit(scene, numerics(stand), start) for _ in range(members)]
+        for beats in splits:
+            ensemble.advance(beats)
+        tables: Mapping[Probe, Table] = ensemble.drain()
+        rows = {probe: rows_of(table, first) for probe, table in tables.items()}
+        return ensemble.packing(first), rows, ensemble.checkpoint(first)
+    finally:
+        ensemble.close()
+
+
+@pytest.fixture(scope="module")
+def bed(rods: Stand) -> Packing:
+    """Rods that have fallen into the closed silo and still move."""
+    closed = silo().close()
+    end, _, _ = run(rods, closed, place(closed, "gas", 1), (100,))
+    return opened(end, closed, silo())
+
+
+@pytest.fixture(scope="module")
+def discharge(rods: Stand, bed: Packing):
+    return run(rods, silo(), bed, (40,))
+
+
+def same(a: Packing, b: Packing) -> bool:
+    one, other = a.arrays(), b.arrays()
+    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
+
+
+def test_tables_of_rods_have_orientations(discharge):
+    packing, rows, _ = discharge
+    for probe in PROBES:
+        assert set(rows[probe]) == set(columns(probe, rods=True))
+    for table in (rows[SAMPLE], rows[CROSSING]):
+        q = np.stack([table[name] for name in ("qw", "qx", "qy", "qz")], axis=1)
+        assert len(q) > 3
+        assert np.abs(np.linalg.norm(q, axis=1) - 1).max() < 1e-6
+    last = rows[SAMPLE]["step"] == rows[SAMPLE]["step"].max()
+    q = np.stack([rows[SAMPLE][name][last] for name in ("qw", "qx", "qy", "qz")], axis=1)
+    assert axes(q) == pytest.approx(axes(packing.q), abs=1e-6)
+
+
+def test_a_crossing_that_saw_no_rod_has_the_columns_too(rods, bed):
+    _, rows, _ = run(rods, silo().close(), bed, (1,))
+    assert len(rows[CROSSING]["id"]) == 0
+    assert set(rows[CROSSING]) == set(columns(CROSSING, rods=True))
+
+
+def test_bits_depend_on_neither_splits_nor_neighbours(rods, bed, discharge):
+    assert same(run(rods, silo(), bed, (1,) * 40)[0], discharge[0])
+    assert same(run(rods, silo(), bed, (40,), members=3)[0], discharge[0])
+
+
+def test_a_checkpoint_continues_bit_for_bit(rods, bed, discharge):
+    _, before, stored = run(rods, silo(), bed, (15,))
+    end, after, _ = run(rods, silo(), stored, (25,))
+    assert same(end, discharge[0])
+    for probe in (SAMPLE, CROSSING, CONTACTS):
+        for name, column in discharge[1][probe].items():
+            assert np.array_equal(np.concatenate([before[probe][name], after[probe][name]]), column), name
+
+
+def test_a_packing_holds_all_there_is(rods, bed, discharge):
+    """Started again from a packing, rods go where they would have gone, but for the half steps of the leapfrog."""
+    middle, _, _ = run(rods, silo(), bed, (15,))
+    again, _, _ = run(rods, silo(), middle, (1,))
+    straight, _, _ = run(rods, silo(), bed, (16,))
+    assert np.array_equal(again.ids, straight.ids)
+    # a beat is 2 ms; grains fall 20 um in it from rest, and move by some 1 mm
+    assert np.abs(again.x - straight.x).max() < 2e-5
+    assert middle.wall_part.max() > 0
+    assert len(middle.pairs) > 20
+
+
+def test_a_resting_bed_s_walls_carry_its_weight(rods):
+    closed = silo().close()
+    start = place(closed, "gas", 2)
+    seldom = contacts, ledger = Contacts(every=700), Ledger(every=700)
+    _, rows, _ = run(rods, closed, start, (700,), (*seldom, CROSSING))
+    contacts, ledger = rows[contacts], rows[ledger]
+    weight = 60 * ROD.mass * 9.81
+    assert ledger["kinetic"][-1] < 1e-7 * weight * ROD.diameter
+    walls = contacts["wall"] >= 0
+    assert contacts["fz"][walls].sum() == pytest.approx(weight, rel=1e-4)
+    assert np.abs([contacts[name][walls].sum() for name in ("fx", "fy")]).max() < 1e-4 * weight
+    at = list(zip(contacts["i"][walls].tolist(), contacts["wall"][walls].tolist(), strict=True))
+    assert len(at) > len(set(at)), "some rods lie on the bottom with both ends"
+
+
+def test_energy_is_accounted_for(rods, bed):
+    _, rows, _ = run(rods, silo().close(), bed, (1,) * 20)
+    table = rows[LEDGER]
+    balance = table["kinetic"] + table["potential"] - table["contact_work"]
+    # closed to second order in the step, and in `mixed` to the rounding of forces
+    limit = 1e-7 if rods.precision == "double" else 1e-5
+    assert np.ptp(balance) < limit * np.abs(table["contact_work"]).max()
+
+
+def test_spheres_have_no_orientation_to_sample(rods):
+    with pytest.raises(Unsupported, match="orientation"):
+        rods.engine.specialise(hopper(), numerics(rods), [SAMPLE])
+
+
+def test_rods_cannot_start_from_a_packing_of_spheres(rods, bed):
+    spheres = Packing(x=bed.x, v=bed.v, omega=bed.omega)
+    with pytest.raises(ValueError, match="without orientations"):
+        run(rods, silo(), spheres, (1,))
