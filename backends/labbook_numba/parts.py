@@ -84,7 +84,7 @@ def _split(state: State, threads: int) -> list[State]:
             **S.borrowed(len(state.pair_i)),
             told=told,
             meetings=meetings,
-            **S.scratch(n, precision, S.SPHERES),
+            **S.scratch(n, precision, S.MIXTURES if len(state.body) else S.SPHERES),
         )
         for number, count in enumerate(counts)
     ]

@@ -36,7 +36,7 @@ FAR = 1e30
 
 
 class Layout(NamedTuple):
-    """What rods, equal or unlike spheres take: lengths of rows of State.grains, columns of blocks, springs at a wall."""
+    """What equal and unlike spheres and rods take: lengths of rows of grains, columns of blocks, springs at a wall."""
 
     GRAIN: int
     BLOCK_COLUMNS: int

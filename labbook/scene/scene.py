@@ -55,10 +55,10 @@ class Scene(Model):
     def _faults_between_kinds(self) -> Iterator[Fault]:
         names, seen = [kind.name for kind in self.grains.kinds], set()
         for pair in self.contact.between:
-            for name in pair.kinds:
-                if name not in names:
-                    remedy = f"use two of: {', '.join(names)}" if names else "name the kinds in grains.kinds"
-                    yield Fault("contact.between", f"no kind of grains is called {name}", remedy)
+            unknown = sorted({name for name in pair.kinds if name not in names})
+            if unknown:
+                remedy = f"use two of: {', '.join(names)}" if names else "name the kinds in grains.kinds"
+                yield Fault("contact.between", f"no kind of grains is called {' or '.join(unknown)}", remedy)
             if frozenset(pair.kinds) in seen:
                 reason = f"{' and '.join(pair.kinds)} are listed twice"
                 yield Fault("contact.between", reason, "state each pair once")
