@@ -8,7 +8,6 @@ from scipy.stats import kstest, truncnorm
 
 from labbook.measure import RunData
 from labbook.measure.flow import FlowRate
-from labbook.study import Window
 from labbook.measure.packing import packing_fraction
 from labbook.measure.region import Region
 from labbook.numerics import Numerics
@@ -16,6 +15,7 @@ from labbook.protocol import Bodies, Packing, place
 from labbook.protocol.assortment import assort, whole_numbers
 from labbook.scene import HertzMindlin, Kind, Normal, Scene, Spheres, Uniform, WedgeHopper
 from labbook.scene.timescales import collision, rayleigh
+from labbook.study import Window
 
 D = 3e-3
 LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
@@ -160,7 +160,7 @@ def test_flow_is_counted_by_the_mass_of_each_grain():
 
 
 def test_the_window_is_one_of_mass_and_heavy_grains_first_flow_faster():
-    """Heavy grains leave first: a quarter of the mass is 1/6 of the grains, and W falls to a third where light ones come.
+    """Heavy grains leave first: W falls to a third where light ones come.
 
     1000 grains, 500 of mass 3 and 500 of mass 1 (of 2000): the window from 0.1 to 0.6 holds only heavy ones.
     """
