@@ -44,6 +44,7 @@ class Run:
             positions = self.begin.arrays["origin"]
         else:
             assert self.begin is not None
+            Bodies.of(self.scene.grains, self.begin)  # an error now, not when it gets a slot
             self.rows = len(self.begin)
             positions = self.begin.x
         self.lattice = lattice(positions, cell_size(self.scene, self.numerics))
