@@ -7,15 +7,18 @@ rerun is imported only here and in `labbook.viewer`, and only when a recording i
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from labbook.measure import RunData
 from labbook.measure.series import crossing_times, smooth_flow
 from labbook.protocol import Bodies, Packing
-from labbook.scene import Plane, Scene, Strip
+from labbook.protocol.segments import axes
+from labbook.scene import Scene
+from labbook.wall_shapes import WALL_COLOUR, round_walls, wall_quads
 
 VERSION = 1
 """Raised when recordings made before are no longer what would be written now."""
@@ -23,16 +26,23 @@ FRAMES = 200
 """Most frames of a recording: its size is frames x grains x 16 bytes."""
 CLOCK = "sim_time"
 """Name of the timeline: seconds since the opening."""
-WALL_COLOUR = (120, 130, 150, 70)
-PANE_COLOUR = (120, 130, 150, 14)  # front and back walls: the grains behind them must be seen
 EDGE_COLOUR = (60, 66, 80)
 FLOW_COLOUR = (86, 180, 233)
 _GRAINS_SMOOTHED = 30
+Q_COLUMNS = ("qw", "qx", "qy", "qz")
 
-Frame = tuple[float, np.ndarray, np.ndarray, np.ndarray]
-"""Time [s], positions [n, 3] (single precision), speeds [n] and ids [n] of one frame."""
 KIND_COLOURS = np.array([(230, 159, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167), (213, 94, 0), (86, 180, 233)])
 """Okabe and Ito's, which people of all kinds of sight can tell apart."""
+
+
+class Frame(NamedTuple):
+    """Time [s], positions [n, 3] (single precision), speeds [n] and ids [n] of a frame; orientations [n, 4] of rods."""
+
+    time: float
+    x: np.ndarray
+    speed: np.ndarray
+    ids: np.ndarray
+    q: np.ndarray | None = None
 
 
 class ViewerMissing(Exception):
@@ -95,24 +105,45 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
     """
     rr = need_rerun()
     at = f"{root}/" if root else ""
-    clock = rr.TimeColumn(CLOCK, duration=[time for time, *_ in frames])
-    counts = [len(x) for _, x, _, _ in frames]
-    positions, speed, ids = (np.concatenate(parts) for parts in list(zip(*frames, strict=True))[1:])
+    times = [frame.time for frame in frames]
+    clock, counts = rr.TimeColumn(CLOCK, duration=times), [len(frame.x) for frame in frames]
+    positions, speed, ids = (np.concatenate([frame[k] for frame in frames]) for k in (1, 2, 3))
     bodies, which = Bodies.of(scene.grains, start), start.rows(ids)
-    look: dict[str, np.ndarray] = {"colors": speed_colours(speed, fastest)}
+    colours = speed_colours(speed, fastest)
     if scene.grains.kinds:
-        look["colors"] = kind_colours(bodies.kind[which], speed, fastest)
-    if start.diameter is None:
-        stream.log(f"{at}grains", rr.Points3D.from_fields(radii=scene.grains.radius), static=True)
+        colours = kind_colours(bodies.kind[which], speed, fastest)
+    radius, half = scene.grains.radius, scene.grains.half_length
+    if half > 0:
+        q = np.concatenate([np.asarray(frame.q) for frame in frames])
+        stream.log(f"{at}grains", rr.Capsules3D.from_fields(lengths=[2 * half], radii=[radius]), static=True)
+        columns = rr.Capsules3D.columns(
+            translations=positions - half * axes(q),  # a capsule begins at its lower end
+            quaternions=q[:, [1, 2, 3, 0]],
+            colors=colours,
+        )
+    elif start.diameter is None:
+        stream.log(f"{at}grains", rr.Points3D.from_fields(radii=radius), static=True)
+        columns = rr.Points3D.columns(positions=positions, colors=colours)
     else:
-        look["radii"] = bodies.radius[which].astype(np.float32)
-    stream.send_columns(f"{at}grains", [clock], rr.Points3D.columns(positions=positions, **look).partition(counts))
+        sizes = bodies.radius[which].astype(np.float32)
+        columns = rr.Points3D.columns(positions=positions, colors=colours, radii=sizes)
+    stream.send_columns(f"{at}grains", [clock], columns.partition(counts))
     for wall, corners, colour in wall_quads(scene, positions):
         mesh = rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=colour)
         stream.log(f"{at}walls/{wall}", mesh, static=True)
         if colour == WALL_COLOUR:  # seen from the front, a plate is its edge
-            outline = rr.LineStrips3D([[*corners, corners[0]]], colors=EDGE_COLOUR, radii=scene.grains.radius / 8)
+            outline = rr.LineStrips3D([[*corners, corners[0]]], colors=EDGE_COLOUR, radii=radius / 8)
             stream.log(f"{at}walls/{wall}/outline", outline, static=True)
+    for wall in round_walls(scene, positions):
+        path = f"{at}walls/{wall.name}"
+        mesh = rr.Mesh3D(
+            vertex_positions=wall.vertices, triangle_indices=wall.triangles, albedo_factor=wall.colour
+        )  # fmt: skip
+        stream.log(path, mesh, static=True)
+        stream.log(f"{path}/outline", rr.LineStrips3D(wall.lines, colors=EDGE_COLOUR, radii=radius / 8), static=True)
+        if wall.spin:
+            turns = [[0, 0, math.sin(wall.spin * t / 2), math.cos(wall.spin * t / 2)] for t in times]
+            stream.send_columns(path, [clock], rr.Transform3D.columns(quaternion=turns))
 
 
 def speed_colours(speed: np.ndarray, top_speed: float) -> np.ndarray:
@@ -137,34 +168,6 @@ def kind_colours(kind: np.ndarray, speed: np.ndarray, top_speed: float) -> np.nd
     return np.column_stack([mixed, np.full(len(kind), 255)]).astype(np.uint8)
 
 
-def wall_quads(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, np.ndarray, tuple[int, int, int, int]]]:
-    """Name, corners [4, 3] in m and colour of every wall, cut to the box of the grains' `positions` [n, 3]."""
-    r = scene.grains.radius
-    low, high = positions.min(axis=0) - r, positions.max(axis=0) + r
-    for wall in scene.container.walls():
-        shape = wall.shape
-        if isinstance(shape, Strip):
-            (x0, z0), (x1, z1) = shape.start, shape.end
-            z0, z1 = min(z0, high[2] + 4 * r), min(z1, high[2] + 4 * r)
-            corners = [(x0, low[1], z0), (x1, low[1], z1), (x1, high[1], z1), (x0, high[1], z0)]
-            yield wall.name, np.array(corners), WALL_COLOUR
-        elif isinstance(shape, Plane):
-            yield wall.name, _patch(np.array(shape.point), np.array(shape.normal), low, high), PANE_COLOUR
-
-
-def _patch(point: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Square of the plane through `point`, as large as the box from `low` to `high`, about the box's middle."""
-    normal = normal / np.linalg.norm(normal)
-    middle = (low + high) / 2
-    middle = middle - normal * np.dot(middle - point, normal)
-    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    across /= np.linalg.norm(across)
-    up = np.cross(normal, across)
-    box = (high - low) / 2
-    a, b = across * np.abs(across @ box), up * np.abs(up @ box)
-    return np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
-
-
 def frames_of(table: Mapping[str, np.ndarray] | None) -> list[Frame]:
     """At most FRAMES frames of a sample, evenly chosen. Raises NotRecorded if there are none."""
     if table is None or not len(table["time"]):
@@ -179,13 +182,14 @@ def frames_of(table: Mapping[str, np.ndarray] | None) -> list[Frame]:
         rows = slice(starts[k], ends[k])
         x = np.stack([table[c][rows] for c in ("x", "y", "z")], axis=1)
         v = np.stack([table[c][rows] for c in ("vx", "vy", "vz")], axis=1)
-        frames.append((float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1), table["id"][rows]))
+        q = np.stack([table[c][rows] for c in Q_COLUMNS], axis=1) if "qw" in table else None
+        frames.append(Frame(float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1), table["id"][rows], q))
     return frames
 
 
 def top_speed(frames: Sequence[Frame]) -> float:
     """Speed [m/s] that only one grain in 200 exceeds."""
-    return float(np.quantile(np.concatenate([speed for _, _, speed, _ in frames]), 0.995))
+    return float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995))
 
 
 def front_view(scene: Scene, x: np.ndarray, fastest: float, *, origin: str = "/", name: str = ""):

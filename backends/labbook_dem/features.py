@@ -119,7 +119,7 @@ def wall_tables(scene: Scene, numerics: Numerics) -> tuple[np.ndarray, np.ndarra
     scale = numerics.stiffness_scale
     shapes = [(*WALL_KINDS[w.shape.kind][1](w.shape), 0.0)[:6] for w in walls]  # pyright: ignore[reportArgumentType]
     return (
-        _table([law.coefficients(scene.contact, scene.surface(w, sort), scale) for w in walls for sort in sorts], 8),
+        _table([law.coefficients(scene.contact, scene.surface(w, k), scale, True) for w in walls for k in sorts], 8),
         _table(shapes, 6),
         np.array([WALL_KINDS[w.shape.kind][0] for w in walls], np.int64),
         _table([(*w.motion.velocity, w.motion.spin) for w in walls], 4),

@@ -8,6 +8,8 @@ import numpy as np
 from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
+OF_RODS = ("qw", "qx", "qy", "qz")
+"""Further columns of crossings."""
 CONTACT_COLUMNS = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
 
 

@@ -23,6 +23,7 @@ from labbook_numba.kernels import (
     blocks,
     bodies,
     cells,
+    meet,
     move,
     near,
     neighbours,
@@ -35,7 +36,6 @@ from labbook_numba.kernels import (
     rod_pairs,
     rod_walls,
     search,
-    sharing,
     single,
     step,
     surfaces,
@@ -67,7 +67,7 @@ PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "
 SHARED = [contact, motion, plane, strip, frustum, spheres, single, cells, surfaces, blocks, bodies, transfer, search]
 OF_SPHERES = [pairs, walls, near, move, observe]
 OF_RODS = [segments, rotation, parts, rods, rod_blocks, rod_pairs, rod_walls, rod_near, rod_move, rod_observe]
-OF_ALL = [neighbours, sharing, step]
+OF_ALL = [neighbours, meet, step]
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX
@@ -94,7 +94,7 @@ def module_text(law: str, precision: str, switches: dict[str, int]) -> str:
     shared = _numbers(state) | layout._asdict()
     places = {name: value for module in (blocks, *kind) for name, value in _numbers(module).items()}
     places |= {name: shared[name] for name in PLACES}
-    constants: dict[str, object] = {**_numbers(vocabulary), **_numbers(sharing), **shared, **switches}
+    constants: dict[str, object] = {**_numbers(vocabulary), **shared, **switches}
     constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
     del constants["LANES"]  # the header's
     modules = [LAWS[law], *SHARED, *kind, *OF_ALL]

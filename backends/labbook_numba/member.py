@@ -209,7 +209,7 @@ class Run:
         changed = ("loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
         if n:
-            assert self.kernels.advance(copy, self.params, self.step) == self.kernels.DONE
+            assert advance(self.kernels, copy, self.params, self.step) == self.kernels.DONE
         part = 0.5 * self.params.dt if self.step > 0 else 0.0
         self.kernels.whole_step(copy.grains, copy.loads, copy.body, part, self.params, v, w)
         return v, w

@@ -1,6 +1,9 @@
 """Threads within one scene: large scenes are split into parts, where members are fewer than cores.
 
-How many parts there are is decided beat by beat, and no bit depends on it; see `labbook_numba.kernels.parts`.
+A *part* is a range of rows. Its thread moves these grains and adds up all forces on them, also those of pairs whose
+other grain is another part's: such a pair is computed by both. A part keeps its own copy of the springs of those pairs
+whose first grain is another's (`borrowed`); as both compute the same, both stay the same. Sums so have the order that
+they have in one thread: how many parts there are is decided beat by beat, and no bit depends on it.
 """
 
 import os
@@ -8,6 +11,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from itertools import pairwise
 from types import ModuleType
 
 import numpy as np
@@ -17,6 +21,7 @@ from labbook.protocol.packing import Packing
 from labbook_numba import state as S
 from labbook_numba.state import Params, State
 
+NEAR_WORK = 2  # work of a near pair, in grains; so that parts take equally long
 STEP = CROSSING_COLUMNS.index("step")
 LARGE = 50_000
 """Grains from which on a scene may be split; parts have a quarter of that at least."""
@@ -56,38 +61,47 @@ def threads_for(grains: int, most: int) -> Iterator[int]:
             _running -= 1
 
 
-def advance(kernels: ModuleType, state: State, params: Params, target: int, threads: int) -> int:
+def advance(kernels: ModuleType, state: State, params: Params, target: int, threads: int = 1) -> int:
     """Take steps up to `target` with so many threads; the code that `advance` of the kernels gives."""
     if threads == 1:
+        state.part[:] = 0, 1, 0, state.count[S.GRAINS], 0, state.count[S.PAIRS], 0
         return kernels.advance(state, params, target)
-    parts = _split(state, threads)
+    parts = _split(state, params, threads)
     with ThreadPoolExecutor(threads, thread_name_prefix="labbook-part") as pool:
         codes = list(pool.map(lambda part: kernels.advance(part, params, target), parts))
     _join(state, parts, codes[0] == kernels.BAD_OVERLAP)
     return codes[0]
 
 
-def _split(state: State, threads: int) -> list[State]:
+def _split(state: State, params: Params, threads: int) -> list[State]:
     """States that share grains and lists, and have their own of all that a thread writes elsewhere than in its part."""
-    n, precision = len(state.ids), "mixed" if state.block.dtype == np.float32 else "double"
+    n, pairs = int(state.count[S.GRAINS]), int(state.count[S.PAIRS])
+    i, j = state.pair_i[:pairs], state.pair_j[:pairs]
+    work = np.cumsum(1 + NEAR_WORK * np.bincount(i, minlength=n))
+    bounds = [0, *(int(row) for row in np.searchsorted(work, work[-1] * np.arange(1, threads) / threads)), n]
     told, meetings = np.zeros((threads, S.TOLD)), np.zeros(1, np.int64)
-    counts = [state.count.copy() for _ in range(threads)]
-    for count in counts:
+    precision = "mixed" if state.block.dtype == np.float32 else "double"
+    parts = []
+    for number, (first, last) in enumerate(pairwise(bounds)):
+        first_pair, last_pair = (int(k) for k in np.searchsorted(i, (first, last)))
+        before = np.flatnonzero((j[:first_pair] >= first) & (j[:first_pair] < last))
+        count, loads = state.count.copy(), S.loads(len(state.ids))
         count[S.CROSSED], count[S.FAIL_GRAIN] = 0, -1
-    return [
-        state._replace(
-            loads=S.loads(n),
+        mass = state.body[first:last, 1] if len(state.body) else params.mass
+        loads[first:last, S.F + 2] = -mass * params.gravity
+        part = state._replace(
+            loads=loads,
             cross=np.zeros_like(state.cross),
             count=count,
             sums=state.sums.copy(),
-            part=np.array([number, threads, 0, 0, 0, 0, 0]),
-            **S.borrowed(len(state.pair_i)),
+            part=np.array([number, threads, first, last, first_pair, last_pair, len(before)]),
+            **S.borrowed(state, before),
             told=told,
             meetings=meetings,
-            **S.scratch(n, precision, S.MIXTURES if len(state.body) else S.SPHERES),
+            **S.scratch(len(state.ids), precision, S.MIXTURES if len(state.body) else S.SPHERES),
         )
-        for number, count in enumerate(counts)
-    ]
+        parts.append(part)
+    return parts
 
 
 def _join(state: State, parts: list[State], deep: bool) -> None:

@@ -210,7 +210,10 @@ def allocate(
         cross=np.zeros((crossings, len(crossing_columns(layout is RODS)))),
         count=np.zeros(COUNTERS, np.int64),
         sums=np.zeros(SUMS),
-        **borrowed(0),
+        borrowed_i=np.zeros(PAD, np.int32),
+        borrowed_j=np.zeros(PAD, np.int32),
+        borrowed_held=np.zeros(PAD, np.uint8),
+        borrowed_spring=np.zeros((PAD, SPRING)),
         part=np.array([0, 1, 0, 0, 0, 0, 0]),
         told=np.zeros((1, TOLD)),
         meetings=np.zeros(1, np.int64),
@@ -247,14 +250,18 @@ def loads(n: int) -> np.ndarray:
     return _aligned((n + GHOSTS) * LOAD).reshape(-1, LOAD)
 
 
-def borrowed(pairs: int) -> dict[str, np.ndarray]:
-    """Room for so many borrowed pairs."""
+def borrowed(state: State, pairs: np.ndarray) -> dict[str, np.ndarray]:
+    """Copies of listed pairs, and places behind them."""
     return {
-        "borrowed_i": np.zeros(pairs + PAD, np.int32),
-        "borrowed_j": np.zeros(pairs + PAD, np.int32),
-        "borrowed_held": np.zeros(pairs + PAD, np.uint8),
-        "borrowed_spring": _aligned((pairs + PAD) * SPRING).reshape(-1, SPRING),
+        "borrowed_i": _padded(state.pair_i[pairs]),
+        "borrowed_j": _padded(state.pair_j[pairs]),
+        "borrowed_held": _padded(state.held[pairs]),
+        "borrowed_spring": _padded(state.spring[pairs]),
     }
+
+
+def _padded(array: np.ndarray) -> np.ndarray:
+    return np.concatenate([array, np.zeros((PAD, *array.shape[1:]), array.dtype)])
 
 
 def scratch(n: int, precision: str, layout: Layout) -> dict[str, np.ndarray]:

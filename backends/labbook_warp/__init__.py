@@ -15,9 +15,9 @@ class Backend:
     capabilities = Capabilities(
         name="warp",
         cache_version=CACHE_VERSION,
-        shapes=frozenset({"sphere"}),
+        shapes=frozenset({"sphere", "spherocylinder"}),
         laws=frozenset({"hertz-mindlin", "linear"}),
-        walls=frozenset({"plane", "strip"}),
+        walls=frozenset({"frustum", "plane", "strip"}),
         precisions=frozenset({"double", "mixed"}),
         devices=("cpu", "cuda:0"),
         mixtures=True,

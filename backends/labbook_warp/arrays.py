@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from labbook_warp.build import WORDS
+from labbook_warp.codec import States
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import COPIED, STATE, WORDS_OF_STATE, Sizes, shapes, state
+from labbook_warp.layout import COPIED, WORDS_OF_STATE, Sizes, codec, shapes, state
 
 
 def fetch(array: Any) -> np.ndarray:
@@ -24,19 +24,18 @@ class Arrays:
     p: Any
     q: Any
 
-    def __init__(self, module: ModuleType, precision: str, sizes: Sizes, device: wp.Device, crossings: bool):
+    def __init__(self, module: ModuleType, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
-        self.words = WORDS[precision]
-        self.state = state(module.VARIED)
-        """Names of the arrays that make up a member's state, beside `p`."""
+        self.codec, self.state = codec(module), state(sizes.rods, module.VARIED)
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
         system.cells, system.depth = sizes.cells, sizes.depth
-        for shape in shapes(module, precision, sizes, crossings):
+        for shape in shapes(module, sizes, crossings):
             owner = self if shape.name in WORDS_OF_STATE else system
             setattr(owner, shape.name, wp.zeros(shape.length, dtype=shape.dtype, device=device))
         system.fail.fill_(NO_FAILURE)
-        copied = (self.p if name == "p" else getattr(system, name) for name in COPIED)
+        missing = set(state(rods=True, varied=True)) - set(self.state)
+        copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
         self._saved = [(array, wp.clone(array)) for array in copied]
 
     def back_up(self) -> None:
@@ -62,22 +61,22 @@ class Arrays:
     def read(self, name: str, slot: int, rows: int) -> np.ndarray:
         """State array `name` of the first `rows` rows of a slot: [rows, ...], or [entries, rows, ...]."""
         if name == "p":
-            per, array = self.sizes.cap * self.words, self.p
-            return fetch(array[slot * per : slot * per + rows * self.words]).reshape(rows, -1)
-        entries = self.sizes.entries[STATE[name]]
+            per, array = self.sizes.cap * self.codec.words, self.p
+            return fetch(array[slot * per : slot * per + rows * self.codec.words]).reshape(rows, -1)
+        entries = self.sizes.entries[self.state[name]]
         per, array = self.sizes.cap * entries, getattr(self.system, name)
         block = fetch(array[slot * per : (slot + 1) * per])
         block = block.reshape(entries, self.sizes.cap, *block.shape[1:])[:, :rows]
-        return block[0] if STATE[name] == "one" else block
+        return block[0] if self.state[name] == "one" else block
 
     def write(self, name: str, slot: int, values: np.ndarray) -> None:
         """Put what `read` gave, of any number of rows and entries that fit, into a slot; the rest becomes zero."""
         if name == "p":
-            per, array = self.sizes.cap * self.words, self.p
-            array[slot * per : slot * per + len(values) * self.words].assign(values.reshape(-1, array.dtype._length_))
+            per, array = self.sizes.cap * self.codec.words, self.p
+            array[slot * per : slot * per + len(values) * self.codec.words].assign(values.reshape(-1, array.dtype._length_))
             return
-        entries, array = self.sizes.entries[STATE[name]], getattr(self.system, name)
-        values = values[None] if STATE[name] == "one" else values
+        entries, array = self.sizes.entries[self.state[name]], getattr(self.system, name)
+        values = values[None] if self.state[name] == "one" else values
         block = np.zeros((entries, self.sizes.cap, *values.shape[2:]), values.dtype)
         block[: len(values), : values.shape[1]] = values
         per = self.sizes.cap * entries
@@ -94,16 +93,6 @@ class Arrays:
         array = getattr(self.system, name)
         wp.copy(array, wp.array([record], dtype=array.dtype, device=self.device), slot, 0, 1)
 
-    def encode(self, x: np.ndarray, v: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Words of states: arrays [n, 3] -> [n, numbers]; see the kernels `mixed` and `double`."""
-        if self.words == 4:
-            single = [a.astype(np.float32) for a in (v, w, u, np.zeros((len(x), 1)))]
-            return np.hstack([np.ascontiguousarray(x).view(np.float32), *single])
-        return np.hstack([x, v, w, u])
-
-    def decode(self, words: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Positions, velocities and spins half a step before, in double."""
-        if self.words == 4:
-            x = np.ascontiguousarray(words[:, :6]).view(np.float64)
-            return x, words[:, 6:9].astype(np.float64), words[:, 9:12].astype(np.float64)
-        return words[:, :3].copy(), words[:, 3:6].copy(), words[:, 6:9].copy()
+    def states(self, slot: int, rows: int) -> States:
+        """States of the first `rows` rows of a slot."""
+        return self.codec.decode(self.read("p", slot, rows))

@@ -75,7 +75,7 @@ class Beat:
         self._launch(k.finish, self._slots)
 
     def look(self) -> tuple[Any, Any]:
-        """Velocities and spins at the whole step, on the device; changes nothing."""
+        """Velocities and reduced angular momenta at the whole step, on the device; changes nothing."""
         if self._looked is None:
             double3 = self.kernels.wide3
             self._looked = [wp.zeros(self._rows, dtype=double3, device=self.device) for _ in range(2)]
@@ -85,7 +85,7 @@ class Beat:
     def kinetic(self, v: Any, w: Any):
         """Kinetic energy [J] of every slot from what `look` gave, shape [slots]."""
         out = wp.zeros(2 * self._slots * _PARTS, dtype=wp.float64, device=self.device)
-        self._launch(self.kernels.kinetic, self._slots * _PARTS, v, w, _PARTS, out)
+        self._launch(self.kernels.kinetic, self._slots * _PARTS, self.arrays.p, v, w, _PARTS, out)
         return out.numpy().reshape(self._slots, _PARTS, 2).sum(axis=1).sum(axis=1)
 
     def contacts(self):

@@ -1,23 +1,33 @@
 """From features to compiled kernels: one generated module per specialisation; Warp caches what it compiles from it."""
 
+from collections.abc import Mapping
 from functools import lru_cache
 from types import ModuleType
 
 import warp as wp
-from labbook_dem import contact, generated, motion, source, spheres
+from labbook_dem import contact, generated, motion, parts, rotation, segments, source
+from labbook_dem import rods as rod_physics
+from labbook_dem import spheres as sphere_physics
 from labbook_dem.describe import LAWS
-from labbook_dem.walls import plane, strip
+from labbook_dem.features import PARTS
+from labbook_dem.walls import frustum, plane, strip
 
 from labbook_warp import dialect
 from labbook_warp.kernels import (
     bodies,
-    contacts,
     double,
+    double_rods,
     forces,
     mixed,
+    mixed_rods,
     neighbours,
     observe,
+    rod_contacts,
+    rod_walls,
+    rods,
+    spheres,
     step,
+    sums,
     system,
     walls,
     words,
@@ -32,30 +42,53 @@ SWITCHES = (
     "MOVING",
     "PLANES",
     "STRIPS",
+    "FRUSTUMS",
+    "RODS",
     "OUTLET",
     "CROSSING",
     "LEDGER",
     "ANY_WALLS",
 )
-STATE = {"mixed": mixed, "double": double}
-WORDS = {"mixed": 4, "double": 6}
+STATE = {
+    ("mixed", False): mixed,
+    ("double", False): double,
+    ("mixed", True): mixed_rods,
+    ("double", True): double_rods,
+}
+PHYSICS = {False: [sphere_physics], True: [sphere_physics, rod_physics, rotation, segments, parts]}
+SHAPE = {False: [spheres], True: [rods, rod_walls, rod_contacts]}
+REACH = {False: 1, True: 2}
+"""How many cells away a neighbour may be: rods have small cells, since most of what is within a length of them is not
+listed."""
+
+
+def most_parts(switches: Mapping[str, bool]) -> int:
+    """Contacts that a grain may have with one wall."""
+    if not switches["RODS"]:
+        return 1
+    return max([2, *(count for kind, count in PARTS.items() if switches[f"{kind.upper()}S"])])
 
 
 def module_text(
-    law: str, precision: str, switches: dict[str, int], uniform: bool, lanes: int, registers: int
+    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int
 ) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
+    turns = switches["RODS"]
     constants: dict[str, object] = dict(switches)
     constants |= {
         "FINE": precision == "double",
         "UNIFORM": uniform,
         "LANES": lanes,
         "SHARED": lanes > 1,
+        "PARTS": most_parts(switches),
+        "TORQUES": switches["FRICTION"] or turns,
+        "REACH": REACH[turns],
+        "COLUMNS": 17 if turns else 13,
     }
     constants |= {name: getattr(words, name) for name in ("PARKED", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
-    modules = [LAWS[law], contact, motion, plane, strip, spheres, system, STATE[precision]]
-    modules += [walls, bodies, contacts, forces, step, neighbours, observe]
-    return source.generate(dialect.header(precision, registers), constants, modules)
+    modules = [LAWS[law], contact, motion, plane, strip, frustum, *PHYSICS[turns], system, STATE[precision, turns]]
+    modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
+    return source.generate(dialect.header(precision, registers, 1 if turns else 16), constants, modules)
 
 
 @lru_cache(maxsize=64)

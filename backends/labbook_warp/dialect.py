@@ -7,10 +7,11 @@ import sys
 import warp as wp
 
 wp.set_module_options(
-    {{"enable_backward": False, "fast_math": {fast}, "default_grid_stride": False}}, module=sys.modules[__name__]
+    {{"enable_backward": False, "fast_math": {fast}, "max_unroll": {unroll}, "default_grid_stride": False}}, module=sys.modules[__name__]
 )
 
 func = wp.func
+rare_func = wp.func(inline=False)
 kernel = wp.kernel
 hot_kernel = wp.kernel{registers}
 struct = wp.struct
@@ -18,6 +19,7 @@ real = wp.{real}
 wide = wp.float64
 vec3 = wp.{vec3}
 wide3 = wp.vec3d
+wide4 = wp.vec4d
 word = wp.{word}
 int64 = wp.int64
 uint32 = wp.uint32
@@ -55,6 +57,10 @@ def widen(v: vec3):
 
 @wp.func_native({load!r})
 def load_word(array: Words, k: int) -> word: ...
+
+
+@wp.func_native({again!r})
+def load_again(array: Words, k: int) -> word: ...
 
 
 @wp.func_native({store!r})
@@ -101,6 +107,15 @@ _LOAD = """
     return array.data[k];
 #endif
 """
+# The same, but never the load of before: what is needed only at the end need not wait in registers.
+_AGAIN = """
+#if defined(__CUDA_ARCH__)
+    {vector} t; asm volatile("ld.global.{ptx} {{{holes}}}, [%{last}];" : {outputs} : "l"(array.data + k));
+    return {type}({parts});
+#else
+    return array.data[k];
+#endif
+"""
 _STORE = """
 #if defined(__CUDA_ARCH__)
     *reinterpret_cast<{vector}*>(array.data + k) = make_{vector}({parts});
@@ -143,7 +158,7 @@ _HALVED = """
 """
 
 
-def header(precision: str, registers: int = 0) -> str:
+def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
     """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single).
 
     registers: how many a thread of the step may use; 0 leaves it to the compiler.
@@ -153,11 +168,21 @@ def header(precision: str, registers: int = 0) -> str:
     axes = "xyzw" if single else "xy"
     return _HEADER.format(
         fast=single,
+        unroll=unroll,
         registers=f"(cuda_max_registers={registers})" if registers else "",
         real="float32" if single else "float64",
         vec3="vec3f" if single else "vec3d",
         word="vec4f" if single else "vec2d",
         load=_LOAD.format(vector=vector, type=kind, parts=", ".join(f"t.{axis}" for axis in axes)),
+        again=_AGAIN.format(
+            vector=vector,
+            type=kind,
+            parts=", ".join(f"t.{axis}" for axis in axes),
+            ptx="v4.f32" if single else "v2.f64",
+            holes=", ".join(f"%{place}" for place in range(len(axes))),
+            last=len(axes),
+            outputs=", ".join(f'"={"f" if single else "d"}"(t.{axis})' for axis in axes),
+        ),
         store=_STORE.format(vector=vector, parts=", ".join(f"v[{place}]" for place in range(len(axes)))),
         load_int=_LOAD_INT,
         add_lanes=_ADD_LANES,

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import warp as wp
 from labbook_dem import ensemble
+from labbook_dem.features import is_rod
 from labbook_dem.guards import explain, finest
 from labbook_dem.reading import read
 
@@ -38,9 +39,8 @@ class Ensemble(ensemble.Ensemble[Run]):
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
         if isinstance(start, Checkpoint):
-            ensemble.check_checkpoint(
-                self._can, {"p", *state(scene.grains.varied), "step", "rebuilds", "past_work"}, start
-            )
+            arrays = state(is_rod(scene), scene.grains.varied)
+            ensemble.check_checkpoint(self._can, {"p", *arrays, "step", "rebuilds", "past_work"}, start)
         run = Run(scene, numerics, self._spec.probes, start)
         self._stage.wait(run)
         return run

@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from labbook_warp.build import WORDS
+from labbook_warp.codec import Codec
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,12 @@ class Sizes:
     walls: int
     cells: int
     depth: int
+    parts: int
+
+    @property
+    def rods(self) -> bool:
+        """Whether grains have an orientation."""
+        return self.parts > 1
 
     @property
     def rows(self) -> int:
@@ -29,18 +35,23 @@ class Sizes:
     @property
     def entries(self) -> dict[str, int]:
         """How many entries a grain the kinds of arrays below have."""
-        return {"one": 1, "near": self.near, "walls": max(self.walls, 1)}
+        return {"one": 1, "near": self.near, "walls": max(self.walls, 1) * self.parts}
 
     @property
     def contacts(self) -> int:
         """Rows of contacts for which there is room."""
-        return self.rows * (self.near // 2 + min(self.walls, 6)) + 1
+        return self.rows * (self.near // 2 + min(self.walls * self.parts, 6)) + 1
+
+
+
+def state(rods: bool, varied: bool) -> dict[str, str]:
+    """Arrays that make up a member's state, beside its words, and which of `Sizes.entries` each has."""
+    return STATE | (OF_RODS if rods else {}) | (OF_MIXTURES if varied else {})
 
 
 # arrays of grains that make up a member's state, and their entries a grain
 STATE = {
     "ids": "one",
-    "body": "one",
     "gone": "one",
     "origin": "one",
     "count": "one",
@@ -53,18 +64,14 @@ STATE = {
     "work": "one",
     "deep": "one",
 }
+OF_RODS = {"facing": "one"}
+OF_MIXTURES = {"body": "one"}
 SCRATCH = {"new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
-CONSTANT = ("ids", "body")
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
 OF_WALLS = ("wall_shape", "wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")
-COPIED = ("p", *(name for name in STATE if name not in CONSTANT), "rebuilds", "left")
+COPIED = ("p", *(name for name in STATE | OF_RODS if name != "ids"), "rebuilds", "left")
 """Arrays that are copied aside before every beat."""
-
-
-def state(varied: bool) -> tuple[str, ...]:
-    """Names of the arrays that make up a member's state: what grains are only where they differ."""
-    return tuple(name for name in STATE if varied or name != "body")
 
 
 @dataclass(frozen=True)
@@ -81,22 +88,26 @@ class Shape:
         return self.length * wp.types.type_size_in_bytes(self.dtype) * (2 if self.name in COPIED else 1)
 
 
-def shapes(module: ModuleType, precision: str, sizes: Sizes, crossings: bool) -> Iterator[Shape]:
+def codec(module: ModuleType) -> Codec:
+    """How the kernels of `module` keep the state of a grain."""
+    return Codec(not module.FINE, module.RODS)
+
+
+def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[Shape]:
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
-    lengths = {name: rows * sizes.entries[of] for name, of in (STATE | SCRATCH).items()}
-    lengths["body"] = rows if module.VARIED else 1
+    lengths = {name: rows * sizes.entries[of] for name, of in (state(sizes.rods, module.VARIED) | SCRATCH).items()}
     lengths |= dict.fromkeys(OF_SLOTS, slots)
     lengths |= dict.fromkeys(OF_WALLS, max(1, slots * sizes.walls))
     lengths |= {"wall_c": max(1, slots * sizes.walls * module.KINDS), "pair_c": slots * module.KINDS**2}
-    lengths |= {"overflow": 2 * slots, "any_flag": 1, "crossed": 1, "cross": 13 * rows if crossings else 1}
+    lengths |= {"overflow": 2 * slots, "any_flag": 1, "crossed": 1, "cross": module.COLUMNS * rows if crossings else 1}
     lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
     for name in WORDS_OF_STATE:
-        yield Shape(name, module.word, rows * WORDS[precision])
+        yield Shape(name, module.word, rows * codec(module).words)
     for name, length in lengths.items():
         yield Shape(name, module.System.vars[name].type.dtype, length)
 
 
-def memory(module: ModuleType, precision: str, sizes: Sizes, crossings: bool) -> int:
+def memory(module: ModuleType, sizes: Sizes, crossings: bool) -> int:
     """Bytes of all arrays, their copies included."""
-    return sum(shape.bytes for shape in shapes(module, precision, sizes, crossings))
+    return sum(shape.bytes for shape in shapes(module, sizes, crossings))

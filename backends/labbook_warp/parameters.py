@@ -9,10 +9,12 @@ from labbook_dem import features
 from labbook_dem.contact import rolling_rate
 from labbook_dem.describe import LAWS
 from labbook_dem.guards import finest
+from labbook_dem.rotation import slenderness
 
 from labbook.backend import Probe
 from labbook.numerics import Numerics
 from labbook.scene import Scene
+from labbook_warp.build import REACH
 
 DEEP = 0.25
 """Overlap [d] whose force sets the quantum of sums: 2^-48 of it; sums of up to sixteen times as much are exact."""
@@ -28,17 +30,18 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     made = module.Material()
     made.c = module.coefs(*table[0])
     made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia
-    made.inertia_rate = rolling_rate(grains.inertia, numerics.dt)
+    made.inertia_rate = rolling_rate(grains.inertia_axis, numerics.dt)
     made.reach, made.reach2, made.listed2, made.half_skin = r, d**2, (d + skin) ** 2, skin / 2
+    made.half, made.slender, made.centres2 = grains.half_length, slenderness(grains), farthest(scene, numerics) ** 2
     made.per_mass, made.per_inertia = 1 / grains.mass, 1 / grains.inertia
     made.gravity, made.dt = scene.gravity, numerics.dt
     made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * finest(scene)
-    made.grid_f, made.grid_t = magic, magic * r
+    made.grid_f, made.grid_t = magic, magic * (r + grains.half_length)
     return made
 
 
 def place(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence[Probe], lattice: Sequence[int]) -> Any:
-    """The record of outlet, cells and walls. lattice: cells along x, y, z, each 1 or at least 3."""
+    """The record of outlet, cells and walls. lattice: cells along x, y, z; see there."""
     made = module.Place()
     made.plane, made.drop = features.planes(scene, probes)
     made.cell = cell_size(scene, numerics)
@@ -53,9 +56,14 @@ def same_material(runs: Iterable[tuple[Scene, Numerics]]) -> bool:
     return len(kinds) == 1
 
 
+def farthest(scene: Scene, numerics: Numerics) -> float:
+    """Distance [m] of their centres up to which grains may be listed as neighbours."""
+    return scene.grains.diameter * (1 + numerics.skin) + 2 * scene.grains.half_length
+
+
 def cell_size(scene: Scene, numerics: Numerics) -> float:
-    """Edge of a cell [m]: the distance up to which neighbours are listed."""
-    return scene.grains.diameter * (1 + numerics.skin)
+    """Edge of a cell [m]."""
+    return farthest(scene, numerics) / REACH[features.is_rod(scene)]
 
 
 def most_cells(grains: int) -> int:
@@ -63,15 +71,17 @@ def most_cells(grains: int) -> int:
     return 4 * grains + 64
 
 
-def lattice(x: np.ndarray, cell: float) -> tuple[int, ...]:
-    """Cells along each axis that grains at x [n, 3] spread over: 1, or at least 3, and at most `most_cells` in all."""
+def lattice(x: np.ndarray, cell: float, reach: int) -> tuple[int, ...]:
+    """Cells along each axis that grains at x [n, 3] spread over, at most `most_cells` in all: 1, or enough for those up to
+    `reach` away to be different ones."""
+    least = 2 * reach + 1
     extent = np.ptp(x, axis=0) if len(x) else np.zeros(3)
     # grains that lie within one cell's thickness may straddle two; both wrap onto one
-    wanted = np.where(extent < cell, 1, np.ceil(extent / cell) + 2).clip(max=1e6)
+    wanted = np.where(extent < cell, 1, (np.ceil(extent / cell) + 2).clip(least, 1e6))
     most = most_cells(len(x))
     while wanted.prod() > most:
         k = int(np.argmax(wanted))
-        if wanted[k] <= 3:
+        if wanted[k] <= least:
             break
-        wanted[k] = max(3, np.floor(wanted[k] * 0.8))
-    return tuple(int(n) for n in np.where(wanted == 2, 3, wanted))
+        wanted[k] = max(least, np.floor(wanted[k] * 0.8))
+    return tuple(int(n) for n in wanted)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from labbook_dem.ledger import totals
 from labbook_dem.reading import Grains
+from labbook_dem.rotation import spins
 
 from labbook.backend import Probe
 from labbook_warp import transfer
@@ -32,12 +33,15 @@ class Seen:
     def grains(self, moving: bool) -> Grains:
         """Its grains; v and w are half a step old unless `moving`."""
         run, arrays = self._run, self._arrays
-        x, v, w = arrays.decode(arrays.read("p", run.slot, run.rows))
+        x, v, m, q = arrays.states(run.slot, run.rows)
         ids = arrays.read("ids", run.slot, run.rows).astype(np.int64)
         order = transfer.here(x, ids)
         if moving:
-            v, w = self._view.whole_step(run)
-        return Grains(ids[order], x[order], v[order], w[order])
+            v, m = self._view.whole_step(run)
+        if q is None:
+            return Grains(ids[order], x[order], v[order], m[order])
+        q = q[order]
+        return Grains(ids[order], x[order], v[order], spins(run.scene.grains, m[order], q), q)
 
     def contacts(self) -> np.ndarray:
         """Its touching contacts."""
@@ -46,16 +50,17 @@ class Seen:
     def totals(self) -> Mapping[str, float]:
         """Energies, momenta, and what the kernels counted."""
         run, arrays, slot, n = self._run, self._arrays, self._run.slot, self._run.rows
-        x, v_half, w_half = arrays.decode(arrays.read("p", slot, n))
+        x, v_half, m_half, q = arrays.states(slot, n)
         order = transfer.here(x, arrays.read("ids", slot, n))
-        v, w = self._view.whole_step(run)
+        v, m = self._view.whole_step(run)
         work = math.fsum([*arrays.read("work", slot, n), *run.past_work])  # exact, so that no order matters
         bodies = transfer.bodies(arrays, slot, n, run.scene, order)
         part = 0.5 * run.numerics.dt if run.step > 0 else 0.0
         pairs, walls = (int(np.bitwise_count(arrays.read(name, slot, n)).sum()) for name in ("held", "wall_held"))
+        now = [array[order] for array in (x, v, m, v_half, m_half)]
         return {
             "grains": len(order),
-            **totals(run.scene, x[order], v[order], w[order], v_half[order], w_half[order], part, work, bodies=bodies),
+            **totals(run.scene, *now, part, work, None if q is None else q[order], bodies),
             "max_overlap": self._view.deepest(run),
             "touching": pairs // 2 + walls,
             "rebuilds": int(fetch(arrays.system.rebuilds)[slot]),

@@ -28,7 +28,7 @@ class Said:
 
 @dataclass(frozen=True)
 class Report:
-    """What a beat left behind. crossings: rows slot, id, step, time, x, y, z, vx, ..., wz."""
+    """What a beat left behind. crossings: rows slot, id, step, time, x, y, z, vx, ..., wz, and of rods qw, ..., qz."""
 
     slots: Sequence[Said]
     crossings: np.ndarray
@@ -48,7 +48,8 @@ def collect(arrays: Arrays) -> Report:
     fail, late, left = fetch(system.fail), fetch(system.late), fetch(system.left)
     crowded = fetch(system.overflow).reshape(n, 2)
     crossed = int(fetch(system.crossed)[0])
-    rows = fetch(system.cross[: 13 * crossed]).reshape(-1, 13) if crossed else np.zeros((0, 13))
+    columns = arrays.module.COLUMNS
+    rows = fetch(system.cross[: columns * crossed]).reshape(-1, columns) if crossed else np.zeros((0, columns))
     system.late.zero_()
     system.overflow.zero_()
     system.crossed.zero_()

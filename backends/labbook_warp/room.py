@@ -9,7 +9,7 @@ import warp as wp
 from labbook.backend import Contacts, Crossing, Overflow, Spec
 from labbook.scene import Scene
 from labbook_warp import devices
-from labbook_warp.build import SWITCHES, kernels
+from labbook_warp.build import SWITCHES, kernels, most_parts
 from labbook_warp.layout import Sizes, memory
 from labbook_warp.parameters import most_cells
 from labbook_warp.run import Run
@@ -24,9 +24,9 @@ USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
 
-def empty(slots: int) -> Sizes:
+def empty(spec: Spec, slots: int) -> Sizes:
     """Sizes for nobody yet, in at least so many slots."""
-    return Sizes(slots, 0, NEAR, 0, 0, DEPTH)
+    return Sizes(slots, 0, NEAR, 0, 0, DEPTH, most_parts(dict(spec.features)))
 
 
 def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
@@ -75,10 +75,11 @@ def records_crossings(spec: Spec) -> bool:
     return any(isinstance(probe, Crossing) for probe in spec.probes)
 
 
-def largest(scene: Scene) -> Sizes:
+def largest(spec: Spec, scene: Scene) -> Sizes:
     """What one member of a scene may come to need."""
     n = scene.grains.count
-    return Sizes(1, _rounded(n), MOST_NEAR, len(scene.container.walls()), most_cells(n), DEPTH + 4)
+    walls = len(scene.container.walls())
+    return Sizes(1, _rounded(n), MOST_NEAR, walls, most_cells(n), DEPTH + 4, most_parts(dict(spec.features)))
 
 
 def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:
@@ -86,8 +87,8 @@ def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:
     free = devices.free(device)
     if free is None:
         return None
-    sizes = largest(scene)
+    sizes = largest(spec, scene)
     module = suitable(spec, sizes, False, 1)
     reading = 80 * sizes.contacts if any(isinstance(probe, Contacts) for probe in spec.probes) else 0
-    slot = memory(module, spec.feature("precision"), sizes, records_crossings(spec)) + reading + 48 * sizes.rows
+    slot = memory(module, sizes, records_crossings(spec)) + reading + 48 * sizes.rows
     return max(1, int(USED * free / slot))

@@ -6,12 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from labbook_dem.ensemble import Failure
+from labbook_dem.features import is_rod
 from labbook_dem.ledger import kinetic, status
+from labbook_dem.rotation import momenta
 
 from labbook.backend import Checkpoint, Probe, Status
 from labbook.numerics import Numerics
 from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
+from labbook_warp.build import REACH
 from labbook_warp.parameters import cell_size, lattice
 
 
@@ -47,7 +50,7 @@ class Run:
             Bodies.of(self.scene.grains, self.begin)  # an error now, not when it gets a slot
             self.rows = len(self.begin)
             positions = self.begin.x
-        self.lattice = lattice(positions, cell_size(self.scene, self.numerics))
+        self.lattice = lattice(positions, cell_size(self.scene, self.numerics), REACH[is_rod(self.scene)])
 
     def takes_up(self, stored: Checkpoint) -> None:
         """Stand where a checkpoint was taken; grains that had left by then have no row any more."""
@@ -76,6 +79,8 @@ class Run:
 
     def first_energy(self) -> float:
         """Kinetic energy [J] of the packing it starts from."""
-        assert isinstance(self.begin, Packing)
+        start = self.begin
+        assert isinstance(start, Packing)
+        m = start.omega if start.q is None else momenta(self.scene.grains, start.omega, start.q)
         grains = self.scene.grains
-        return kinetic(Bodies.of(grains, self.begin) if grains.varied else grains, self.begin.v, self.begin.omega)
+        return kinetic(Bodies.of(grains, start) if grains.varied else grains, start.v, m, start.q)

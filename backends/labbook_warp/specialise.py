@@ -8,8 +8,9 @@ from labbook_dem import features
 from labbook.backend import Capabilities, Probe, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene
+from labbook_warp.build import most_parts
 
-MOST_WALLS = 32  # bits of a mask
+MOST_CONTACTS = 32  # bits of a mask
 LONGEST_CHECK, OFTENEST = 50, 1
 """Steps between two checks of displacements, at most and at least: a check costs about a step, and decides nothing
 about the motion."""
@@ -18,9 +19,9 @@ about the motion."""
 def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
     """Features compiled in. Raises Unsupported."""
     found = features.specialise(capabilities, scene, numerics, probes)
-    walls = len(scene.container.walls())
-    if walls > MOST_WALLS:
-        raise Unsupported("container", f"the engine {capabilities.name} takes {MOST_WALLS} walls, not {walls}")
+    walls, most = len(scene.container.walls()), MOST_CONTACTS // most_parts(dict(found.features))
+    if walls > most:
+        raise Unsupported("container", f"the engine {capabilities.name} takes {most} walls, not {walls}")
     return found
 
 

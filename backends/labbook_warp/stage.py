@@ -23,7 +23,7 @@ class Stage:
 
     def __init__(self, can: Capabilities, spec: Spec, device: wp.Device, slots: int, lanes: int | None):
         self._can, self._spec, self.device, self._asked_lanes = can, spec, device, lanes
-        self._sizes = room.empty(slots)
+        self._sizes = room.empty(spec, slots)
         self._seated: dict[int, Run] = {}
         self._waiting: list[Run] = []
         self._every, self._uniform = LONGEST_CHECK, True
@@ -158,7 +158,7 @@ class Stage:
         self._arrays, self._beats = None, None  # freed before more is asked for
         self._sizes = sizes
         try:
-            self._arrays = Arrays(module, spec.feature("precision"), sizes, self.device, room.records_crossings(spec))
+            self._arrays = Arrays(module, sizes, self.device, room.records_crossings(spec))
         except RuntimeError as error:
             raise MemoryError(f"{self.device.alias} has no memory for {sizes.slots} members: {error}") from error
         self._beats = Beat(self._arrays, spec.steps_per_beat, self._every)

@@ -1,32 +1,39 @@
 """A member to and from a slot: packings, which are portable, and checkpoints, which are exact."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from labbook_dem.features import is_rod
+from labbook_dem.rotation import momenta, spins
 from labbook_dem.springs import places
 
 from labbook.backend import Checkpoint
 from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
 from labbook_warp.arrays import Arrays
+from labbook_warp.codec import States
 from labbook_warp.kernels.words import PARKED
-from labbook_warp.layout import STATE
 
 
 def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: float, cell: float) -> None:
     """Put a packing's grains into a slot, in the order of cells, so that neighbours lie near each other in memory."""
     order = _along(packing.x, cell)
-    x, v, w = packing.x[order], packing.v[order], packing.omega[order]
+    x, v, m = packing.x[order], packing.v[order], packing.omega[order]
+    q = None
+    if is_rod(scene):
+        if packing.q is None:
+            raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
+        q = packing.q[order]
+        m = momenta(scene.grains, m, q)
     assert packing.ids is not None
-    arrays.write("p", slot, arrays.encode(x, v, w, v))
+    arrays.write("p", slot, arrays.codec.encode(States(x, v, m, q)))
     empty = {name: arrays.read(name, slot, 0) for name in arrays.state}
     for name, nothing in empty.items():
         arrays.write(name, slot, nothing)
     arrays.write("ids", slot, packing.ids[order].astype(np.int32))
     if scene.grains.varied:
         own = Bodies.of(scene.grains, packing)
-        columns = np.column_stack([own.radius, own.mass, own.inertia, own.kind])
-        arrays.write("body", slot, columns[order])
+        arrays.write("body", slot, np.column_stack([own.radius, own.mass, own.inertia, own.kind])[order])
     arrays.write("gone", slot, (x[:, 2] < plane).astype(np.int32))
 
 
@@ -57,22 +64,20 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     if not names:
         return
     wall_held, wall_spring = arrays.read("wall_held", slot, n), arrays.read("wall_spring", slot, n)
-    near = arrays.read("wall_near", slot, n)
-    for q, name in enumerate(names):
-        mine = packing.wall_name == name
-        at, bit = rows[packing.wall_grain[mine]], np.uint32(1 << q)
-        listed = (near[at] & bit) != 0
-        wall_spring[q, at[listed]] = packing.wall_spring[mine][listed]
-        wall_held[at[listed]] |= bit
+    parts = arrays.sizes.parts
+    for k in range(len(names) * parts):
+        mine = (packing.wall_name == names[k // parts]) & (packing.wall_part == k % parts)
+        at = rows[packing.wall_grain[mine]]
+        wall_spring[k, at] = packing.wall_spring[mine]
+        wall_held[at] |= np.uint32(1 << k)  # near or not: another part may go on with it
     arrays.write("wall_spring", slot, wall_spring)
     arrays.write("wall_held", slot, wall_held)
 
 
-def packing(
-    arrays: Arrays, slot: int, rows: int, scene: Scene, names: Sequence[str], v: np.ndarray, w: np.ndarray
-) -> Packing:  # fmt: skip
-    """The grains of a slot that have not left, by id. v, w: velocities and spins at the whole step, by row."""
-    x, _, _ = arrays.decode(arrays.read("p", slot, rows))
+def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m: np.ndarray) -> Packing:
+    """The grains of a slot that have not left, by id. v, m: velocities and reduced angular momenta at the whole step, by
+    row."""
+    x, _, _, turned = arrays.states(slot, rows)
     ids, held = arrays.read("ids", slot, rows).astype(np.int64), arrays.read("held", slot, rows)
     order = here(x, ids)
     place = np.full(rows, -1)
@@ -83,22 +88,29 @@ def packing(
     kept = (i >= 0) & (j > i)
     by_pair = np.lexsort((j[kept], i[kept]))
     walls = arrays.read("wall_held", slot, rows)
-    q, g = np.nonzero(walls[None, :] >> np.arange(len(names), dtype=np.uint32)[:, None] & 1)
-    by_wall = np.lexsort((place[g], q))
-    q, g = q[by_wall], g[by_wall]
+    names, parts = [wall.name for wall in scene.container.walls()], arrays.sizes.parts
+    k_wall, g = np.nonzero(walls[None, :] >> np.arange(len(names) * parts, dtype=np.uint32)[:, None] & 1)
+    by_wall = np.lexsort((place[g], k_wall))
+    k_wall, g = k_wall[by_wall], g[by_wall]
     inside = place[g] >= 0
-    q, g = q[inside], g[inside]
+    k_wall, g = k_wall[inside], g[inside]
+    omega, q = m[order], None
+    if turned is not None:
+        q = turned[order]
+        omega = spins(scene.grains, omega, q)
     own = bodies(arrays, slot, rows, scene, order)
     return Packing(
         x=x[order],
         v=v[order],
-        omega=w[order],
+        omega=omega,
+        q=q,
         ids=ids[order],
         pairs=np.column_stack([i[kept], j[kept]])[by_pair],
         pair_spring=spring[k, r][kept][by_pair].astype(np.float64),
         wall_grain=place[g],
-        wall_name=np.array([*names, ""], "U40")[q],
-        wall_spring=arrays.read("wall_spring", slot, rows)[q, g].astype(np.float64),
+        wall_name=np.array([*names, ""], "U40")[k_wall // parts],
+        wall_spring=arrays.read("wall_spring", slot, rows)[k_wall, g].astype(np.float64),
+        wall_part=k_wall % parts,
         **(own.carried(scene.grains) if own else {}),
     )
 
@@ -125,12 +137,12 @@ def checkpoint(
     past_work: that of grains that were left out earlier [J].
     """
     state = {name: arrays.read(name, slot, rows) for name in ("p", *arrays.state)}
-    here = arrays.decode(state["p"])[0][:, 2] > 0.5 * PARKED
+    here = arrays.codec.decode(state["p"]).x[:, 2] > 0.5 * PARKED
     past = np.concatenate([past_work, state["work"][~here]])
-    return _closed_up(state, here) | {"past_work": past}
+    return _closed_up(state, here, arrays.state) | {"past_work": past}
 
 
-def _closed_up(state: dict[str, np.ndarray], here: np.ndarray) -> dict[str, np.ndarray]:
+def _closed_up(state: dict[str, np.ndarray], here: np.ndarray, entries: Mapping[str, str]) -> dict[str, np.ndarray]:
     """State arrays of the rows in `here` only; the others drop out of the lists."""
     if here.all():
         return state
@@ -141,7 +153,7 @@ def _closed_up(state: dict[str, np.ndarray], here: np.ndarray) -> dict[str, np.n
     order = np.argsort(~kept, axis=0, kind="stable")
     bits = np.take_along_axis((held >> k.astype(np.uint32) & 1) * kept, order, axis=0).astype(np.uint32)
     spring = np.take_along_axis(state["spring"][:, here], order[:, :, None], axis=0)
-    one = {name: array[here] for name, array in state.items() if name == "p" or STATE[name] == "one"}
+    one = {name: array[here] for name, array in state.items() if name == "p" or entries[name] == "one"}
     return {
         **one,
         "wall_spring": state["wall_spring"][:, here],

@@ -32,11 +32,11 @@ class View:
         return self._velocities
 
     def whole_step(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities [m/s] and spins [rad/s] of a member at the whole step, by row."""
+        """Velocities [m/s] and reduced angular momenta [rad/s] of a member at the whole step, by row."""
         velocities = self._look()
         first = run.slot * self.stage.arrays.sizes.cap
-        v, w = (fetch(array[first : first + run.rows]) for array in velocities)
-        return v, w
+        v, m = (fetch(array[first : first + run.rows]) for array in velocities)
+        return v, m
 
     def deepest(self, run: Run) -> float:
         """The largest overlap [m] of a member at the last step."""
@@ -58,8 +58,8 @@ class View:
 
     def packing(self, run: Run) -> Packing:
         """The portable state of a member."""
-        v, w = self.whole_step(run)
-        return transfer.packing(self.stage.arrays, run.slot, run.rows, run.scene, run.names, v, w)
+        v, m = self.whole_step(run)
+        return transfer.packing(self.stage.arrays, run.slot, run.rows, run.scene, v, m)
 
     def checkpoint(self, run: Run) -> Checkpoint:
         """The exact state of a member."""

@@ -1,19 +1,22 @@
 """Speed of an engine: Fan's hopper settled and flowing, a box of spheres, what its switches save, its start.
 
-Rates are grain-steps per second of processor time, summed over threads: other jobs on the machine cost little. Only
-the scaling over members is taken from the wall clock, and is a ratio within one run.
+Rates are grain-steps per second of processor time, of one thread: other jobs on the machine cost little. Only what many
+cores gain is taken from the wall clock, and is a ratio within one run.
 """
 
+import inspect
 import os
 import resource
 import statistics
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from labbook import backend
-from labbook.backend import Crossing, Ensemble, Failed, Ledger, Member, Probe, Settled
-from labbook.bench.scenes import BOX_STEP, FAN_STEP, box, fan, variants
+from labbook.backend import Crossing, Ensemble, Failed, Member, Probe, Settled
+from labbook.bench.savings import Saving, savings
+from labbook.bench.scenes import BOX_STEP, FAN_STEP, box, fan
 from labbook.bench.starting import Starting, starting
 from labbook.numerics import Numerics
 from labbook.protocol.opening import opened
@@ -42,14 +45,19 @@ class Rate:
 
 @dataclass(frozen=True)
 class EngineBench:
-    """What one engine does on this machine. `ablations`: the settled bed, in double, less or more than it is."""
+    """What one engine does on this machine. `savings`: by the switches of the settled bed, in double.
+
+    `speed_up`: of `members` side by side over one; `large`: of the largest box on all cores over one thread, None if
+    the engine has no say in that.
+    """
 
     backend: str
     hardware: dict[str, object]
     rates: tuple[Rate, ...]
-    ablations: tuple[Rate, ...]
+    savings: tuple[Saving, ...]
     members: int
     speed_up: float
+    large: float | None
     memory: float
     starting: Starting
 
@@ -68,7 +76,8 @@ def run(
     """Measure the engine called `name` on Fan's hopper with `grains`, and `boxes`. Takes some five minutes."""
     from labbook.bench.hardware import hardware
 
-    engine = backend.load(name)
+    whole = backend.load(name)
+    engine = on_one_thread(whole) or whole
     scene = fan(grains=grains)
     closed = scene.close()
     say(f"settling {grains} grains")
@@ -85,14 +94,24 @@ def run(
         stack, at_rest = box(count)
         rates.append(_timed(engine, "box at rest", stack, BOX_STEP, at_rest, repeats))
     say("timing what switches save")
-    ablations = [_timed(engine, what, s, FAN_STEP, packing, repeats) for what, s in variants(closed).items()]
-    ablations.append(_timed(engine, "with a ledger", closed, FAN_STEP, packing, repeats, [Ledger()]))
+    saved = savings(engine, closed, packing, repeats)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # peak; Linux counts in KiB
     say("timing members side by side")
     members = _cores()
-    speed_up = _speed_up(engine, scene, packing, members)
+    bed = closed, FAN_STEP, packing
+    speed_up = members * _quicker(engine, engine, bed, members)
+    say("timing one large scene on all cores")
+    stack, at_rest = box(max(boxes))
+    threaded = on_one_thread(whole) is not None
+    large = _quicker(engine, whole, (stack, BOX_STEP, at_rest), 1) if threaded else None
     say("timing a fresh start")
-    return EngineBench(name, hardware(), tuple(rates), tuple(ablations), members, speed_up, memory, starting(name))
+    return EngineBench(name, hardware(), tuple(rates), saved, members, speed_up, large, memory, starting(name))
+
+
+def on_one_thread(engine: backend.Backend) -> backend.Backend | None:
+    """The same engine, with one thread a member; None if it has no such choice."""
+    maker: Any = type(engine)
+    return maker(threads=1) if "threads" in inspect.signature(maker).parameters else None
 
 
 def _settle(engine: backend.Backend, closed: Scene) -> Packing:
@@ -144,24 +163,27 @@ def _rate(case: str, precision: str, ensemble: Ensemble, members: list[Member], 
     return Rate(case, precision, statistics.median(rates), min(rates), max(rates), grains, repeats)
 
 
-def _speed_up(engine: backend.Backend, scene: Scene, packing: Packing, members: int) -> float:
-    """Throughput of `members` settled members over that of one, by the wall clock: median of five pairs."""
-    closed, step = scene.close(), FAN_STEP
-    spec = engine.specialise(closed, step)
-    one, many = engine.open(spec, 1), engine.open(spec, members)
-    one.admit(closed, step, packing)
-    for _ in range(members):
-        many.admit(closed, step, packing)
+def _quicker(
+    one: backend.Backend, other: backend.Backend, bed: tuple[Scene, Numerics, Packing], members: int
+) -> float:  # fmt: skip
+    """Wall-clock time of one member with the engine `one`, over that of `members` with `other`: median of five."""
+    scene, step, start = bed
+    pair = [one.open(one.specialise(scene, step), 1), other.open(other.specialise(scene, step), members)]
+    for ensemble, count in zip(pair, (1, members), strict=True):
+        for _ in range(count):
+            ensemble.admit(scene, step, start)
+        ensemble.advance(1)
     ratios = []
+    beats = max(1, TIMED // 4 // (len(start) * step.steps_per_beat))
     for _ in range(5):
         spent = []
-        for ensemble in (one, many):
+        for ensemble in pair:
             began = time.perf_counter()
-            ensemble.advance(4)
+            ensemble.advance(beats)
             spent.append(time.perf_counter() - began)
-        ratios.append(members * spent[0] / spent[1])
-    one.close()
-    many.close()
+        ratios.append(spent[0] / spent[1])
+    for ensemble in pair:
+        ensemble.close()
     return statistics.median(ratios)
 
 

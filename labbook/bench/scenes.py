@@ -36,10 +36,7 @@ def fan(orifice: float = 0.03, grains: int = 3000) -> Scene:
 
 
 def variants(scene: Scene) -> dict[str, Scene]:
-    """The scene without one thing after another that an engine need not compute then.
-
-    Without friction, or front and back walls, a bed does not stay as it was: its rate says more than the switch saves.
-    """
+    """The scene without one thing after another that an engine need not compute then."""
 
     def law(**changes: float) -> Scene:
         return scene.model_copy(update={"contact": scene.contact.model_copy(update=changes)})
@@ -49,7 +46,7 @@ def variants(scene: Scene) -> dict[str, Scene]:
         "without rolling resistance": law(rolling_friction=0.0),
         "without friction": law(friction=0.0, rolling_friction=0.0),
         "without front and back": scene.model_copy(update={"container": Primitives(parts=sides)}),
-        "linear law": scene.model_copy(
+        "with the linear law": scene.model_copy(
             update={
                 "contact": LinearSpringDashpot(
                     normal_stiffness=2e5 * scene.grains.mass * GRAVITY / scene.grains.diameter,

@@ -17,6 +17,7 @@ VERBS = (
     "show",
     "fit",
     "report",
+    "export",
     "compare",
     "view",
     "doctor",

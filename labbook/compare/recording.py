@@ -27,7 +27,7 @@ def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, pat
     start = opened(load_packing(lab.packing(runs[0].packing)), shared.closed, shared.scene)
     every = seconds / FRAMES
     numerics = shared.numerics.model_copy(update={"steps_per_beat": max(1, round(every / shared.numerics.dt))})
-    with side_by_side(pair, shared.scene, numerics, start, film_probe(every, numerics)) as both:
+    with side_by_side(pair, shared.scene, numerics, start, film_probe(every, numerics, shared.scene.grains)) as both:
         seen = list(both.frames(seconds))
     films = [frames_of(_joined(seen, which)) for which in (0, 1)]
     fastest = max(map(top_speed, films))

@@ -1,13 +1,17 @@
 """Laws of flow through an outlet, and fitting them to flow rates with known errors."""
 
-from labbook.fit.beverloo import Beverloo2D
+from labbook.fit.beverloo import Beverloo2D, Beverloo3D
+from labbook.fit.exponential import Exponential
 from labbook.fit.fitting import compare, fit
-from labbook.fit.janda import Janda2D
+from labbook.fit.janda import Janda2D, Janda3D
 from labbook.fit.law import Context, Law
 from labbook.fit.outlet import NAME as OUTLET_PROFILES
+from labbook.fit.power import Power
 from labbook.fit.result import FitError, FitResult, Parameter
 
-LAWS: dict[str, Law] = {law.name: law for law in (Beverloo2D(), Janda2D())}
+LAWS: dict[str, Law] = {
+    law.name: law for law in (Beverloo2D(), Janda2D(), Beverloo3D(), Janda3D(), Power(), Exponential())
+}
 """Laws of the flow rate against the orifice."""
 
 FITS = frozenset({*LAWS, OUTLET_PROFILES})

@@ -1,4 +1,4 @@
-"""Janda's law for a two-dimensional silo."""
+"""Janda's law, for a slot and for a circular hole."""
 
 import math
 
@@ -10,32 +10,29 @@ from labbook.fit.law import Context, Law, Reported, exponential, extended_log
 _NARROWEST, _WIDEST = math.log(0.05), math.log(1e3)
 
 
-class Janda2D(Law):
-    """Q = C' (1 - alpha_1 e^{-D/alpha_2}) D^{3/2}, with Q in grains per second; the mass flow rate is W = m
-    Q.
+class Janda(Law):
+    """Q = C' (1 - alpha_1 e^{-D/alpha_2}) D^n, with Q in grains per second; the mass flow rate is W = m Q.
 
     The bracket is the packing fraction in the orifice relative to that of a wide one. `C_prime` is in s^-1
-    m^-3/2, `alpha2` in m. Orifices all much wider than alpha_2 tell nothing of alpha_1 and alpha_2: their
+    m^-n, `alpha2` in m. Orifices all much wider than alpha_2 tell nothing of alpha_1 and alpha_2: their
     intervals then have no upper or lower end (infinity, zero).
     """
 
-    name = "janda"
     version = 1
-    formula = "Q = C' (1 - alpha_1 exp(-D/alpha_2)) D^(3/2)"
     source = "Janda, Zuriguel & Maza, Phys. Rev. Lett. 108 (2012) 248001"
-    free = ("ln C' d^(3/2) sqrt(d/g)", "alpha_1", "ln alpha_2/d")
+    free = ("ln C' d^n sqrt(d/g)", "alpha_1", "ln alpha_2/d")
     least_ratio = 6.0
 
     def log_flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:
         ratio = D / context.d
         decay = math.exp(-min(max(free[2], _NARROWEST), _WIDEST))
         bracket = 1 - free[1] * np.exp(-ratio * decay)
-        return math.log(_unit_flow(context)) + free[0] + 1.5 * np.log(ratio) + extended_log(bracket)
+        return math.log(context.unit_flow) + free[0] + self.power * np.log(ratio) + extended_log(bracket)
 
     def start(self, D: np.ndarray, W: np.ndarray, context: Context) -> np.ndarray:
         # Given alpha_2 the law is linear in C' and C' alpha_1: the best of a coarse scan is near enough.
         ratio = D / context.d
-        scaled = W / _unit_flow(context) / ratio**1.5
+        scaled = W / context.unit_flow / ratio**self.power
         best, least = np.array([math.log(float(scaled.max())), 0.5, math.log(6.0)]), math.inf
         for log_range in np.linspace(math.log(0.5), math.log(4 * ratio.max()), 16):
             columns = np.column_stack([np.ones_like(ratio), -np.exp(-ratio * math.exp(-log_range))])
@@ -47,15 +44,28 @@ class Janda2D(Law):
         return best
 
     def reported(self, context: Context) -> tuple[Reported, ...]:
-        unit = math.sqrt(context.g / context.d) / context.d**1.5
+        unit = math.sqrt(context.g / context.d) / context.d**self.power
         return (
-            Reported("C_prime", "s^(-1) m^(-3/2)", 0, lambda x: exponential(x) * unit),
+            Reported("C_prime", f"s^(-1) m^(-{2 * self.power:g}/2)", 0, lambda x: exponential(x) * unit),
             Reported("alpha1", "", 1, float),
             Reported("alpha2", "m", 2, lambda x: exponential(x) * context.d),
             Reported("alpha2_over_d", "", 2, exponential),
         )
 
 
-def _unit_flow(context: Context) -> float:
-    """Mass flow rate of sqrt(g/d) grains per second [kg/s]."""
-    return context.grain_mass * math.sqrt(context.g / context.d)
+class Janda2D(Janda):
+    """For a slot: n = 3/2."""
+
+    name = "janda"
+    formula = "Q = C' (1 - alpha_1 exp(-D/alpha_2)) D^(3/2)"
+    outlet = "slot"
+    power = 1.5
+
+
+class Janda3D(Janda):
+    """For a circular hole: n = 5/2."""
+
+    name = "janda_3d"
+    formula = "Q = C' (1 - alpha_1 exp(-D/alpha_2)) D^(5/2)"
+    outlet = "hole"
+    power = 2.5

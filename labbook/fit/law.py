@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -13,9 +13,10 @@ import numpy as np
 class Context:
     """What a law needs to know besides the orifice, in SI.
 
-    `d`: grain diameter [m]; `rho_p`: density of the grains' material [kg/m^3]; `rho_b`: bulk density of the
+    `d`: diameter of the grains, or of spheres of their volume [m];
+    `rho_p`: density of the grains' material [kg/m^3]; `rho_b`: bulk density of the
     packing, its measured packing fraction times rho_p [kg/m^3], None if not measured; `Z`: thickness of the
-    slot [m]; `g`: gravity [m/s^2].
+    slot [m], NaN for a hole; `g`: gravity [m/s^2].
     """
 
     d: float
@@ -26,8 +27,13 @@ class Context:
 
     @property
     def grain_mass(self) -> float:
-        """Mass of a spherical grain [kg]."""
+        """Mass of a grain [kg]."""
         return self.rho_p * math.pi / 6 * self.d**3
+
+    @property
+    def unit_flow(self) -> float:
+        """Mass flow rate of sqrt(g/d) grains per second [kg/s]."""
+        return self.grain_mass * math.sqrt(self.g / self.d)
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,10 @@ class Law(ABC):
     free: ClassVar[tuple[str, ...]]
     least_ratio: ClassVar[float]
     """D/d below which the law is not meant to hold."""
+    outlet: ClassVar[Literal["slot", "hole", "any"]] = "any"
+    """The outlets that it holds for."""
+    power: ClassVar[float]
+    """Of D in its limit for wide outlets, where it has one."""
 
     @abstractmethod
     def log_flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:

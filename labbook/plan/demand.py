@@ -11,7 +11,7 @@ from labbook.catalogue.record import StopRule, describe_probe, table_name
 from labbook.keys import Filling, Keys, Maker
 from labbook.numerics import Numerics, Precision
 from labbook.protocol import placing
-from labbook.scene import Scene
+from labbook.scene import Grains, Scene, Spheres
 
 if TYPE_CHECKING:
     from labbook.study import Point, Study
@@ -95,7 +95,7 @@ class PointDemand:
         record = self.study.record
         if record is None:
             return None
-        return film_probe(record.every, self.numerics)
+        return film_probe(record.every, self.numerics, self.scene.grains)
 
     @cached_property
     def stop(self) -> StopRule:
@@ -168,9 +168,10 @@ class Demand:
         return keys.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
 
 
-def film_probe(every: float, numerics: Numerics) -> Sample:
-    """The probe that records a frame every `every` seconds, as near as beats allow."""
-    return Sample(fields=("x", "v"), every=max(1, round(every / numerics.beat)))
+def film_probe(every: float, numerics: Numerics, grains: Grains) -> Sample:
+    """The probe that records a frame every `every` seconds, as near as beats allow; of rods, orientations too."""
+    fields = ("x", "v") if isinstance(grains, Spheres) else ("x", "v", "q")
+    return Sample(fields=fields, every=max(1, round(every / numerics.beat)))
 
 
 def demands(study: "Study", seeds: int) -> Iterator[Demand]:

@@ -8,7 +8,7 @@ from labbook.catalogue.catalogue import Catalogue
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Plan
 from labbook.protocol import placing
-from labbook.scene import Scene, WedgeHopper
+from labbook.scene import Scene, Silo, WedgeHopper
 
 DEFAULT_SPEED = 5e6
 """Grain-steps per second and lane, where nothing was recorded on this machine yet."""
@@ -65,12 +65,13 @@ def discharge_time(shared: PointDemand) -> float:
 
 
 def mass_flow(scene: Scene) -> float:
-    """Expected flow [kg/s] through the slot of a hopper; 0 where none can be told."""
-    hopper, (c, k) = scene.container, FLOW
-    if not isinstance(hopper, WedgeHopper):
+    """Expected flow [kg/s] through the slot or the round outlet of a silo; 0 where none can be told."""
+    silo, (c, k) = scene.container, FLOW
+    if not isinstance(silo, Silo):
         return 0.0
-    free = max(0.0, hopper.orifice - k * scene.grains.diameter)
-    return c * scene.grains.mean_density * math.sqrt(scene.gravity) * free**1.5 * hopper.thickness
+    free = max(0.0, silo.orifice - k * scene.grains.equivalent_diameter)
+    area = free**1.5 * silo.thickness if isinstance(silo, WedgeHopper) else free**2.5
+    return c * scene.grains.mean_density * math.sqrt(scene.gravity) * area
 
 
 def discharge_work(shared: PointDemand) -> float:

@@ -47,6 +47,10 @@ class Finished(Protocol):
         """What was observed."""
         ...
 
+    def recording(self) -> Mapping[str, np.ndarray] | None:
+        """Recorded frames, or None without any."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Trace:
@@ -59,7 +63,10 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """One run: how it ended, what was measured of it, by quantity, its W(t), and the profiles along its outlet."""
+    """One run: how it ended, what was measured of it, by quantity, its W(t), and the profiles along its outlet.
+
+    `frames` reads what was recorded of it, None if nothing was.
+    """
 
     seed: int
     run_key: str
@@ -68,6 +75,7 @@ class RunResult:
     trace: Trace | None
     provenance: Mapping[str, Any]
     outlet: Outlet | None = None
+    frames: Callable[[], Mapping[str, np.ndarray] | None] = lambda: None
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +218,16 @@ def _run(study: "Study", finished: Finished) -> RunResult:
     measured = {m.quantity: m for name in study.measure for m in MEASURES[name].evaluate(data, study.window)}
     outlet = _outlet(study, data) if OUTLET_PROFILES in study.measure else None
     trace = _trace(study, data)
-    return RunResult(finished.seed, finished.run_key, finished.outcome, measured, trace, finished.provenance, outlet)
+    return RunResult(
+        finished.seed,
+        finished.run_key,
+        finished.outcome,
+        measured,
+        trace,
+        finished.provenance,
+        outlet,
+        finished.recording,
+    )
 
 
 def _outlet(study: "Study", data: RunData) -> Outlet | None:

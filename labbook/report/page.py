@@ -1,35 +1,18 @@
 """The report: figures in a folder, and one HTML file that needs nothing beside it."""
 
-import math
 import os
 import re
-from base64 import b64encode
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from labbook import __version__
 from labbook.fit import OUTLET_PROFILES
-from labbook.fit.outlet import FORMULA, SOURCE
-from labbook.report import display, figures, style, tables
+from labbook.report import display, figures, tables
 from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
-from labbook.report.series import Series
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from labbook.report.ratios import by_angle, by_position
+from labbook.report.sections import Picture, picture, series_section
 
 FILE = "report.html"
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure as the page holds it: a data URI, what it shows in words, its caption and its width."""
-
-    uri: str
-    alt: str
-    caption: str
-    width: str
 
 
 def write(analysis: Analysis, folder: Path) -> Path:
@@ -47,7 +30,7 @@ def write(analysis: Analysis, folder: Path) -> Path:
         comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
         overview=_overview(analysis, folder),
         trends=_trends(analysis, folder),
-        series=[_series(analysis, k, folder) for k in range(len(analysis.series))],
+        series=[series_section(analysis, k, folder) for k in range(len(analysis.series))],
         flow=tables.flow_table(analysis),
         further=tables.further_table(analysis),
         outcomes=tables.outcomes_table(analysis),
@@ -95,7 +78,7 @@ def _overview(analysis: Analysis, folder: Path) -> Picture | None:
     fitted = [one for one in analysis.series if one.used]
     if len(fitted) < 2:
         return None
-    return _picture(
+    return picture(
         figures.overview(fitted), folder / "overview", "W to the power 2/3 against orifice, all series", _OVERVIEW
     )
 
@@ -116,77 +99,32 @@ def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
             caption = f"Parameters of {called.capitalize()} with 95 % intervals; diamonds: the reference."
             name = display.key(key).name
             stem = folder / f"{_slug(called)}-{_slug(name)}"
-            pictures.append(_picture(figure, stem, f"parameters of {called} against {name}", caption))
+            pictures.append(picture(figure, stem, f"parameters of {called} against {name}", caption))
+    return pictures + _ratios(analysis, folder)
+
+
+def _ratios(analysis: Analysis, folder: Path) -> list[Picture]:
+    """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied."""
+    pictures = []
+    if angles := by_angle(analysis.points):
+        figure = figures.flow_against_angle(angles)
+        pictures.append(picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", _ANGLES))
+    if positions := by_position(analysis.points):
+        figure = figures.flow_against_position(positions)
+        alt = "flow rate against position over that in the middle"
+        pictures.append(picture(figure, folder / "ratio-position", alt, _POSITIONS))
     return pictures
 
 
-def _series(analysis: Analysis, index: int, folder: Path) -> dict:
-    series, reference = analysis.series[index], analysis.study.reference
-    suffix = f"-{index + 1}" if len(analysis.series) > 1 else ""
-    where = f" ({series.label})" if series.label else ""
-    fit = None
-    if series.used:
-        source = reference.source if reference is not None else ""
-        figure = figures.flow_against_orifice(series, analysis.comparisons, source)
-        fit = _picture(figure, folder / f"fit{suffix}", f"W to the power 2/3 against orifice{where}", _FIT)
-    flow = figures.flow_against_time(series)
-    return {
-        "label": series.label,
-        "figure": fit,
-        "fits": [
-            {
-                "name": law.capitalize(),
-                "formula": found.law.formula,
-                "source": found.law.source,
-                "table": tables.fit_table(law, found),
-            }
-            for law, found in series.fits.items()
-        ],
-        "verdict": series.verdict,
-        "problems": [f"Not fitted: {problem}." for problem in series.problems],
-        "flow": _picture(flow, folder / f"flow{suffix}", f"W against time{where}", _FLOW),
-        "profiles": _profiles(series, folder, suffix, where) if series.profiles else None,
-    }
-
-
-def _profiles(series: Series, folder: Path, suffix: str, where: str) -> dict:
-    along, middles = figures.outlet_profiles(series), figures.outlet_middles(series)
-    return {
-        "along": _picture(along, folder / f"profiles{suffix}", f"profiles along the outlets{where}", _ALONG),
-        "middles": _picture(middles, folder / f"middles{suffix}", f"middles of the profiles{where}", _MIDDLES),
-        "formula": FORMULA,
-        "source": SOURCE,
-        "table": tables.profile_table(series),
-        "outlets": tables.outlet_table(series),
-    }
-
-
+_ANGLES = (
+    "Flow rate over that of a flat bottom with the same outlet; bars: one standard error. Lines have no free "
+    "parameter; the angle φ_d of Rose and Tanaka is taken as the arctangent of the grains’ friction."
+)
+_POSITIONS = (
+    "Flow rate over that of the same outlet in the middle, and shape of the profiles of each point (eqs 16 and 17), "
+    "against the relative distance from the wall; bars: one standard error."
+)
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."
-_FIT = (
-    "Points: pooled mean with its 95 % interval; lines: fits with 95 % bands; below: relative residuals. Hollow points "
-    "lie outside a law’s range or have no steady flow; they take part in the fit."
-)
-_FLOW = (
-    "W(t) of every replicate. Shaded: the window, between the asked fractions of mass discharged (mean over "
-    "replicates); in it the pooled mean and its 95 % interval."
-)
-
-_ALONG = (
-    "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "
-    "middle. Points are fitted; bins without points lie nearer to the edges than centres of grains come. Bands: one "
-    "standard error over seeds. Dashed: the tilted curves of eqs 16 and 17, where the tilt is significant."
-)
-_MIDDLES = (
-    "Velocity and area fraction in the middle of the outlets, and the flow that the profiles come to, over the flow "
-    "counted. Bars: one standard error over seeds."
-)
-
-
-def _picture(figure: "Figure", stem: Path, alt: str, caption: str) -> Picture:
-    style.save(figure, stem)
-    data = b64encode(stem.with_name(f"{stem.name}.svg").read_bytes()).decode("ascii")
-    width = f"{math.ceil(figure.get_figwidth() / style.MILLIMETRE * 1.45)}mm"
-    return Picture(f"data:image/svg+xml;base64,{data}", alt, caption, width)
 
 
 def _slug(text: str) -> str:

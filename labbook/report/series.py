@@ -1,5 +1,6 @@
 """Series: points that differ only in their orifice, and the laws fitted to their flow rates."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -77,7 +78,7 @@ def series_of(points: Sequence[PointResult], laws: Sequence[str]) -> tuple[Serie
     """Group points by what was swept beside the orifice, and fit `laws` to each group."""
     groups: dict[tuple[tuple[str, float | str], ...], list[PointResult]] = {}
     for result in points:
-        if isinstance(result.point.scene.container, WedgeHopper):
+        if math.isfinite(result.orifice):
             key = tuple((k, v) for k, v in result.at.items() if k != ORIFICE)
             groups.setdefault(key, []).append(result)
     ordered = sorted(groups.items(), key=lambda item: [(isinstance(v, str), v) for _, v in item[0]])
@@ -94,7 +95,11 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
     replicates = np.array([pooled.n for _, pooled in used])
     fits: dict[str, FitResult] = {}
     problems = []
+    outlet = "slot" if isinstance(points[0].point.scene.container, WedgeHopper) else "hole"
     for name in (law for law in laws if law in LAWS):
+        if LAWS[name].outlet not in (outlet, "any"):
+            problems.append(f"{name}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")
+            continue
         try:
             fits[name] = fit(LAWS[name], D, W, error, context(points), replicates)
         except FitError as failure:
@@ -126,8 +131,9 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
 def context(points: Sequence[PointResult]) -> Context:
     """What the laws need to know of a series; its packing fraction is the mean over points where it was measured."""
     scene = points[0].point.scene
-    assert isinstance(scene.container, WedgeHopper)
     fractions = [r.pooled[PACKING_FRACTION].value for r in points if PACKING_FRACTION in r.pooled]
     density = scene.grains.mean_density
     bulk = float(np.mean(fractions)) * density if fractions else None
-    return Context(scene.grains.diameter, density, bulk, scene.container.thickness, scene.gravity)
+    diameter = (6 * scene.grains.mass / (math.pi * density)) ** (1 / 3)  # of a sphere of the grains' volume
+    thickness = float(getattr(scene.container, "thickness", math.nan))
+    return Context(diameter, density, bulk, thickness, scene.gravity)

@@ -32,7 +32,7 @@ from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Journal, Saved
 from labbook.runner.provenance import now
 from labbook.runner.recording import frame_rows, thinned
-from labbook.scene import WedgeHopper
+from labbook.scene import Silo
 
 
 class DischargeJob(Job):
@@ -60,7 +60,7 @@ class DischargeJob(Job):
     def fresh(self) -> Packing:
         """The packing, with the outlet open."""
         packing = self._packing()
-        height = self.scene.container.height if isinstance(self.scene.container, WedgeHopper) else math.inf
+        height = self.scene.container.height if isinstance(self.scene.container, Silo) else math.inf
         bed = float(packing.x[:, 2].max())
         if bed > height:
             raise JobFailed(
@@ -129,7 +129,7 @@ class DischargeJob(Job):
         kinds = {table_name(probe) for probe in self._measured}
         more = [probe for probe in map(parse_probe, had.probes) if table_name(probe) not in kinds]
         if self.film is None and had.recording is not None:
-            self.film = film_probe(had.recording, self.numerics)
+            self.film = film_probe(had.recording, self.numerics, self.scene.grains)
         self._observes((*self._measured, *more))
 
     # going on

@@ -14,7 +14,7 @@ from labbook.runner.journal import Saved
 def at_its_end(folder: Path, record: RunRecord) -> tuple[Saved, Mapping[str, Sequence[Table]]] | None:
     """The run in `folder` as its job would have saved it at its end, and its rows; None if they cannot be read."""
     had = record.coverage
-    film = None if had.recording is None else film_probe(had.recording, record.numerics)
+    film = None if had.recording is None else film_probe(had.recording, record.numerics, record.scene.grains)
     state = {
         "step": had.steps,
         "crossed": had.crossed,

@@ -1,7 +1,7 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
 from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
-from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
+from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, Silo, WedgeHopper
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.scene import Scene
 from labbook.scene.sizes import Normal, Uniform
@@ -23,6 +23,7 @@ __all__ = [
     "Plane",
     "Primitives",
     "Scene",
+    "Silo",
     "Spheres",
     "Spherocylinders",
     "Strip",

@@ -9,7 +9,7 @@ from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
 
 Restitution = Annotated[Ratio, Field(gt=0, le=1)]
 PoissonRatio = Annotated[Ratio, Field(gt=-1, le=0.5)]
-Damping = Literal["clamped", "textbook"]
+Damping = Literal["clamped", "textbook", "printed"]
 Rolling = Literal["full", "rolling"]
 
 
@@ -51,7 +51,7 @@ class _Frictional(Model):
     """Coefficient of normal restitution e that is asked for, in (0, 1]."""
     damping: Damping = "clamped"
     """`clamped`: the damping is solved so that the never-attractive law gives back e; `textbook`: the papers'
-    formula."""
+    formula; `printed`: that with the damping of two grains at walls too, as Pongo et al. do (law linear)."""
     rolling: Rolling = "full"
     """`full`: rolling friction resists all relative rotation, twist too (Fan eq 8 taken literally);
     `rolling`: its tangential part only."""

@@ -289,4 +289,7 @@ class Primitives(Model):
         return self.parts
 
 
-Container = Annotated[WedgeHopper | CylinderSilo | ConicalSilo | Box | Primitives, Field(discriminator="kind")]
+Silo = WedgeHopper | CylinderSilo | ConicalSilo
+"""Containers that grains flow out of."""
+
+Container = Annotated[Silo | Box | Primitives, Field(discriminator="kind")]

@@ -2,7 +2,10 @@
 
 import pytest
 
+from labbook.backend import Contacts, load
 from labbook.bench import engine
+from labbook.bench.savings import STILL
+from labbook.bench.scenes import fan, variants
 
 
 @pytest.mark.slow
@@ -15,8 +18,34 @@ def test_rates_are_of_the_settled_and_the_flowing_hopper():
     assert settled.median > 0.5
     assert {rate.precision for rate in mixed} == {"mixed"}
     assert (stack.case, stack.grains) == ("box at rest", 500)
-    assert len({rate.case for rate in result.ablations}) == 5
+    saved = {saving.case: saving for saving in result.savings}
+    assert len(saved) == 5
+    assert all(0 < saving.low <= saving.times <= saving.high for saving in result.savings)
+    assert saved["without friction"].times > 1
+    assert result.large is not None
+    assert result.large > 0
     assert result.speed_up > 0
     assert 0 < result.starting.cached < result.starting.compiled
     assert result.starting.cached < result.starting.first_step
     assert result.as_dict()["backend"] == "numba"
+
+
+@pytest.mark.slow
+def test_the_bed_stays_as_it_is_while_switches_are_timed():
+    """Whatever is left out, there are as many contacts afterwards: rates differ by what a contact costs."""
+    closed = fan(grains=200).close()
+    numba = load("numba")
+    bed = engine._settle(numba, closed)
+    scenes = {"as it is": closed, **variants(closed)}
+    found = {}
+    for what in ("as it is", "without friction", "without front and back"):
+        ensemble = numba.open(numba.specialise(scenes[what], STILL, [Contacts()]), 1)
+        ensemble.admit(scenes[what], STILL, bed)
+        ensemble.advance(15)
+        (rows,) = ensemble.drain().values()
+        last = rows["step"] == rows["step"].max()
+        found[what] = {(i, j) for i, j in zip(rows["i"][last], rows["j"][last], strict=True) if j >= 0}
+        ensemble.close()
+    assert len(found["as it is"]) > 200
+    assert found["without friction"] == found["as it is"]
+    assert found["without front and back"] == found["as it is"]

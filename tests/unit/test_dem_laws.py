@@ -40,6 +40,18 @@ def test_coefficients_of_the_linear_law_by_hand():
     assert linear.coefficients(law, Surface(restitution=1.0), 3.0)[:2] == pytest.approx((1.5e5, 0.0))
 
 
+def test_printed_damping_is_that_of_two_grains_at_walls_too():
+    """Pongo et al.: gamma_n = sqrt(2 k_n m / ((pi/ln e)^2 + 1)) everywhere; between two grains m* = m/2."""
+    mass, surface = 3e-4, Surface(restitution=0.9)
+    law = LinearSpringDashpot(normal_stiffness=1e5, damping="printed")
+    printed = math.sqrt(2 * 1e5 * mass / ((math.pi / math.log(0.9)) ** 2 + 1))
+    pair, wall = (linear.coefficients(law, surface, wall=at_wall)[1] for at_wall in (False, True))
+    assert pair * math.sqrt(1e5 * mass / 2) == pytest.approx(printed, rel=1e-12)
+    assert wall * math.sqrt(1e5 * mass) == pytest.approx(printed, rel=1e-12)
+    textbook = law.model_copy(update={"damping": "textbook"})
+    assert linear.coefficients(textbook, surface, wall=True)[1] == pair
+
+
 def test_no_friction_given_is_none():
     for module, law in ((hertz_mindlin, FAN), (linear, LinearSpringDashpot(normal_stiffness=1.0))):
         assert module.coefficients(law, Surface())[4:6] == (0.0, 0.0)

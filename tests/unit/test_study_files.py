@@ -9,6 +9,8 @@ import typer
 from typer.testing import CliRunner
 
 from labbook.cli import new
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Spherocylinders
+from labbook.scene.timescales import collision
 from labbook.study import StudyError, load, page
 from labbook.study.keys import all_keys
 from labbook.study.schema import OTHER_KEYS, TOP_KEYS
@@ -46,6 +48,25 @@ def test_fan_studies_have_the_parameters_of_table_1(name):
         assert point.scene.walls == {}
         assert (hopper.height, hopper.thickness) == (0.4, 0.00303)  # pyright: ignore[reportAttributeAccessIssue]
         assert point.numerics.dt <= 2.6e-6
+
+
+@pytest.mark.parametrize("name", ["rotation-frequency", "orifice", "aspect-ratio"])
+def test_pongo_studies_have_the_parameters_of_the_paper(name):
+    study = load(STUDIES / f"pongo2022-{name}.yaml")
+    assert study.replicates == 3
+    for point in study.points:
+        grains, law, silo = point.scene.grains, point.scene.contact, point.scene.container
+        assert isinstance(grains, Spherocylinders)
+        assert isinstance(law, LinearSpringDashpot)
+        assert isinstance(silo, CylinderSilo)
+        assert (grains.density, point.scene.gravity, silo.diameter, point.numerics.dt) == (620, 9.8, 0.19, 1e-6)
+        assert law.normal_stiffness == pytest.approx(2e5 * grains.mass * 9.8 / grains.diameter, rel=1e-4)
+        assert (law.tangential_stiffness, law.tangential_damping, law.damping) == (2 / 7, 1.0, "printed")
+        assert (law.friction, law.restitution, law.rolling_friction) == (0.5, 0.9, 0)
+        assert grains.length == (0.0099 if grains.diameter == 0.0099 else 0.02)
+        assert grains.count == (22_500 if grains.diameter == 0.005 else 10_000)
+        assert collision(point.scene) == pytest.approx(1.2e-4, rel=0.4)  # 1.2e-4 s for the rod of 6 mm
+    assert {p.at["container.rotation"] for p in study.points} <= {0, 0.16, 0.32, 0.64, 0.96, 1.28}
 
 
 def test_fan_flat_column():

@@ -12,10 +12,15 @@ from labbook_dem import restitution
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 
-def coefficients(law: HertzMindlin, surface: Surface, stiffness_scale: float = 1.0) -> coefs:
-    """(4/3) E* [Pa], C_n, C_t, kappa, mu, mu_r of a contact between equal materials with this surface."""
+def coefficients(
+    law: HertzMindlin, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False
+) -> coefs:  # fmt: skip
+    """(4/3) E* [Pa], C_n, C_t, kappa, mu, mu_r of a contact between equal materials with this surface.
+
+    wall: whether it is of a grain and a wall; this law has the same coefficients for both.
+    """
     e, nu = surface.restitution or 1.0, law.poisson_ratio
-    c_n = restitution.hertz_textbook(e) if law.damping == "textbook" else restitution.hertz_c_n(e)
+    c_n = restitution.hertz_c_n(e) if law.damping == "clamped" else restitution.hertz_textbook(e)
     modulus = 4 / 3 * effective_modulus(law) * stiffness_scale
     kappa = (2 - nu) / (2 * (1 - nu))
     mu, mu_r = surface.friction or 0.0, surface.rolling_friction or 0.0

@@ -5,15 +5,24 @@ hit the spring is shortened so that the total tangential force equals mu F_n. ga
 the damping ratio; gamma_t is a multiple of gamma_n.
 """
 
+import math
+
 from labbook.scene import LinearSpringDashpot, Surface
 from labbook_dem import restitution
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 
-def coefficients(law: LinearSpringDashpot, surface: Surface, stiffness_scale: float = 1.0) -> coefs:
-    """k_n [N/m], gamma_n / sqrt(k_n m*), gamma_t / gamma_n, k_t / k_n, mu, mu_r."""
+def coefficients(
+    law: LinearSpringDashpot, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False
+) -> coefs:  # fmt: skip
+    """k_n [N/m], gamma_n / sqrt(k_n m*), gamma_t / gamma_n, k_t / k_n, mu, mu_r.
+
+    wall: whether it is of a grain and a wall, whose m* is twice that of two grains.
+    """
     e = surface.restitution or 1.0
-    ratio = restitution.linear_textbook(e) if law.damping == "textbook" else restitution.linear_ratio(e)
+    ratio = restitution.linear_ratio(e) if law.damping == "clamped" else restitution.linear_textbook(e)
+    if wall and law.damping == "printed":
+        ratio /= math.sqrt(2)  # the same gamma_n as between grains
     mu, mu_r = surface.friction or 0.0, surface.rolling_friction or 0.0
     k_n = law.normal_stiffness * stiffness_scale
     return k_n, 2 * ratio, law.tangential_damping, law.tangential_stiffness, mu, mu_r, 0.0, 0.0

@@ -34,9 +34,9 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
+from labbook_numba.kernels.meet import agree
 from labbook_numba.kernels.move import contact_work, move
 from labbook_numba.kernels.pairs import pair_forces
-from labbook_numba.kernels.sharing import agree, take_part
 from labbook_numba.kernels.walls import wall_forces
 from labbook_numba.state import Params, State
 
@@ -105,7 +105,6 @@ def advance(st: State, p: Params, target):
     """
     limit2 = p.speed_limit * p.speed_limit
     reading = st.count[STEP] == target
-    take_part(st, p)
     while (reading or st.count[STEP] < target) and st.count[GRAINS] > 0:
         if not st.sums[MOVED] < wide(0.5) * p.skin:
             return REBUILD

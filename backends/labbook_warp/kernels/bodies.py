@@ -49,7 +49,7 @@ def between(a: System, m: Material, s: int, one: Body, other: Body):
 
 
 @func
-def at_wall(a: System, g: int, one: Body):
+def with_plate(a: System, g: int, one: Body):
     """Coefficients of the law between a grain and wall g."""
     at = g
     if VARIED:

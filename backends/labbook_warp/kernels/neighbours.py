@@ -6,13 +6,13 @@ their distance. A cell holds a fixed number of grains: their order, which is by 
 
 from __future__ import annotations
 
-from labbook_dem.words import FRICTION, dot, func, sqrt, wide
+from labbook_dem.words import FRICTION, func, wide
 
-from labbook_warp.kernels.bodies import body, listed2
-from labbook_warp.kernels.mixed import position, velocity
+from labbook_warp.kernels.bodies import listed2
+from labbook_warp.kernels.mixed import position
+from labbook_warp.kernels.spheres import apart2, grain, mark, near_walls, strayed
 from labbook_warp.kernels.system import Place, System, entry, has_bit, material
-from labbook_warp.kernels.walls import wall_distance
-from labbook_warp.kernels.words import ANY_WALLS, PARKED, Words, float32, kernel, widen, wp
+from labbook_warp.kernels.words import ANY_WALLS, PARKED, REACH, Words, float32, kernel, wp
 
 
 @kernel
@@ -25,16 +25,14 @@ def check(a: System, p: Words, every: int):
     i = wp.tid()
     s = i // a.cap
     if i - s * a.cap < a.rows[s]:
-        x = position(p, i)
-        if x[2] > wide(0.5) * wide(PARKED):
-            m = material(a, s)
-            away = x - a.origin[i]
-            moved = sqrt(dot(away, away))
-            v = widen(velocity(p, i))
-            if every > 1 and not moved <= m.half_skin:
+        m = material(a, s)
+        g = grain(p, m, i)
+        if g.x[2] > wide(0.5) * wide(PARKED):
+            so_far, speed = strayed(a, m, i, g)
+            if every > 1 and not so_far <= m.half_skin:
                 a.late[s] = 1
-            ahead = wide(1.5) * sqrt(dot(v, v)) * m.dt * wide(every)
-            if not moved + ahead <= m.half_skin:
+            ahead = wide(1.5) * speed * m.dt * wide(every)
+            if not so_far + ahead <= m.half_skin:
                 a.flag[s] = 1
                 a.any_flag[0] = 1
 
@@ -90,27 +88,27 @@ def build(a: System, p: Words):
     s = i // a.cap
     r = i - s * a.cap
     if a.flag[s] == 1 and r < a.rows[s]:
-        x = position(p, i)
-        a.origin[i] = x
+        m = material(a, s)
+        g = grain(p, m, i)
+        mark(a, i, g)
         found = int(0)
         near = wp.uint32(0)
-        if x[2] > wide(0.5) * wide(PARKED):
-            m = material(a, s)
+        if g.x[2] > wide(0.5) * wide(PARKED):
             b = a.place[s]
-            cx = wrapped(x[0], b.cell, b.gx)
-            cy = wrapped(x[1], b.cell, b.gy)
-            cz = wrapped(x[2], b.cell, b.gz)
-            for side in range(27):
-                dx = side % 3 - 1
-                dy = side // 3 % 3 - 1
-                dz = side // 9 - 1
+            cx = wrapped(g.x[0], b.cell, b.gx)
+            cy = wrapped(g.x[1], b.cell, b.gy)
+            cz = wrapped(g.x[2], b.cell, b.gz)
+            across = 2 * REACH + 1
+            for side in range(across * across * across):
+                dx = side % across - REACH
+                dy = side // across % across - REACH
+                dz = side // (across * across) - REACH
                 # a lattice one cell thick is its own neighbour: look there once
                 if (b.gx > 1 or dx == 0) and (b.gy > 1 or dy == 0) and (b.gz > 1 or dz == 0):
                     c = s * a.cells + cell_at(b, cx + dx, cy + dy, cz + dz)
                     for e in range(min(a.cell_count[c], a.depth)):
                         o = a.cell_rows[c * a.depth + e]
-                        away = x - position(p, s * a.cap + o)
-                        d2 = dot(away, away)
+                        d2 = apart2(p, m, g, s * a.cap + o)
                         if d2 < listed2(a, m, i, s * a.cap + o) and o != r:
                             if found < a.near:
                                 insert(a, s, r, found, o, wp.float32(d2))
@@ -119,13 +117,11 @@ def build(a: System, p: Words):
                 wp.atomic_max(a.overflow, 2 * s, found)
                 found = a.near
             if ANY_WALLS:
-                for q in range(a.place[s].walls):
-                    distance, _normal = wall_distance(a, s * a.walls + q, x)
-                    if distance < body(a, m, i).reach + m.half_skin:
-                        near = near | (wp.uint32(1) << wp.uint32(q))
+                near = near_walls(a, m, s, g)
         if ANY_WALLS:
             a.wall_near[i] = near
-            a.wall_held[i] = a.wall_held[i] & near
+            if g.x[2] <= wide(0.5) * wide(PARKED):
+                a.wall_held[i] = near
         carry(a, s, r, i, found)
 
 

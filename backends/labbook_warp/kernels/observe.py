@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
-from labbook_warp.kernels.bodies import body, per_inertia, per_mass
-from labbook_warp.kernels.contacts import with_neighbour, with_wall
+from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces
-from labbook_warp.kernels.mixed import position, predicted, spin, velocity
+from labbook_warp.kernels.spheres import at_wall, grain, spinning, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
 from labbook_warp.kernels.words import (
     ANY_WALLS,
     LANES,
     PARKED,
+    PARTS,
     Ints,
     Wides,
     Wides3,
@@ -25,7 +25,8 @@ from labbook_warp.kernels.words import (
 
 @kernel
 def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
-    """Velocities and spins at the whole step: half a kick by the forces there, as precise as the state is.
+    """Velocities and reduced angular momenta at the whole step: half a kick by the forces there, as precise as the
+    state is.
 
     Grains that have left: zero.
     """
@@ -35,26 +36,24 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
     s = i // a.cap
     r = i - s * a.cap
     if r < a.rows[s]:
-        x = position(p, i)
-        v = velocity(p, i)
-        w = spin(p, i)
-        if x[2] > wide(0.5) * wide(PARKED):
-            m = material(a, s)
-            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, x, v, w, predicted(p, i), False)
+        m = material(a, s)
+        g = grain(p, m, i)
+        if g.x[2] > wide(0.5) * wide(PARKED):
+            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, False)
             part = wide(0.5) * m.dt
             if a.step[s] == wp.int64(0):
                 part = wide(0.0)
             if lane == 0:
                 gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-                v_out[i] = widen(narrow(widen(v) + (f * per_mass(a, m, i) + gravity) * part))
-                w_out[i] = widen(narrow(widen(w) + t * (per_inertia(a, m, i) * part)))
+                v_out[i] = widen(narrow(widen(g.v) + (f * per_mass(a, m, i) + gravity) * part))
+                w_out[i] = widen(narrow(widen(g.w) + t * (per_inertia(a, m, i) * part)))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
 
 
 @kernel
-def kinetic(a: System, v: Wides3, w: Wides3, parts: int, out: Wides):
+def kinetic(a: System, p: Words, v: Wides3, w: Wides3, parts: int, out: Wides):
     """Kinetic energy [J] of every `parts`-th grain of each member, to be added up: in quanta, and the rest.
 
     Exact sums, as those of forces: which row a grain has decides no bit. A quantum is 2^-48 of the energy of 2^20
@@ -70,7 +69,8 @@ def kinetic(a: System, v: Wides3, w: Wides3, parts: int, out: Wides):
     fine = wide(0.0)
     for r in range(first, a.rows[s], parts):
         i = s * a.cap + r
-        energy = wide(0.5) * (dot(v[i], v[i]) / per_mass(a, m, i) + dot(w[i], w[i]) / per_inertia(a, m, i))
+        turning = dot(w[i], spinning(m, grain(p, m, i), w[i]))
+        energy = wide(0.5) * (dot(v[i], v[i]) / per_mass(a, m, i) + turning / per_inertia(a, m, i))
         whole = (energy + magic) - magic
         coarse += whole
         fine += ((energy - whole) + small) - small
@@ -97,24 +97,21 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
     s = i // a.cap
     r = i - s * a.cap
     if r < a.rows[s]:
-        x = position(p, i)
-        if x[2] > wide(0.5) * wide(PARKED):
-            m = material(a, s)
-            v = velocity(p, i)
-            w = spin(p, i)
-            u = predicted(p, i)
-            one = body(a, m, i)
+        m = material(a, s)
+        g = grain(p, m, i)
+        if g.x[2] > wide(0.5) * wide(PARKED):
             for k in range(a.count[i]):
                 at = entry(a, s, a.near, k, r)
                 j = s * a.cap + a.nbr[at]
                 if a.ids[i] < a.ids[j]:
-                    c = with_neighbour(a, p, m, s, one, at, j, has_bit(a.held[i], k), x, v, w, u)
+                    c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), g)
                     if c.touches:
                         row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
             if ANY_WALLS:
-                for q in range(a.walls):
-                    if has_bit(a.wall_near[i], q):
-                        at = entry(a, s, a.walls, q, r)
-                        c = with_wall(a, m, one, s * a.walls + q, at, has_bit(a.wall_held[i], q), x, v, w, u)
+                for k in range(a.walls * PARTS):
+                    if has_bit(a.wall_near[i], k):
+                        c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                         if c.touches:
-                            row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, q, c.force, c.branch)
+                            row(
+                                out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, k // PARTS, c.force, c.branch
+                            )

@@ -7,17 +7,20 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces
-from labbook_warp.kernels.mixed import position, predicted, put, rest, spin, velocity
+from labbook_warp.kernels.mixed import rest
+from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, refreshed, spinning, store
 from labbook_warp.kernels.system import Material, System, material
 from labbook_warp.kernels.words import (
     BAD_OVERLAP,
     BAD_SPEED,
     BAD_STATE,
+    COLUMNS,
     CROSSING,
     LANES,
     LEDGER,
     OUTLET,
     PARKED,
+    RODS,
     Words,
     hot_kernel,
     int64,
@@ -37,73 +40,70 @@ def fails(a: System, s: int, i: int, now: int64, code: int, value: real):
 
 
 @func
-def crosses(
-    a: System, plane: wide, dt: wide, s: int, i: int, now: int64, before: wide, x: wide3, v: vec3, w: vec3
-):  # fmt: skip
-    """Record the first passage of grain i through the member's plane."""
+def crosses(a: System, plane: wide, dt: wide, s: int, i: int, now: int64, before: wide, g: Grain):
+    """Record the first passage of grain i through the member's plane. before: z [m] a step ago."""
     a.gone[i] = 1
-    row = 13 * wp.atomic_add(a.crossed, 0, 1)
+    row = COLUMNS * wp.atomic_add(a.crossed, 0, 1)
     part = wide(0.0)
-    if before > x[2]:
-        part = min(max((before - plane) / (before - x[2]), wide(0.0)), wide(1.0))
+    if before > g.x[2]:
+        part = min(max((before - plane) / (before - g.x[2]), wide(0.0)), wide(1.0))
     a.cross[row] = wide(s)
     a.cross[row + 1] = wide(a.ids[i])
     a.cross[row + 2] = wide(now + wp.int64(1))
     a.cross[row + 3] = (wide(now) + part) * dt
     for c in range(3):
-        a.cross[row + 4 + c] = x[c]
-        a.cross[row + 7 + c] = wide(v[c])
-        a.cross[row + 10 + c] = wide(w[c])
+        a.cross[row + 4 + c] = g.x[c]
+        a.cross[row + 7 + c] = wide(g.v[c])
+        a.cross[row + 10 + c] = wide(g.spin[c])
+    if RODS:
+        for c in range(4):
+            a.cross[row + 13 + c] = g.q[c]
 
 
 @func
-def advance(
-    a: System, q: Words, m: Material, s: int, i: int, now: int64, x: wide3, v: vec3, w: vec3, more: real, f: wide3,
-    t: wide3,
-):  # fmt: skip
+def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Grain, more: real, f: wide3, t: wide3):
     """Move grain i by one step and write it to q. more: what rounding has kept from its vertical velocity so far."""
     kick_dt = m.dt
     if now == wp.int64(0):
         kick_dt = wide(0.5) * m.dt  # the first kick brings velocities from a whole to a half step
     weight = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
     acc = f * per_mass(a, m, i) + weight
-    turn = t * per_inertia(a, m, i)
-    v0 = widen(v) + wide3(wide(0.0), wide(0.0), wide(more))
-    w0 = widen(w)
+    turn_acc = t * per_inertia(a, m, i)
+    v0 = widen(g.v) + wide3(wide(0.0), wide(0.0), wide(more))
+    w0 = widen(g.w)
     v2 = wide3(kick(v0[0], acc[0], kick_dt), kick(v0[1], acc[1], kick_dt), kick(v0[2], acc[2], kick_dt))
     v1 = narrow(v2)
     more = real(v2[2] - wide(v1[2]))
-    w1 = vec3(
-        real(kick(w0[0], turn[0], kick_dt)), real(kick(w0[1], turn[1], kick_dt)), real(kick(w0[2], turn[2], kick_dt))
+    w2 = wide3(
+        kick(w0[0], turn_acc[0], kick_dt), kick(w0[1], turn_acc[1], kick_dt), kick(w0[2], turn_acc[2], kick_dt)
     )
     if LEDGER:
         half = wide(0.5) * kick_dt
-        a.work[i] = a.work[i] + (dot(f, v0 + acc * half) + dot(t, w0 + turn * half)) * kick_dt
-    x1 = wide3(drift(x[0], v2[0], m.dt), drift(x[1], v2[1], m.dt), drift(x[2], v2[2], m.dt))
+        half_way = spinning(m, g, w0 + turn_acc * half)
+        a.work[i] = a.work[i] + (dot(f, v0 + acc * half) + dot(t, half_way)) * kick_dt
+    x1 = wide3(drift(g.x[0], v2[0], m.dt), drift(g.x[1], v2[1], m.dt), drift(g.x[2], v2[2], m.dt))
     u1 = vec3(
         real(predict(v2[0], acc[0], m.dt)), real(predict(v2[1], acc[1], m.dt)), real(predict(v2[2], acc[2], m.dt))
     )
+    new = moved(m, g, x1, v1, w2, u1, turn_acc)
     if CROSSING:
         plane = a.place[s].plane
         if x1[2] < plane:
             if a.gone[i] == 0:
-                crosses(a, plane, m.dt, s, i, now, x[2], x1, v1, w1)
+                crosses(a, plane, m.dt, s, i, now, g.x[2], new)
     fast2 = dot(v1, v1)
     if OUTLET:
         if x1[2] < a.place[s].drop:  # nothing that is still to be counted touches it
             wp.atomic_add(a.left, s, 1)
-            x1 = wide3(x1[0], x1[1], wide(PARKED))
-            v1 = vec3(real(0.0), real(0.0), real(0.0))
-            w1 = vec3(real(0.0), real(0.0), real(0.0))
-            u1 = vec3(real(0.0), real(0.0), real(0.0))
+            new = at_rest(new, wide(PARKED))
             fast2 = real(0.0)
             more = real(0.0)
-    if not fast2 <= m.speed2 or not dot(w1, w1) >= real(0.0):
+    if not fast2 <= m.speed2 or not dot(new.w, new.w) >= real(0.0):
         code = BAD_STATE
         if fast2 > m.speed2:
             code = BAD_SPEED
         fails(a, s, i, now + wp.int64(1), code, wp.sqrt(fast2))
-    put(q, i, x1, v1, w1, u1, more)
+    store(q, i, new, more)
 
 
 @hot_kernel
@@ -115,14 +115,11 @@ def step(a: System, p: Words, q: Words, sub: int):
     s = i // a.cap
     r = i - s * a.cap
     if r < a.rows[s]:
-        x = position(p, i)
-        v = velocity(p, i)
-        w = spin(p, i)
-        u = predicted(p, i)
-        if x[2] > wide(0.5) * wide(PARKED):
-            m = material(a, s)
+        m = material(a, s)
+        g = grain(p, m, i)
+        if g.x[2] > wide(0.5) * wide(PARKED):
             now = a.step[s] + wp.int64(sub)
-            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, x, v, w, u, True)
+            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, True)
             if not deepest <= m.deepest:
                 fails(a, s, i, now, BAD_OVERLAP, deepest)
             if lane == 0:
@@ -132,10 +129,10 @@ def step(a: System, p: Words, q: Words, sub: int):
                     a.wall_held[i] = wall_held
                 if LEDGER:
                     a.deep[i] = wide(deepest)
-                advance(a, q, m, s, i, now, x, v, w, rest(p, i), f, t)
+                advance(a, q, m, s, i, now, refreshed(p, i, g), rest(p, i), f, t)
         else:
             if lane == 0:
-                put(q, i, x, v, w, u, real(0.0))
+                store(q, i, g, real(0.0))
 
 
 @kernel
@@ -144,7 +141,7 @@ def bring(a: System, p: Words, q: Words):
     i = wp.tid()
     s = i // a.cap
     if i - s * a.cap < a.rows[s]:
-        put(q, i, position(p, i), velocity(p, i), spin(p, i), predicted(p, i), rest(p, i))
+        store(q, i, grain(p, material(a, s), i), rest(p, i))
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 Slot s holds one member in rows s * CAP .. s * CAP + rows[s] - 1 of the arrays of grains. Arrays of several entries a
 grain (near neighbours, walls) are blocks of one slot each, entry by entry: entry k of row r of slot s stands at
-(s * ENTRIES + k) * CAP + r. Neighbours are named by their row in the slot: nothing depends on which slot it is.
+(s * ENTRIES + k) * CAP + r. Walls have PARTS entries each. Neighbours are named by their row in the slot: nothing depends on which slot it is.
 """
 
 from __future__ import annotations
@@ -41,7 +41,10 @@ class Material:
     inertia_rate: real
     reach: wide  # radius; an overlap is a small difference of large lengths
     reach2: wide  # diameter squared
+    half: wide  # half the length of a rod's segment
+    slender: wide  # I_t/I_a - 1; see `labbook_dem.rotation`
     listed2: wide  # square of the distance up to which neighbours are listed
+    centres2: wide  # square of the distance up to which the centres of listed neighbours may be
     half_skin: wide
     per_mass: wide
     per_inertia: wide
@@ -89,6 +92,7 @@ class System:
     ids: Ints
     gone: Ints
     origin: Wides3  # positions when lists were built
+    facing: Wides3  # axes of rods then
     count: Ints
     nbr: Ints
     held: Bits  # whether the spring to neighbour k is valid

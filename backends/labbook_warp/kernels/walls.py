@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from labbook_dem.walls.frustum import frustum_distance
 from labbook_dem.walls.plane import plane_distance
 from labbook_dem.walls.strip import strip_distance
 from labbook_dem.words import func, wide, wide3
 
 from labbook_warp.kernels.system import System
-from labbook_warp.kernels.words import PLANES, STRIPS
+from labbook_warp.kernels.words import FRUSTUMS, PLANES, STRIPS
 
 
 @func
@@ -20,8 +21,16 @@ def wall_distance(a: System, g: int, x: wide3):
         if STRIPS:
             if a.wall_kind[g] == 1:
                 distance, normal = strip_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
-    else:
+        if FRUSTUMS:
+            if a.wall_kind[g] == 2:
+                distance, normal = frustum_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
+    elif STRIPS:
         distance, normal = strip_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
+        if FRUSTUMS:
+            if a.wall_kind[g] == 2:
+                distance, normal = frustum_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
+    else:
+        distance, normal = frustum_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
     return distance, normal
 
 

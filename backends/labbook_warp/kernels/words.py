@@ -16,12 +16,19 @@ def hot_kernel(function: F) -> F:
     return function
 
 
+def rare_func(function: F) -> F:
+    """Marks a function that few grains ever call: it is not inlined, so that it takes no registers from the others."""
+    return function
+
+
 wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Bodies = Any
 word: Any = None
 widen: Any = None
+wide4: Any = None  # a unit quaternion
 load_word: Any = None
+load_again: Any = None
 store_word: Any = None
 load_int: Any = None
 add_lanes: Any = None
@@ -35,6 +42,8 @@ halved: Any = None
 MOVING = True
 PLANES = True
 STRIPS = True
+FRUSTUMS = True
+RODS = False
 CROSSING = True
 OUTLET = True
 LEDGER = True
@@ -45,6 +54,10 @@ LANES = 1  # threads that share a grain: many where grains are few
 FINE = False  # whether forces are computed in double, and summed as precisely
 UNIFORM = False  # whether all members have the same material
 SHARED = False  # whether several threads share a grain
+PARTS = 1  # contacts that a grain may have with one wall
+TORQUES = True  # whether contacts turn grains
+REACH = 1  # how many cells away a neighbour may be
+COLUMNS = 13  # of a row of crossings
 PARKED = -1.0e9
 """z [m] at which grains are kept that have left."""
 BAD_STATE, BAD_SPEED, BAD_OVERLAP = 1, 2, 3

@@ -3,11 +3,16 @@
 from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
+from labbook.report.figures.pattern import flow_patterns
 from labbook.report.figures.profiles import outlet_middles, outlet_profiles
+from labbook.report.figures.ratios import flow_against_angle, flow_against_position
 
 __all__ = [
+    "flow_against_angle",
     "flow_against_orifice",
+    "flow_against_position",
     "flow_against_time",
+    "flow_patterns",
     "outlet_middles",
     "outlet_profiles",
     "overview",

@@ -122,6 +122,7 @@ class FinishedDouble:
     point: Point
     seed: int
     outcome: str = "emptied"
+    recorded: bool = False
 
     @property
     def run_key(self) -> str:
@@ -135,6 +136,9 @@ class FinishedDouble:
             "wall_time": 1.5 + self.seed,
             "seed": self.seed,
         }
+
+    def recording(self) -> dict[str, np.ndarray] | None:
+        return sample(self.point.scene, dict(self.data().tables["crossing"])) if self.recorded else None
 
     def data(self) -> RunData:
         return observe(self.point.scene, self.seed, self.outcome)

@@ -1,12 +1,14 @@
 """Recordings hold the grains, the walls and W(t) on one clock."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from labbook.recording import CLOCK, FRAMES, NotRecorded, ViewerMissing, speed_colours, wall_quads, write
-from labbook.scene import Box
+from labbook.recording import CLOCK, FRAMES, NotRecorded, ViewerMissing, speed_colours, write
+from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
+from labbook.wall_shapes import round_walls, wall_quads
 
 rerun = pytest.importorskip("rerun")
 
@@ -121,3 +123,37 @@ def test_walls_of_a_box_are_patches_of_their_planes(synthetic):
     assert np.ptp(quads["bottom"][:, 0]) == pytest.approx(0.083)
     assert np.ptp(quads["bottom"][:, 1]) == pytest.approx(0.063)
     assert np.allclose(quads["right"][:, 0], 0.05)
+
+
+def test_rods_are_capsules_and_the_bottom_turns(synthetic, tmp_path):
+    """A rod of 20 mm x 6 mm at (1, 2, 3) cm that lies along x: its capsule begins 7 mm before it."""
+    rods = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=1)
+    silo = CylinderSilo(diameter=0.19, height=0.5, orifice=0.06, rotation=0.25)
+    scene = synthetic.scene().model_copy(update={"grains": rods, "container": silo})
+    run = synthetic.observe(synthetic.scene(), seed=1, recorded=True)
+    run = replace(run, scene=scene, tables={})
+    columns = {"id": 0, "x": 0.01, "y": 0.02, "z": 0.03, "vx": 0.1, "vy": 0, "vz": 0}
+    columns |= dict(zip(("qw", "qx", "qy", "qz"), (np.sqrt(0.5), 0, np.sqrt(0.5), 0), strict=True))
+    table = {"time": np.array([0.0, 1.0]), **{name: np.full(2, value) for name, value in columns.items()}}
+    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))
+    (first, _) = column(found["/grains", False], "Capsules3D:translations")
+    assert np.array(first[0]) == pytest.approx([0.003, 0.02, 0.03], abs=1e-7)
+    (_, turned) = column(found["/walls/bottom", False], "Transform3D:quaternion")
+    assert np.ravel(turned) == pytest.approx([0, 0, np.sqrt(0.5), np.sqrt(0.5)], abs=1e-6)  # a quarter turn
+
+
+def test_round_walls_are_meshes_of_their_surface():
+    silo = CylinderSilo(diameter=0.19, height=0.5, orifice=0.06, rotation=0.25)
+    rods = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=1)
+    law = LinearSpringDashpot(normal_stiffness=1.0)
+    scene = Scene(grains=rods, contact=law, container=silo)
+    side, bottom = round_walls(scene, np.array([[0, 0, 0.1]]))
+    assert np.hypot(*side.vertices.T[:2]) == pytest.approx(np.full(len(side.vertices), 0.095))
+    assert side.vertices[:, 2].max() == pytest.approx(0.1 + 5 * 3e-3)
+    radii = np.hypot(*bottom.vertices.T[:2])
+    assert (radii.min(), radii.max()) == pytest.approx((0.03, 0.095))
+    a, b, c = (bottom.vertices[bottom.triangles[:, k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    assert area == pytest.approx(np.pi * (0.095**2 - 0.03**2), rel=1e-3)
+    assert (side.spin, len(side.lines)) == (0, 2)
+    assert bottom.spin == pytest.approx(0.5 * np.pi)

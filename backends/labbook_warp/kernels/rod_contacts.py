@@ -1,0 +1,173 @@
+"""What a rod meets: the contact with one of its neighbours, and up to PARTS contacts with each of the walls near it."""
+
+from __future__ import annotations
+
+from labbook_dem.parts import has, heir
+from labbook_dem.rods import rod_on_rod, rod_on_wall
+from labbook_dem.rotation import spin
+from labbook_dem.segments import closest_from
+from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
+
+from labbook_warp.kernels.mixed_rods import (
+    momentum,
+    orientation,
+    position,
+    predicted,
+    predicted_momentum,
+    velocity,
+)
+from labbook_warp.kernels.rod_walls import edge_distance, part_distance
+from labbook_warp.kernels.rods import Grain, facing
+from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
+from labbook_warp.kernels.system import Material, System, entry
+from labbook_warp.kernels.walls import wall_distance, wall_velocity
+from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, uint32, wp
+
+
+@func
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
+    """The contact with grain j, whose spring stands at `at` and is valid if `held`.
+
+    Closest points are looked for from the rod that is farther along x, so that both sides find the same to the last bit.
+    """
+    c = Contact()
+    away = g.x - position(p, j)
+    other = facing(orientation(p, j))
+    along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
+    ahead = along > wide(0.0)
+    first, second, branch = closest_from(
+        away if ahead else -away, g.axis if ahead else other, other if ahead else g.axis, m.half
+    )
+    gap = m.reach2 - dot(branch, branch)
+    c.touches = gap > wide(0.0)
+    if c.touches:
+        mine = first if ahead else second
+        yours = second if ahead else first
+        branch = branch if ahead else -branch
+        last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+        b = narrow(other)
+        f, t, _t, kept, delta = rod_on_rod(
+            m.c, m.radius, m.mass, narrow(branch), real(gap), narrow(g.axis * mine), narrow(other * yours),
+            g.u - predicted(p, j), g.v - velocity(p, j), g.soon, spin(predicted_momentum(p, j), b, real(m.slender)),
+            g.spin, spin(momentum(p, j), b, real(m.slender)), last, advance, m.inertia_rate,
+        )  # fmt: skip
+        c.overlap = delta
+        c.force = f
+        c.torque = t
+        c.spring = kept
+        c.branch = -away
+    return c
+
+
+@func
+def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, distance: wide, normal: wide3, s: wide):
+    """The contact with a wall at the point s [m] of the segment, whose spring stands at `at` and is valid if `held`."""
+    c = Contact()
+    overlap = real(m.reach - distance)
+    lever = g.axis * s
+    last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
+    surface = vec3(real(0.0), real(0.0), real(0.0))
+    turning = vec3(real(0.0), real(0.0), real(0.0))
+    if MOVING:
+        surface = narrow(wall_velocity(a, wall, g.x + lever - normal * distance))
+        turning = vec3(real(0.0), real(0.0), real(a.wall_motion[wall][3]))
+    f, t, kept = rod_on_wall(
+        a.wall_c[wall], m.radius, m.mass, overlap, narrow(normal), narrow(lever), g.u - surface, g.v - surface,
+        g.soon, g.spin, turning, last, advance, m.inertia_rate,
+    )  # fmt: skip
+    c.touches = True
+    c.overlap = overlap
+    c.force = f
+    c.torque = t
+    c.spring = kept
+    c.branch = lever - normal * distance
+    return c
+
+
+@func
+def parts_of(mask: uint32, q: int):
+    """The bits of wall q."""
+    return int((mask >> wp.uint32(q * PARTS)) & wp.uint32((1 << PARTS) - 1))
+
+
+@func
+def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain):
+    """The contact of row r with part and wall number k = wall PARTS + part; old: at which parts springs are held."""
+    q = k // PARTS
+    part = k - q * PARTS
+    now = int(0)
+    for other in range(PARTS):
+        if has(parts_of(near, q), other):
+            distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, other)
+            if distance < m.reach:
+                now = now | (1 << other)
+    c = Contact()
+    if has(now, part):
+        distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, part)
+        source = heir(part, parts_of(old, q), now)
+        spring = entry(a, s, a.walls * PARTS, q * PARTS + source, r)
+        c = with_wall(a, m, s * a.walls + q, spring, source >= 0, g, distance, normal, at)
+    return c
+
+
+@func
+def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: Sums, keep: bool):
+    """`sums` with the contacts with all walls that are near, and at which parts springs are held now."""
+    i = s * a.cap + r
+    held = wp.uint32(0)
+    old = a.wall_held[i]
+    near = a.wall_near[i]
+    turn = int(0)  # the threads that share a grain take whole walls in turn: parts hand their springs on
+    while near != wp.uint32(0):
+        q = first_bit(near) // PARTS
+        left = parts_of(near, q)
+        near = near & ~(wp.uint32((1 << PARTS) - 1) << wp.uint32(q * PARTS))
+        if turn != lane and SHARED:
+            left = 0
+        turn = (turn + 1) % LANES
+        # once to see which parts touch, and once more for their forces: who inherits a spring depends on all
+        now = int(0)
+        looking = bool(True)
+        while left != 0:
+            part = first_bit(wp.uint32(left))
+            left = left & (left - 1)
+            distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, part)
+            if looking:
+                if distance < m.reach:
+                    now = now | (1 << part)
+                if left == 0:
+                    left = now
+                    looking = False
+            else:
+                source = heir(part, parts_of(old, q), now)
+                first = entry(a, s, a.walls * PARTS, q * PARTS, r)
+                c = with_wall(
+                    a, m, s * a.walls + q, first + source * a.cap, source >= 0, g, distance, normal, at
+                )  # fmt: skip
+                sums = plus(sums, c, m)
+                held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+                if FRICTION:
+                    if keep:
+                        a.wall_spring[first + part * a.cap] = c.spring
+    return sums, held
+
+
+@func
+def near_walls(a: System, m: Material, s: int, g: Grain):
+    """The parts that may touch a wall before the grain's list is built again, as bits.
+
+    An end counts wherever the plate is near, an edge as soon as the rod could reach it however it turned.
+    """
+    near = wp.uint32(0)
+    for q in range(a.place[s].walls):
+        wall = s * a.walls + q
+        for part in range(PARTS):
+            if part < 2:
+                end = m.half if part == 1 else -m.half
+                distance, _normal = wall_distance(a, wall, g.x + g.axis * end)
+                if distance < m.reach + m.half_skin:
+                    near = near | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+            else:
+                if edge_distance(a, wall, part, g.x) < m.half + m.reach + m.half_skin:
+                    near = near | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+    return near

@@ -1,0 +1,202 @@
+"""A sphere: its state, what it meets, how it moves, and when it is near.
+
+All that depends on the shape of grains stands here, and in `rods` for these; sums over contacts, rows of contacts and
+steps do not.
+"""
+
+from __future__ import annotations
+
+from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
+from labbook_dem.words import FRICTION, dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
+
+from labbook_warp.kernels.bodies import between, body, touching2, with_plate
+from labbook_warp.kernels.mixed import position, predicted, put, spin, velocity
+from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
+from labbook_warp.kernels.system import Material, System, entry, has_bit
+from labbook_warp.kernels.walls import wall_distance, wall_velocity
+from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, uint32, widen, without_first, wp
+
+
+@struct
+class Grain:
+    """State of a grain."""
+
+    x: wide3  # [m]
+    v: vec3  # [m/s], half a step before
+    w: vec3  # [rad/s], reduced angular momentum half a step before: of a sphere, its spin
+    u: vec3  # [m/s], v predicted for now
+    spin: vec3  # [rad/s], half a step before
+    index: int  # which it is
+
+
+@func
+def grain(p: Words, m: Material, i: int):
+    """Grain i."""
+    g = Grain()
+    g.x = position(p, i)
+    g.v = velocity(p, i)
+    g.w = spin(p, i)
+    g.u = predicted(p, i)
+    g.spin = g.w
+    g.index = i
+    return g
+
+
+@func
+def refreshed(p: Words, i: int, g: Grain):
+    """The grain: all of it is known since `forces`."""
+    return g
+
+
+@func
+def store(q: Words, i: int, g: Grain, more: real):
+    """Write grain i."""
+    put(q, i, g.x, g.v, g.w, g.u, more)
+
+
+@func
+def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn: wide3):
+    """The grain at its new place, with what it has of new velocities; w is not yet rounded."""
+    new = Grain()
+    new.x = x
+    new.v = v
+    new.w = narrow(w)
+    new.u = u
+    new.spin = new.w
+    new.index = g.index
+    return new
+
+
+@func
+def at_rest(g: Grain, z: wide):
+    """The grain at height z [m], where it stays."""
+    none = vec3(real(0.0), real(0.0), real(0.0))
+    new = Grain()
+    new.x = wide3(g.x[0], g.x[1], z)
+    new.v = none
+    new.w = none
+    new.u = none
+    return new
+
+
+@func
+def spinning(m: Material, g: Grain, w: wide3):
+    """Angular velocity [rad/s] of a grain whose reduced angular momentum is w."""
+    return w
+
+
+# what it meets
+
+
+@func
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
+    """The contact with grain j, whose spring stands at `at` and is valid if `held`."""
+    c = Contact()
+    away = g.x - position(p, j)
+    one = body(a, m, g.index)
+    other = body(a, m, j)
+    gap = touching2(m, one, other) - dot(away, away)
+    c.touches = gap > wide(0.0)
+    if c.touches:
+        last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+        f, t, _t, kept, delta = sphere_on_sphere(
+            between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
+            real(gap), g.u - predicted(p, j), g.v - velocity(p, j), g.w, spin(p, j), last, advance, one.rolling_rate,
+            other.rolling_rate,
+        )  # fmt: skip
+        c.overlap = delta
+        c.force = f
+        c.torque = t
+        c.spring = kept
+        c.branch = -away
+    return c
+
+
+@func
+def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
+    """The contact with a wall, whose spring stands at `at` and is valid if `held`."""
+    c = Contact()
+    distance, normal = wall_distance(a, wall, g.x)
+    one = body(a, m, g.index)
+    overlap = real(one.reach - distance)
+    c.touches = overlap > real(0.0)
+    if c.touches:
+        last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
+        surface = vec3(real(0.0), real(0.0), real(0.0))
+        turning = vec3(real(0.0), real(0.0), real(0.0))
+        if MOVING:
+            surface = narrow(wall_velocity(a, wall, g.x - normal * distance))
+            turning = vec3(real(0.0), real(0.0), real(a.wall_motion[wall][3]))
+        f, t, kept = sphere_on_wall(
+            with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w, turning,
+            last, advance, one.rolling_rate,
+        )  # fmt: skip
+        c.overlap = overlap
+        c.force = f
+        c.torque = t
+        c.spring = kept
+        c.branch = -(normal * distance)
+    return c
+
+
+@func
+def at_wall(a: System, m: Material, s: int, r: int, q: int, near: uint32, old: uint32, g: Grain):
+    """The contact of row r with wall q; `old`: at which walls springs are held."""
+    return with_wall(a, m, s * a.walls + q, entry(a, s, a.walls, q, r), has_bit(old, q), g)
+
+
+@func
+def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: Sums, keep: bool):
+    """`sums` with the contacts with all walls that are near, and at which of them springs are held now."""
+    i = s * a.cap + r
+    held = wp.uint32(0)
+    old = a.wall_held[i]
+    # each grain by its own first, second, ... near wall: side by side, whichever walls these are
+    near = without_first(a.wall_near[i], lane)
+    while near != wp.uint32(0):
+        q = first_bit(near)
+        near = without_first(near, LANES)
+        at = entry(a, s, a.walls, q, r)
+        c = with_wall(a, m, s * a.walls + q, at, has_bit(old, q), g)
+        if c.touches:
+            sums = plus(sums, c, m)
+            held = held | (wp.uint32(1) << wp.uint32(q))
+            if FRICTION:
+                if keep:
+                    a.wall_spring[at] = c.spring
+    return sums, held
+
+
+# lists
+
+
+@func
+def strayed(a: System, m: Material, i: int, g: Grain):
+    """How far [m] grain i has moved since its list was built, and its speed [m/s] now: of its farthest point."""
+    away = g.x - a.origin[i]
+    v = widen(g.v)
+    return sqrt(dot(away, away)), sqrt(dot(v, v))
+
+
+@func
+def mark(a: System, i: int, g: Grain):
+    """Remember where grain i is as its list is built."""
+    a.origin[i] = g.x
+
+
+@func
+def apart2(p: Words, m: Material, g: Grain, j: int):
+    """Square of the distance [m^2] from grain j: of their centres."""
+    away = g.x - position(p, j)
+    return dot(away, away)
+
+
+@func
+def near_walls(a: System, m: Material, s: int, g: Grain):
+    """The walls that the grain may touch before its list is built again, as bits."""
+    near = wp.uint32(0)
+    for q in range(a.place[s].walls):
+        distance, _normal = wall_distance(a, s * a.walls + q, g.x)
+        if distance < body(a, m, g.index).reach + m.half_skin:
+            near = near | (wp.uint32(1) << wp.uint32(q))
+    return near

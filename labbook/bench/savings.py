@@ -1,0 +1,49 @@
+"""What each switch of an engine saves: one settled bed, with less or more to compute of the same contacts."""
+
+import statistics
+import time
+from dataclasses import dataclass
+
+from labbook.backend import Backend, Ledger
+from labbook.bench.scenes import FAN_STEP, variants
+from labbook.protocol.packing import Packing
+from labbook.scene import Scene
+
+STILL = FAN_STEP.model_copy(update={"dt": 1e-10})
+"""While they are timed, grains move by less than 1e-9 m, and overlaps are some 2e-7 m: contacts remain those of the
+settled bed, also where nothing holds the grains any more."""
+TIMED = 4000  # steps of one timing, about
+
+
+@dataclass(frozen=True)
+class Saving:
+    """How many times as fast the bed is, next to the full scene in the same round: median and range over rounds."""
+
+    case: str
+    times: float
+    low: float
+    high: float
+
+
+def savings(engine: Backend, closed: Scene, bed: Packing, rounds: int) -> tuple[Saving, ...]:
+    """Time the settled `bed` of the scene `closed` and of its variants, in turn, by processor time."""
+    cases = {"as it is": (closed, []), **{what: (scene, []) for what, scene in variants(closed).items()}}
+    cases["with a ledger"] = (closed, [Ledger()])
+    open_ones = {}
+    for what, (scene, probes) in cases.items():
+        ensemble = engine.open(engine.specialise(scene, STILL, probes), 1)
+        ensemble.admit(scene, STILL, bed)
+        ensemble.advance(1)  # kernels are compiled
+        open_ones[what] = ensemble
+    spent = {what: [] for what in cases}
+    for _ in range(rounds):
+        for what, ensemble in open_ones.items():
+            began = time.process_time()
+            ensemble.advance(max(1, TIMED // STILL.steps_per_beat))
+            spent[what].append(time.process_time() - began)
+            ensemble.drain()
+    for ensemble in open_ones.values():
+        ensemble.close()
+    full = spent.pop("as it is")
+    ratios = {what: [a / b for a, b in zip(full, times, strict=True)] for what, times in spent.items()}
+    return tuple(Saving(what, statistics.median(r), min(r), max(r)) for what, r in ratios.items())

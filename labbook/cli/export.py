@@ -1,0 +1,44 @@
+"""`labbook export`: a study's numbers as CSV or Parquet, its recorded runs for ParaView."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, analysed
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def export(
+        study: StudyFile,
+        out: Annotated[
+            Path | None, typer.Option(help="Folder of the files; if not given, LAB/exports/NAME.", show_default=False)
+        ] = None,
+        kind: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Of the tables.")] = "csv",
+        vtk: Annotated[
+            bool, typer.Option("--vtk", help="Also write recorded frames and mean fields as VTK files.")
+        ] = False,
+        lab: Lab = LAB,
+        backend: Engine = ENGINE,
+    ) -> None:
+        """Write every number of a study as tables (SI units), and recorded runs as VTK files for ParaView."""
+        from rich.console import Console
+
+        from labbook.export.study import NoParquet, write_numbers, write_recordings
+
+        analysis = analysed(study, lab, backend)
+        folder = out if out is not None else lab / "exports" / analysis.study.name
+        try:
+            paths = write_numbers(analysis, folder, kind)
+        except NoParquet as missing:
+            raise typer.BadParameter(str(missing), param_hint="--format") from None
+        for path in paths:
+            typer.echo(path)
+        if vtk:
+            with Console(stderr=True).status("writing VTK") as status:
+                recorded = write_recordings(analysis, folder / "vtk", status.update)
+            where = f"{len(recorded)} files in {folder / 'vtk'}" if recorded else "no run of this study was recorded"
+            typer.echo(f"VTK: {where}")

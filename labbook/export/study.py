@@ -1,0 +1,92 @@
+"""Writing a study's exports into a folder."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from labbook.export.numbers import frames
+
+if TYPE_CHECKING:
+    from labbook.report.analysis import Analysis, PointResult
+
+Format = Literal["csv", "parquet"]
+
+
+class NoParquet(Exception):
+    """pandas has nothing to write Parquet with; the message says what to install."""
+
+
+def write_numbers(analysis: "Analysis", folder: Path, kind: Format) -> list[Path]:
+    """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, frame in frames(analysis).items():
+        path = folder / f"{name}.{kind}"
+        if kind == "csv":
+            frame.to_csv(path, index=False)
+        else:
+            try:
+                frame.to_parquet(path, index=False)
+            except ImportError as missing:
+                raise NoParquet(
+                    "Parquet needs pyarrow: pip install 'labbook[parquet]', or use --format csv"
+                ) from missing
+        paths.append(path)
+    return paths
+
+
+def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
+    """Write recorded runs as VTK, a file a frame in a folder a run, and the mean fields of each; the paths.
+
+    ParaView opens the files of a run as one time series, by their numbers.
+    """
+    from labbook.export.vtk import write_fields
+    from labbook.report.pattern import flow_pattern
+
+    paths = []
+    for result in analysis.points:
+        for run in result.runs:
+            rows = run.frames()
+            if rows is None:
+                continue
+            say(f"{result.label}, seed {run.seed}")
+            paths += _grains(result, rows, folder / f"point-{result.point.index}-seed-{run.seed}")
+        pattern = flow_pattern(result)
+        if pattern is not None:
+            path = folder / f"point-{result.point.index}-fields.vtk"
+            write_fields(
+                path, f"{analysis.study.name}, {result.label}: means over {pattern.frames} frames", pattern.fields
+            )
+            paths.append(path)
+    return paths
+
+
+def _grains(result: "PointResult", rows, folder: Path) -> list[Path]:
+    from labbook.export.vtk import write_grains
+    from labbook.fields import axes
+
+    folder.mkdir(parents=True, exist_ok=True)
+    grains = result.point.scene.grains
+    order = np.argsort(rows["time"], kind="stable")
+    times, starts = np.unique(np.asarray(rows["time"])[order], return_index=True)
+    paths = []
+    for number, (time, now) in enumerate(zip(times, np.split(order, starts[1:]), strict=True)):
+
+        def columns(names: str, now=now) -> np.ndarray:
+            return np.column_stack([np.asarray(rows[name], float)[now] for name in names.split()])
+
+        rods = {"axis": axes(columns("qw qx qy qz")), "length": getattr(grains, "length", None)} if "qw" in rows else {}
+        path = folder / f"grains-{number:04d}.vtk"
+        write_grains(
+            path,
+            f"{result.label}, t = {time:.6g} s",
+            columns("x y z"),
+            grains.diameter / 2,
+            {"velocity": columns("vx vy vz")},
+            {"id": np.asarray(rows["id"], float)[now]},
+            **rods,
+        )
+        paths.append(path)
+    return paths

@@ -1,0 +1,106 @@
+"""Grains and fields as legacy VTK files (version 3.0, text), which ParaView opens as they are."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from labbook.fields import Fields, Layer, Ring
+
+_TITLE_LENGTH = 255  # of the format
+
+
+def write_grains(
+    path: Path,
+    title: str,
+    x: np.ndarray,
+    radius: float | np.ndarray,
+    vectors: Mapping[str, np.ndarray],
+    scalars: Mapping[str, np.ndarray] | None = None,
+    *,
+    axis: np.ndarray | None = None,
+    length: float | None = None,
+) -> None:
+    """Grains as points at x [m], shape [n, 3], with their `radius` [m] and further `vectors` [n, 3] and `scalars` [n].
+
+    Rods have their `axis`, shape [n, 3], and end-to-end `length` [m] besides: in ParaView a Glyph of type Cylinder,
+    scaled by both. Spheres: a Glyph of type Sphere, or Point Gaussian, scaled by radius. Raises ValueError for columns
+    of other lengths.
+    """
+    n = len(x)
+    numbers = {"radius": np.broadcast_to(np.asarray(radius, float), (n,)), **(scalars or {})}
+    arrows = dict(vectors)
+    if axis is not None:
+        arrows["axis"] = axis
+        numbers["length"] = np.full(n, length if length is not None else np.nan)
+    cells = np.column_stack([np.ones(n, int), np.arange(n)])
+    parts = [f"POINTS {n} double", _block(x), f"VERTICES {n} {2 * n}", _block(cells), f"POINT_DATA {n}"]
+    _write(path, title, "POLYDATA", [*parts, *_attributes(n, numbers, arrows, {})])
+
+
+def write_fields(path: Path, title: str, fields: Fields) -> None:
+    """Fields as points of a regular grid: of a layer at y = 0, of rings with x for r (and no y).
+
+    Density, packing fraction, velocity, kinetic pressure and stress, contact stress where there is one, and of rods the
+    nematic order and the orientation. Tensors have the axes of the grid: on rings r, t, z. Unknown values are NaN.
+    """
+    grid = fields.grid
+    origin, spacing, counts = _lattice(grid)
+    numbers = {
+        "density": fields.density,
+        "packing_fraction": fields.packing_fraction,
+        "kinetic_pressure": fields.kinetic_pressure,
+    }
+    tensors = {"kinetic_stress": fields.kinetic_stress}
+    if fields.contact_stress is not None:
+        tensors["contact_stress"] = fields.contact_stress
+    if fields.axes is not None:
+        numbers["nematic_order"] = fields.nematic_order
+        tensors["orientation"] = fields.orientation
+
+    def flat(array: np.ndarray) -> np.ndarray:
+        """Points with x fastest, then y, then z; components last."""
+        rows = np.moveaxis(array, -1, -2) if isinstance(grid, Ring) else array  # rings: r before z
+        lead = array.ndim - len(grid.shape)
+        return np.moveaxis(rows.reshape(*array.shape[:lead], -1), -1, 0)
+
+    n = int(np.prod(counts))
+    head = [f"{name} {' '.join(map(str, values))}" for name, values in
+            (("DIMENSIONS", counts), ("ORIGIN", origin), ("SPACING", spacing))]  # fmt: skip
+    named = ({name: flat(array) for name, array in group.items()} for group in (numbers, {"velocity": fields.velocity}))
+    scalars, vectors = named
+    attributes = _attributes(n, scalars, vectors, {name: flat(array) for name, array in tensors.items()})
+    _write(path, title, "STRUCTURED_POINTS", [*head, f"POINT_DATA {n}", *attributes])
+
+
+def _lattice(grid) -> tuple[list[float], list[float], list[int]]:
+    """Origin, spacing and number of points along x, y, z."""
+    points = dict(zip(grid.axes, grid.points, strict=True))
+    across = points["r"] if isinstance(grid, Ring) else points["x"]
+    along = np.zeros(1) if isinstance(grid, Ring | Layer) else points["y"]
+    lines = [across, along, points["z"]]
+    spacing = [float(line[1] - line[0]) if len(line) > 1 else 1.0 for line in lines]
+    return [float(line[0]) for line in lines], spacing, [len(line) for line in lines]
+
+
+def _attributes(n: int, scalars: Mapping, vectors: Mapping, tensors: Mapping) -> list[str]:
+    parts = []
+    for kind, group, size in (("SCALARS", scalars, 1), ("VECTORS", vectors, 3), ("TENSORS", tensors, 9)):
+        for name, array in group.items():
+            if np.size(array) != n * size:
+                raise ValueError(f"{name} has {np.size(array)} numbers and not {size} for each of {n} points")
+            parts.append(f"{kind} {name} double{' 1' if kind == 'SCALARS' else ''}")
+            parts += ["LOOKUP_TABLE default"] if kind == "SCALARS" else []
+            parts.append(_block(np.reshape(array, (n, size))))
+    return parts
+
+
+def _block(array: np.ndarray) -> str:
+    kind = "%d" if np.issubdtype(np.asarray(array).dtype, np.integer) else "%.9g"
+    return "\n".join(" ".join(kind % value for value in row) for row in np.asarray(array).tolist())
+
+
+def _write(path: Path, title: str, kind: str, parts: list[str]) -> None:
+    line = " ".join(title.split())[:_TITLE_LENGTH]
+    text = "\n".join(["# vtk DataFile Version 3.0", line, "ASCII", f"DATASET {kind}", *parts])
+    path.write_text(text + "\n", encoding="ascii", errors="replace")

@@ -1,0 +1,25 @@
+"""Continuum fields of grains by coarse-graining: density, velocity, stresses, orientation."""
+
+from labbook.fields.fields import Fields, coarse_grain, nematic_order
+from labbook.fields.grids import Grid, Layer, Ring, Space
+from labbook.fields.orifice import orifice_means
+from labbook.fields.pattern import Pattern, pattern_of
+from labbook.fields.rows import Contacts, Grains, axes, contacts_of, grains_of
+
+__all__ = [
+    "Contacts",
+    "Fields",
+    "Grains",
+    "Grid",
+    "Layer",
+    "Pattern",
+    "Ring",
+    "Space",
+    "axes",
+    "coarse_grain",
+    "contacts_of",
+    "grains_of",
+    "nematic_order",
+    "orifice_means",
+    "pattern_of",
+]

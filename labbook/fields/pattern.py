@@ -1,0 +1,62 @@
+"""What kind of flow: where grains stand still, and whether all of the bed moves."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from labbook.fields.fields import Fields
+
+SLOW = 0.1
+"""A point is stagnant where the mean velocity is below this part of the speed at which the whole section would sink."""
+FUNNEL = 0.05
+"""A flow is a funnel where more than this part of the bed is stagnant, else mass flow."""
+_BED = 0.5  # of the median density: less is above the surface, or beyond walls
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Of a mean flow downwards: `stagnant` and `bed`, points of the grid; `fraction`: stagnant part of the bed's mass.
+
+    `sinking`: speed [m/s] at which the section at each height would sink as a whole, downward momentum over mass, of
+    the length of z.
+    """
+
+    stagnant: np.ndarray
+    bed: np.ndarray
+    fraction: float
+    sinking: np.ndarray
+
+    @property
+    def kind(self) -> Literal["funnel flow", "mass flow"]:
+        """`funnel flow` if more than 5 % of the bed's mass is stagnant."""
+        return "funnel flow" if self.fraction > FUNNEL else "mass flow"
+
+
+def pattern_of(fields: Fields, bottom: float = 0.0, top: float = np.inf) -> Pattern:
+    """The pattern of the bed between the heights `bottom` and `top` [m].
+
+    A point is stagnant where |V| < 0.1 times the speed at which the section at its height would sink as a whole. That
+    speed is W over the section's mass per length, so that the criterion asks how far a point lags behind plug flow.
+    Raises ValueError if there is no bed.
+    """
+    z_axis = fields.grid.axes.index("z")
+    z = fields.grid.points[z_axis]
+    shape = [1] * len(fields.grid.axes)
+    shape[z_axis] = len(z)
+    height = np.broadcast_to(z.reshape(shape), fields.grid.shape)
+    filled = fields.density > 0
+    if not filled.any():
+        raise ValueError("there is no bed on the grid")
+    bed = filled & (fields.density > _BED * np.median(fields.density[filled])) & (height >= bottom) & (height <= top)
+    if not bed.any():
+        raise ValueError(f"there is no bed between z = {bottom:g} and {top:g} m")
+    others = tuple(k for k in range(len(shape)) if k != z_axis)
+    volumes = fields.grid.volumes
+    mass = np.sum(fields.density * volumes * bed, axis=others)
+    down = -np.sum(fields.momentum[2] * volumes * bed, axis=others)
+    sinking = np.divide(down, mass, out=np.zeros(len(z)), where=mass > 0)
+    speed = np.linalg.norm(np.where(bed, fields.velocity, 0.0), axis=0)
+    stagnant = bed & (speed < SLOW * np.broadcast_to(sinking.reshape(shape), bed.shape))
+    weight = fields.density * volumes
+    return Pattern(stagnant, bed, float(weight[stagnant].sum() / weight[bed].sum()), sinking)

@@ -1,0 +1,70 @@
+"""Flow rates relative to that of a plain hopper: a flat bottom, an outlet in the middle."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from labbook.report.analysis import PointResult
+from labbook.scene import WedgeHopper
+
+ANGLE, GAP = "container.angle", "container.gap"
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """W of a point over that of the plain hopper that is like it but for one key; `at`: the angle [rad], or s*."""
+
+    result: PointResult
+    at: float
+    value: float
+    error: float
+
+
+def by_angle(points: Sequence[PointResult]) -> list[Ratio]:
+    """W(angle) over W(90 deg), of outlets that are alike otherwise; nothing if no angle was swept."""
+    swept = [one for one in points if ANGLE in one.at]
+    return _ratios(swept, ANGLE, lambda hopper: hopper.flat, lambda hopper: hopper.angle)
+
+
+def by_position(points: Sequence[PointResult]) -> list[Ratio]:
+    """W over that of the same outlet in the middle, against s* = 2 s/(L - D), which is 0 at the wall and 1 there."""
+    return _ratios(points, GAP, lambda hopper: hopper.gap is None, position)
+
+
+def position(hopper: WedgeHopper) -> float:
+    """s* = 2 s/(L - D); 1 for an outlet in the middle."""
+    return 1.0 if hopper.gap is None else 2 * hopper.gap / (hopper.width - hopper.orifice)
+
+
+def _ratios(
+    points: Sequence[PointResult],
+    key: str,
+    plain: Callable[[WedgeHopper], bool],
+    place: Callable[[WedgeHopper], float],
+) -> list[Ratio]:
+    groups: dict[tuple, list[PointResult]] = {}
+    for one in points:
+        if isinstance(one.point.scene.container, WedgeHopper) and one.flow_rate is not None:
+            groups.setdefault(tuple((k, v) for k, v in one.at.items() if k != key), []).append(one)
+    found = []
+    for group in groups.values():
+        reference = next((one for one in group if plain(_hopper(one))), None)
+        if reference is None or len(group) < 2:
+            continue
+        found += [_over(one, reference, place(_hopper(one))) for one in group]
+    return found
+
+
+def _hopper(result: PointResult) -> WedgeHopper:
+    container = result.point.scene.container
+    assert isinstance(container, WedgeHopper)
+    return container
+
+
+def _over(one: PointResult, reference: PointResult, at: float) -> Ratio:
+    above, below = one.flow_rate, reference.flow_rate
+    assert above is not None
+    assert below is not None
+    value = above.value / below.value
+    relative = 0.0 if one is reference else math.hypot(above.error / above.value, below.error / below.value)
+    return Ratio(one, at, value, value * relative)

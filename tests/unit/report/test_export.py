@@ -1,0 +1,155 @@
+"""Tables and VTK files of a study."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from labbook.export.numbers import frames
+from labbook.export.study import NoParquet, write_numbers, write_recordings
+from labbook.export.vtk import write_fields, write_grains
+from labbook.fields import Contacts, Grains, Layer, Ring, Space, coarse_grain
+from labbook.report.analysis import analyse
+
+
+def read_vtk(path):
+    """Header lines and arrays by name of a legacy VTK file in text: enough of the format for what is written here."""
+    words = path.read_text().split("\n")
+    assert words[0] == "# vtk DataFile Version 3.0"
+    assert len(words[1]) < 256
+    assert words[2] == "ASCII"
+    head, found, at, n = {"DATASET": words[3].split()[1]}, {}, 4, 0
+
+    def block(lines):
+        nonlocal at
+        rows = np.array([line.split() for line in words[at + 1 : at + 1 + lines]], float)
+        at += lines
+        return rows
+
+    while at < len(words):
+        parts = words[at].split()
+        match parts[:1]:
+            case ["POINTS"]:
+                found["points"] = block(int(parts[1]))
+            case ["VERTICES"]:
+                cells = block(int(parts[1]))
+                assert cells.size == int(parts[2])
+                assert (cells[:, 0] == 1).all()
+            case ["DIMENSIONS" | "ORIGIN" | "SPACING"]:
+                head[parts[0]] = [float(word) for word in parts[1:]]
+            case ["POINT_DATA"]:
+                n = int(parts[1])
+            case ["SCALARS"]:
+                at += 1
+                assert words[at] == "LOOKUP_TABLE default"
+                found[parts[1]] = block(n)[:, 0]
+            case ["VECTORS" | "TENSORS"]:
+                found[parts[1]] = block(n)
+                assert found[parts[1]].shape[1] == {"VECTORS": 3, "TENSORS": 9}[parts[0]]
+            case [unknown]:
+                raise AssertionError(unknown)
+        at += 1
+    return head, found
+
+
+def test_tables_hold_every_number(analysis):
+    found = frames(analysis)
+    assert set(found) == {"runs", "points", "fits", "flow", "reference"}
+    runs = found["runs"]
+    for result in analysis.points:
+        for run in result.runs:
+            mine = runs[(runs["point"] == result.point.index) & (runs["seed"] == run.seed)]
+            assert dict(zip(mine["quantity"], mine["value"], strict=True)) == {
+                name: measured.value for name, measured in run.measured.items()
+            }
+    fits = found["fits"].set_index(["law", "parameter"])
+    parameter = analysis.series[0].fits["beverloo"].parameters["k"]
+    assert fits.loc[("beverloo", "k"), "low"] == parameter.low
+    assert fits.loc[("beverloo", "k"), "aicc"] == analysis.series[0].fits["beverloo"].aicc
+    assert len(found["points"]) == sum(len(result.pooled) for result in analysis.points)
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_files_give_the_tables_back(analysis, tmp_path, kind):
+    pytest.importorskip("pyarrow")
+    paths = write_numbers(analysis, tmp_path / "new", kind)
+    read = {"csv": pd.read_csv, "parquet": pd.read_parquet}[kind]
+    expected = frames(analysis)
+    for path in paths:
+        # text that is empty comes back as none from CSV
+        kept = list(expected[path.stem].select_dtypes("number"))
+        found, made = (frame.loc[:, kept] for frame in (read(path), expected[path.stem]))
+        pd.testing.assert_frame_equal(found, made, rtol=1e-12)
+
+
+def test_without_pyarrow_the_remedy_is_named(analysis, tmp_path, monkeypatch):
+    def refuse(self, *args, **kwargs):
+        raise ImportError("no pyarrow")
+
+    monkeypatch.setattr(pd.DataFrame, "to_parquet", refuse)
+    with pytest.raises(NoParquet, match="labbook\\[parquet\\]"):
+        write_numbers(analysis, tmp_path, "parquet")
+
+
+def test_grains_are_points_with_radii_velocities_and_axes(tmp_path):
+    rng = np.random.default_rng(1)
+    x, v, axis = rng.standard_normal((3, 7, 3))
+    write_grains(tmp_path / "a.vtk", "two\nlines", x, 2e-3, {"velocity": v}, axis=axis, length=0.02)
+    head, found = read_vtk(tmp_path / "a.vtk")
+    assert head["DATASET"] == "POLYDATA"
+    np.testing.assert_allclose(found["points"], x, rtol=1e-8)
+    np.testing.assert_allclose(found["velocity"], v, rtol=1e-8)
+    np.testing.assert_allclose(found["axis"], axis, rtol=1e-8)
+    assert set(found["radius"]) == {2e-3}
+    assert set(found["length"]) == {0.02}
+    with pytest.raises(ValueError, match="velocity has 6 numbers and not 3 for each of 7"):
+        write_grains(tmp_path / "b.vtk", "", x, 1.0, {"velocity": v[:2]})
+
+
+GRIDS = [
+    Layer((-0.02, 0.01), (0.0, 0.03), 30, 20, 3e-3),
+    Space((-0.02, 0.01), (0.0, 0.02), (0.0, 0.03), 9, 8, 7),
+    Ring(0.02, (0.0, 0.03), 12, 15),
+]
+
+
+@pytest.mark.parametrize("grid", GRIDS, ids=lambda grid: type(grid).__name__)
+def test_fields_lie_at_their_points(grid, tmp_path):
+    """The point of the highest density is that of the grain; values are read back where they belong."""
+    x = np.array([[0.004, 0.012, 0.02]])
+    branch, force = np.array([[1e-3, 2e-3, 0]]), np.array([[1.0, 2, 3]])
+    grains = Grains(x, np.array([[1.0, 2.0, 3.0]]), 1e-5, 1e-8, 1, np.array([[0.6, 0.0, 0.8]]))
+    fields = coarse_grain(grid, 2e-3, grains, Contacts(x, branch, force, 1))
+    write_fields(tmp_path / "f.vtk", "fields", fields)
+    head, found = read_vtk(tmp_path / "f.vtk")
+    counts = [int(count) for count in head["DIMENSIONS"]]
+    k = int(np.argmax(found["density"]))
+    index = np.array([k % counts[0], k // counts[0] % counts[1], k // (counts[0] * counts[1])])
+    place = np.array(head["ORIGIN"]) + index * head["SPACING"]
+    at = {"Layer": [0.004, 0, 0.02], "Space": x[0], "Ring": [np.hypot(0.004, 0.012), 0, 0.02]}[type(grid).__name__]
+    assert (abs(place - at) <= 0.6 * np.array(head["SPACING"]) + 1e-12).all()
+    assert found["density"][k] == pytest.approx(fields.density.max(), rel=1e-8)
+    assert len(found["density"]) == fields.density.size
+    place = np.unravel_index(np.argmax(fields.density), fields.density.shape)
+    np.testing.assert_allclose(found["velocity"][k], fields.velocity[(slice(None), *place)], rtol=1e-8)
+    stress = fields.contact_stress
+    assert stress is not None
+    np.testing.assert_allclose(
+        found["contact_stress"][k], stress[(slice(None), slice(None), *place)].ravel(), rtol=1e-8
+    )
+    assert found["nematic_order"][k] == pytest.approx(fields.nematic_order[place], rel=1e-8)
+
+
+def test_recorded_runs_are_series_of_files(synthetic, tmp_path):
+    point = synthetic.point(0, 0.03)
+    runs = [synthetic.FinishedDouble(point, seed, recorded=seed == 2) for seed in (1, 2)]
+    paths = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
+    table = runs[1].recording()
+    times = np.unique(table["time"])
+    assert [path.name for path in paths] == [f"grains-{k:04d}.vtk" for k in range(len(times))] + ["point-0-fields.vtk"]
+    for k in (0, 7, len(times) - 1):
+        _, found = read_vtk(paths[k])
+        now = table["time"] == times[k]
+        assert sorted(found["id"]) == sorted(table["id"][now])
+        np.testing.assert_allclose(np.sort(found["points"][:, 2]), np.sort(table["z"][now]), rtol=1e-6)
+    head, _ = read_vtk(paths[-1])
+    assert head["DATASET"] == "STRUCTURED_POINTS"

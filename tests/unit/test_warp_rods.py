@@ -1,0 +1,209 @@
+"""Rods in the GPU engine, on the processor: against plain Python, spheres and brute force, and their bits."""
+
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("warp")
+sys.path.insert(0, str(Path(__file__).parent))
+
+from labbook_warp import Backend  # noqa: E402
+from plain_rods import PlainRods  # noqa: E402
+
+from labbook.backend import Contacts, Crossing, Ledger, Sample  # noqa: E402
+from labbook.numerics import Numerics  # noqa: E402
+from labbook.protocol.opening import opened  # noqa: E402
+from labbook.protocol.packing import Packing  # noqa: E402
+from labbook.protocol.placing import place  # noqa: E402
+from labbook.protocol.segments import axes, distances, random_turns  # noqa: E402
+from labbook.scene import (  # noqa: E402
+    Box,
+    CylinderSilo,
+    HertzMindlin,
+    LinearSpringDashpot,
+    Primitives,
+    Scene,
+    Spheres,
+    Spherocylinders,
+    Strip,
+    Wall,
+)
+from labbook.verify.stand import identical  # noqa: E402
+
+D, DENSITY = 6e-3, 620.0
+PRECISIONS = ["double", "mixed"]
+ROUNDING = {"double": 1e-9, "mixed": 1e-3}
+
+
+def law(grains) -> LinearSpringDashpot:
+    stiffness = 2e5 * grains.mass * 9.81 / D
+    return LinearSpringDashpot(normal_stiffness=stiffness, friction=0.5, rolling_friction=0.01, restitution=0.5)
+
+
+def silo(grains: int) -> Scene:
+    rods = Spherocylinders(diameter=D, length=3.3 * D, density=DENSITY, count=grains)
+    flat = CylinderSilo(diameter=0.08, height=0.3, orifice=0.05, rotation=2.0)
+    return Scene(grains=rods, contact=law(rods), container=flat)
+
+
+def numerics(precision: str, **further) -> Numerics:
+    return Numerics.model_validate({"dt": 5e-6, "precision": precision, "steps_per_beat": 250, **further})
+
+
+def run(scene, how, start, beats, probes=()):
+    """One member, advanced: its packing and rows."""
+    engine = Backend()
+    ensemble = engine.open(engine.specialise(scene, how, probes))
+    member = ensemble.admit(scene, how, start)
+    events = ensemble.advance(beats)
+    assert not events, events
+    state, tables = ensemble.packing(member), ensemble.drain()
+    ensemble.close()
+    return state, tables
+
+
+@pytest.fixture(scope="module")
+def bed() -> Packing:
+    """Rods that have fallen into the closed silo and still move."""
+    closed = silo(40).close()
+    state, _ = run(closed, numerics("double"), place(closed, "gas", 1), 100)
+    return state
+
+
+def trough() -> Scene:
+    """Planes, and strips with a slot between them: the other walls."""
+    half, edge = 0.04, 0.012
+    sides = Box(width=2 * half, depth=2 * half, height=1.0).walls()[:4]
+    plates = (
+        Wall(name="bottom-left", shape=Strip(start=(-half, 0), end=(-edge, 0))),
+        Wall(name="bottom-right", shape=Strip(start=(edge, 0), end=(half, 0))),
+    )
+    return silo(40).model_copy(update={"container": Primitives(parts=(*sides, *plates), outlet_plane=0.0)})
+
+
+@pytest.mark.parametrize("scene", [silo(40), trough()], ids=["frustums", "planes and strips"])
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_rods_move_as_in_plain_python(precision, scene, bed):
+    """A hundred steps of rods in motion: pairs, ends at sides and on plates, one of which turns, and edges."""
+    rng = np.random.default_rng(2)
+    start = replace(
+        opened(bed, silo(40).close(), silo(40)),
+        v=bed.v + rng.normal(0, 0.1, bed.v.shape), omega=bed.omega + rng.normal(0, 5, bed.v.shape),
+        pairs=np.zeros((0, 2), np.int64), pair_spring=np.zeros((0, 3)), wall_grain=np.zeros(0, np.int64),
+        wall_name=np.zeros(0, "U40"), wall_spring=np.zeros((0, 3)), wall_part=np.zeros(0, np.int64),
+    )  # fmt: skip
+    hertz = HertzMindlin(shear_modulus=2e6, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.5)
+    scene = scene.model_copy(update={"contact": hertz})
+    touched = edges = 0
+    how = numerics(precision, steps_per_beat=25, overlap_limit=1.0)
+    plain = PlainRods(scene, how, start)
+    for _ in range(100):
+        plain.step()
+        touched = max(touched, sum(key[1] != "wall" for key in plain.springs))
+        edges = max(edges, sum(key[1] == "wall" and key[3] > 1 for key in plain.springs))
+    assert touched > 10
+    assert edges > 2
+    found, _ = run(scene, how, start, 4)
+    assert found.q is not None
+    rounding = ROUNDING[precision]
+    assert np.abs(found.x - plain.x).max() < rounding * np.abs(plain.x - start.x).max()
+    assert np.abs(axes(found.q) - axes(plain.q)).max() < rounding
+    names = [wall.name for wall in scene.container.walls()]
+    stored = {
+        (int(g), "wall", names.index(str(name)), int(part)): s
+        for g, name, part, s in zip(found.wall_grain, found.wall_name, found.wall_part, found.wall_spring, strict=True)
+    }
+    stored |= {(int(i), int(j)): s for (i, j), s in zip(found.pairs, found.pair_spring, strict=True)}
+    assert set(stored) == set(plain.springs)
+    size = max(np.linalg.norm((s.x, s.y, s.z)) for s in plain.springs.values())
+    for key, s in plain.springs.items():
+        assert np.abs(stored[key] - (s.x, s.y, s.z)).max() < 10 * rounding * size, key
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_rods_as_short_as_thick_are_spheres(precision):
+    """To within rounding: the same fall into a box, over a strip's edge and onto one another."""
+    rng = np.random.default_rng(4)
+    site = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    x = (site - 1) * 1.001 * D + [0, 0, 1.7 * D]
+    v, omega = rng.normal(0, 0.3, x.shape), rng.normal(0, 20, x.shape)
+    edge = Wall(name="edge", shape=Strip(start=(0.2 * D, 0.1 * D), end=(2 * D, 0.1 * D)))
+    walls = (*Box(width=4 * D, depth=3.2 * D, height=20 * D).walls(), edge)
+    found = []
+    for rods in (False, True):
+        kind = {"diameter": D, "density": DENSITY, "count": 27}
+        grains = Spherocylinders(length=D, **kind) if rods else Spheres(**kind)
+        scene = Scene(grains=grains, contact=law(grains), container=Primitives(parts=walls))
+        start = Packing(x=x, v=v, omega=omega, q=random_turns(rng, 27) if rods else None)
+        found.append(run(scene, numerics(precision), start, 4, [Ledger()]))
+    (sphere, tables), (rod, _) = found
+    rounding = ROUNDING[precision]
+    assert tables[Ledger()]["contact_work"][-1] < -0.1 * tables[Ledger()]["kinetic"][0]
+    assert np.abs(sphere.x - x).max() > D / 10
+    assert np.abs(sphere.x - rod.x).max() < rounding * D
+    assert np.abs(sphere.omega - rod.omega).max() < 10 * rounding * np.abs(sphere.omega).max()
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_energy_balances(precision, bed):
+    """What contacts have done is what kinetic energy has lost, to round-off; there is no gravity."""
+    flying = silo(40).close().model_copy(update={"gravity": 0.0})
+    _, tables = run(flying, numerics(precision), bed, 20, [Ledger()])
+    rows = tables[Ledger()]
+    total = rows["kinetic"] - rows["contact_work"]
+    assert np.ptp(rows["contact_work"]) > 0.1 * rows["kinetic"][0]
+    # in mixed precision every kick rounds velocities, this way or that
+    rounding = 1e-12 if precision == "double" else np.finfo(np.float32).eps * math.sqrt(rows["step"][-1])
+    assert np.ptp(total) < rounding * np.abs(total).max()
+
+
+def test_all_pairs_that_touch_are_listed(bed):
+    """Rows of contacts against the distances of all pairs."""
+    probes = [Contacts(), Sample(fields=("x", "q"))]
+    _, tables = run(silo(40).close(), numerics("double"), bed, 8, probes)
+    contacts, sample = tables[probes[0]], tables[probes[1]]
+    for step in np.unique(sample["step"]):
+        now, rows = sample["step"] == step, contacts["step"] == step
+        x = np.stack([sample[axis][now] for axis in "xyz"], axis=1)
+        a = axes(np.stack([sample["q" + axis][now] for axis in "wxyz"], axis=1))
+        i, j = np.triu_indices(len(x), 1)
+        near = distances(x[i] - x[j], a[i], a[j], 1.15 * D) - D
+        listed = set(zip(contacts["i"][rows].tolist(), contacts["j"][rows].tolist(), strict=True))
+        for k in np.flatnonzero(np.abs(near) > 1e-9):
+            assert ((i[k], j[k]) in listed) == (near[k] < 0)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_bits_do_not_depend_on_the_company(precision, bed):
+    """Neither on neighbours, nor on the slot, on a checkpoint, or on when lists are built."""
+    scene, how, probes = silo(40), numerics(precision), [Crossing(), Ledger()]
+    start = opened(bed, scene.close(), scene)
+    alone, tables = run(scene, how, start, 30, probes)
+    assert len(tables[Crossing()]["id"]) > 3
+    assert tables[Ledger()]["rebuilds"][-1] > tables[Ledger()]["rebuilds"][0]
+    engine = Backend()
+    ensemble = engine.open(engine.specialise(scene, how, probes), 1)
+    slow = scene.model_copy(update={"gravity": 5.0})
+    first = ensemble.admit(slow, how.model_copy(update={"dt": 4e-6}), start)
+    ensemble.advance(2)
+    ensemble.retire(first)
+    ensemble.admit(slow, how, start)
+    member = ensemble.admit(scene, how, start)
+    thick = ensemble.admit(scene, how.model_copy(update={"skin": 0.4}), start)
+    ensemble.drain()
+    ensemble.advance(15)
+    stored = ensemble.checkpoint(member)
+    ensemble.advance(15)
+    rows = ensemble.drain()[Crossing()]
+    assert identical(ensemble.packing(member), alone)
+    assert identical(ensemble.packing(thick), alone)
+    mine = rows["member"] == member.index
+    assert all(np.array_equal(rows[k][mine], tables[Crossing()][k]) for k in rows if k != "member")
+    again = ensemble.admit(scene, how, stored)
+    ensemble.advance(15)
+    assert identical(ensemble.packing(again), alone)
+    ensemble.close()
