@@ -128,8 +128,8 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
             surface = narrow(wall_velocity(a, wall, g.x - normal * distance))
             turning = vec3(real(0.0), real(0.0), real(a.wall_motion[wall][3]))
         f, t, kept = sphere_on_wall(
-            with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w, turning,
-            last, advance, one.rolling_rate,
+            with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w,
+            turning, last, advance, one.rolling_rate,
         )  # fmt: skip
         c.overlap = overlap
         c.force = f
