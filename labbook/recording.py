@@ -107,7 +107,8 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
     at = f"{root}/" if root else ""
     times = [frame.time for frame in frames]
     clock, counts = rr.TimeColumn(CLOCK, duration=times), [len(frame.x) for frame in frames]
-    positions, speed, ids = (np.concatenate([frame[k] for frame in frames]) for k in (1, 2, 3))
+    positions = np.concatenate([frame.x for frame in frames])
+    speed, ids = np.concatenate([frame.speed for frame in frames]), np.concatenate([frame.ids for frame in frames])
     bodies, which = Bodies.of(scene.grains, start), start.rows(ids)
     colours = speed_colours(speed, fastest)
     if scene.grains.kinds:

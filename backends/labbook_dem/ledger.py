@@ -57,9 +57,9 @@ def totals(
     angular = _sum(mass, np.cross(x, v)) + _sum(grains.inertia, m)
     return {
         "kinetic": energy,
-        "potential": math.fsum(weight * x[:, 2]) if bodies else weight * math.fsum(x[:, 2]),
+        "potential": float(weight) * math.fsum(x[:, 2]) if bodies is None else math.fsum(weight * x[:, 2]),
         "contact_work": work + gained - by_gravity,
-        "mass": math.fsum(mass) if bodies else mass * len(x),
+        "mass": scene.grains.mass * len(x) if bodies is None else math.fsum(bodies.mass),
         **dict(zip(("px", "py", "pz"), momentum.tolist(), strict=True)),
         **dict(zip(("lx", "ly", "lz"), angular.tolist(), strict=True)),
     }

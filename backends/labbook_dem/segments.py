@@ -5,8 +5,9 @@ is minimised instead over |s|, |t| <= h: strictly convex, hence its minimum is o
 Rods that are d apart and tilted by eps h/d lose most by it: a distance of eps h^2/(2 d), 0.8e-9 m for 20 mm x 6 mm with
 eps = 2e-7. eps has no unit: nothing depends on the size of rods.
 
-The first guess at s is the quotient of a small difference, which is taken in `wide`; what follows from it may be `real`.
-The branch is evaluated in `wide` at the s and t so found, near a minimum, where their errors count to second order.
+The first guess at s is the quotient of a small difference, which is taken in `wide`; what follows from it may be
+`real`. The branch is evaluated in `wide` at the s and t so found, near a minimum, where their errors count to second
+order.
 
 Every expression is odd or even under an exchange of the two rods, term by term, as in `labbook_dem.spheres`. A compiler
 that fuses products and sums keeps that only where it is given the two rods in the same order.

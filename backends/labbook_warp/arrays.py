@@ -73,7 +73,9 @@ class Arrays:
         """Put what `read` gave, of any number of rows and entries that fit, into a slot; the rest becomes zero."""
         if name == "p":
             per, array = self.sizes.cap * self.codec.words, self.p
-            array[slot * per : slot * per + len(values) * self.codec.words].assign(values.reshape(-1, array.dtype._length_))
+            array[slot * per : slot * per + len(values) * self.codec.words].assign(
+                values.reshape(-1, array.dtype._length_)
+            )
             return
         entries, array = self.sizes.entries[self.state[name]], getattr(self.system, name)
         values = values[None] if self.state[name] == "one" else values

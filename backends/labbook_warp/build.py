@@ -62,7 +62,7 @@ REACH = {False: 1, True: 2}
 listed."""
 
 
-def most_parts(switches: Mapping[str, bool]) -> int:
+def most_parts(switches: Mapping[str, int]) -> int:
     """Contacts that a grain may have with one wall."""
     if not switches["RODS"]:
         return 1
@@ -73,7 +73,7 @@ def module_text(
     law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int
 ) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
-    turns = switches["RODS"]
+    turns = bool(switches["RODS"])
     constants: dict[str, object] = dict(switches)
     constants |= {
         "FINE": precision == "double",

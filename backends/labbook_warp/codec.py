@@ -6,8 +6,8 @@ import numpy as np
 
 
 class States(NamedTuple):
-    """Positions x [m], shape [n, 3]; velocities v [m/s] and reduced angular momenta m [rad/s], half a step before; and of
-    rods the orientations q, shape [n, 4]."""
+    """Positions x [m], shape [n, 3]; velocities v [m/s] and reduced angular momenta m [rad/s], half a step before; and
+    of rods the orientations q, shape [n, 4]."""
 
     x: np.ndarray
     v: np.ndarray

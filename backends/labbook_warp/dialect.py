@@ -7,7 +7,8 @@ import sys
 import warp as wp
 
 wp.set_module_options(
-    {{"enable_backward": False, "fast_math": {fast}, "max_unroll": {unroll}, "default_grid_stride": False}}, module=sys.modules[__name__]
+    {{"enable_backward": False, "fast_math": {fast}, "max_unroll": {unroll}, "default_grid_stride": False}},
+    module=sys.modules[__name__],
 )
 
 func = wp.func
@@ -161,7 +162,8 @@ _HALVED = """
 def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
     """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single).
 
-    registers: how many a thread of the step may use; 0 leaves it to the compiler.
+    registers: how many a thread of the step may use; 0 leaves it to the compiler. unroll: loops that are longer are
+    compiled as loops.
     """
     single = precision == "mixed"
     vector, kind = ("float4", "wp::vec4f") if single else ("double2", "wp::vec2d")

@@ -43,7 +43,6 @@ class Sizes:
         return self.rows * (self.near // 2 + min(self.walls * self.parts, 6)) + 1
 
 
-
 def state(rods: bool, varied: bool) -> dict[str, str]:
     """Arrays that make up a member's state, beside its words, and which of `Sizes.entries` each has."""
     return STATE | (OF_RODS if rods else {}) | (OF_MIXTURES if varied else {})

@@ -72,8 +72,8 @@ def most_cells(grains: int) -> int:
 
 
 def lattice(x: np.ndarray, cell: float, reach: int) -> tuple[int, ...]:
-    """Cells along each axis that grains at x [n, 3] spread over, at most `most_cells` in all: 1, or enough for those up to
-    `reach` away to be different ones."""
+    """Cells along each axis that grains at x [n, 3] spread over, at most `most_cells` in all: 1, or enough for those up
+    to `reach` away to be different ones."""
     least = 2 * reach + 1
     extent = np.ptp(x, axis=0) if len(x) else np.zeros(3)
     # grains that lie within one cell's thickness may straddle two; both wrap onto one

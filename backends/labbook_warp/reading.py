@@ -57,10 +57,10 @@ class Seen:
         bodies = transfer.bodies(arrays, slot, n, run.scene, order)
         part = 0.5 * run.numerics.dt if run.step > 0 else 0.0
         pairs, walls = (int(np.bitwise_count(arrays.read(name, slot, n)).sum()) for name in ("held", "wall_held"))
-        now = [array[order] for array in (x, v, m, v_half, m_half)]
+        now = None if q is None else q[order]
         return {
             "grains": len(order),
-            **totals(run.scene, *now, part, work, None if q is None else q[order], bodies),
+            **totals(run.scene, x[order], v[order], m[order], v_half[order], m_half[order], part, work, now, bodies),
             "max_overlap": self._view.deepest(run),
             "touching": pairs // 2 + walls,
             "rebuilds": int(fetch(arrays.system.rebuilds)[slot]),

@@ -75,8 +75,8 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
 
 
 def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m: np.ndarray) -> Packing:
-    """The grains of a slot that have not left, by id. v, m: velocities and reduced angular momenta at the whole step, by
-    row."""
+    """The grains of a slot that have not left, by id. v, m: velocities and reduced angular momenta at the whole step,
+    by row."""
     x, _, _, turned = arrays.states(slot, rows)
     ids, held = arrays.read("ids", slot, rows).astype(np.int64), arrays.read("held", slot, rows)
     order = here(x, ids)

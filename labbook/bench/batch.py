@@ -1,17 +1,18 @@
 """Speed of many members at once, in real discharge: rebuilds, outflow and the visits of the host included.
 
-Two scenes: Fan's hopper (3000 spheres, Hertz-Mindlin) and a silo in three dimensions (10 000 spheres, linear law). What
-is varied from the case that all share: members, precision, skin, and, where the engine has them, threads a grain.
+Scenes: Fan's hopper (3000 spheres, Hertz-Mindlin), a silo in three dimensions (10 000 spheres, linear law), and Pongo's
+cylinder over a turning bottom with 10 000 spheres and with 10 000 rods. What is varied from the case that all share:
+members, precision, skin, and, where the engine has them, threads a grain.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from labbook import backend
 from labbook.backend import Backend, Crossing, Failed, Load, Settled, Weighed
-from labbook.bench.scenes import FAN_STEP, fan, silo
+from labbook.bench.scenes import FAN_STEP, cylinder, fan, silo
 from labbook.numerics import Numerics
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
@@ -21,6 +22,8 @@ from labbook.scene import Scene
 SETTLED = 1e-6  # kinetic energy per grain [m g d] of the beds that are opened
 OUTFLOW = 0.1  # s of discharge before it is timed
 SILO_STEP = Numerics(dt=2e-6, skin=0.1)
+CYLINDER_STEP = Numerics(dt=1e-6)
+FILLING_STEP = 5e-6  # s, at which cylinders are filled and opened: 1/25 of a collision
 MEMBERS = (1, 2, 4, 8, 16, 64, 256)
 SKINS = (0.07, 0.1, 0.15, 0.25)
 LANES = (1, 2, 4, 8)
@@ -63,7 +66,7 @@ class BatchBench:
 
 @dataclass(frozen=True)
 class Bed:
-    """A silo about to be opened."""
+    """A silo that flows."""
 
     name: str
     scene: Scene
@@ -101,39 +104,46 @@ def run(
     return BatchBench(name, device, hardware(), tuple(timings))
 
 
-def _beds(engine: Backend, device: str, say: Callable[[str], None]) -> list[Bed]:
-    mixed = {"precision": "mixed"}
-    flat, step = fan(), FAN_STEP.model_copy(update=mixed)
-    box, closed, heap = silo()
-    other = SILO_STEP.model_copy(update=mixed)
-    say("settling")
-    beds = [
-        Bed("fan", flat, step, _settled(engine, device, flat, flat.close(), step, place(flat.close(), "gas", 1))),
-        Bed("silo", box, other, _settled(engine, device, box, closed, other, heap)),
-    ]
-    return beds
+def _beds(engine: Backend, device: str, say: Callable[[str], None]) -> Iterator[Bed]:
+    def flowing(
+        name: str, scene: Scene, closed: Scene, start: Packing, numerics: Numerics, filling: float | None = None
+    ) -> Bed:  # fmt: skip
+        say(f"{name}: settling")
+        how = numerics.model_copy(update={"precision": "mixed"})
+        coarse = how.model_copy(update={"dt": filling or how.dt})
+        bed = _advanced(engine, device, closed, coarse, start, SETTLED)
+        return Bed(name, scene, how, _advanced(engine, device, scene, coarse, opened(bed, closed, scene)))
+
+    yield flowing("fan", fan(), fan().close(), place(fan().close(), "gas", 1), FAN_STEP)
+    yield flowing("silo", *silo(), SILO_STEP)
+    for rods in (False, True):
+        scene = cylinder(rods)
+        closed, name = scene.close(), "rods" if rods else "cylinder"
+        yield flowing(name, scene, closed, place(closed, "gas", 1), CYLINDER_STEP, FILLING_STEP)
 
 
-def _settled(
-    engine: Backend, device: str, scene: Scene, closed: Scene, numerics: Numerics, start: Packing
+def _advanced(
+    engine: Backend, device: str, scene: Scene, numerics: Numerics, start: Packing, settled: float | None = None
 ) -> Packing:  # fmt: skip
-    ensemble = engine.open(engine.specialise(closed, numerics), 1, device)
-    bed = ensemble.admit(closed, numerics, start, settled_below=SETTLED)
-    while True:
-        for event in ensemble.advance(10):
-            if isinstance(event, Failed):
-                raise RuntimeError(f"the bed did not settle: {event.message}")
-            if isinstance(event, Settled):
-                packing = ensemble.packing(bed)
-                ensemble.close()
-                return opened(packing, closed, scene)
+    """What `start` has become when it has settled, or else after OUTFLOW."""
+    ensemble = engine.open(engine.specialise(scene, numerics), 1, device)
+    bed = ensemble.admit(scene, numerics, start, settled_below=settled)
+    while settled is not None or ensemble.status(bed).time < OUTFLOW:
+        events = ensemble.advance(10 if settled else 1)
+        if failed := [event for event in events if isinstance(event, Failed)]:
+            raise RuntimeError(f"a bed cannot be made: {failed[0].message}")
+        if any(isinstance(event, Settled) for event in events):
+            break
+    packing = ensemble.packing(bed)
+    ensemble.close()
+    return packing
 
 
 def _timed(engine: Backend, device: str, bed: Bed, members: int, beats: int, **numerics: object) -> Timing:
     how = bed.numerics.model_copy(update=numerics)
     ensemble = engine.open(engine.specialise(bed.scene, how, [Crossing(0.0)]), members, device)
     handles = [ensemble.admit(bed.scene, how, bed.start) for _ in range(members)]
-    ensemble.advance(max(1, round(OUTFLOW / how.beat)))
+    ensemble.advance(1)
     before = [ensemble.status(handle) for handle in handles]
     began = time.perf_counter()
     ensemble.advance(beats)

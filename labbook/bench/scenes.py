@@ -8,12 +8,14 @@ from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import (
     Box,
+    CylinderSilo,
     HertzMindlin,
     LinearSpringDashpot,
     Plane,
     Primitives,
     Scene,
     Spheres,
+    Spherocylinders,
     Strip,
     Wall,
     WedgeHopper,
@@ -85,6 +87,22 @@ def silo(grains: int = 10_000) -> tuple[Scene, Scene, Packing]:
     site = np.column_stack([i % across - (across - 1) / 2, i // across % across - (across - 1) / 2, i // across**2])
     v = np.random.default_rng(1).normal(0, 0.2, (grains, 3))
     return scene, closed, Packing(x=site * 1.15 * d + [0, 0, d], v=v, omega=np.zeros_like(v))
+
+
+def cylinder(rods: bool, grains: int = 10_000) -> Scene:
+    """The silo of Pongo et al. 2022 with an orifice of 54 mm, whose bottom turns at 0.32 Hz.
+
+    rods: 20 mm x 6 mm, else spheres of the same volume; linear law, stiffness 2e5 m g/d.
+    """
+    rod = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=grains)
+    kind = rod if rods else Spheres(diameter=9.9e-3, density=620, count=grains)
+    law = LinearSpringDashpot(normal_stiffness=2e5 * kind.mass * 9.8 / kind.diameter, friction=0.5, restitution=0.9)
+    return Scene(
+        grains=kind,
+        contact=law,
+        container=CylinderSilo(diameter=0.19, height=2.0, orifice=0.054, rotation=0.32),
+        gravity=9.8,
+    )
 
 
 def box(grains: int) -> tuple[Scene, Packing]:

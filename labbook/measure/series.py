@@ -16,7 +16,7 @@ def crossings(run: RunData) -> tuple[np.ndarray, np.ndarray]:
     """
     times = crossing_times(run)
     mass = masses(run.scene.grains, run.start)
-    if isinstance(mass, float):
+    if not isinstance(mass, np.ndarray):
         return times, np.ones(len(times))
     table = run.tables["crossing"]
     left = np.asarray(table["id"])[np.argsort(table["time"], kind="stable")]

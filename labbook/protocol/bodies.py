@@ -27,7 +27,8 @@ class Bodies:
         such kind."""
         n, kinds = len(packing), len(grains.parts)
         if not grains.varied:
-            return cls(*(np.full(n, a) for a in (grains.radius, grains.mass, grains.inertia)), np.zeros(n, np.int64))
+            radius, mass, inertia = (np.full(n, a) for a in (grains.radius, grains.mass, grains.inertia))
+            return cls(radius, mass, inertia, np.zeros(n, np.int64))
         kind = np.zeros(n, np.int64) if packing.kind is None else packing.kind
         if packing.kind is None and kinds > 1:
             raise ValueError(f"packing: it has no kinds of grains, and the scene has {kinds}; fill it anew")
@@ -39,10 +40,10 @@ class Bodies:
         mass = np.array([part.density for part in grains.parts])[kind] * math.pi / 6 * diameter**3
         return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)
 
-    def carried(self, grains: Spheres) -> dict[str, np.ndarray | None]:
+    def carried(self, grains: Grains) -> dict[str, np.ndarray | None]:
         """What a packing of these grains holds of them: `diameter` and `kind`."""
         return {
-            "diameter": 2 * self.radius if grains.graded else None,
+            "diameter": 2 * self.radius if isinstance(grains, Spheres) and grains.graded else None,
             "kind": self.kind if grains.kinds else None,
         }
 

@@ -71,6 +71,7 @@ class Packing:
 
     def rows(self, ids: np.ndarray) -> np.ndarray:
         """Rows of the grains called `ids`, which must all be there; shape as ids."""
+        assert self.ids is not None
         order = np.argsort(self.ids)
         return order[np.searchsorted(self.ids, ids, sorter=order)]
 

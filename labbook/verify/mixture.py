@@ -153,7 +153,7 @@ def _overlap(scene: Scene, force: float, radius: float) -> float:
 def _stands(stand: Stand, law: str) -> Mapping[str, float]:
     """A small heavy grain on top of a large one on a floor, exactly upright: both sink in until they are carried."""
     soft = {"shear_modulus": 1e7} if law == "hertz-mindlin" else {}
-    scene = mixed(2, law, **soft).model_copy(update={"container": Primitives(parts=(floor(),)), "gravity": G})
+    scene = mixed(2, law, None, **soft).model_copy(update={"container": Primitives(parts=(floor(),)), "gravity": G})
     scene = scene.model_copy(update={"walls": {"floor": Surface(restitution=0.1)}})
     r, s = D / 2, D / 6
     own = np.array([D, D / 3]), np.array([0, 1])

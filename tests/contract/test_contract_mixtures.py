@@ -1,5 +1,9 @@
 """The contract holds for scenes whose grains differ in size and kind."""
 
+# a packing need not have diameters and kinds; those of these tests do
+# pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false, reportOptionalOperand=false
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 from dataclasses import replace
 
 import numpy as np

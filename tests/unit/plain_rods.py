@@ -1,8 +1,10 @@
-"""Rods stepped as plainly as can be: the physics of `labbook_dem` as Python runs it, contact by contact, for tests only.
+"""Rods stepped as plainly as can be: the physics of `labbook_dem` in Python, contact by contact, for tests only.
 
 All pairs are looked at in every step; nothing is listed, packed or generated. The law is Hertz-Mindlin, which
 `labbook_dem.spheres` has where no compiler puts another in its place.
 """
+
+from typing import Any
 
 import numpy as np
 from labbook_dem import motion, parts, rods, rotation, segments
@@ -17,6 +19,7 @@ from labbook.protocol.segments import axes
 from labbook.scene import HertzMindlin, Scene
 
 NONE = vec3(0.0, 0.0, 0.0)
+predict: Any = motion.predict  # written for one component, and as good for arrays of them
 
 
 def array(v: vec3) -> np.ndarray:
@@ -86,9 +89,9 @@ class PlainRods:
         self.v, self.m = self.v + acc * kick_dt, self.m + turn * kick_dt
         self.x = self.x + self.v * self.dt
         for i in range(n):
-            self.q[i] = rotation.turn(*self.q[i], vec3(*self.m[i]), self.slender, self.dt)
-        self.u = np.stack([motion.predict(self.v[:, k], acc[:, k], self.dt) for k in range(3)], axis=1)
-        self.y = np.stack([motion.predict(self.m[:, k], turn[:, k], self.dt) for k in range(3)], axis=1)
+            w, x, y, z = self.q[i]
+            self.q[i] = rotation.turn(w, x, y, z, vec3(*self.m[i]), self.slender, self.dt)
+        self.u, self.y = predict(self.v, acc, self.dt), predict(self.m, turn, self.dt)
         self.steps += 1
 
     def at_wall(self, i, w, wall, a, spin, soon, f, t, kept) -> None:

@@ -1,5 +1,7 @@
 """Two unlike spheres that touch: limits, symmetry, and where the contact is."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from labbook_dem import spheres
@@ -44,7 +46,7 @@ def test_exchanged_spheres_feel_opposite_forces_to_the_last_bit(seed):
 @pytest.mark.parametrize("seed", range(10))
 def test_angular_momentum_is_conserved(seed):
     """Torques on both, and that of the pair of forces at the distance of the centres, add up to nothing."""
-    given = some(seed)
+    given: Any = some(seed)
     force, ti, tj, _, _ = contact(*given)
     total = array(ti) + array(tj) + np.cross(array(given[4]), array(force))
     assert np.abs(total).max() < 1e-12 * np.linalg.norm(array(given[4])) * np.linalg.norm(array(force))

@@ -1,5 +1,9 @@
 """Spheres of several sizes and kinds: who is what, where they start, and what is measured of them."""
 
+# a packing need not have diameters and kinds; those of these tests do
+# pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false, reportOptionalOperand=false
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 import math
 
 import numpy as np

@@ -11,16 +11,16 @@ import pytest
 pytest.importorskip("warp")
 sys.path.insert(0, str(Path(__file__).parent))
 
-from labbook_warp import Backend  # noqa: E402
-from plain_rods import PlainRods  # noqa: E402
+from labbook_warp import Backend
+from plain_rods import PlainRods
 
-from labbook.backend import Contacts, Crossing, Ledger, Sample  # noqa: E402
-from labbook.numerics import Numerics  # noqa: E402
-from labbook.protocol.opening import opened  # noqa: E402
-from labbook.protocol.packing import Packing  # noqa: E402
-from labbook.protocol.placing import place  # noqa: E402
-from labbook.protocol.segments import axes, distances, random_turns  # noqa: E402
-from labbook.scene import (  # noqa: E402
+from labbook.backend import Contacts, Crossing, Ledger, Sample
+from labbook.numerics import Numerics
+from labbook.protocol.opening import opened
+from labbook.protocol.packing import Packing
+from labbook.protocol.placing import place
+from labbook.protocol.segments import axes, distances, random_turns
+from labbook.scene import (
     Box,
     CylinderSilo,
     HertzMindlin,
@@ -32,7 +32,7 @@ from labbook.scene import (  # noqa: E402
     Strip,
     Wall,
 )
-from labbook.verify.stand import identical  # noqa: E402
+from labbook.verify.stand import identical
 
 D, DENSITY = 6e-3, 620.0
 PRECISIONS = ["double", "mixed"]

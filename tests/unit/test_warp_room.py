@@ -23,12 +23,12 @@ def spec_of(scene, precision="mixed", probes=PROBES):
 @pytest.mark.parametrize("precision", ["mixed", "double"])
 def test_memory_is_what_arrays_take(precision):
     spec = spec_of(fan(grains=40), precision)
-    sizes = room.largest(fan(grains=40))
+    sizes = room.largest(spec, fan(grains=40))
     module = room.suitable(spec, sizes, False, 1)
-    arrays = Arrays(module, precision, sizes, devices.find("cpu"), True)
+    arrays = Arrays(module, sizes, devices.find("cpu"), True)
     held = [arrays.p, arrays.q, *vars(arrays.system).values(), *(copy for _, copy in arrays._saved)]
     taken = sum(array.capacity for array in held if isinstance(array, wp.array))
-    assert memory(module, precision, sizes, True) == taken
+    assert memory(module, sizes, True) == taken
 
 
 def capacity(monkeypatch, free, scene, **how):

@@ -26,7 +26,7 @@ def orientation(p: Words, i: int):
 
 @func
 def turning_again(p: Words, i: int):
-    """Orientation and momentum of grain i, loaded anew: only the end of a step needs the one, and the other as it is."""
+    """Orientation and momentum of grain i, loaded anew: only the end of a step needs them as they stand here."""
     b = load_again(p, i * 7 + 1)
     c = load_again(p, i * 7 + 2)
     d = load_again(p, i * 7 + 3)

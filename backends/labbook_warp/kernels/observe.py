@@ -112,6 +112,4 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                     if has_bit(a.wall_near[i], k):
                         c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                         if c.touches:
-                            row(
-                                out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, k // PARTS, c.force, c.branch
-                            )
+                            row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, k // PARTS, c.force, c.branch)

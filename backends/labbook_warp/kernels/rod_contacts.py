@@ -28,7 +28,7 @@ from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, firs
 def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
     """The contact with grain j, whose spring stands at `at` and is valid if `held`.
 
-    Closest points are looked for from the rod that is farther along x, so that both sides find the same to the last bit.
+    Closest points are looked for from the rod that is farther along x: both sides find the same to the last bit.
     """
     c = Contact()
     away = g.x - position(p, j)

@@ -18,7 +18,7 @@ from labbook_warp.kernels.mixed_rods import (
     velocity,
 )
 from labbook_warp.kernels.system import Material, System
-from labbook_warp.kernels.words import Words, widen, wide4
+from labbook_warp.kernels.words import Words, wide4, widen
 
 
 @struct

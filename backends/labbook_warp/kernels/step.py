@@ -74,9 +74,7 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
     v2 = wide3(kick(v0[0], acc[0], kick_dt), kick(v0[1], acc[1], kick_dt), kick(v0[2], acc[2], kick_dt))
     v1 = narrow(v2)
     more = real(v2[2] - wide(v1[2]))
-    w2 = wide3(
-        kick(w0[0], turn_acc[0], kick_dt), kick(w0[1], turn_acc[1], kick_dt), kick(w0[2], turn_acc[2], kick_dt)
-    )
+    w2 = wide3(kick(w0[0], turn_acc[0], kick_dt), kick(w0[1], turn_acc[1], kick_dt), kick(w0[2], turn_acc[2], kick_dt))
     if LEDGER:
         half = wide(0.5) * kick_dt
         half_way = spinning(m, g, w0 + turn_acc * half)

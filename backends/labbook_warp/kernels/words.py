@@ -1,9 +1,18 @@
 """Names that a generated module defines; here only so that kernels read and type-check as Python."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 F = TypeVar("F", bound=Callable)
+
+
+class wide4(NamedTuple):
+    """A quaternion, in double."""
+
+    w: float
+    x: float
+    y: float
+    z: float
 
 
 def kernel(function: F) -> F:
@@ -26,7 +35,6 @@ int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Bodies = Any
 word: Any = None
 widen: Any = None
-wide4: Any = None  # a unit quaternion
 load_word: Any = None
 load_again: Any = None
 store_word: Any = None
