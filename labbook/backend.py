@@ -32,6 +32,8 @@ class Capabilities:
     walls: frozenset[str]
     precisions: frozenset[str]
     devices: tuple[str, ...]
+    mixtures: bool = False
+    """Whether grains of one scene may differ in size and material."""
     single_velocities: bool = False
     """Whether `mixed` keeps velocities and spins in single precision too, and not the contact law only."""
 

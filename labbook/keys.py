@@ -14,7 +14,7 @@ from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.numerics import Numerics
-from labbook.scene import Scene
+from labbook.scene import Scene, Surface
 
 LENGTH = 24
 """Hexadecimal digits of a key (96 bits: a collision among 10^9 runs has a probability below 10^-11)."""
@@ -54,17 +54,24 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
     """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
     grains."""
     container = scene.container
-    walls = [
-        {**wall.model_dump(mode="json"), "surface": scene.surface(wall).model_dump(mode="json")}
-        for wall in container.walls()
-    ]
+    walls = [{**wall.model_dump(mode="json"), "surface": _surface(scene.surface(wall))} for wall in container.walls()]
+    contact = scene.contact.model_dump(mode="json", exclude={"between"})
+    kinds = range(len(scene.grains.kinds))
+    if kinds:  # what acts between them, however it is spelled
+        contact["surfaces"] = [[_surface(scene.surface_between(a, b)) for b in kinds] for a in kinds]
+        for entry, wall in zip(walls, container.walls(), strict=True):
+            entry["surface"] = [_surface(scene.surface(wall, kind)) for kind in kinds]
     return {
         "grains": scene.grains.model_dump(mode="json"),
-        "contact": scene.contact.model_dump(mode="json"),
+        "contact": contact,
         "walls": walls,
         "outlet_plane": None if getattr(container, "closed", False) else container.outlet_plane,
         "gravity": scene.gravity,
     }
+
+
+def _surface(surface: Surface) -> dict[str, Any]:
+    return surface.model_dump(mode="json")
 
 
 def numerics_identity(numerics: Numerics) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """Recordings of finished runs for the rerun viewer: grains coloured by speed, walls, and W(t) on the same clock.
 
+Grains of several kinds have a colour a kind, the lighter the faster.
+
 rerun is imported only here and in `labbook.viewer`, and only when a recording is made or shown.
 """
 
@@ -13,6 +15,7 @@ import numpy as np
 
 from labbook.measure import RunData
 from labbook.measure.series import crossing_times, smooth_flow
+from labbook.protocol import Bodies, Packing
 from labbook.protocol.segments import axes
 from labbook.scene import Scene
 from labbook.wall_shapes import WALL_COLOUR, round_walls, wall_quads
@@ -28,13 +31,17 @@ FLOW_COLOUR = (86, 180, 233)
 _GRAINS_SMOOTHED = 30
 Q_COLUMNS = ("qw", "qx", "qy", "qz")
 
+KIND_COLOURS = np.array([(230, 159, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167), (213, 94, 0), (86, 180, 233)])
+"""Okabe and Ito's, which people of all kinds of sight can tell apart."""
+
 
 class Frame(NamedTuple):
-    """Time [s], positions [n, 3] (single precision) and speeds [n] of one frame; orientations [n, 4] of rods."""
+    """Time [s], positions [n, 3] (single precision), speeds [n] and ids [n] of a frame; orientations [n, 4] of rods."""
 
     time: float
     x: np.ndarray
     speed: np.ndarray
+    ids: np.ndarray
     q: np.ndarray | None = None
 
 
@@ -81,7 +88,7 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     try:
         stream.save(partial, default_blueprint=_blueprint(data, fastest))
         stream.send_recording_name(name)
-        log_grains(stream, "", data.scene, shown, fastest)
+        log_grains(stream, "", data.scene, data.start, shown, fastest)
         _send_flow_rate(rr, stream, data)
         stream.flush()
         stream.disconnect()
@@ -91,14 +98,21 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     return path
 
 
-def log_grains(stream, root: str, scene: Scene, frames: Sequence[Frame], fastest: float) -> None:
-    """Send grains, coloured by speed up to `fastest` [m/s], and the walls around them, below the entity `root`."""
+def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence[Frame], fastest: float) -> None:
+    """Send grains, coloured by speed up to `fastest` [m/s], and the walls around them, below the entity `root`.
+
+    `start`: the packing that they began from, which says what each is.
+    """
     rr = need_rerun()
     at = f"{root}/" if root else ""
     times = [frame.time for frame in frames]
     clock, counts = rr.TimeColumn(CLOCK, duration=times), [len(frame.x) for frame in frames]
     positions = np.concatenate([frame.x for frame in frames])
-    colours = speed_colours(np.concatenate([frame.speed for frame in frames]), fastest)
+    speed, ids = np.concatenate([frame.speed for frame in frames]), np.concatenate([frame.ids for frame in frames])
+    bodies, which = Bodies.of(scene.grains, start), start.rows(ids)
+    colours = speed_colours(speed, fastest)
+    if scene.grains.kinds:
+        colours = kind_colours(bodies.kind[which], speed, fastest)
     radius, half = scene.grains.radius, scene.grains.half_length
     if half > 0:
         q = np.concatenate([np.asarray(frame.q) for frame in frames])
@@ -108,9 +122,12 @@ def log_grains(stream, root: str, scene: Scene, frames: Sequence[Frame], fastest
             quaternions=q[:, [1, 2, 3, 0]],
             colors=colours,
         )
-    else:
+    elif start.diameter is None:
         stream.log(f"{at}grains", rr.Points3D.from_fields(radii=radius), static=True)
         columns = rr.Points3D.columns(positions=positions, colors=colours)
+    else:
+        sizes = bodies.radius[which].astype(np.float32)
+        columns = rr.Points3D.columns(positions=positions, colors=colours, radii=sizes)
     stream.send_columns(f"{at}grains", [clock], columns.partition(counts))
     for wall, corners, colour in wall_quads(scene, positions):
         mesh = rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=colour)
@@ -141,6 +158,17 @@ def speed_colours(speed: np.ndarray, top_speed: float) -> np.ndarray:
     return colormaps["viridis"](part, bytes=True)
 
 
+def kind_colours(kind: np.ndarray, speed: np.ndarray, top_speed: float) -> np.ndarray:
+    """RGBA bytes, shape [n, 4]: a colour a kind (places, shape [n]), two thirds white at `top_speed` [m/s] and beyond.
+
+    Speeds count by their square roots, as in `speed_colours`.
+    """
+    part = np.sqrt(np.clip(speed / top_speed, 0, 1)) if top_speed > 0 else np.zeros(len(kind))
+    plain = KIND_COLOURS[kind % len(KIND_COLOURS)]
+    mixed = plain + (255 - plain) * (part * 2 / 3)[:, None]
+    return np.column_stack([mixed, np.full(len(kind), 255)]).astype(np.uint8)
+
+
 def frames_of(table: Mapping[str, np.ndarray] | None) -> list[Frame]:
     """At most FRAMES frames of a sample, evenly chosen. Raises NotRecorded if there are none."""
     if table is None or not len(table["time"]):
@@ -156,7 +184,7 @@ def frames_of(table: Mapping[str, np.ndarray] | None) -> list[Frame]:
         x = np.stack([table[c][rows] for c in ("x", "y", "z")], axis=1)
         v = np.stack([table[c][rows] for c in ("vx", "vy", "vz")], axis=1)
         q = np.stack([table[c][rows] for c in Q_COLUMNS], axis=1) if "qw" in table else None
-        frames.append(Frame(float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1), q))
+        frames.append(Frame(float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1), table["id"][rows], q))
     return frames
 
 
@@ -165,7 +193,7 @@ def top_speed(frames: Sequence[Frame]) -> float:
     return float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995))
 
 
-def front_view(x: np.ndarray, fastest: float, *, origin: str = "/", name: str = "Grains by speed"):
+def front_view(scene: Scene, x: np.ndarray, fastest: float, *, origin: str = "/", name: str = ""):
     """A view from the front of what lies below `origin`: grains at `x` [m], shape [n, 3], at first."""
     import rerun.blueprint as rrb
 
@@ -173,13 +201,21 @@ def front_view(x: np.ndarray, fastest: float, *, origin: str = "/", name: str = 
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
     return rrb.Spatial3DView(
         origin=origin,
-        name=f"{name}: dark 0, yellow {fastest:.2g} m/s and more (square-root scale)",
+        name=f"{name or 'Grains'}{_legend(scene)} {fastest:.2g} m/s and more (square-root scale)",
         eye_controls=rrb.EyeControls3D(
             position=middle + size * np.array([0.06, -1.05, 0.12]), look_target=middle, eye_up=(0, 0, 1)
         ),
         line_grid=rrb.LineGrid3D(visible=False),
         background=(244, 245, 247),
     )
+
+
+def _legend(scene: Scene) -> str:
+    """What colours mean, up to the top speed."""
+    names = ("orange", "blue", "green", "pink", "red", "sky blue")
+    kinds = scene.grains.kinds
+    which = ", ".join(f"{kind.name} {names[k % len(names)]}" for k, kind in enumerate(kinds))
+    return f" by kind and speed: {which}; light at" if kinds else " by speed: dark 0, yellow"
 
 
 def resting(views):
@@ -198,7 +234,7 @@ def _blueprint(data: RunData, fastest: float):
     """The silo seen from the front, W(t) below it."""
     import rerun.blueprint as rrb
 
-    grains = front_view(data.start.x, fastest)
+    grains = front_view(data.scene, data.start.x, fastest)
     flow = rrb.TimeSeriesView(origin="flow_rate", name="W [g/s]", plot_legend=rrb.PlotLegend(visible=False))
     return resting(rrb.Vertical(grains, flow, row_shares=[4, 1]))
 

@@ -21,17 +21,20 @@ FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
-    """Features by name: the law, the precision, and switches in capitals."""
-    walls = scene.container.walls()
-    surfaces = [scene.surface(wall) for wall in walls]
+    """Features by name: the law, the precision, and in capitals switches and the number of kinds of grains."""
+    walls, sorts = scene.container.walls(), range(len(scene.grains.parts))
+    surfaces = [scene.surface_between(a, b) for a in sorts for b in sorts]
+    surfaces += [scene.surface(wall, sort) for wall in walls for sort in sorts]
     kinds = {wall.shape.kind for wall in walls}
-    frictions = [scene.contact.friction, *(s.friction or 0.0 for s in surfaces)]
-    rolling = any([scene.contact.rolling_friction, *(s.rolling_friction or 0.0 for s in surfaces)])
+    frictions = [s.friction or 0.0 for s in surfaces]
+    rolling = any(s.rolling_friction for s in surfaces)
     return {
         "law": scene.contact.law,
         "precision": numerics.precision,
         "FRICTION": any(frictions) or rolling,
         "ROLLING": rolling,
+        "VARIED": scene.grains.varied,
+        "KINDS": len(scene.grains.parts),
         "TWIST": rolling and scene.contact.rolling == "full",
         "MOVING": any(wall.motion != SurfaceMotion() for wall in walls),
         "PLANES": "plane" in kinds,
@@ -92,6 +95,8 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
             raise Unsupported(key, f"the engine {can.name} has no {value}; it has {', '.join(sorted(known))}")
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
+    if scene.grains.varied and not can.mixtures:
+        raise Unsupported("grains", f"the engine {can.name} takes equal grains only; leave out sizes and kinds")
     for probe in probes:
         if isinstance(probe, Sample) and "q" in probe.fields and not is_rod(scene):
             raise Unsupported("measure", "only rods have an orientation q")
@@ -99,13 +104,22 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
             raise Unsupported("measure", "a probe is read every beat at most")
 
 
+def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
+    """Coefficients of contacts between kinds a and b in row a K + b of K kinds, shape [K^2, 8]."""
+    law, sorts = LAWS[scene.contact.law], range(len(scene.grains.parts))
+    scale = numerics.stiffness_scale
+    rows = [law.coefficients(scene.contact, scene.surface_between(a, b), scale) for a in sorts for b in sorts]
+    return _table(rows, 8)
+
+
 def wall_tables(scene: Scene, numerics: Numerics) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of each wall: coefficients [W, 8], shape [W, 6], kind [W], velocity and spin of its surface [W, 4]."""
-    law, walls = LAWS[scene.contact.law], scene.container.walls()
+    """Of each wall: coefficients for kind k of K in row w K + k [W K, 8], shape [W, 6], kind [W], velocity and spin of
+    its surface [W, 4]."""
+    law, walls, sorts = LAWS[scene.contact.law], scene.container.walls(), range(len(scene.grains.parts))
     scale = numerics.stiffness_scale
     shapes = [(*WALL_KINDS[w.shape.kind][1](w.shape), 0.0)[:6] for w in walls]  # pyright: ignore[reportArgumentType]
     return (
-        _table([law.coefficients(scene.contact, scene.surface(w), scale, True) for w in walls], 8),
+        _table([law.coefficients(scene.contact, scene.surface(w, k), scale, True) for w in walls for k in sorts], 8),
         _table(shapes, 6),
         np.array([WALL_KINDS[w.shape.kind][0] for w in walls], np.int64),
         _table([(*w.motion.velocity, w.motion.spin) for w in walls], 4),

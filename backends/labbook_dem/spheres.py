@@ -6,7 +6,7 @@ contact twice, once for each sphere, gets opposite forces to the last bit.
 
 from labbook_dem.contact import rolling, slip, trial
 from labbook_dem.laws.hertz_mindlin import normal, respond
-from labbook_dem.words import FRICTION, ROLLING, TWIST, coefs, cross, dot, func, real, sqrt, vec3
+from labbook_dem.words import FRICTION, ROLLING, TWIST, VARIED, coefs, cross, dot, func, real, sqrt, vec3
 
 
 @func
@@ -16,8 +16,9 @@ def touch(
 ):  # fmt: skip
     """Force on i [N], its arm n x f_t, rolling torque on i [N m], and the spring [m].
 
-    u, v: relative velocities, predicted and half a step old [m/s]. surface: sum of lever times spin [m/s]; turn:
-    difference of the spins [rad/s]. dt: by how much to advance the spring [s]. The rest as in `labbook_dem.contact`.
+    rs, ms: effective radius [m] and mass [kg]; radius: at which rolling resistance acts [m]. u, v: relative velocities,
+    predicted and half a step old [m/s]. surface: sum of lever times spin [m/s]; turn: difference of the spins [rad/s].
+    dt: by how much to advance the spring [s]. The rest as in `labbook_dem.contact`.
     """
     zero = real(0.0)
     vn = dot(u, n)
@@ -39,24 +40,41 @@ def touch(
 
 
 @func
-def sphere_on_sphere(
-    c: coefs, radius: real, mass: real, away: vec3, gap: real, u: vec3, v: vec3, wi: vec3, wj: vec3, s: vec3,
-    dt: real, inertia_rate: real,
-):  # fmt: skip
-    """Force and torque on i, torque on j, spring and overlap [m] of two equal spheres.
+def effective(a: real, b: real):
+    """a b/(a + b): effective radius or mass of two spheres."""
+    return a * b / (a + b) if VARIED else real(0.5) * a
 
-    away: branch from j to i [m]; gap: diameter squared less its square [m^2], from which the overlap loses no digit.
+
+@func
+def sphere_on_sphere(
+    c: coefs, ri: real, rj: real, mi: real, mj: real, away: vec3, gap: real, u: vec3, v: vec3, wi: vec3, wj: vec3,
+    s: vec3, dt: real, rate_i: real, rate_j: real,
+):  # fmt: skip
+    """Force and torque on i, torque on j, spring and overlap [m] of two spheres of radii ri, rj and masses mi, mj.
+
+    away: branch from j to i [m]; gap: (ri + rj)^2 less its square [m^2], from which the overlap loses no digit. rate_i,
+    rate_j: `rolling_rate` of each. The contact lies in the plane through the circle in which the surfaces meet, at
+    l_i = (r^2 + ri^2 - rj^2)/(2 r) from the centre of i: at r_i - delta if j is as flat as a wall. Rolling resistance
+    acts at the smaller radius, as a wall does, and spares the smaller inertia.
     """
     half = real(0.5)
     r = sqrt(dot(away, away))
-    delta = gap / (real(2.0) * radius + r)
+    delta = gap / (ri + rj + r)
+    per_r = real(1.0) / r
     lever = half * r
+    lever_i = lever
+    lever_j = lever
+    surface = (wi + wj) * lever
+    if VARIED:
+        more = half * (ri - rj) * (ri + rj) * per_r
+        lever_i = lever + more
+        lever_j = lever - more
+        surface = surface + (wi - wj) * more
     force, arm, roll, kept = touch(
-        c, half * radius, half * mass, radius, delta, away * (real(1.0) / r), u, v, (wi + wj) * lever, wi - wj,
-        s, dt, inertia_rate,
+        c, effective(ri, rj), effective(mi, mj), min(ri, rj), delta, away * per_r, u, v, surface, wi - wj,
+        s, dt, min(rate_i, rate_j),
     )  # fmt: skip
-    arm = arm * lever
-    return force, roll - arm, -roll - arm, kept, delta
+    return force, roll - arm * lever_i, -roll - arm * lever_j, kept, delta
 
 
 @func

@@ -76,4 +76,5 @@ sqrt = math.sqrt
 # what a scene may do without: constants of a generated module, so that nothing of it is compiled
 FRICTION = True
 ROLLING = True
+VARIED = True  # spheres differ in size, material or both
 TWIST = True  # rolling resistance acts on twist too

@@ -23,6 +23,7 @@ class Backend:
         walls=frozenset({"plane", "strip", "frustum"}),
         precisions=frozenset({"double", "mixed"}),
         devices=("cpu",),
+        mixtures=True,
     )
 
     def __init__(self, threads: int | None = None):

@@ -21,6 +21,7 @@ from labbook_dem.walls import frustum, plane, strip
 from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
 from labbook_numba.kernels import (
     blocks,
+    bodies,
     cells,
     meet,
     move,
@@ -46,6 +47,8 @@ from labbook_numba.kernels import features as vocabulary
 SWITCHES = (
     "FRICTION",
     "ROLLING",
+    "VARIED",
+    "KINDS",
     "TWIST",
     "MOVING",
     "PLANES",
@@ -59,9 +62,9 @@ SWITCHES = (
 )
 
 
-PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
+PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
-SHARED = [contact, motion, plane, strip, frustum, spheres, single, cells, surfaces, blocks, transfer, search]
+SHARED = [contact, motion, plane, strip, frustum, spheres, single, cells, surfaces, blocks, bodies, transfer, search]
 OF_SPHERES = [pairs, walls, near, move, observe]
 OF_RODS = [segments, rotation, parts, rods, rod_blocks, rod_pairs, rod_walls, rod_near, rod_move, rod_observe]
 OF_ALL = [neighbours, meet, step]
@@ -83,9 +86,10 @@ def share_one_heap() -> None:
 share_one_heap()
 
 
-def module_text(law: str, precision: str, switches: dict[str, bool]) -> str:
+def module_text(law: str, precision: str, switches: dict[str, int]) -> str:
     """Source of the kernel module of one specialisation."""
     layout, kind = (state.RODS, OF_RODS) if switches["RODS"] else (state.SPHERES, OF_SPHERES)
+    layout = state.MIXTURES if switches["VARIED"] else layout
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
     shared = _numbers(state) | layout._asdict()
     places = {name: value for module in (blocks, *kind) for name, value in _numbers(module).items()}
@@ -121,7 +125,7 @@ def digest(text: str) -> str:
 
 
 @lru_cache(maxsize=64)
-def kernels(law: str, precision: str, switches: tuple[tuple[str, bool], ...]) -> ModuleType:
+def kernels(law: str, precision: str, switches: tuple[tuple[str, int], ...]) -> ModuleType:
     """The kernel module of one specialisation, written if it is not there yet. Compiling happens at first use."""
     text = module_text(law, precision, dict(switches))
     key = digest(text)

@@ -5,14 +5,14 @@ from types import ModuleType
 import numpy as np
 from labbook_dem.ensemble import Failure, check_checkpoint
 from labbook_dem.features import is_rod
-from labbook_dem.guards import explain
+from labbook_dem.guards import explain, finest
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.rotation import axes, momenta
 from labbook_dem.springs import places
 
 from labbook.backend import Capabilities, Checkpoint, Crossing, Status
 from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
+from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
 from labbook_numba import state as S
 from labbook_numba.parameters import parameters
@@ -32,8 +32,10 @@ class Run:
         self.params: Params = parameters(scene, numerics, probes)
         self.names = [wall.name for wall in scene.container.walls()]
         self.rods = is_rod(scene)
-        self.layout = S.RODS if self.rods else S.SPHERES
+        self.layout = S.RODS if self.rods else S.MIXTURES if scene.grains.varied else S.SPHERES
         self.failure: Failure | None = None
+        self._varied = scene.grains.varied
+        self._kept = set(S.State._fields) - set(S.SCRATCH) - (set() if self._varied else {"body"})
 
     # how it starts
 
@@ -48,6 +50,10 @@ class Run:
         st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
         st.u[:] = packing.v
         st.f[:, 2] = -self.params.mass * self.params.gravity
+        if self._varied:
+            own = Bodies.of(self.scene.grains, packing)
+            st.body[: len(packing)] = np.column_stack([own.radius, own.mass, own.inertia, own.kind])
+            st.f[:, 2] = -own.mass * self.params.gravity
         st.gone[:] = packing.x[:, 2] < self.params.plane
         if self.rods:
             self._orient(packing)
@@ -83,14 +89,14 @@ class Run:
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Continue where a checkpoint was taken. Raises ValueError if it is not of this engine and version."""
-        check_checkpoint(self._can, set(S.State._fields) - set(S.SCRATCH), checkpoint)
+        check_checkpoint(self._can, self._kept, checkpoint)
         stored = {name: np.array(array) for name, array in checkpoint.arrays.items()}
         empty = S.allocate(len(stored["ids"]), 0, 0, 0, 0, self.numerics.precision, self.layout)
         self.state = empty._replace(**stored)
 
     def checkpoint(self) -> Checkpoint:
         """The exact state, copied."""
-        arrays = {name: a.copy() for name, a in self.state._asdict().items() if name not in S.SCRATCH}
+        arrays = {name: a.copy() for name, a in self.state._asdict().items() if name in self._kept}
         return Checkpoint(self._can.name, self._can.cache_version, arrays)
 
     # how it runs
@@ -124,7 +130,7 @@ class Run:
         st = self.state
         if code != self.kernels.DONE:
             grain = int(st.count[S.FAIL_GRAIN])
-            message = explain(GUARDS[code], grain, self.step, float(st.sums[S.FAIL_VALUE]), self.scene.grains.diameter)
+            message = explain(GUARDS[code], grain, self.step, float(st.sums[S.FAIL_VALUE]), finest(self.scene))
             self._fail(GUARDS[code], grain, message, before)
             return
         # speeds are watched at every step; a spin moves nothing until its grain touches another, so a look a beat does
@@ -152,8 +158,15 @@ class Run:
     def status(self) -> Status:
         """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
         v, w = self.whole_step()
-        energy = kinetic(self.scene.grains, v, self.momenta(w), self.q)
+        energy = kinetic(self.bodies() or self.scene.grains, v, self.momenta(w), self.q)
         return status(self.scene, self.step, self.time, self.grains, energy)
+
+    def bodies(self) -> Bodies | None:
+        """What each grain is; None where all are alike."""
+        if not self._varied:
+            return None
+        radius, mass, inertia, kind = self.state.body[: self.grains].T
+        return Bodies(radius, mass, inertia, kind.astype(np.int64))
 
     def packing(self) -> Packing:
         """The portable state."""
@@ -163,6 +176,7 @@ class Run:
         entry, part = np.nonzero(st.wall_held[:walls, None] >> np.arange(self.layout.WALL_PARTS) & 1)
         held = st.held[:pairs] == 1
         v, w = self.whole_step()
+        own = self.bodies()
         return Packing(
             x=st.x[:n].copy(),
             v=v,
@@ -175,6 +189,7 @@ class Run:
             wall_name=np.array([*self.names, ""], "U40")[wall[entry]],
             wall_spring=st.wall_spring[entry * self.layout.WALL_PARTS + part, :3],
             wall_part=part,
+            **(own.carried(self.scene.grains) if own else {}),
         )
 
     @property
@@ -196,7 +211,7 @@ class Run:
         if n:
             assert advance(self.kernels, copy, self.params, self.step) == self.kernels.DONE
         part = 0.5 * self.params.dt if self.step > 0 else 0.0
-        self.kernels.whole_step(copy.grains, copy.loads, part, self.params, v, w)
+        self.kernels.whole_step(copy.grains, copy.loads, copy.body, part, self.params, v, w)
         return v, w
 
     def contacts(self) -> np.ndarray:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from labbook_dem import features
-from labbook_dem.describe import LAWS
+from labbook_dem.guards import finest
 from labbook_dem.rotation import slenderness
 
 from labbook.backend import Probe
@@ -17,9 +17,11 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
     grains = scene.grains
     d = grains.diameter
     plane, drop = features.planes(scene, probes)
+    pair_c = features.pair_table(scene, numerics)
     wall_c, wall_shape, wall_kind, wall_motion = features.wall_tables(scene, numerics)
     return Params(
-        c=LAWS[scene.contact.law].coefficients(scene.contact, scene.surface_of_grains, numerics.stiffness_scale),
+        c=tuple(pair_c[0].tolist()),
+        pair_c=pair_c,
         radius=grains.radius,
         half=grains.half_length,
         slender=slenderness(grains),
@@ -29,7 +31,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
         dt=numerics.dt,
         skin=numerics.skin * d,
         speed_limit=numerics.speed_limit,
-        overlap_limit=numerics.overlap_limit * d,
+        overlap_limit=numerics.overlap_limit * finest(scene),
         plane=plane,
         drop=drop,
         wall_c=wall_c,

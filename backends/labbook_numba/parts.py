@@ -87,7 +87,8 @@ def _split(state: State, params: Params, threads: int) -> list[State]:
         before = np.flatnonzero((j[:first_pair] >= first) & (j[:first_pair] < last))
         count, loads = state.count.copy(), S.loads(len(state.ids))
         count[S.CROSSED], count[S.FAIL_GRAIN] = 0, -1
-        loads[first:last, S.F + 2] = -params.mass * params.gravity
+        mass = state.body[first:last, 1] if len(state.body) else params.mass
+        loads[first:last, S.F + 2] = -mass * params.gravity
         part = state._replace(
             loads=loads,
             cross=np.zeros_like(state.cross),
@@ -97,7 +98,7 @@ def _split(state: State, params: Params, threads: int) -> list[State]:
             **S.borrowed(state, before),
             told=told,
             meetings=meetings,
-            **S.scratch(len(state.ids), precision, S.SPHERES),
+            **S.scratch(len(state.ids), precision, S.MIXTURES if len(state.body) else S.SPHERES),
         )
         parts.append(part)
     return parts

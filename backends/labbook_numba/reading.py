@@ -48,7 +48,7 @@ class Seen:
         m_half = st.m[:n] if run.rods else st.w[:n]
         return {
             "grains": n,
-            **totals(run.scene, st.x[:n], v, run.momenta(w), st.v[:n], m_half, part, work, run.q),
+            **totals(run.scene, st.x[:n], v, run.momenta(w), st.v[:n], m_half, part, work, run.q, run.bodies()),
             "max_overlap": float(st.sums[S.MAX_OVERLAP]),
             "touching": int(st.count[S.TOUCHING]),
             "rebuilds": int(st.count[S.REBUILDS]),

@@ -29,12 +29,14 @@ X, V, W, U = 0, 4, 8, 12
 P, Q, A, M = 16, 20, 24, 28
 F, T, LOAD = 0, 4, 8
 SPRING = 4
+BODY = 4  # numbers of a row of State.body
+COEFFICIENTS = 8  # of a law, in the last columns of a block
 GHOSTS = 2  # rows behind the grains: one that may be written to for nothing, and one too far away to touch it
 FAR = 1e30
 
 
 class Layout(NamedTuple):
-    """What grains of one shape take: lengths of rows of State.grains, columns of blocks, springs at a wall."""
+    """What equal and unlike spheres and rods take: lengths of rows of grains, columns of blocks, springs at a wall."""
 
     GRAIN: int
     BLOCK_COLUMNS: int
@@ -43,6 +45,7 @@ class Layout(NamedTuple):
 
 
 SPHERES = Layout(GRAIN=16, BLOCK_COLUMNS=21, NEAR_COLUMNS=7, WALL_PARTS=1)
+MIXTURES = SPHERES._replace(BLOCK_COLUMNS=35)
 RODS = Layout(GRAIN=32, BLOCK_COLUMNS=33, NEAR_COLUMNS=10, WALL_PARTS=4)
 
 
@@ -61,6 +64,7 @@ class State(NamedTuple):
 
     grains: np.ndarray
     loads: np.ndarray
+    body: np.ndarray  # where grains differ, of each: radius [m], mass [kg], moment of inertia [kg m^2], kind
     ids: np.ndarray
     gone: np.ndarray  # 1 once the grain has crossed the outlet plane
     pair_i: np.ndarray
@@ -162,12 +166,16 @@ class Grid(NamedTuple):
 class Params(NamedTuple):
     """What does not change during a run. c: coefficients between grains; wall_c: the same of each wall [W, 8].
 
+    Where grains differ: radius of the largest; of K kinds, pair_c [K K, 8] between kinds a and b in row a K + b, and
+    wall_c [W K, 8].
+
     half: half the length of a rod's segment [m]; slender: I_t/I_a - 1, inertia: I_t [kg m^2].
 
     wall_shape [W, 6], wall_kind [W], wall_motion [W, 4]: velocity and spin of its surface.
     """
 
     c: tuple
+    pair_c: np.ndarray
     radius: float
     half: float
     slender: float
@@ -195,6 +203,7 @@ def allocate(
     return State(
         grains=grains,
         loads=loads(n),
+        body=np.ones((n + GHOSTS if layout is MIXTURES else 0, BODY)),
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
         **lists(pairs + PAD, walls, near_walls + PAD, layout)._asdict(),

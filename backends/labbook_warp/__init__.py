@@ -20,6 +20,7 @@ class Backend:
         walls=frozenset({"frustum", "plane", "strip"}),
         precisions=frozenset({"double", "mixed"}),
         devices=("cpu", "cuda:0"),
+        mixtures=True,
         single_velocities=True,
     )
 

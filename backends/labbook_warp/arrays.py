@@ -26,7 +26,7 @@ class Arrays:
 
     def __init__(self, module: ModuleType, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
-        self.codec, self.state = codec(module), state(sizes.rods)
+        self.codec, self.state = codec(module), state(sizes.rods, module.VARIED)
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
         system.cells, system.depth = sizes.cells, sizes.depth
@@ -34,7 +34,7 @@ class Arrays:
             owner = self if shape.name in WORDS_OF_STATE else system
             setattr(owner, shape.name, wp.zeros(shape.length, dtype=shape.dtype, device=device))
         system.fail.fill_(NO_FAILURE)
-        missing = set(state(rods=True)) - set(self.state)
+        missing = set(state(rods=True, varied=True)) - set(self.state)
         copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
         self._saved = [(array, wp.clone(array)) for array in copied]
 

@@ -14,6 +14,7 @@ from labbook_dem.walls import frustum, plane, strip
 
 from labbook_warp import dialect
 from labbook_warp.kernels import (
+    bodies,
     double,
     double_rods,
     forces,
@@ -35,6 +36,8 @@ from labbook_warp.kernels import (
 SWITCHES = (
     "FRICTION",
     "ROLLING",
+    "VARIED",
+    "KINDS",
     "TWIST",
     "MOVING",
     "PLANES",
@@ -59,7 +62,7 @@ REACH = {False: 1, True: 2}
 listed."""
 
 
-def most_parts(switches: Mapping[str, bool]) -> int:
+def most_parts(switches: Mapping[str, int]) -> int:
     """Contacts that a grain may have with one wall."""
     if not switches["RODS"]:
         return 1
@@ -67,10 +70,10 @@ def most_parts(switches: Mapping[str, bool]) -> int:
 
 
 def module_text(
-    law: str, precision: str, switches: Mapping[str, bool], uniform: bool, lanes: int, registers: int
+    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int
 ) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
-    turns = switches["RODS"]
+    turns = bool(switches["RODS"])
     constants: dict[str, object] = dict(switches)
     constants |= {
         "FINE": precision == "double",
@@ -84,13 +87,13 @@ def module_text(
     }
     constants |= {name: getattr(words, name) for name in ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, frustum, *PHYSICS[turns], system, STATE[precision, turns]]
-    modules += [walls, sums, *SHAPE[turns], forces, step, neighbours, observe]
+    modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
     return source.generate(dialect.header(precision, registers, 1 if turns else 16), constants, modules)
 
 
 @lru_cache(maxsize=64)
 def kernels(
-    law: str, precision: str, switches: tuple[tuple[str, bool], ...], uniform: bool = False, lanes: int = 1,
+    law: str, precision: str, switches: tuple[tuple[str, int], ...], uniform: bool = False, lanes: int = 1,
     registers: int = 0,
 ) -> ModuleType:  # fmt: skip
     """The kernel module of one specialisation. Compiling happens at first use, per device."""

@@ -40,6 +40,7 @@ Bits = wp.array(dtype=wp.uint32)
 Coefs = wp.array(dtype=coefs)
 Shapes = wp.array(dtype=shape6)
 Motions = wp.array(dtype=motion4)
+Bodies = wp.array(dtype=wp.vec4d)
 dot = wp.dot
 cross = wp.cross
 sqrt = wp.sqrt

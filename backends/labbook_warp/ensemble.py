@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import warp as wp
 from labbook_dem import ensemble
 from labbook_dem.features import is_rod
-from labbook_dem.guards import explain
+from labbook_dem.guards import explain, finest
 from labbook_dem.reading import read
 
 from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Probe, Spec, Status, Table
@@ -39,7 +39,8 @@ class Ensemble(ensemble.Ensemble[Run]):
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
         if isinstance(start, Checkpoint):
-            ensemble.check_checkpoint(self._can, {"p", *state(is_rod(scene)), "step", "rebuilds", "past_work"}, start)
+            arrays = state(is_rod(scene), scene.grains.varied)
+            ensemble.check_checkpoint(self._can, {"p", *arrays, "step", "rebuilds", "past_work"}, start)
         run = Run(scene, numerics, self._spec.probes, start)
         self._stage.wait(run)
         return run
@@ -89,7 +90,7 @@ class Ensemble(ensemble.Ensemble[Run]):
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & 0xFFFFFF
         value = self._stage.bad_value(run, grain)
         run.failure = ensemble.Failure(
-            guard, step, grain, explain(guard, grain, step, value, run.scene.grains.diameter)
+            guard, step, grain, explain(guard, grain, step, value, finest(run.scene))
         )  # fmt: skip
 
     def status(self, member: Member) -> Status:

@@ -43,9 +43,9 @@ class Sizes:
         return self.rows * (self.near // 2 + min(self.walls * self.parts, 6)) + 1
 
 
-def state(rods: bool) -> dict[str, str]:
+def state(rods: bool, varied: bool) -> dict[str, str]:
     """Arrays that make up a member's state, beside its words, and which of `Sizes.entries` each has."""
-    return STATE | OF_RODS if rods else STATE
+    return STATE | (OF_RODS if rods else {}) | (OF_MIXTURES if varied else {})
 
 
 # arrays of grains that make up a member's state, and their entries a grain
@@ -64,9 +64,10 @@ STATE = {
     "deep": "one",
 }
 OF_RODS = {"facing": "one"}
+OF_MIXTURES = {"body": "one"}
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
-OF_WALLS = ("wall_c", "wall_shape", "wall_kind", "wall_motion")
+OF_WALLS = ("wall_shape", "wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")
 COPIED = ("p", *(name for name in STATE | OF_RODS if name != "ids"), "rebuilds", "left")
 """Arrays that are copied aside before every beat."""
@@ -94,9 +95,10 @@ def codec(module: ModuleType) -> Codec:
 def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[Shape]:
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
-    lengths = {name: rows * sizes.entries[of] for name, of in (state(sizes.rods) | SCRATCH).items()}
+    lengths = {name: rows * sizes.entries[of] for name, of in (state(sizes.rods, module.VARIED) | SCRATCH).items()}
     lengths |= dict.fromkeys(OF_SLOTS, slots)
     lengths |= dict.fromkeys(OF_WALLS, max(1, slots * sizes.walls))
+    lengths |= {"wall_c": max(1, slots * sizes.walls * module.KINDS), "pair_c": slots * module.KINDS**2}
     lengths |= {"overflow": 2 * slots, "any_flag": 1, "crossed": 1, "cross": module.COLUMNS * rows if crossings else 1}
     lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
     for name in WORDS_OF_STATE:

@@ -8,6 +8,7 @@ import numpy as np
 from labbook_dem import features
 from labbook_dem.contact import rolling_rate
 from labbook_dem.describe import LAWS
+from labbook_dem.guards import finest
 from labbook_dem.rotation import slenderness
 
 from labbook.backend import Probe
@@ -23,18 +24,18 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     """The record of grains, law and clock."""
     grains, law = scene.grains, LAWS[scene.contact.law]
     d, r = grains.diameter, grains.radius
-    c = law.coefficients(scene.contact, scene.surface_of_grains, numerics.stiffness_scale)
+    table = features.pair_table(scene, numerics)
     skin = numerics.skin * d
-    magic = 24.0 * law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0)
+    magic = 24.0 * max(law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0) for c in table)
     made = module.Material()
-    made.c = module.coefs(*c)
+    made.c = module.coefs(*table[0])
     made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia
     made.inertia_rate = rolling_rate(grains.inertia_axis, numerics.dt)
     made.reach, made.reach2, made.listed2, made.half_skin = r, d**2, (d + skin) ** 2, skin / 2
     made.half, made.slender, made.centres2 = grains.half_length, slenderness(grains), farthest(scene, numerics) ** 2
     made.per_mass, made.per_inertia = 1 / grains.mass, 1 / grains.inertia
     made.gravity, made.dt = scene.gravity, numerics.dt
-    made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * d
+    made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * finest(scene)
     made.grid_f, made.grid_t = magic, magic * (r + grains.half_length)
     return made
 

@@ -59,7 +59,7 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     law, precision = spec.feature("law"), spec.feature("precision")
     most = REGISTERS[law][precision] if lanes == 1 else 0
     registers = REGISTERS_OF_RODS if sizes.rods else most
-    switches = tuple((name, bool(spec.feature(name))) for name in SWITCHES)
+    switches = tuple((name, spec.feature(name)) for name in SWITCHES)
     return kernels(law, precision, switches, uniform, lanes, registers)
 
 

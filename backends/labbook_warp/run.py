@@ -12,7 +12,7 @@ from labbook_dem.rotation import momenta
 
 from labbook.backend import Checkpoint, Probe, Status
 from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
+from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
 from labbook_warp.build import REACH
 from labbook_warp.parameters import cell_size, lattice
@@ -47,6 +47,7 @@ class Run:
             positions = self.begin.arrays["origin"]
         else:
             assert self.begin is not None
+            Bodies.of(self.scene.grains, self.begin)  # an error now, not when it gets a slot
             self.rows = len(self.begin)
             positions = self.begin.x
         self.lattice = lattice(positions, cell_size(self.scene, self.numerics), REACH[is_rod(self.scene)])
@@ -81,4 +82,5 @@ class Run:
         start = self.begin
         assert isinstance(start, Packing)
         m = start.omega if start.q is None else momenta(self.scene.grains, start.omega, start.q)
-        return kinetic(self.scene.grains, start.v, m, start.q)
+        grains = self.scene.grains
+        return kinetic(Bodies.of(grains, start) if grains.varied else grains, start.v, m, start.q)

@@ -110,6 +110,8 @@ class Stage:
         arrays.system.common = record
         arrays.put_record("material", run.slot, record)
         arrays.put_record("place", run.slot, place(arrays.module, run.scene, run.numerics, run.probes, run.lattice))
+        if run.scene.grains.varied:
+            arrays.put("pair_c", run.slot, features.pair_table(run.scene, run.numerics))
         if run.names:
             tables = features.wall_tables(run.scene, run.numerics)
             for name, table in zip(("wall_c", "wall_shape", "wall_kind", "wall_motion"), tables, strict=True):

@@ -39,7 +39,8 @@ def _bytes(arrays: Arrays, listed: float, touching: float, walls: bool) -> float
     """State in and out, list in, springs of what touches in and out, bits and counts."""
     spring = 3 * (4 if arrays.codec.mixed else 8)
     masks = 2 * _INTS + (2 * _INTS if walls else 0)  # neighbours: how many, which are held; walls: near, held
-    return 2 * arrays.codec.words * _WORD + listed * _INTS + 2 * touching * spring + masks
+    what = 2 * _WORD if arrays.module.VARIED else 0
+    return what + 2 * arrays.codec.words * _WORD + listed * _INTS + 2 * touching * spring + masks
 
 
 def _bandwidth(device: wp.Device) -> float:

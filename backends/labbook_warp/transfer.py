@@ -8,7 +8,7 @@ from labbook_dem.rotation import momenta, spins
 from labbook_dem.springs import places
 
 from labbook.backend import Checkpoint
-from labbook.protocol.packing import Packing
+from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
 from labbook_warp.arrays import Arrays
 from labbook_warp.codec import States
@@ -31,6 +31,9 @@ def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: floa
     for name, nothing in empty.items():
         arrays.write(name, slot, nothing)
     arrays.write("ids", slot, packing.ids[order].astype(np.int32))
+    if scene.grains.varied:
+        own = Bodies.of(scene.grains, packing)
+        arrays.write("body", slot, np.column_stack([own.radius, own.mass, own.inertia, own.kind])[order])
     arrays.write("gone", slot, (x[:, 2] < plane).astype(np.int32))
 
 
@@ -95,6 +98,7 @@ def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m
     if turned is not None:
         q = turned[order]
         omega = spins(scene.grains, omega, q)
+    own = bodies(arrays, slot, rows, scene, order)
     return Packing(
         x=x[order],
         v=v[order],
@@ -107,7 +111,16 @@ def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m
         wall_name=np.array([*names, ""], "U40")[k_wall // parts],
         wall_spring=arrays.read("wall_spring", slot, rows)[k_wall, g].astype(np.float64),
         wall_part=k_wall % parts,
+        **(own.carried(scene.grains) if own else {}),
     )
+
+
+def bodies(arrays: Arrays, slot: int, rows: int, scene: Scene, order: np.ndarray) -> Bodies | None:
+    """What the grains of a slot in the rows `order` are; None where all are alike."""
+    if not scene.grains.varied:
+        return None
+    radius, mass, inertia, kind = arrays.read("body", slot, rows)[order].T
+    return Bodies(radius, mass, inertia, kind.astype(np.int64))
 
 
 def here(x: np.ndarray, ids: np.ndarray) -> np.ndarray:

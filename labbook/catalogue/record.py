@@ -24,7 +24,7 @@ class StopRule(Part):
     """When a discharge ends."""
 
     discharged: float
-    """Fraction of the grains that have left."""
+    """Fraction of the mass that has left."""
     max_time: float
     """Time since the opening [s]."""
     stall: float
@@ -52,13 +52,15 @@ class Coverage(Part):
     """Probes, as `describe_probe` writes them."""
     recording: float | None = None
     """Time between recorded frames [s] if the run was recorded."""
+    mass_left: float | None = None
+    """Fraction of the mass that left with these grains; None where all are equal."""
     bed_height: float | None = None
     """Height of the settled bed at the opening [m]: twice its mean height above the outlet plane."""
 
     @property
     def discharged(self) -> float:
-        """Fraction of the grains that have left."""
-        return self.crossed / self.grains
+        """Fraction of the mass that has left."""
+        return self.crossed / self.grains if self.mass_left is None else self.mass_left
 
     @property
     def fill_height(self) -> float | None:

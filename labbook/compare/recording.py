@@ -33,13 +33,13 @@ def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, pat
     fastest = max(map(top_speed, films))
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    views = [front_view(start.x, fastest, origin=f"/{one.name}", name=one.name) for one in pair]
+    views = [front_view(shared.scene, start.x, fastest, origin=f"/{one.name}", name=one.name) for one in pair]
     stream = rr.RecordingStream("labbook", recording_id="-".join(one.run for one in runs))
     try:
         stream.save(partial, default_blueprint=resting(rrb.Horizontal(*views)))
         stream.send_recording_name(f"{study.name}: {point.label}, seed {SEED}, {pair[0].name} beside {pair[1].name}")
         for one, film in zip(pair, films, strict=True):
-            log_grains(stream, one.name, shared.scene, film, fastest)
+            log_grains(stream, one.name, shared.scene, start, film, fastest)
         stream.flush()
         stream.disconnect()
         os.replace(partial, path)

@@ -39,10 +39,10 @@ def _half_segment(x: np.ndarray) -> np.ndarray:
 
 
 def sphere_in_box(
-    centre: np.ndarray, radius: float, low: tuple[float, float, float], high: tuple[float, float, float]
+    centre: np.ndarray, radius: np.ndarray | float, low: tuple[float, float, float], high: tuple[float, float, float]
 ) -> np.ndarray:
-    """Volume [m^3] of spheres at `centre` [m], shape [n, 3], within the box from `low` to `high` [m]; shape
-    [n].
+    """Volume [m^3] of spheres at `centre` [m], shape [n, 3], of `radius` [m], within the box from `low` to `high`
+    [m]; shape [n].
 
     Discs clipped in x and z are exact; they are summed along y by Gauss-Legendre quadrature of order 48 in the
     polar angle. The error is below 1e-4 of a sphere where faces cut it, and round-off for whole ones.

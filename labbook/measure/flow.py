@@ -7,14 +7,14 @@ import numpy as np
 from labbook.backend import Crossing, Probe
 from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, MeasureError, Window
-from labbook.measure.series import crossing_times
+from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
 from labbook.scene import Scene
 from labbook.stats import Measured
 
 
 class FlowRate(Measure):
-    """Mass flow rate W and grain flow rate Q over the steady part of a discharge.
+    """Mass flow rate W, of each grain's own mass, and grain flow rate Q over the steady part of a discharge.
 
     Quantities: `flow_rate` [kg/s], `grain_rate` [1/s], `flow_rate_drift` (relative change across the window,
     from a straight line through 12 blocks) and, with gaps, `gap_time` [s]. The note `trending` says that
@@ -34,10 +34,10 @@ class FlowRate(Measure):
         return (Crossing(plane),)
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
-        times, total = crossing_times(run), len(run.start)
+        (times, weights), total = crossings(run), len(run.start)
         clogged = run.outcome == "clogged"
         suffix = "_flowing" if clogged else ""
-        flow = steady_flow(times, total, window)
+        flow = steady_flow(times, total, window, weights)
         numbers = _rates(flow, suffix, run, times, window)
         if clogged:
             since = float(times[-1]) if len(times) else 0.0
@@ -48,22 +48,22 @@ class FlowRate(Measure):
 def _rates(
     flow: SteadyFlow | None, suffix: str, run: RunData, times: np.ndarray, window: Window
 ) -> tuple[Measured, ...]:
-    mass = run.scene.grains.mass
-    asked = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
+    mass, what = mean_mass(run), "mass" if run.scene.grains.varied else "grains"
+    asked = f"{window.start:.3g} to {window.end:.3g} of the {what} discharged"
     if flow is None:
         note = f"too few grains: {len(times)} of {len(run.start)} left, fewer than {FEWEST} in the window"
         return tuple(
             Measured(quantity + suffix, math.nan, math.nan, 0, asked, "crossings", unit, note)
             for quantity, unit in (("flow_rate", "kg/s"), ("grain_rate", "1/s"))
         )
-    covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the grains discharged"
+    covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the {what} discharged"
     where = f"{covered} ({flow.begin:.4g} s to {flow.end:.4g} s)"
     how = f"crossings; error from {BLOCKS} blocks of equally many grains"
     note = "; ".join(_notes(flow, run, window))
     n = flow.n_effective
     numbers = [
         Measured("flow_rate" + suffix, mass * flow.rate, mass * flow.error, n, where, how, "kg/s", note),
-        Measured("grain_rate" + suffix, flow.rate, flow.error, n, where, how, "1/s", note),
+        Measured("grain_rate" + suffix, flow.grain_rate, flow.grain_error, n, where, how, "1/s", note),
         Measured(
             "flow_rate_drift" + suffix,
             flow.trend.drift,
@@ -88,7 +88,7 @@ def _notes(flow: SteadyFlow, run: RunData, window: Window) -> list[str]:
     if flow.gaps:
         plural = "gap" if flow.gaps == 1 else "gaps"
         notes.append(f"{flow.gaps} {plural} without flow left out, {flow.gap_time:.3g} s together")
-    if flow.fraction[1] < window.end - 1.5 / len(run.start):
+    if flow.fraction[1] < window.end - 1.5 * flow.heaviest:
         notes.append(f"the run ended within the window ({run.outcome})")
     return notes
 

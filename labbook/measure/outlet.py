@@ -2,7 +2,7 @@
 
 The area fraction phi(x) is the part of the time during which x is covered by a grain: by its disc in the x-z plane,
 which cuts the line z = 0 in a chord of half length sqrt(r^2 - z^2). The velocity is v(x) = sum chord v / sum chord, so
-that phi v is the mean of v wherever and whenever the line is covered. A disc that passes sweeps
+that phi v is the mean of v wherever and whenever the line is covered. A disc of diameter d that passes sweeps
 int dt v 2 sqrt(r^2 - z^2) = int dz 2 sqrt(r^2 - z^2) = pi r^2 of phi v, however its speed changes on the way; with
 (2/3) d rho_p pi r^2 = rho_p (4/3) pi r^3 this is its mass, and (2/3) d rho_p int(phi v dx) = W exactly.
 
@@ -19,8 +19,9 @@ import numpy as np
 from labbook.backend import Crossing, Probe, Slab
 from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, MeasureError, Window
-from labbook.measure.series import crossing_times
+from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import GAP, SteadyFlow, steady_flow
+from labbook.protocol.bodies import Bodies
 from labbook.scene import Scene, WedgeHopper
 from labbook.stats import Measured
 
@@ -72,8 +73,9 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     """
     if "slab" not in run.tables:
         raise MeasureError("outlet_profiles: the run recorded no grains at the outlet; run it again with this measure")
-    hopper, grains = _hopper(run.scene), run.scene.grains
-    steady = steady_flow(times := crossing_times(run), len(run.start), window)
+    hopper, bodies = _hopper(run.scene), Bodies.of(run.scene.grains, run.start)
+    times, weights = crossings(run)
+    steady = steady_flow(times, len(run.start), window, weights)
     if steady is None:
         return None
     slab, frames = run.tables["slab"], _frames(run, steady, times)
@@ -84,12 +86,15 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     seen = frames[frame] == number
     edges, R = np.linspace(-1, 1, bins + 1), hopper.orifice / 2
     x, z, v = (np.asarray(slab[name], float)[seen] for name in ("x", "z", "vz"))
-    covered = _covered(x - hopper.eccentricity, z, grains.radius, R * edges)
+    ids = np.asarray(slab["id"])[seen]
+    grain = run.start.rows(ids)
+    covered = _covered(x - hopper.eccentricity, z, bodies.radius[grain], R * edges)
     width = 2 * R / bins
     phi, flux = covered.sum(axis=0), covered.T @ -v
-    swept, ids = covered.sum(axis=1) * -v, np.asarray(slab["id"])[seen]
-    flow_rate = 2 / 3 * grains.diameter * grains.density * float(swept.sum()) / len(frames)
-    counted = grains.mass * steady.rate
+    behind = bodies.mass / (math.pi * bodies.radius**2)  # (2/3) d rho_p of each grain
+    swept = covered.sum(axis=1) * -v * behind[grain]
+    flow_rate = float(swept.sum()) / len(frames)
+    counted = mean_mass(run) * steady.rate
     return OutletProfile(
         edges=edges,
         R=R,
@@ -98,7 +103,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
         crossing_velocity=_at_crossings(run, steady, hopper.eccentricity, R * edges),
         flow=flow_rate,
         counted=counted,
-        closure_error=flow_rate / counted * _sweep_error(swept, ids, frame[seen], len(frames) - 1),
+        closure_error=flow_rate / counted * _sweep_error(swept / bodies.mass[grain], ids, frame[seen], len(frames) - 1),
         frames=len(frames),
     )
 
@@ -157,7 +162,7 @@ def _frames(run: RunData, flow: SteadyFlow, times: np.ndarray) -> np.ndarray:
     return number
 
 
-def _covered(x: np.ndarray, z: np.ndarray, radius: float, edges: np.ndarray) -> np.ndarray:
+def _covered(x: np.ndarray, z: np.ndarray, radius: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Length [m] of each bin that the chord of each disc covers, shape [n, m]; the chords are of grains at (x, z)."""
     half = np.sqrt(np.maximum(radius**2 - z**2, 0.0))
     return np.diff(np.clip(edges[None, :], (x - half)[:, None], (x + half)[:, None]), axis=1)
@@ -175,7 +180,7 @@ def _at_crossings(run: RunData, flow: SteadyFlow, centre: float, edges: np.ndarr
 
 
 def _sweep_error(swept: np.ndarray, ids: np.ndarray, frame: np.ndarray, last: int) -> float:
-    """Relative standard error of the total of what rows `swept` against the number of grains that passed.
+    """Relative standard error of the total of what rows `swept`, in parts of their grains, against the grains counted.
 
     Frames fall on each grain's passage at random; and of the grains on the line when the window opens or closes a
     random part, of variance 1/12, has passed. (For a flow as regular as a clock these parts cancel.)

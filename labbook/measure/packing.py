@@ -20,9 +20,12 @@ _SMALLEST = 4.0
 
 
 def packing_fraction(packing: Packing, diameter: float, region: Region) -> float:
-    """Volume of grains within `region` over its volume; grains that its faces cut count in part."""
-    near = _near(packing, diameter, region)
-    return float(sphere_in_box(near, diameter / 2, region.low, region.high).sum() / math.prod(region.size))
+    """Volume of grains within `region` over its volume; grains that its faces cut count in part.
+
+    diameter: of the grains [m], of the largest where the packing has diameters of its own.
+    """
+    near, radius = _near(packing, diameter, region)
+    return float(sphere_in_box(near, radius, region.low, region.high).sum() / math.prod(region.size))
 
 
 def area_fraction(packing: Packing, diameter: float, region: Region) -> float:
@@ -30,16 +33,19 @@ def area_fraction(packing: Packing, diameter: float, region: Region) -> float:
 
     For a layer of thickness Z, phi_2D / phi_3D = (N pi d^2/4 / A) / (N pi d^3/6 / (A Z)) = (3/2) Z/d.
     """
-    x, _, z = _near(packing, diameter, region).T
+    near, radius = _near(packing, diameter, region)
+    x, _, z = near.T
     (x0, _, z0), (x1, _, z1) = region.low, region.high
-    area = disc_in_rectangle(x, z, diameter / 2, (x0, z0), (x1, z1)).sum()
+    area = disc_in_rectangle(x, z, radius, (x0, z0), (x1, z1)).sum()
     return float(area / (region.size[0] * region.size[2]))
 
 
-def _near(packing: Packing, diameter: float, region: Region) -> np.ndarray:
+def _near(packing: Packing, diameter: float, region: Region) -> tuple[np.ndarray, np.ndarray | float]:
+    """Centres [m] and radii [m] of grains that may reach into the region."""
     reach = diameter / 2
     low, high = np.array(region.low) - reach, np.array(region.high) + reach
-    return packing.x[((packing.x > low) & (packing.x < high)).all(axis=1)]
+    near = ((packing.x > low) & (packing.x < high)).all(axis=1)
+    return packing.x[near], reach if packing.diameter is None else packing.diameter[near] / 2
 
 
 class PackingStructure(Measure):

@@ -62,16 +62,17 @@ def bulk(scene: Scene, packing: Packing) -> Region:
     planar = depth < 2 * d
     x = width / 2 - MARGIN * d
     y = depth / 2 if planar else depth / 2 - MARGIN * d
-    top = _surface(packing.x, width, depth, d, planar, floor) - MARGIN * d
+    top = _surface(packing, width, depth, d, planar, floor) - MARGIN * d
     return Region((-x, -y, floor + MARGIN * d), (x, y, top), planar)
 
 
-def _surface(x: np.ndarray, width: float, depth: float, d: float, planar: bool, floor: float) -> float:
+def _surface(packing: Packing, width: float, depth: float, d: float, planar: bool, floor: float) -> float:
     """Height [m] of the lowest column's highest grain; `floor` if a column is empty."""
+    x, size = packing.x, d if packing.diameter is None else packing.diameter
     across = max(1, round(width / (_COLUMN * d)))
     along = 1 if planar else max(1, round(depth / (_COLUMN * d)))
     i = np.clip(((x[:, 0] / width + 0.5) * across).astype(int), 0, across - 1)
     j = np.clip(((x[:, 1] / depth + 0.5) * along).astype(int), 0, along - 1)
     height = np.full(across * along, floor)
-    np.maximum.at(height, i * along + j, x[:, 2] + d / 2)
+    np.maximum.at(height, i * along + j, x[:, 2] + size / 2)
     return float(height.min())

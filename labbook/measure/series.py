@@ -6,6 +6,26 @@ import numpy as np
 
 from labbook.measure.data import RunData
 from labbook.measure.measure import MeasureError
+from labbook.protocol.bodies import masses
+
+
+def crossings(run: RunData) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] at which grains left, ascending, and the mass of each in units of the mean mass, shape [n].
+
+    Raises MeasureError if none were recorded.
+    """
+    times = crossing_times(run)
+    mass = masses(run.scene.grains, run.start)
+    if not isinstance(mass, np.ndarray):
+        return times, np.ones(len(times))
+    table = run.tables["crossing"]
+    left = np.asarray(table["id"])[np.argsort(table["time"], kind="stable")]
+    return times, mass[run.start.rows(left)] / mass.mean()
+
+
+def mean_mass(run: RunData) -> float:
+    """Mean mass [kg] of the grains at the start."""
+    return float(np.mean(masses(run.scene.grains, run.start)))
 
 
 def crossing_times(run: RunData) -> np.ndarray:
@@ -24,8 +44,9 @@ def flow_series(run: RunData, bin_width: float) -> tuple[np.ndarray, np.ndarray]
     if count < 1:
         raise ValueError(f"a bin of {bin_width} s does not fit into a run of {run.duration} s")
     edges = bin_width * np.arange(count + 1)
-    grains, _ = np.histogram(crossing_times(run), edges)
-    return (edges[:-1] + edges[1:]) / 2, grains * run.scene.grains.mass / bin_width
+    times, weights = crossings(run)
+    grains, _ = np.histogram(times, edges, weights=weights)
+    return (edges[:-1] + edges[1:]) / 2, grains * mean_mass(run) / bin_width
 
 
 def smooth_flow(run: RunData, at: np.ndarray, width: float) -> np.ndarray:
@@ -36,19 +57,19 @@ def smooth_flow(run: RunData, at: np.ndarray, width: float) -> np.ndarray:
     """
     from scipy.special import ndtr
 
-    times, at = crossing_times(run), np.asarray(at, float)
+    (times, weights), at = crossings(run), np.asarray(at, float)
     if not width > 0:
         raise ValueError("the width of a smoothing must be positive")
     rate = np.empty(len(at))
     near = 6 * width
     low, high = np.searchsorted(times, at - near), np.searchsorted(times, at + near)
     for k, (a, b) in enumerate(zip(low, high, strict=True)):
-        rate[k] = np.exp(-0.5 * ((times[a:b] - at[k]) / width) ** 2).sum()
+        rate[k] = (weights[a:b] * np.exp(-0.5 * ((times[a:b] - at[k]) / width) ** 2)).sum()
     within = ndtr((run.duration - at) / width) - ndtr(-at / width)
-    return run.scene.grains.mass * rate / (math.sqrt(2 * math.pi) * width * within)
+    return mean_mass(run) * rate / (math.sqrt(2 * math.pi) * width * within)
 
 
 def discharged(run: RunData) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] of all crossings and mass [kg] discharged just after each, each of shape [n]."""
-    times = crossing_times(run)
-    return times, run.scene.grains.mass * np.arange(1, len(times) + 1)
+    times, weights = crossings(run)
+    return times, mean_mass(run) * np.cumsum(weights)

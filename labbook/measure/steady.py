@@ -21,16 +21,21 @@ BLOCKS = 12
 class SteadyFlow:
     """Outflow within a window.
 
-    `rate`: grains per second while flowing, (grains - gaps) / (time - gap time). `error`: its standard error
-    from 12 blocks of equally many grains (11 degrees of freedom); `correlated_error`, from the
-    autocorrelation of averages over sqrt(n) grains. Both are checks of the seed-to-seed error; for very
+    `rate`: mean masses per second while flowing: mass of the grains but for those after gaps, over the time but for the
+    gaps. `error`: its standard error from 12 blocks of equally many grains (11 degrees of freedom); `correlated_error`,
+    from the autocorrelation of averages over sqrt(n) grains. Both are checks of the seed-to-seed error; for very
     regular outflow both are too large. `inefficiency`: squared error over that of n independent times between
     grains, below 1 for outflow that is more regular than chance, and `n_effective` = n over it. `begin`,
-    `end` [s]; `fraction`: the part of the initial grains discharged at either end.
+    `end` [s]; `fraction`: the part of the initial mass discharged at either end. `grain_rate`, `grain_error`: the same
+    in grains per second, from the same window; of equal grains they are the same numbers. `heaviest`: what part of the
+    initial mass the heaviest grain is, of those that left.
     """
 
     rate: float
     error: float
+    grain_rate: float
+    grain_error: float
+    heaviest: float
     correlated_error: float
     inefficiency: float
     n_effective: float
@@ -43,38 +48,49 @@ class SteadyFlow:
     gap_time: float
 
 
-def steady_flow(times: np.ndarray, total: int, window: Window) -> SteadyFlow | None:
-    """Rate of outflow between the fractions `window.start` and `window.end` of `total` grains discharged.
+def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray | None = None) -> SteadyFlow | None:
+    """Rate of outflow between the fractions `window.start` and `window.end` of the mass of `total` grains discharged.
 
-    `times`: ascending crossing times [s], shape [n]. The window runs from one crossing to another, so that
-    its count is exact. None if it holds fewer than 60 grains: too few for a rate.
+    `times`: ascending crossing times [s], shape [n]; `mass`: of each, in units of the mean mass at the start (None: all
+    are equal). The window runs from one crossing to another, so that its mass is exact. None if it holds fewer than 60
+    grains: too few for a rate.
+
+    The rate is a ratio of two sums, of masses and of times. Its errors are those of the mean of times between grains,
+    of each of which the part that belongs to the grain's mass in excess of the mean is taken off.
     """
-    first = max(math.ceil(window.start * total - 1e-9), 1) - 1
-    last = min(math.floor(window.end * total + 1e-9), len(times)) - 1
+    mass = np.ones(len(times)) if mass is None else mass
+    passed = np.cumsum(mass)
+    first = int(np.searchsorted(passed, window.start * total - 1e-9))
+    last = int(np.searchsorted(passed, window.end * total + 1e-9, side="right")) - 1
     if last - first < FEWEST:
         return None
     waits = np.diff(times[first : last + 1])
     flowing = waits <= GAP
-    kept = waits[flowing]
+    kept, carried = waits[flowing], mass[first + 1 : last + 1][flowing]
     if len(kept) < FEWEST:
         return None
-    n = len(kept)
+    n, mean = len(kept), float(kept.mean())
+    grain_error = block_mean(kept, BLOCKS).error / mean**2
+    load = float(carried.mean())
+    kept = kept - (carried / load - 1) * mean
     blocks = block_mean(kept, BLOCKS)
     correlated = correlated_mean(block_mean(kept, math.isqrt(n)).means)
-    mean = float(kept.mean())
-    rate = 1 / mean
+    rate = load / mean
     spread = float(kept.std(ddof=1))
     inefficiency = n * (blocks.error / spread) ** 2 if spread else math.nan
     return SteadyFlow(
         rate=rate,
         error=rate * blocks.error / mean,
+        grain_rate=1 / mean,
+        grain_error=grain_error,
+        heaviest=float(mass.max()) / total,
         correlated_error=rate * correlated.error / mean,
         inefficiency=inefficiency,
         n_effective=n / inefficiency if inefficiency else math.nan,
-        trend=trend(1 / blocks.means),
+        trend=trend(load / blocks.means),
         begin=float(times[first]),
         end=float(times[last]),
-        fraction=((first + 1) / total, (last + 1) / total),
+        fraction=(float(passed[first]) / total, float(passed[last]) / total),
         grains=n,
         gaps=int((~flowing).sum()),
         gap_time=float(waits[~flowing].sum()),

@@ -71,7 +71,7 @@ def mass_flow(scene: Scene) -> float:
         return 0.0
     free = max(0.0, silo.orifice - k * scene.grains.equivalent_diameter)
     area = free**1.5 * silo.thickness if isinstance(silo, WedgeHopper) else free**2.5
-    return c * scene.grains.density * math.sqrt(scene.gravity) * area
+    return c * scene.grains.mean_density * math.sqrt(scene.gravity) * area
 
 
 def discharge_work(shared: PointDemand) -> float:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 _DOUBLE = ("x", "v", "omega")
+_EACH = {"diameter": np.float64, "kind": np.int64}
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,10 +15,11 @@ class Packing:
 
     `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit
     quaternions (w, x, y, z), shape [n, 4], whose rotation takes the z axis to the rod's, or None for spheres. `ids`:
-    shape [n], what grains are called in every table; 0..n-1 unless grains have left. Friction springs [m]:
-    `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i; `wall_spring` [k, 3]
-    on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several points: `wall_part`
-    [k] says which (0 for spheres; see `labbook_dem.walls`).
+    shape [n], what grains are called in every table; 0..n-1 unless grains have left. `diameter` [m] and `kind` (place
+    in the scene's `grains.kinds`), shape [n], or None where all grains are of one diameter d, or of one kind. Friction
+    springs [m]: `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i;
+    `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several
+    points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`).
 
     Raises ValueError for shapes that do not fit, for numbers that are not finite and for quaternions that are not of
     length one: no engine can start from them.
@@ -28,6 +30,8 @@ class Packing:
     omega: np.ndarray
     q: np.ndarray | None = None
     ids: np.ndarray | None = None
+    diameter: np.ndarray | None = None
+    kind: np.ndarray | None = None
     pairs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     pair_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     wall_grain: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -46,6 +50,11 @@ class Packing:
         object.__setattr__(self, "ids", ids)
         if len(ids) != n:
             raise ValueError(f"packing: {len(ids)} ids for {n} grains")
+        for name, dtype in _EACH.items():
+            if (array := getattr(self, name)) is not None:
+                object.__setattr__(self, name, np.ascontiguousarray(array, dtype))
+                if np.shape(array) != (n,):
+                    raise ValueError(f"packing: {name} has shape {np.shape(array)}, not ({n},)")
         if len(self.wall_part) == 0:
             object.__setattr__(self, "wall_part", np.zeros(len(self.wall_grain), np.int64))
         if len(self.wall_part) != len(self.wall_grain):
@@ -60,6 +69,12 @@ class Packing:
     def __len__(self) -> int:
         return len(self.x)
 
+    def rows(self, ids: np.ndarray) -> np.ndarray:
+        """Rows of the grains called `ids`, which must all be there; shape as ids."""
+        assert self.ids is not None
+        order = np.argsort(self.ids)
+        return order[np.searchsorted(self.ids, ids, sorter=order)]
+
     def mirrored(self) -> "Packing":
         """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) and the rotation q in y and z.
 
@@ -67,15 +82,13 @@ class Packing:
         """
         mirror, axial = np.array([-1.0, 1, 1]), np.array([1.0, -1, -1])
         swapped = [_swap_sides(str(name)) for name in self.wall_name]
-        return Packing(
+        return replace(
+            self,
             x=self.x * mirror,
             v=self.v * mirror,
             omega=self.omega * axial,
             q=None if self.q is None else self.q * [1, *axial],
-            ids=self.ids,
-            pairs=self.pairs,
             pair_spring=self.pair_spring * mirror,
-            wall_grain=self.wall_grain,
             wall_name=np.array(swapped, "U40"),
             wall_spring=self.wall_spring * mirror,
             wall_part=self.wall_part,
@@ -86,10 +99,10 @@ class Packing:
         place = np.argsort(order)
         pairs = place[self.pairs]
         turned = (pairs[:, 0] > pairs[:, 1])[:, None]
-        rows = ("x", "v", "omega", "ids") if self.q is None else ("x", "v", "omega", "ids", "q")
+        rows = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
         return replace(
             self,
-            **{name: getattr(self, name)[order] for name in rows},
+            **{name: array[order] for name, array in rows.items() if array is not None},
             pairs=np.where(turned, pairs[:, ::-1], pairs),
             pair_spring=np.where(turned, -self.pair_spring, self.pair_spring),
             wall_grain=place[self.wall_grain],
@@ -99,7 +112,8 @@ class Packing:
         """All arrays by name, for storage."""
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
         arrays = {name: getattr(self, name) for name in names}
-        return arrays if self.q is None else {**arrays, "q": self.q}
+        some = {name: array for name in ("q", *_EACH) if (array := getattr(self, name)) is not None}
+        return {**arrays, **some}
 
     def save(self, path: Path) -> None:
         """Write as a compressed npz."""

@@ -10,10 +10,12 @@ import math
 
 import numpy as np
 
+from labbook.protocol.assortment import assort
+from labbook.protocol.graded import place_graded
 from labbook.protocol.packing import Packing
-from labbook.protocol.room import PlacingError, Room
+from labbook.protocol.room import PlacingError, Room, first_come, full
 from labbook.protocol.segments import axes, distances, random_turns
-from labbook.scene import Scene, Spherocylinders
+from labbook.scene import Scene, Spheres, Spherocylinders
 
 VERSION = 1
 """Part of every packing's key; raise it whenever a seed gives other positions than before."""
@@ -31,8 +33,10 @@ def volume_of_start(closed: Scene, kind: str) -> float:
 
     Rods of random orientations exclude 4/3 pi d^3 + 2 pi l d^2 + pi/2 l^2 d from one another, l = L - d (Onsager 1949).
     """
-    d, slender = closed.grains.diameter, 2 * closed.grains.half_length / closed.grains.diameter
-    return closed.grains.count * math.pi / 6 * d**3 / DENSITY[kind] * (1 + 1.5 * slender + 0.375 * slender**2)
+    grains = closed.grains
+    d, slender = grains.diameter, 2 * grains.half_length / grains.diameter
+    cube = grains.mean_cube if isinstance(grains, Spheres) else d**3
+    return grains.count * math.pi / 6 * cube / DENSITY[kind] * (1 + 1.5 * slender + 0.375 * slender**2)
 
 
 def place(closed: Scene, kind: str, seed: int) -> Packing:
@@ -40,8 +44,8 @@ def place(closed: Scene, kind: str, seed: int) -> Packing:
 
     `gas` is denser and moves with Gaussian velocities of sqrt(g d) each way; `rain` is a taller, more dilute
     column that moves ten times slower, so that grains land one after another. The seed decides positions in
-    all three directions, orientations, and velocities; nothing spins. Raises PlacingError where the container has no
-    sides or no gravity.
+    all three directions, orientations, velocities, and where grains differ which is of what size and kind; nothing
+    spins. Raises PlacingError where the container has no sides or no gravity.
     """
     grains = closed.grains
     if closed.gravity == 0:
@@ -49,12 +53,27 @@ def place(closed: Scene, kind: str, seed: int) -> Packing:
     rng = np.random.default_rng([VERSION, seed])
     room = Room(closed, grains.radius * _APART)
     top = room.height_for(volume_of_start(closed, kind))
+    diameter, sort = assort(grains, VERSION, seed) if isinstance(grains, Spheres) and grains.varied else (None, None)
+    if diameter is None:
+        x, q = _place_equal(closed, rng, room, top)
+    else:
+        x, q = place_graded(room, rng, top, diameter / 2 * _APART), None
+    speed = SPEED[kind] * math.sqrt(closed.gravity * grains.diameter)
+    v = rng.normal(0, speed, x.shape)
+    return Packing(x=x, v=v, omega=np.zeros_like(x), q=q, diameter=diameter, kind=sort)
+
+
+def _place_equal(
+    closed: Scene, rng: np.random.Generator, room: Room, top: float
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Centres [m], shape [n, 3], and of rods orientations, shape [n, 4], of grains that are alike."""
+    grains = closed.grains
     rods = isinstance(grains, Spherocylinders)
     x, q = np.empty((0, 3)), np.empty((0, 4))
     for _ in range(_ROUNDS):
         wanted = grains.count - len(x)
         if wanted == 0:
-            break
+            return x, q if rods else None
         drawn = room.draw(rng, 2 * wanted + 16, top)
         turned = random_turns(rng, len(drawn)) if rods else np.empty((len(drawn), 4))
         if rods:
@@ -65,10 +84,7 @@ def place(closed: Scene, kind: str, seed: int) -> Packing:
         else:
             free = _apart(drawn, x, grains.diameter * _APART)
         x, q = (np.concatenate(both)[: grains.count] for both in ((x, drawn[free]), (q, turned[free])))
-    else:
-        raise PlacingError(f"{grains.count} grains found no room in the container; make it wider or use fewer grains")
-    speed = SPEED[kind] * math.sqrt(closed.gravity * grains.diameter)
-    return Packing(x=x, v=rng.normal(0, speed, x.shape), omega=np.zeros_like(x), q=q if rods else None)
+    raise full(grains.count)
 
 
 def _apart(drawn: np.ndarray, there: np.ndarray, distance: float) -> np.ndarray:
@@ -79,7 +95,7 @@ def _apart(drawn: np.ndarray, there: np.ndarray, distance: float) -> np.ndarray:
     if len(there) and len(drawn):
         kept = KDTree(there).query(drawn)[0] >= distance
     if len(drawn) > 1:
-        _first_come(kept, KDTree(drawn).query_pairs(distance, output_type="ndarray"))
+        first_come(kept, KDTree(drawn).query_pairs(distance, output_type="ndarray"))
     return kept
 
 
@@ -98,13 +114,5 @@ def _rods_apart(
     i, j = pairs.T
     pairs = pairs[distances(all_x[i] - all_x[j], all_a[i], all_a[j], half) < distance] - len(there)
     kept[pairs[pairs[:, 0] < 0, 1]] = False
-    _first_come(kept, pairs[pairs[:, 0] >= 0])
+    first_come(kept, pairs[pairs[:, 0] >= 0])
     return kept
-
-
-def _first_come(kept: np.ndarray, pairs: np.ndarray) -> None:
-    """Let go of the second of each of `pairs` (first < second) that are in each other's way."""
-    for first, second in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
-        # the first's fate is settled before it decides the second's
-        if kept[first]:
-            kept[second] = False

@@ -54,22 +54,24 @@ class Room:
             raise PlacingError(f"the container is narrower than a grain across {'xyz'[axis]}")
         return float(first), float(last)
 
-    def holds(self, x: np.ndarray) -> np.ndarray:
-        """Whether spheres centred at `x` [m], shape [n, 3], lie inside and touch no wall."""
+    def holds(self, x: np.ndarray, clearance: float | np.ndarray | None = None) -> np.ndarray:
+        """Whether spheres centred at `x` [m], shape [n, 3], lie inside and keep `clearance` [m] (of each, shape [n];
+        none: the room's) from walls."""
+        clearance = self.clearance if clearance is None else clearance
         inside = np.ones(len(x), bool)
         for plane in self.planes:
             normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
-            inside &= (x - plane.point) @ normal >= self.clearance
+            inside &= (x - plane.point) @ normal >= clearance
         if not len(self.plates):
             return inside
         section = np.stack([np.hypot(x[:, 0], x[:, 1]) if self.round else x[:, 0], x[:, 2]], axis=1)
         beneath = np.full(len(x), any(_axis(plane) == (2, 1) for plane in self.planes))
         if self.round:
-            inside &= section[:, 0] <= self.x[1]
+            inside &= section[:, 0] <= self.x[1] + self.clearance - clearance
         for start, end in self.plates:
             along, at = end - start, section - start
             part = np.clip(at @ along / (along @ along), 0, 1)
-            inside &= np.linalg.norm(at - part[:, None] * along, axis=1) >= self.clearance
+            inside &= np.linalg.norm(at - part[:, None] * along, axis=1) >= clearance
             if along[0] != 0:
                 across = at[:, 0] / along[0]
                 beneath |= (across >= 0) & (across <= 1) & (at[:, 1] > across * along[1])
@@ -80,6 +82,13 @@ class Room:
         low = (self.x[0], self.y[0], self.bottom + self.clearance)
         points = rng.uniform(low, (self.x[1], self.y[1], top), (n, 3))
         return points[self.holds(points)]
+
+    def draw_each(self, rng: np.random.Generator, clearance: np.ndarray, top: float) -> np.ndarray:
+        """One uniform point up to z = `top` between the sides for each grain of this clearance [m], inside or not."""
+        nearer = (self.clearance - clearance)[:, None]
+        low = np.array([self.x[0], self.y[0], self.bottom + self.clearance]) - nearer
+        high = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
+        return rng.uniform(low, high)
 
     def height_for(self, volume: float) -> float:
         """z [m] up to which the container, walls included, holds `volume` [m^3].
@@ -94,6 +103,19 @@ class Room:
         held = self.holds(np.column_stack([u, np.full(len(u), sum(self.y) / 2), z]))
         part = np.average(held, weights=u if self.round else None)
         return flat + (1 - float(part)) * (flat - self.bottom) + 2 * self.clearance
+
+
+def first_come(kept: np.ndarray, pairs: np.ndarray) -> None:
+    """Let go of the second of each of `pairs` (first < second) that are in each other's way."""
+    for first, second in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
+        # the first's fate is settled before it decides the second's
+        if kept[first]:
+            kept[second] = False
+
+
+def full(count: int) -> PlacingError:
+    """That so many grains do not fit."""
+    return PlacingError(f"{count} grains found no room in the container; make it wider or use fewer grains")
 
 
 def _axis(plane: Plane) -> tuple[int, int] | None:

@@ -13,7 +13,7 @@ from labbook.fit import OUTLET_PROFILES
 from labbook.fit.outlet import Outlet
 from labbook.measure import MEASURES, RunData
 from labbook.measure.outlet import outlet_profile
-from labbook.measure.series import crossing_times, flow_series
+from labbook.measure.series import crossings, flow_series
 from labbook.measure.steady import steady_flow
 from labbook.report import display
 from labbook.stats import Measured, Pooled, StoppingRule
@@ -241,9 +241,10 @@ def _outlet(study: "Study", data: RunData) -> Outlet | None:
 
 def _trace(study: "Study", data: RunData) -> Trace | None:
     """W(t) of a run, if it recorded crossings and any grain left."""
-    if "crossing" not in data.tables or not len(times := crossing_times(data)):
+    if "crossing" not in data.tables or not len(data.tables["crossing"]["time"]):
         return None
+    times, weights = crossings(data)
     width = min(max(times[-1] / _BINS, _GRAINS_PER_BIN * times[-1] / len(times)), data.duration)
-    steady = steady_flow(times, len(data.start), study.window)
+    steady = steady_flow(times, len(data.start), study.window, weights)
     window = (steady.begin, steady.end) if steady is not None else None
     return Trace(*flow_series(data, float(width)), window)

@@ -26,7 +26,7 @@ from labbook.catalogue.record import (
 from labbook.catalogue.tables import write_checkpoint, write_table
 from labbook.keys import Keys
 from labbook.plan.demand import Demand, film_probe
-from labbook.protocol import Packing, opened
+from labbook.protocol import Bodies, Packing, opened
 from labbook.runner.earlier import at_its_end
 from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Journal, Saved
@@ -45,7 +45,7 @@ class DischargeJob(Job):
         self.scene = demand.point.scene
         self.observe = observe
         self._plane = self.scene.container.outlet_plane
-        self._crossed, self._last = 0, 0.0
+        self._crossed, self._discharged, self._last = 0, 0.0, 0.0
         self._failure: Failure | None = None
         self.film = demand.film
         self._observes(demand.shared.probes)
@@ -94,6 +94,7 @@ class DischargeJob(Job):
             return None
         state = saved.state
         self._crossed, self._last = int(state["crossed"]), float(state["last"])
+        self._discharged = float(state.get("discharged", self._crossed / self.scene.grains.count))
         self.film = parse_film(state["film"])
         self._observes([parse_probe(text) for text in state["probes"]])
         return saved
@@ -134,9 +135,10 @@ class DischargeJob(Job):
     # going on
 
     def state(self) -> dict[str, Any]:
-        """Grains that left, when the last one did, and what is observed."""
+        """Grains that left, their part of the mass, when the last one did, and what is observed."""
         return {
             "crossed": self._crossed,
+            "discharged": self._discharged,
             "last": self._last,
             "probes": [describe_probe(probe) for probe in self._measured],
             "film": describe_probe(self.film) if self.film else None,
@@ -146,6 +148,10 @@ class DischargeJob(Job):
         """Keep rows; count grains that left."""
         if isinstance(probe, Crossing) and probe.plane == self._plane and len(table["time"]):
             self._crossed += len(table["time"])
+            if self.scene.grains.varied:
+                self._discharged += float(self._part_of_mass[table["id"]].sum())
+            else:
+                self._discharged = self._crossed / self.scene.grains.count
             self._last = max(self._last, float(np.max(table["time"])))
         if probe == self.film:
             self.keep(FILM_TABLE, frame_rows(table))
@@ -159,7 +165,7 @@ class DischargeJob(Job):
             self._failure = Failure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
             return "diverged"
         stop = self.demand.shared.stop
-        if self._crossed / self.scene.grains.count >= self._enough:
+        if self._discharged >= self._enough:
             return "finished"
         if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
             return "emptied"
@@ -170,13 +176,22 @@ class DischargeJob(Job):
     def progress(self) -> float:
         """By discharged fraction or by time, whichever is nearer to its end."""
         stop = self.demand.shared.stop
-        left = self._crossed / self.scene.grains.count / self._enough
-        return min(1.0, max(left, self.status.time / stop.max_time))
+        return min(1.0, max(self._discharged / self._enough, self.status.time / stop.max_time))
 
     @cached_property
     def _bed_height(self) -> float:
         """Height [m] of the settled bed above the outlet plane: of a column, twice that of its centre of mass."""
-        return 2 * float(np.mean(self._packing().x[:, 2]) - (self._plane or 0.0))
+        packing, grains = self._packing(), self.scene.grains
+        z = packing.x[:, 2]
+        middle = self._part_of_mass[packing.ids] @ z if grains.varied else np.mean(z)
+        return 2 * float(middle - (self._plane or 0.0))
+
+    @cached_property
+    def _part_of_mass(self) -> np.ndarray:
+        """Of the mass of all grains, the part that each is, by id."""
+        packing = self._packing()
+        mass = Bodies.of(self.scene.grains, packing).mass
+        return mass[packing.rows(np.arange(len(mass)))] / mass.sum()
 
     @cached_property
     def _enough(self) -> float:
@@ -208,6 +223,7 @@ class DischargeJob(Job):
             steps=status.step,
             grains=self.scene.grains.count,
             crossed=self._crossed,
+            mass_left=self._discharged if self.scene.grains.varied else None,
             last_crossing=self._last,
             stop=demand.shared.stop,
             guards=demand.guards,

@@ -18,6 +18,7 @@ def at_its_end(folder: Path, record: RunRecord) -> tuple[Saved, Mapping[str, Seq
     state = {
         "step": had.steps,
         "crossed": had.crossed,
+        "discharged": had.discharged,
         "last": had.last_crossing,
         "probes": list(had.probes),
         "film": describe_probe(film) if film else None,

@@ -1,12 +1,14 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
-from labbook.scene.contact import ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
+from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, Silo, WedgeHopper
-from labbook.scene.grains import Grains, Spheres, Spherocylinders
+from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.scene import Scene
+from labbook.scene.sizes import Normal, Uniform
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
 __all__ = [
+    "Between",
     "Box",
     "ConicalSilo",
     "ContactLaw",
@@ -15,7 +17,9 @@ __all__ = [
     "Frustum",
     "Grains",
     "HertzMindlin",
+    "Kind",
     "LinearSpringDashpot",
+    "Normal",
     "Plane",
     "Primitives",
     "Scene",
@@ -25,6 +29,7 @@ __all__ = [
     "Strip",
     "Surface",
     "SurfaceMotion",
+    "Uniform",
     "Wall",
     "WedgeHopper",
 ]

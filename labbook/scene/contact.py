@@ -13,6 +13,35 @@ Damping = Literal["clamped", "textbook", "printed"]
 Rolling = Literal["full", "rolling"]
 
 
+class Surface(Model):
+    """Where a wall differs from the grains; what is not given is as between grains."""
+
+    friction: Coefficient | None = None
+    """Coulomb coefficient at this wall."""
+    rolling_friction: Coefficient | None = None
+    """μ_r at this wall."""
+    restitution: Restitution | None = None
+    """Coefficient of normal restitution at this wall, in (0, 1]."""
+
+    def over(self, below: "Surface") -> "Surface":
+        """This surface with its gaps filled from `below`."""
+        given = {key: getattr(self, key) for key in Surface.model_fields if getattr(self, key) is not None}
+        return below.model_copy(update=given)
+
+
+class Between(Surface):
+    """Where contacts of two kinds of grains differ from all others; one kind twice: of its grains with each other."""
+
+    kinds: tuple[str, str]
+    """Names of the two kinds, of `grains.kinds`."""
+    friction: Coefficient | None = None
+    """Coulomb coefficient between these kinds, and, of one kind twice, of its grains at walls that state no other."""
+    rolling_friction: Coefficient | None = None
+    """μ_r between these kinds, and likewise at walls."""
+    restitution: Restitution | None = None
+    """Coefficient of normal restitution between these kinds, in (0, 1], and likewise at walls."""
+
+
 class _Frictional(Model):
     friction: Coefficient = 0.0
     """Coulomb coefficient μ between grains, and at walls that state no other."""
@@ -26,6 +55,9 @@ class _Frictional(Model):
     rolling: Rolling = "full"
     """`full`: rolling friction resists all relative rotation, twist too (Fan eq 8 taken literally);
     `rolling`: its tangential part only."""
+    # where there are no kinds it is left out of what is stored and hashed
+    between: Annotated[tuple[Between, ...], Field(exclude_if=lambda between: not between)] = ()
+    """Pairs of kinds whose contacts differ; contacts of all others are as stated for the law."""
 
 
 class HertzMindlin(_Frictional):
@@ -53,19 +85,3 @@ class LinearSpringDashpot(_Frictional):
 
 
 ContactLaw = Annotated[HertzMindlin | LinearSpringDashpot, Field(discriminator="law")]
-
-
-class Surface(Model):
-    """Where a wall differs from the grains; what is not given is as between grains."""
-
-    friction: Coefficient | None = None
-    """Coulomb coefficient at this wall."""
-    rolling_friction: Coefficient | None = None
-    """μ_r at this wall."""
-    restitution: Restitution | None = None
-    """Coefficient of normal restitution at this wall, in (0, 1]."""
-
-    def over(self, below: "Surface") -> "Surface":
-        """This surface with its gaps filled from `below`."""
-        given = {key: value for key, value in self if value is not None}
-        return below.model_copy(update=given)

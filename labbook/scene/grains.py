@@ -1,4 +1,4 @@
-"""Bodies that flow: all grains of a scene are alike.
+"""Bodies that flow: spheres, equal or of several sizes and kinds, or equal rods.
 
 Every shape knows its mass, its inertia and the segment that its surface is at a radius from: that of a sphere has the
 half length 0, and so a sphere is the spherocylinder whose length is its diameter.
@@ -6,31 +6,124 @@ half length 0, and so a sphere is the spherocylinder whose length is its diamete
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from labbook.scene.model import Fault, Model, refuse
-from labbook.scene.quantities import Density, GrainLength, Length
+from labbook.scene.quantities import Density, GrainLength, Length, Ratio
+from labbook.scene.sizes import SMALLEST_PART, Equal, Sizes
 
 Count = Annotated[int, Field(ge=1, le=100_000_000, strict=True)]
 
 
+class Kind(Model):
+    """One kind of grains in a mixture."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
+    """Name that `contact.between` refers to: lower-case letters, digits and hyphens."""
+    share: Annotated[Ratio, Field(gt=0, le=1)]
+    """Part of the grains, by number, that is of this kind; all shares add up to 1."""
+    diameter: Length | None = None
+    """Diameter of all grains of this kind, at most d; none: as `grains.sizes` says, or d."""
+    density: Density | None = None
+    """Density of this kind's material; none: that of `grains`."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Grains of one kind: their share by number, density [kg/m^3] and the distribution of their diameters."""
+
+    share: float
+    density: float
+    sizes: Sizes | Equal
+
+
 class Spheres(Model):
-    """Equal spheres."""
+    """Spheres, equal or of several sizes and materials."""
 
     shape: Literal["sphere"] = "sphere"
     diameter: Length
-    """Diameter d; `d` is a unit of length in all other keys."""
+    """Diameter d, that of the largest grains; `d` is a unit of length in all other keys."""
     density: Density
     """Density ρ_p of the grains' material."""
     count: Count
     """Number of grains N."""
+    # what is not there is left out of what is stored and hashed: equal spheres are the same scene as ever
+    sizes: Annotated[Sizes | None, Field(exclude_if=lambda sizes: sizes is None)] = None
+    """Distribution of diameters, up to d; none: all are d."""
+    kinds: Annotated[tuple[Kind, ...], Field(exclude_if=lambda kinds: not kinds)] = ()
+    """Kinds of grains, which differ in material or size; none: all are of one."""
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        d, smallest = self.diameter, SMALLEST_PART * self.diameter
+        if self.sizes is not None:
+            yield from self.sizes.faults(d)
+        if not self.kinds:
+            return
+        names = [kind.name for kind in self.kinds]
+        if len(set(names)) < len(names):
+            yield Fault("kinds", "two kinds have the same name", "name each kind differently")
+        total = math.fsum(kind.share for kind in self.kinds)
+        if abs(total - 1) > 1e-6:
+            yield Fault("kinds", f"the shares add up to {total * 100:g} %", "let them add up to 100 %")
+        for kind in self.kinds:
+            if kind.diameter is not None and not smallest <= kind.diameter <= d:
+                reason = f"the diameter of {kind.name} ({kind.diameter * 1e3:g} mm) is not between d/10 and d"
+                yield Fault("kinds", reason, f"use {smallest * 1e3:g} to {d * 1e3:g} mm; d is grains.diameter")
+        if all(kind.diameter is not None for kind in self.kinds):
+            if self.sizes is not None:
+                yield Fault("sizes", "every kind states its own diameter", "leave out one or the other")
+            elif max(kind.diameter or 0.0 for kind in self.kinds) < d:
+                yield Fault("kinds", "no kind is as large as grains.diameter", "let d be the largest diameter")
+
+    @property
+    def varied(self) -> bool:
+        """Whether grains differ from one another."""
+        return self.sizes is not None or bool(self.kinds)
+
+    @property
+    def graded(self) -> bool:
+        """Whether grains differ in size."""
+        return any(part.sizes.range(self.diameter)[0] < self.diameter for part in self.parts)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What the grains are made up of: their kinds; equal grains are of one."""
+        rest = self.sizes or Equal(self.diameter)
+        if not self.kinds:
+            return (Part(1.0, self.density, rest),)
+        return tuple(
+            Part(kind.share, kind.density or self.density, Equal(kind.diameter) if kind.diameter else rest)
+            for kind in self.kinds
+        )
+
+    def smallest(self) -> tuple["Spheres", ...]:
+        """Equal spheres like the smallest of each kind: the lightest grains, which decide a time step."""
+        if not self.varied:
+            return (self,)
+        return tuple(
+            Spheres(diameter=part.sizes.range(self.diameter)[0], density=part.density, count=self.count)
+            for part in self.parts
+        )
 
     @property
     def radius(self) -> float:
-        """Radius [m]."""
+        """Radius of the largest grains [m]."""
         return self.diameter / 2
+
+    @property
+    def mean_cube(self) -> float:
+        """Mean of the diameter cubed [m^3]."""
+        if not self.varied:
+            return self.diameter**3
+        return math.fsum(part.share * part.sizes.mean_cube(self.diameter) for part in self.parts)
 
     @property
     def half_length(self) -> float:
@@ -39,22 +132,30 @@ class Spheres(Model):
 
     @property
     def volume(self) -> float:
-        """Volume of one grain [m^3]."""
-        return math.pi / 6 * self.diameter**3
+        """Mean volume of a grain [m^3]; of every grain, if they are equal."""
+        return math.pi / 6 * self.mean_cube
 
     @property
     def equivalent_diameter(self) -> float:
-        """Diameter d* of the sphere of the same volume [m]: d itself."""
-        return self.diameter
+        """Diameter d* of the sphere of the (mean) volume [m]: d itself, if they are equal."""
+        return self.mean_cube ** (1 / 3) if self.varied else self.diameter
 
     @property
     def mass(self) -> float:
-        """Mass of one grain [kg]."""
-        return self.density * math.pi / 6 * self.diameter**3
+        """Mean mass of a grain [kg]; of every grain, if they are equal."""
+        if not self.varied:
+            return self.density * math.pi / 6 * self.diameter**3
+        cubes = (part.share * part.density * part.sizes.mean_cube(self.diameter) for part in self.parts)
+        return math.pi / 6 * math.fsum(cubes)
+
+    @property
+    def mean_density(self) -> float:
+        """Mass of all grains over their volume [kg/m^3]."""
+        return self.mass / self.volume if self.kinds else self.density
 
     @property
     def inertia(self) -> float:
-        """Moment of inertia of one grain about any axis through its centre [kg m^2]: (2/5) m r^2."""
+        """Moment of inertia of one of equal grains about any axis through its centre [kg m^2]: (2/5) m r^2."""
         return 0.4 * self.mass * self.radius**2
 
     @property
@@ -75,6 +176,8 @@ class Spherocylinders(Model):
     """Density ρ_p of the grains' material."""
     count: Count
     """Number of grains N."""
+    varied: ClassVar[bool] = False
+    kinds: ClassVar[tuple[Kind, ...]] = ()
 
     @model_validator(mode="after")
     def _is_possible(self):
@@ -86,6 +189,20 @@ class Spherocylinders(Model):
             sizes = f"{self.length * 1e3:g} mm against {self.diameter * 1e3:g} mm"
             reason = f"a rod from end to end is not shorter than its diameter ({sizes})"
             yield Fault("length", reason, "make it at least 1 d, which is a sphere")
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What the grains are made up of: rods are all alike."""
+        return (Part(1.0, self.density, Equal(self.diameter)),)
+
+    def smallest(self) -> tuple["Spherocylinders", ...]:
+        """Rods are all alike."""
+        return (self,)
+
+    @property
+    def mean_density(self) -> float:
+        """Mass of all grains over their volume [kg/m^3]."""
+        return self.density
 
     @property
     def radius(self) -> float:

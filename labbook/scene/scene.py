@@ -44,12 +44,25 @@ class Scene(Model):
             if name not in names:
                 reason = f"the container has no wall named {name}"
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
+        yield from self._faults_between_kinds()
         c, d = self.container, self.grains.diameter
         for key in _ROOM_FOR_A_GRAIN[type(c)]:
             size = getattr(c, key)
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
                 yield Fault(f"container.{key}", reason, f"make it at least {d * 1e3:g} mm (1 d)")
+
+    def _faults_between_kinds(self) -> Iterator[Fault]:
+        names, seen = [kind.name for kind in self.grains.kinds], set()
+        for pair in self.contact.between:
+            unknown = sorted({name for name in pair.kinds if name not in names})
+            if unknown:
+                remedy = f"use two of: {', '.join(names)}" if names else "name the kinds in grains.kinds"
+                yield Fault("contact.between", f"no kind of grains is called {' or '.join(unknown)}", remedy)
+            if frozenset(pair.kinds) in seen:
+                reason = f"{' and '.join(pair.kinds)} are listed twice"
+                yield Fault("contact.between", reason, "state each pair once")
+            seen.add(frozenset(pair.kinds))
 
     @property
     def wall_names(self) -> set[str]:
@@ -63,9 +76,21 @@ class Scene(Model):
         c = self.contact
         return Surface(friction=c.friction, rolling_friction=c.rolling_friction, restitution=c.restitution)
 
-    def surface(self, wall: Wall) -> Surface:
-        """The complete surface of `wall`: its own, else that of `all`, else the grains'."""
-        return self.walls.get(wall.name, Surface()).over(self.walls.get("all", Surface()).over(self.surface_of_grains))
+    def surface_between(self, one: int, other: int) -> Surface:
+        """The complete surface that grains of two kinds, by their places in `grains.kinds`, turn to one another."""
+        if not self.contact.between:
+            return self.surface_of_grains
+        names = {self.grains.kinds[one].name, self.grains.kinds[other].name}
+        stated = (pair for pair in self.contact.between if set(pair.kinds) == names)
+        return next(stated, Surface()).over(self.surface_of_grains)
+
+    def surface(self, wall: Wall, kind: int = 0) -> Surface:
+        """The complete surface of `wall`: its own, else that of `all`, else what grains of `kind` turn to each other.
+
+        kind: a place in `grains.kinds`; 0 where there are none.
+        """
+        grains = self.surface_between(kind, kind)
+        return self.walls.get(wall.name, Surface()).over(self.walls.get("all", Surface()).over(grains))
 
     def close(self, friction: float | None = None) -> "Scene":
         """The scene in which its packing is made; `friction` replaces that of grains and of walls."""
@@ -74,7 +99,8 @@ class Scene(Model):
         walls = {name: surface for name, surface in self.walls.items() if name in names}
         contact = self.contact
         if friction is not None:
-            contact = contact.model_copy(update={"friction": friction})
+            pairs = tuple(pair.model_copy(update={"friction": None}) for pair in contact.between)
+            contact = contact.model_copy(update={"friction": friction, "between": pairs})
             walls = {name: s.model_copy(update={"friction": None}) for name, s in walls.items()}
             walls = {name: s for name, s in walls.items() if s != Surface()}
         return self.model_copy(update={"container": container, "contact": contact, "walls": walls})

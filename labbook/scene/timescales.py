@@ -3,18 +3,22 @@
 import math
 
 from labbook.scene.contact import HertzMindlin, LinearSpringDashpot
+from labbook.scene.grains import Grains
 from labbook.scene.scene import Scene
 
 
 def rayleigh(scene: Scene) -> float:
-    """Rayleigh time [s]: pi r sqrt(rho/G) / (0.163 nu + 0.8766) (Fan et al. 2023, eq 9).
+    """Rayleigh time [s]: pi r sqrt(rho/G) / (0.163 nu + 0.8766) (Fan et al. 2023, eq 9); the shortest of any grain.
 
     Raises ValueError for a law other than Hertz-Mindlin.
     """
     law = scene.contact
     if not isinstance(law, HertzMindlin):
         raise ValueError("the Rayleigh time needs a shear modulus: it belongs to the law hertz-mindlin")
-    grains = scene.grains
+    return min(_rayleigh(law, grains) for grains in scene.grains.smallest())
+
+
+def _rayleigh(law: HertzMindlin, grains: Grains) -> float:
     speed = math.sqrt(law.shear_modulus / grains.density)
     return math.pi * grains.radius / speed / (0.163 * law.poisson_ratio + 0.8766)
 
@@ -23,13 +27,17 @@ def collision(scene: Scene) -> float:
     """Duration [s] of an undamped head-on collision of two grains.
 
     Linear law: pi sqrt(m_eff/k_n). Hertz: 2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} at v = sqrt(g d), a fall of
-    half a diameter (v = 1 m/s without gravity); 2.868 is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882).
+    half a diameter (v = 1 m/s without gravity); 2.868 is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882). Where grains
+    differ: the shortest collision, of two of the lightest.
     """
-    grains, law = scene.grains, scene.contact
-    mass = grains.mass / 2
+    return min(_collision(scene, grains) for grains in scene.grains.smallest())
+
+
+def _collision(scene: Scene, grains: Grains) -> float:
+    law, mass = scene.contact, grains.mass / 2
     if isinstance(law, LinearSpringDashpot):
         return math.pi * math.sqrt(mass / law.normal_stiffness)
-    speed = math.sqrt(scene.gravity * grains.diameter) or 1.0
+    speed = math.sqrt(scene.gravity * scene.grains.diameter) or 1.0
     modulus = effective_modulus(law)
     return HERTZ_DURATION * (mass**2 / (grains.radius / 2 * modulus**2 * speed)) ** 0.2
 

@@ -1,6 +1,7 @@
 """The keys that a model validates, read off its fields."""
 
 import math
+import re
 import types
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,8 +26,10 @@ def walk(model: type[BaseModel], prefix: str = "", of: str = "") -> Iterator[Key
 
 
 def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Iterator[Key]:
-    if field.discriminator is not None:
-        yield from _union(name, str(field.discriminator), base)
+    marks = [field.discriminator, *(mark.discriminator for mark in metadata if isinstance(mark, FieldInfo))]
+    discriminator = next((mark for mark in marks if mark is not None), None)
+    if discriminator is not None:
+        yield from _union(name, str(discriminator), base)
     elif isinstance(base, type) and issubclass(base, BaseModel):
         yield from walk(base, f"{name}.", of)
     elif get_origin(base) is dict:
@@ -46,15 +49,15 @@ def _union(name: str, discriminator: str, base: Any) -> Iterator[Key]:
     seen = {f"{name}.{discriminator}"}
     for tag, member in zip(tags, members, strict=True):
         for key in walk(member, f"{name}.", f"{discriminator}: {tag}"):
-            common = key.name.removeprefix(f"{name}.") in shared and _same_everywhere(key, members)
+            field = re.split(r"[.[]", key.name.removeprefix(f"{name}."))[0]
+            common = field in shared and _same_everywhere(field, members)
             if key.name not in seen:
                 yield replace(key, of="") if common else key
             if common or key.name == f"{name}.{discriminator}":
                 seen.add(key.name)
 
 
-def _same_everywhere(key: Key, members: list[Any]) -> bool:
-    field = key.name.rpartition(".")[2]
+def _same_everywhere(field: str, members: list[Any]) -> bool:
     first = members[0].model_fields[field]
     return all(
         member.model_fields[field].annotation == first.annotation
@@ -70,9 +73,8 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         parts = get_args(base)
         inner, inner_metadata = _unwrap(parts[0], [])
         unit = next((mark.symbol for mark in inner_metadata if isinstance(mark, Unit)), None)
-        length = (
-            "list of names" if parts[-1] is Ellipsis else f"list of {len(parts)} {'quantities' if unit else 'numbers'}"
-        )
+        items = "names" if inner is str else "quantities" if unit else "numbers"
+        length = f"list of {items}" if parts[-1] is Ellipsis else f"list of {len(parts)} {items}"
         base = inner
     choices = tuple(map(str, get_args(base))) if get_origin(base) is Literal else ()
     kinds = {int: "integer", str: "text", bool: "true or false", float: "quantity"}

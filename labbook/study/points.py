@@ -83,7 +83,7 @@ class PointReader:
             found = [complaint for complaint in found if complaint.location != _STEP or not complaint.clash]
         for complaint in found:
             # with grains that stand in for wrong ones, values clash that need not
-            may_be_right = complaint.clash and grains is None
+            may_be_right = complaint.clash and grains is None and complaint.location[0] != "grains"
             if not may_be_right and dotted(complaint.location) not in self._wrong_already:
                 places = self._found.setdefault(self._problem(complaint, assignment), [])
                 if complaint.clash and label:

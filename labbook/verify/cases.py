@@ -1,6 +1,6 @@
 """All cases, in the order in which they are best read: simple contacts first, flow last."""
 
-from labbook.verify import bed, collision, edge, energy, flow, gas, rods, rolling, round, symmetry, turntable
+from labbook.verify import bed, collision, edge, energy, flow, gas, mixture, rods, rolling, round, symmetry, turntable
 from labbook.verify.case import Case
 
 CASES: tuple[Case, ...] = (
@@ -12,6 +12,7 @@ CASES: tuple[Case, ...] = (
     *round.CASES,
     *rods.CASES,
     *energy.CASES,
+    *mixture.CASES,
     *symmetry.CASES,
     *bed.CASES,
     *flow.CASES,

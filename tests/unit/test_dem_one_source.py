@@ -24,7 +24,7 @@ COEFFICIENTS = {
     "linear": linear.coefficients(LinearSpringDashpot(normal_stiffness=5e4), SURFACE),
 }
 COEFFICIENTS["spheres"] = COEFFICIENTS["rods"] = COEFFICIENTS["hertz_mindlin"]
-SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True}
+SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True, "VARIED": True}
 # ranges of arguments in which every branch of the laws is taken; all others lie between 0.1 and 2
 RANGES = {
     "rs": (5e-4, 2e-3),
@@ -35,6 +35,12 @@ RANGES = {
     "inertia_rate": (0.0, 1.0),
     "radius": (1e-3, 2e-3),
     "mass": (1e-5, 4e-5),
+    "ri": (1e-3, 2e-3),
+    "rj": (1e-3, 2e-3),
+    "mi": (1e-5, 4e-5),
+    "mj": (1e-5, 4e-5),
+    "rate_i": (0.0, 1.0),
+    "rate_j": (0.0, 1.0),
     "gap": (1e-9, 1e-7),
 }
 SPREAD = {"s": 3e-6, "vt": 0.1, "away": 2e-3, "lever_i": 3e-3, "lever_j": 3e-3, "lever": 3e-3}

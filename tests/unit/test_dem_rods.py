@@ -50,7 +50,7 @@ def test_at_the_contact_it_is_two_spheres_that_move_as_the_surfaces_do(seed):
     u = array(k["u"]) + np.cross(array(k["pi"]), array(li)) - np.cross(array(k["pj"]), array(lj))
     v = array(k["v"]) + np.cross(array(k["wi"]), array(li)) - np.cross(array(k["wj"]), array(lj))
     f, mi, _, s, d = spheres.sphere_on_sphere(
-        C, R, M, away, gap, vec3(*u), vec3(*v), k["wi"], k["wj"], k["s"], DT, RATE
+        C, R, R, M, M, away, gap, vec3(*u), vec3(*v), k["wi"], k["wj"], k["s"], DT, RATE, RATE
     )
     assert array(force) == pytest.approx(array(f), rel=1e-12)
     assert array(kept) == pytest.approx(array(s), rel=1e-12)
@@ -73,12 +73,15 @@ def test_exchanged_rods_feel_opposite_forces_to_the_last_bit(seed):
     assert (-force, tj, ti, -kept) == back[:4]
 
 
-def test_rods_without_length_are_spheres_to_the_last_bit():
+def test_rods_without_length_are_equal_spheres_to_the_last_bit(monkeypatch):
+    monkeypatch.setattr(spheres, "VARIED", False)
     zero = vec3(0.0, 0.0, 0.0)
     away, gap, _, _, _ = touching(1)
     k = some(1)
     rod = on_rod(away, gap, zero, zero, *k.values())
-    sphere = spheres.sphere_on_sphere(C, R, M, away, gap, k["u"], k["v"], k["wi"], k["wj"], k["s"], DT, RATE)
+    sphere = spheres.sphere_on_sphere(
+        C, R, R, M, M, away, gap, k["u"], k["v"], k["wi"], k["wj"], k["s"], DT, RATE, RATE
+    )
     assert rod == sphere
     n, spin = vec3(0.0, 0.6, 0.8), vec3(0.0, 0.0, 3.0)
     rod = rods.rod_on_wall(C, R, M, 3e-5, n, zero, k["u"], k["v"], k["pi"], k["wi"], spin, k["s"], DT, RATE)

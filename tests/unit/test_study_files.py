@@ -199,7 +199,7 @@ def test_defaults_on_the_page_are_those_of_the_models(tmp_path):
 
 
 def test_examples_on_the_page_load(tmp_path):
-    first, *others = (block.split("```")[0] for block in PAGE.split("```yaml\n")[1:])
+    first, grains, contact, *others = (block.split("```")[0] for block in PAGE.split("```yaml\n")[1:])
     file = tmp_path / "orifices.yaml"
     without_sweep = re.sub(r"^sweep:\n(  .*\n)+", "", first, flags=re.MULTILINE).replace("60 mm", "100 mm")
     file.write_text(first)
@@ -211,6 +211,11 @@ def test_examples_on_the_page_load(tmp_path):
     assert counts == [20, 2, 2]
     file.write_text(without_sweep + 'sweep: {container.orifice: "[18, 30] mm"}\n' + others[3])
     assert load(file).reference is not None
+    rest = [line for line in without_sweep.splitlines() if not line.startswith(("grains:", "contact:"))]
+    file.write_text("\n".join(["name: mixture", *rest[1:], grains, contact]))
+    (mixture,) = load(file).points
+    assert [kind.name for kind in mixture.scene.grains.kinds] == ["glass", "steel"]
+    assert mixture.scene.surface_between(0, 1).friction == 0.3
 
 
 def test_problems_on_the_page_are_what_is_told(tmp_path, monkeypatch):

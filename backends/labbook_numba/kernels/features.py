@@ -7,8 +7,10 @@ from labbook_dem.words import FRICTION  # noqa: F401 - part of the vocabulary of
 
 from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kernels
     BLOCK,
+    BODY,
     BORROWED,
     CELLS,
+    COEFFICIENTS,
     CROSSED,
     FAIL_GRAIN,
     FAIL_VALUE,
@@ -73,6 +75,7 @@ CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
+KINDS = 1  # kinds of grains
 LANES = 8  # numbers of the precision of laws in a register
 
 DONE, REBUILD, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)

@@ -1,9 +1,10 @@
 """Lists of near grains and near walls, rebuilt when a grain may have moved half a skin; springs are carried over."""
 
-from labbook_dem.words import wide
+from labbook_dem.words import VARIED, wide
 
 from labbook_numba.kernels.features import (
     ANY_WALLS,
+    BODY,
     FRICTION,
     GHOSTS,
     GRAIN,
@@ -48,6 +49,9 @@ def drop_leavers(st: State, p: Params, place):
                 st.grains[kept, c] = st.grains[i, c]
             for c in range(LOAD):
                 st.loads[kept, c] = st.loads[i, c]
+            if VARIED:
+                for c in range(BODY):
+                    st.body[kept, c] = st.body[i, c]
             st.ids[kept] = st.ids[i]
             st.gone[kept] = st.gone[i]
             kept += 1
@@ -105,10 +109,10 @@ def rebuild(st: State, p: Params, new: Lists, grid: Grid):
     n = st.count[GRAINS]
     pairs = 0
     if n > 0:
-        pairs = near_pairs(st.grains, n, p, new.pair_i, new.pair_j, grid.cell, grid.head, grid.following)
+        pairs = near_pairs(st, p, new.pair_i, new.pair_j, grid.cell, grid.head, grid.following)
     walls = 0
     if ANY_WALLS:
-        walls = near_walls(st.grains, n, p, new.wall_first, new.wall_grain)
+        walls = near_walls(st, p, new.wall_first, new.wall_grain)
     if pairs > len(new.pair_j) - PAD or walls > len(new.wall_grain) - PAD:
         st.count[WANT_PAIRS] = pairs
         st.count[WANT_WALLS] = walls

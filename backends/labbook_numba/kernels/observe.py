@@ -2,10 +2,11 @@
 
 from labbook_dem.contact import rolling_rate
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import dot, narrow, real, vec3, wide
+from labbook_dem.words import dot, func, narrow, real, vec3, wide
 
-from labbook_numba.kernels.blocks import reals
-from labbook_numba.kernels.features import ANY_WALLS, MOVING, PAIRS, F, T, U, V, W, X, entry
+from labbook_numba.kernels.blocks import reals, row_of
+from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
+from labbook_numba.kernels.features import ANY_WALLS, KINDS, MOVING, PAIRS, F, T, U, V, W, X, entry
 from labbook_numba.kernels.single import advance_of, load, spring_of, write_row
 from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
 from labbook_numba.state import Params, State
@@ -16,35 +17,36 @@ def contact_rows(st: State, p: Params, out):
     """Rows i, j, wall, force on i [N], branch vector from i [m] of all touching contacts; how many there are."""
     found = 0
     dt = real(p.dt)
-    rate = rolling_rate(real(p.inertia), real(p.dt))
     zero = real(0.0)
-    diameter = wide(2.0) * p.radius
     for k in range(st.count[PAIRS]):
         i = st.pair_i[k]
         j = st.pair_j[k]
         away = load(st.grains, i, X) - load(st.grains, j, X)
-        gap = diameter * diameter - dot(away, away)
+        ri, rj = radius_of(st.body, i, p.radius), radius_of(st.body, j, p.radius)
+        mi, mj = mass_of(st.body, i, p.mass), mass_of(st.body, j, p.mass)
+        gap = (ri + rj) * (ri + rj) - dot(away, away)
         if gap > wide(0.0):
             force, _, _, _, _ = sphere_on_sphere(
-                reals(p.c), real(p.radius), real(p.mass), narrow(away), real(gap),
+                reals(row_of(p.pair_c, kind_of(st.body, i) * KINDS + kind_of(st.body, j))),
+                real(ri), real(rj), real(mi), real(mj), narrow(away), real(gap),
                 narrow(load(st.grains, i, U) - load(st.grains, j, U)),
                 narrow(load(st.grains, i, V) - load(st.grains, j, V)),
                 narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
-                spring_of(st.spring, st.held, k), advance_of(st.held, k, dt), rate,
+                spring_of(st.spring, st.held, k), advance_of(st.held, k, dt),
+                rate_of(st.body, i, p), rate_of(st.body, j, p),
             )  # fmt: skip
             write_row(out, found, st.ids[i], st.ids[j], -1, force, -away)
             found += 1
     if not ANY_WALLS:
         return found
     for w in range(len(p.wall_kind)):
-        c = p.wall_c
-        coefficients = reals((c[w, 0], c[w, 1], c[w, 2], c[w, 3], c[w, 4], c[w, 5], c[w, 6], c[w, 7]))
         spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
             x = load(st.grains, i, X)
             distance, normal_w = wall_distance(p.wall_shape, p.wall_kind, w, x)
-            if distance < p.radius:
+            radius = radius_of(st.body, i, p.radius)
+            if distance < radius:
                 u = load(st.grains, i, U)
                 v = load(st.grains, i, V)
                 if MOVING:
@@ -52,19 +54,27 @@ def contact_rows(st: State, p: Params, out):
                     u = u - surface
                     v = v - surface
                 force, _, _ = sphere_on_wall(
-                    coefficients, real(p.radius), real(p.mass), real(p.radius - distance), narrow(normal_w), narrow(u),
-                    narrow(v), narrow(load(st.grains, i, W)), spin, spring_of(st.wall_spring, st.wall_held, k),
-                    advance_of(st.wall_held, k, dt), rate,
+                    reals(row_of(p.wall_c, w * KINDS + kind_of(st.body, i))),
+                    real(radius), real(mass_of(st.body, i, p.mass)), real(radius - distance), narrow(normal_w),
+                    narrow(u), narrow(v), narrow(load(st.grains, i, W)), spin,
+                    spring_of(st.wall_spring, st.wall_held, k), advance_of(st.wall_held, k, dt),
+                    rate_of(st.body, i, p),
                 )  # fmt: skip
                 write_row(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
                 found += 1
     return found
 
 
+@func
+def rate_of(body, i, p):
+    """`rolling_rate` of grain i."""
+    return rolling_rate(real(inertia_of(body, i, p.inertia)), real(p.dt))
+
+
 @entry
-def whole_step(grains, loads, part, p: Params, v, w):
+def whole_step(grains, loads, body, part, p: Params, v, w):
     """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
     for i in range(len(v)):
         for c in range(3):
-            v[i, c] = grains[i, V + c] + loads[i, F + c] * (part / p.mass)
-            w[i, c] = grains[i, W + c] + loads[i, T + c] * (part / p.inertia)
+            v[i, c] = grains[i, V + c] + loads[i, F + c] * (part / mass_of(body, i, p.mass))
+            w[i, c] = grains[i, W + c] + loads[i, T + c] * (part / inertia_of(body, i, p.inertia))

@@ -4,15 +4,16 @@ from labbook_dem.segments import closest
 from labbook_dem.words import dot, wide
 
 from labbook_numba.kernels.cells import fill_cells
-from labbook_numba.kernels.features import PAD, WALL_PARTS, A, X, kernel
+from labbook_numba.kernels.features import GRAINS, PAD, WALL_PARTS, A, X, kernel
 from labbook_numba.kernels.rod_walls import wall_part
 from labbook_numba.kernels.single import load
-from labbook_numba.state import Params
+from labbook_numba.state import Params, State
 
 
 @kernel
-def near_pairs(grains, n, p: Params, pair_i, pair_j, cell, head, following):
+def near_pairs(st: State, p: Params, pair_i, pair_j, cell, head, following):
     """Fill the list of pairs i < j whose segments are closer than a diameter and a skin, ascending; its length."""
+    grains, n = st.grains, st.count[GRAINS]
     reach = wide(2.0) * p.radius + p.skin
     far = reach + wide(2.0) * p.half  # centres further apart cannot be near
     nx, ny, nz = fill_cells(grains, n, far, cell, head, following)
@@ -43,8 +44,9 @@ def near_pairs(grains, n, p: Params, pair_i, pair_j, cell, head, following):
 
 
 @kernel
-def near_walls(grains, n, p: Params, first, grain):
+def near_walls(st: State, p: Params, first, grain):
     """Fill the list of rods that could touch a wall before the next rebuild, wall by wall; its length."""
+    grains, n = st.grains, st.count[GRAINS]
     found = 0
     first[0] = 0
     reach = p.radius + wide(0.5) * p.skin

@@ -60,7 +60,7 @@ def contact_rows(st: State, p: Params, out):
 
 
 @entry
-def whole_step(grains, loads, part, p: Params, v, w):
+def whole_step(grains, loads, body, part, p: Params, v, w):
     """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
     for i in range(len(v)):
         store(v, i, 0, load(grains, i, V) + load(loads, i, F) * (part / p.mass))

@@ -1,7 +1,6 @@
 """Forces of walls on grains, wall by wall, a block at a time: measure, pack, gather, law, scatter."""
 
-from labbook_dem.contact import rolling_rate
-from labbook_dem.words import real, wide, wide3
+from labbook_dem.words import VARIED, real, wide, wide3
 
 from labbook_numba.kernels.blocks import (
     GAP,
@@ -13,9 +12,11 @@ from labbook_numba.kernels.blocks import (
     UY,
     UZ,
     largest_gap,
+    row_of,
     wall_law,
     where_gap,
 )
+from labbook_numba.kernels.bodies import gather_bodies, gather_coefficients, radius_of
 from labbook_numba.kernels.features import (
     BLOCK,
     FAIL_GRAIN,
@@ -23,6 +24,7 @@ from labbook_numba.kernels.features import (
     FRICTION,
     GHOSTS,
     GRAIN,
+    KINDS,
     LAST,
     LEDGER,
     MAX_OVERLAP,
@@ -30,6 +32,7 @@ from labbook_numba.kernels.features import (
     STRIDE,
     TOUCHING,
     X,
+    int64,
     kernel,
     uint64,
 )
@@ -46,7 +49,7 @@ PX, PY, PZ, NEAR_GAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(
 
 
 @kernel
-def measure_walls(grains, wall_grain, near, shape, kind, motion, w, k, count, radius):
+def measure_walls(grains, body, wall_grain, near, shape, kind, motion, w, k, count, radius):
     """Normal, overlap and surface velocity of wall w for its near grains k..k + count, touching or not."""
     for t in range(uint64(0), count, uint64(8)):
         x, y, z, _ = columns(rows_at(grains, wall_grain, k + t, GRAIN, X))
@@ -64,7 +67,7 @@ def measure_walls(grains, wall_grain, near, shape, kind, motion, w, k, count, ra
         near[PX + t] = normal.x
         near[PY + t] = normal.y
         near[PZ + t] = normal.z
-        near[NEAR_GAP + t] = radius - distance
+        near[NEAR_GAP + t] = radius_of(body, wall_grain[k + t], radius) - distance
 
 
 @kernel
@@ -98,14 +101,13 @@ def wall_forces(st: State, p: Params):
     i = st.block_i
     slot = st.slot
     half_dt = wide(0.5) * p.dt
-    rate = rolling_rate(real(p.inertia), real(p.dt))
     ghost = len(st.grains) - GHOSTS
     spare = len(st.wall_spring) - 1
     touching = uint64(0)
     deepest = st.sums[MAX_OVERLAP]
     a = p.wall_c
     for w in range(uint64(len(p.wall_kind))):
-        c = (a[w, 0], a[w, 1], a[w, 2], a[w, 3], a[w, 4], a[w, 5], a[w, 6], a[w, 7])
+        c = row_of(a, w)
         spin = real(p.wall_motion[w, 3])
         start = st.wall_first[w]
         end = st.wall_first[w + uint64(1)]
@@ -114,14 +116,19 @@ def wall_forces(st: State, p: Params):
         for k in range(uint64(start), last, BLOCK):
             near = min(last - k, BLOCK)
             measure_walls(
-                st.grains, st.wall_grain, st.near, p.wall_shape, p.wall_kind, p.wall_motion, w, k, near, p.radius
-            )
+                st.grains, st.body, st.wall_grain, st.near, p.wall_shape, p.wall_kind, p.wall_motion, w, k, near,
+                p.radius,
+            )  # fmt: skip
             count = pack_walls(st.near, st.wall_grain, st.wall_held, b, i, slot, k, near)
             fill_up(i, st.block_j, slot, count, ghost, spare)
             gather_grains(st.grains, i, b, count)
             if FRICTION:
                 gather_springs(st.wall_spring, slot, b, count, half_dt)
-            wall_law(b, count, c, real(p.radius), real(p.mass), rate, spin)
+            if VARIED:
+                gather_bodies(st.body, i, i, b, count, False)
+                if KINDS > 1:
+                    gather_coefficients(a, int64(w) * int64(KINDS), st.body, i, i, b, count, False)
+            wall_law(b, count, c, real(p.radius), real(p.mass), real(p.inertia), real(p.dt), spin)
             scatter_forces(st.loads, i, st.block_j, b, count, False)
             if FRICTION:
                 scatter_springs(st.wall_spring, slot, b, count)

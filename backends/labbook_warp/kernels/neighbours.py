@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from labbook_dem.words import FRICTION, func, wide
 
+from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.mixed import position
 from labbook_warp.kernels.spheres import Grain, apart2, grain, mark, near_walls, strayed
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
@@ -100,7 +101,7 @@ def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane
             for e in range(min(a.cell_count[c], a.depth)):
                 o = a.cell_rows[c * a.depth + e]
                 d2 = apart2(p, m, g, s * a.cap + o)
-                if d2 < m.listed2 and o != r:
+                if d2 < listed2(a, m, i, s * a.cap + o) and o != r:
                     if SHARED:
                         found = wp.atomic_add(a.found, i, 1)
                         if found < a.near:

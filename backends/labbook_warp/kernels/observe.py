@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
+from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces
 from labbook_warp.kernels.spheres import at_wall, grain, spinning, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
@@ -44,8 +45,8 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
                 part = wide(0.0)
             if lane == 0:
                 gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-                v_out[i] = widen(narrow(widen(g.v) + (f * m.per_mass + gravity) * part))
-                w_out[i] = widen(narrow(widen(g.w) + t * (m.per_inertia * part)))
+                v_out[i] = widen(narrow(widen(g.v) + (f * per_mass(a, m, i) + gravity) * part))
+                w_out[i] = widen(narrow(widen(g.w) + t * (per_inertia(a, m, i) * part)))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
@@ -69,7 +70,7 @@ def kinetic(a: System, p: Words, v: Wides3, w: Wides3, parts: int, out: Wides):
     for r in range(first, a.rows[s], parts):
         i = s * a.cap + r
         turning = dot(w[i], spinning(m, grain(p, m, i), w[i]))
-        energy = wide(0.5) * (dot(v[i], v[i]) / m.per_mass + turning / m.per_inertia)
+        energy = wide(0.5) * (dot(v[i], v[i]) / per_mass(a, m, i) + turning / per_inertia(a, m, i))
         whole = (energy + magic) - magic
         coarse += whole
         fine += ((energy - whole) + small) - small

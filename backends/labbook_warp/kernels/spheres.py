@@ -9,6 +9,7 @@ from __future__ import annotations
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
 
+from labbook_warp.kernels.bodies import between, body, touching2, with_plate
 from labbook_warp.kernels.mixed import position, predicted, put, spin, velocity
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry, has_bit
@@ -25,6 +26,7 @@ class Grain:
     w: vec3  # [rad/s], reduced angular momentum half a step before: of a sphere, its spin
     u: vec3  # [m/s], v predicted for now
     spin: vec3  # [rad/s], half a step before
+    index: int  # which it is
 
 
 @func
@@ -36,6 +38,7 @@ def grain(p: Words, m: Material, i: int):
     g.w = spin(p, i)
     g.u = predicted(p, i)
     g.spin = g.w
+    g.index = i
     return g
 
 
@@ -60,6 +63,7 @@ def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn: wid
     new.w = narrow(w)
     new.u = u
     new.spin = new.w
+    new.index = g.index
     return new
 
 
@@ -89,13 +93,16 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     """The contact with grain j, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
     away = g.x - position(p, j)
-    gap = m.reach2 - dot(away, away)
+    one = body(a, m, g.index)
+    other = body(a, m, j)
+    gap = touching2(m, one, other) - dot(away, away)
     c.touches = gap > wide(0.0)
     if c.touches:
         last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
         f, t, _t, kept, delta = sphere_on_sphere(
-            m.c, m.radius, m.mass, narrow(away), real(gap), g.u - predicted(p, j), g.v - velocity(p, j), g.w,
-            spin(p, j), last, advance, m.inertia_rate,
+            between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
+            real(gap), g.u - predicted(p, j), g.v - velocity(p, j), g.w, spin(p, j), last, advance, one.rolling_rate,
+            other.rolling_rate,
         )  # fmt: skip
         c.overlap = delta
         c.force = f
@@ -110,7 +117,8 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
     """The contact with a wall, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
     distance, normal = wall_distance(a, wall, g.x)
-    overlap = real(m.reach - distance)
+    one = body(a, m, g.index)
+    overlap = real(one.reach - distance)
     c.touches = overlap > real(0.0)
     if c.touches:
         last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
@@ -120,8 +128,8 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
             surface = narrow(wall_velocity(a, wall, g.x - normal * distance))
             turning = vec3(real(0.0), real(0.0), real(a.wall_motion[wall][3]))
         f, t, kept = sphere_on_wall(
-            a.wall_c[wall], m.radius, m.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w, turning,
-            last, advance, m.inertia_rate,
+            with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w,
+            turning, last, advance, one.rolling_rate,
         )  # fmt: skip
         c.overlap = overlap
         c.force = f
@@ -189,6 +197,6 @@ def near_walls(a: System, m: Material, s: int, g: Grain):
     near = wp.uint32(0)
     for q in range(a.place[s].walls):
         distance, _normal = wall_distance(a, s * a.walls + q, g.x)
-        if distance < m.reach + m.half_skin:
+        if distance < body(a, m, g.index).reach + m.half_skin:
             near = near | (wp.uint32(1) << wp.uint32(q))
     return near

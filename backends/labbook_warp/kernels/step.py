@@ -5,6 +5,7 @@ from __future__ import annotations
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 
+from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces
 from labbook_warp.kernels.mixed import rest
 from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, refreshed, spinning, store
@@ -66,8 +67,8 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
     if now == wp.int64(0):
         kick_dt = wide(0.5) * m.dt  # the first kick brings velocities from a whole to a half step
     weight = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-    acc = f * m.per_mass + weight
-    turn_acc = t * m.per_inertia
+    acc = f * per_mass(a, m, i) + weight
+    turn_acc = t * per_inertia(a, m, i)
     v0 = widen(g.v) + wide3(wide(0.0), wide(0.0), wide(more))
     w0 = widen(g.w)
     v2 = wide3(kick(v0[0], acc[0], kick_dt), kick(v0[1], acc[1], kick_dt), kick(v0[2], acc[2], kick_dt))

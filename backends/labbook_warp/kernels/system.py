@@ -13,6 +13,7 @@ from labbook_dem.words import coefs, func, real, struct, wide
 from labbook_warp.kernels.words import (
     UNIFORM,
     Bits,
+    Bodies,
     Coefs,
     Floats,
     Ints,
@@ -29,7 +30,10 @@ from labbook_warp.kernels.words import (
 
 @struct
 class Material:
-    """What a step needs to know of grains, law and clock; often the same for all members of a sweep."""
+    """What a step needs to know of grains, law and clock; often the same for all members of a sweep.
+
+    Where grains differ: of the largest, or the mean; the kernels in `bodies` say what each is.
+    """
 
     c: coefs
     radius: real
@@ -80,10 +84,12 @@ class System:
     common: Material
     material: wp.array(dtype=Material)  # pyright: ignore[reportInvalidTypeForm]
     place: wp.array(dtype=Place)  # pyright: ignore[reportInvalidTypeForm]
-    wall_c: Coefs
+    pair_c: Coefs  # of kinds a and b of slot s at (s * KINDS + a) * KINDS + b, where grains differ
+    wall_c: Coefs  # of wall g = s * walls + w, or of kind k there at g * KINDS + k
     wall_shape: Shapes
     wall_kind: Ints
     wall_motion: Motions
+    body: Bodies  # radius, mass, moment of inertia and kind, where grains differ
     ids: Ints
     gone: Ints
     origin: Wides3  # positions when lists were built

@@ -32,7 +32,7 @@ def rare_func(function: F) -> F:
 
 wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
-Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Any
+Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Bodies = Any
 word: Any = None
 widen: Any = None
 load_word: Any = None
@@ -57,6 +57,7 @@ OUTLET = True
 LEDGER = True
 ANY_WALLS = True
 
+KINDS = 1  # kinds of grains a member
 LANES = 1  # threads that share a grain: many where grains are few
 FINE = False  # whether forces are computed in double, and summed as precisely
 UNIFORM = False  # whether all members have the same material

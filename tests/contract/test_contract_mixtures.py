@@ -1,0 +1,69 @@
+"""The contract holds for scenes whose grains differ in size and kind."""
+
+# a packing need not have diameters and kinds; those of these tests do
+# pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false, reportOptionalOperand=false
+# pyright: reportArgumentType=false, reportCallIssue=false
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labbook.backend import Crossing, Ledger
+from labbook.protocol import Bodies, opened, place
+from labbook.verify.bed import DT
+from labbook.verify.mixture import graded_hopper
+from labbook.verify.stand import identical, rows_of
+
+
+@pytest.fixture(scope="module")
+def flowing(stand):
+    """A mixture that is about to flow out, and its ensemble."""
+    scene, numerics = graded_hopper(80), stand.numerics(DT / 2, steps_per_beat=500)
+    closed = scene.close()
+    spec = stand.engine.specialise(closed, numerics, [Ledger()])
+    ensemble = stand.engine.open(spec, 1, stand.device)
+    member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
+    ensemble.advance(30)
+    start = opened(ensemble.packing(member), closed, scene)
+    ensemble.close()
+    probes = [Crossing(), Ledger()]
+    ensemble = stand.engine.open(stand.engine.specialise(scene, numerics, probes), 2, stand.device)
+    yield scene, numerics, start, ensemble
+    ensemble.close()
+
+
+def test_a_packing_tells_who_is_what(flowing):
+    scene, _, start, _ = flowing
+    placed = place(scene.close(), "gas", 1)
+    assert np.array_equal(start.diameter[np.argsort(start.ids)], placed.diameter)
+    assert np.array_equal(start.kind[np.argsort(start.ids)], placed.kind)
+
+
+def test_grains_that_leave_take_their_mass_along_and_the_rest_go_on_bit_for_bit(flowing):
+    scene, numerics, start, ensemble = flowing
+    one = ensemble.admit(scene, numerics, start)
+    ensemble.advance(20)
+    halfway = ensemble.checkpoint(one)
+    ensemble.advance(20)
+    end = ensemble.packing(one)
+    rows = ensemble.drain()
+    crossed = rows_of(rows[Crossing()], one)
+    assert 5 < len(crossed["id"]) < len(start)
+    mass = dict(zip(start.ids.tolist(), Bodies.of(scene.grains, start).mass.tolist(), strict=True))
+    left = Bodies.of(scene.grains, end)
+    assert [mass[grain] for grain in end.ids] == left.mass.tolist()
+    assert rows_of(rows[Ledger()], one)["mass"][-1] == pytest.approx(left.mass.sum(), rel=1e-12)
+    ensemble.retire(one)
+
+    other = ensemble.admit(scene, numerics, halfway)
+    ensemble.advance(20)
+    assert identical(ensemble.packing(other), end)
+    ensemble.retire(other)
+    ensemble.drain()
+
+
+def test_a_packing_without_them_is_refused(flowing):
+    scene, numerics, start, ensemble = flowing
+    with pytest.raises(ValueError, match="no kinds of grains"):
+        ensemble.admit(scene, numerics, replace(start, kind=None))
