@@ -94,7 +94,7 @@ def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
 def key_of(**changes) -> str:
     from labbook_numba import build
 
-    switches = dict.fromkeys(build.SWITCHES, False) | changes
+    switches = {**dict.fromkeys(build.SWITCHES, 0), **changes}
     return build.digest(build.module_text("hertz-mindlin", "double", switches))
 
 

@@ -122,8 +122,8 @@ def rim_met(
 ):  # fmt: skip
     """Distance [m] from the rim of the minimum at s, the first from the end at -half; `two`: there is another.
 
-    It is larger by what the ends carry while they are over the plate. One at the far side of the hole, with a minimum of
-    its own, counts already as it comes near.
+    It is larger by what the ends carry while they are over the plate. One at the far side of the hole, with a minimum
+    of its own, counts already as it comes near.
     """
     zero = wide(0.0)
     one = wide(1.0)
@@ -143,7 +143,7 @@ def frustum_rims(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, hal
     """Distances [m] from the rim of a rod that lies across it, and where on the segment, of part 2 and of part 3.
 
     Of the stretch of the segment beyond the rim, part 2 is the minimum of the distance that is met first from the end
-    at -half, part 3 that from the other end, where it is another. There are at most two. What is not there is 1e9 m off.
+    at -half, part 3 that from the other end, where it is another. There are at most two; none is 1e9 m off.
     """
     none = wide(1e9)
     zero = wide(0.0)
