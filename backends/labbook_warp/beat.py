@@ -71,6 +71,8 @@ class Beat:
         k = self.kernels
         self._launch(k.clear, self._cells)
         self._launch(k.fill, self._rows, self.arrays.p)
+        if self.lanes > 1:
+            self._launch(k.gather, self._rows * self.lanes, self.arrays.p)
         self._launch(k.build, self._rows, self.arrays.p)
         self._launch(k.finish, self._slots)
 

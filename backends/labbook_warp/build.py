@@ -85,7 +85,7 @@ def module_text(
         "REACH": REACH[turns],
         "COLUMNS": 17 if turns else 13,
     }
-    constants |= {name: getattr(words, name) for name in ("PARKED", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
+    constants |= {name: getattr(words, name) for name in ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, frustum, *PHYSICS[turns], system, STATE[precision, turns]]
     modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
     return source.generate(dialect.header(precision, registers, 1 if turns else 16), constants, modules)

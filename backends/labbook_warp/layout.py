@@ -65,7 +65,7 @@ STATE = {
 }
 OF_RODS = {"facing": "one"}
 OF_MIXTURES = {"body": "one"}
-SCRATCH = {"new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
+SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
 OF_WALLS = ("wall_shape", "wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")

@@ -19,7 +19,9 @@ MOST_NEAR = 32  # bits of a mask
 SATURATED = 80_000  # threads that fill a large GPU
 MOST_LANES = 8
 REGISTERS = {"linear": {"mixed": 72, "double": 128}, "hertz-mindlin": {"mixed": 80, "double": 128}}
-"""A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
+REGISTERS_OF_RODS = 128
+"""A thread of the step. Where spheres are few, as many as the compiler likes; for rods it would take twice as many, on
+behalf of those that lie across a rim."""
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
@@ -55,7 +57,8 @@ def grown(sizes: Sizes, near: int, depth: int) -> Sizes:
 def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
     law, precision = spec.feature("law"), spec.feature("precision")
-    registers = 0 if lanes > 1 else REGISTERS[law][precision]
+    most = REGISTERS[law][precision] if lanes == 1 else 0
+    registers = REGISTERS_OF_RODS if sizes.rods else most
     switches = tuple((name, spec.feature(name)) for name in SWITCHES)
     return kernels(law, precision, switches, uniform, lanes, registers)
 

@@ -28,7 +28,7 @@ def _show(analysis) -> None:
     from rich.console import Console
 
     from labbook.fit.outlet import FORMULA
-    from labbook.report import tables
+    from labbook.report import outlet_tables, tables
     from labbook.report.page import summary
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
@@ -44,8 +44,8 @@ def _show(analysis) -> None:
         for law, found in series.fits.items():
             print_table(console, tables.fit_table(law, found), f"{law.capitalize()}{where}: {found.law.formula}")
         if series.profiles:
-            print_table(console, tables.profile_table(series), f"Profiles along the outlets{where}: {FORMULA}")
-            print_table(console, tables.outlet_table(series), f"Outlets{where}")
+            print_table(console, outlet_tables.profile_table(series), f"Profiles along the outlets{where}: {FORMULA}")
+            print_table(console, outlet_tables.outlet_table(series), f"Outlets{where}")
         for problem in series.problems:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:

@@ -43,7 +43,7 @@ def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], No
     ParaView opens the files of a run as one time series, by their numbers.
     """
     from labbook.export.vtk import write_fields
-    from labbook.report.pattern import flow_pattern
+    from labbook.report.pattern import flow_patterns
 
     paths = []
     for result in analysis.points:
@@ -53,8 +53,7 @@ def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], No
                 continue
             say(f"{result.label}, seed {run.seed}")
             paths += _grains(result, rows, folder / f"point-{result.point.index}-seed-{run.seed}")
-        pattern = flow_pattern(result)
-        if pattern is not None:
+        for pattern in flow_patterns(result)[:1]:
             path = folder / f"point-{result.point.index}-fields.vtk"
             write_fields(
                 path, f"{analysis.study.name}, {result.label}: means over {pattern.frames} frames", pattern.fields

@@ -78,9 +78,7 @@ def _overview(analysis: Analysis, folder: Path) -> Picture | None:
     fitted = [one for one in analysis.series if one.used]
     if len(fitted) < 2:
         return None
-    return picture(
-        figures.overview(fitted), folder / "overview", "W to the power 2/3 against orifice, all series", _OVERVIEW
-    )
+    return picture(figures.overview(fitted), folder / "overview", "a power of W against orifice, all series", _OVERVIEW)
 
 
 def _trends(analysis: Analysis, folder: Path) -> list[Picture]:

@@ -1,61 +1,150 @@
-"""How the bed of a point flows: mean velocities of its recorded run, and one moment of it."""
+"""How the bed of a point flows: mean velocities of its recorded runs, one moment of one, means above the orifice."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fields import Fields, Layer, Pattern, coarse_grain, grains_of, pattern_of
-from labbook.scene import WedgeHopper
+from labbook.fields import Fields, Grid, Layer, Pattern, Ring, coarse_grain, grains_of, orifice_means, pattern_of
+from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
+from labbook.scene import Scene, WedgeHopper
+from labbook.stats import Pooled, pool
 
 if TYPE_CHECKING:
-    from labbook.report.analysis import PointResult
+    from labbook.report.analysis import PointResult, RunResult
 
 FEWEST = 8
 """Recorded frames within the window below which there is no mean field."""
-CELL = 0.5
-"""Width of a cell, and omega, in grain diameters."""
+OMEGA = 0.5
+"""Width of the coarse-graining function in diameters of the grains, or of spheres of their volume."""
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Fields in the plane y = 0: x and z [m] of points, and of shape [z, x] velocities u along x, w along z [m/s]."""
+
+    x: np.ndarray
+    z: np.ndarray
+    u: np.ndarray
+    w: np.ndarray
+    bed: np.ndarray
+    stagnant: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class FlowPattern:
-    """Fields of the recorded run of a point, averaged over the window of its flow rate; `moment`: rows of one frame."""
+    """Fields of a recorded run, averaged over the window of its flow rate; `moment`: rows of one frame near y = 0.
+
+    `orifice`: means above the orifice, by quantity (`labbook.fields.orifice_means`).
+    """
 
     result: "PointResult"
-    hopper: WedgeHopper
+    container: Any
     fields: Fields
     pattern: Pattern
+    orifice: Mapping[str, float]
     moment: Mapping[str, np.ndarray]
     frames: int
 
+    def section(self) -> Section:
+        """The plane y = 0; what is averaged over the azimuth appears on both sides of the axis."""
+        grid, v, p = self.fields.grid, self.fields.velocity, self.pattern
+        if isinstance(grid, Layer):
+            z, x = grid.points
+            return Section(x, z, v[0], v[2], p.bed, p.stagnant)
+        r, z = grid.points
+        x = np.concatenate([-r[::-1], r])
 
-def flow_pattern(result: "PointResult") -> FlowPattern | None:
-    """The pattern of the first recorded run of a point that flowed; None without one, or with too few frames."""
-    scene = result.point.scene
-    hopper = scene.container
-    for run in result.runs if isinstance(hopper, WedgeHopper) else ():
+        def both(a: np.ndarray, sign: float | bool) -> np.ndarray:
+            return np.concatenate([a[::-1] * sign, a]).T
+
+        return Section(x, z, both(v[0], -1.0), both(v[2], 1.0), both(p.bed, True), both(p.stagnant, True))
+
+
+def flow_patterns(result: "PointResult") -> list[FlowPattern]:
+    """The patterns of all recorded runs of a point that flowed and have frames enough.
+
+    Of quasi-2D hoppers and of silos round the axis; there are none of other containers.
+    """
+    container = result.point.scene.container
+    if not isinstance(container, WedgeHopper) and not hasattr(container, "diameter"):
+        return []
+    return [found for run in result.runs if (found := _of_run(result, run)) is not None]
+
+
+INTERVAL = 0.05
+"""Time [s] between two velocities whose difference is taken for an acceleration (Pongo et al. 2022)."""
+_BINS, _UP_TO = 16, 2.0  # of height; in widths of the outlet
+
+
+def acceleration(result: "PointResult") -> AccelerationProfile | None:
+    """Acceleration against height in the middle of the outlet, up to half of its half width, in the first recorded run
+    of a point; None without one, or with frames too far apart.
+    """
+    scene, D = result.point.scene, result.orifice
+    hopper = scene.container if isinstance(scene.container, WedgeHopper) else None
+    for run in result.runs:
         window = run.trace.window if run.trace is not None else None
         frames = run.frames() if window is not None else None
         if window is None or frames is None:
             continue
-        time = np.asarray(frames["time"], float)
-        times = np.unique(time[(time >= window[0]) & (time <= window[1])])
-        if len(times) < FEWEST:
+        try:
+            return acceleration_profile(
+                frames,
+                interval=INTERVAL,
+                radius=D / 4,
+                edges=np.linspace(0.0, _UP_TO * D, _BINS + 1),
+                gravity=scene.gravity,
+                begin=window[0],
+                end=window[1],
+                centre=hopper.eccentricity if hopper else 0.0,
+                planar=hopper is not None,
+            )
+        except ValueError:
             continue
-        assert isinstance(hopper, WedgeHopper)
-        grains = grains_of(frames, scene.grains.mass, np.pi / 6 * scene.grains.diameter**3, *window)
-        fields = coarse_grain(_grid(hopper, scene.grains.diameter, grains.x), CELL * scene.grains.diameter, grains)
-        now = time == times[len(times) // 2]
-        moment = {name: np.asarray(frames[name], float)[now] for name in ("x", "z", "vx", "vz")}
-        return FlowPattern(result, hopper, fields, pattern_of(fields), moment, len(times))
     return None
 
 
-def _grid(hopper: WedgeHopper, d: float, x: np.ndarray) -> Layer:
-    """From below the outlet to above the highest grain."""
-    cell, half = CELL * d, hopper.width / 2
-    low, high = -2 * d, float(x[:, 2].max()) + d
-    return Layer(
-        (-half, half), (low, high), max(1, round(2 * half / cell)), max(1, round((high - low) / cell)), hopper.thickness
-    )
+def pooled_means(patterns: list[FlowPattern]) -> dict[str, Pooled]:
+    """Means above the orifice and the stagnant part of the bed, pooled over recorded runs."""
+    rows = [{**one.orifice, "stagnant_fraction": one.pattern.fraction} for one in patterns]
+    return {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
+
+
+def _of_run(result: "PointResult", run: "RunResult") -> FlowPattern | None:
+    window = run.trace.window if run.trace is not None else None
+    frames = run.frames() if window is not None else None
+    if window is None or frames is None:
+        return None
+    time = np.asarray(frames["time"], float)
+    times = np.unique(time[(time >= window[0]) & (time <= window[1])])
+    if len(times) < FEWEST:
+        return None
+    scene = result.point.scene
+    volume = scene.grains.mass / scene.grains.density
+    d = (6 * volume / np.pi) ** (1 / 3)
+    grains = grains_of(frames, scene.grains.mass, volume, *window)
+    fields = coarse_grain(_grid(scene, OMEGA * d, grains.x), OMEGA * d, grains)
+    middle = 0.0 if not isinstance(scene.container, WedgeHopper) else scene.container.eccentricity
+    above = orifice_means(fields, result.orifice, centre=middle)
+    now = (time == times[len(times) // 2]) & (np.abs(frames["y"]) <= d / 2)
+    moment = {name: np.asarray(frames[name], float)[now] for name in ("x", "z", "vx", "vz")}
+    return FlowPattern(result, scene.container, fields, pattern_of(fields), above, moment, len(times))
+
+
+def _grid(scene: Scene, omega: float, x: np.ndarray) -> Grid:
+    """From below the outlet to above the highest grain; cells as wide as omega, about an axis half of that."""
+    container: Any = scene.container
+    low, high = -4 * omega, float(x[:, 2].max()) + 2 * omega
+    if isinstance(container, WedgeHopper):
+        half = container.width / 2
+        return Layer(
+            (-half, half), (low, high), _count(2 * half, omega), _count(high - low, omega), container.thickness
+        )
+    radius, cell = container.diameter / 2, omega / 2
+    return Ring(radius, (low, high), _count(radius, cell), _count(high - low, cell))
+
+
+def _count(length: float, cell: float) -> int:
+    return max(1, round(length / cell))

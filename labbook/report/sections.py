@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from labbook.fields.pattern import FUNNEL, SLOW
 from labbook.fit.outlet import FORMULA, SOURCE
-from labbook.report import figures, style, tables
+from labbook.report import figures, outlet_tables, style, tables
 from labbook.report.analysis import Analysis
-from labbook.report.pattern import flow_pattern
+from labbook.report.pattern import INTERVAL, acceleration, flow_patterns, pooled_means
 from labbook.report.series import Series
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
     if series.used:
         source = reference.source if reference is not None else ""
         figure = figures.flow_against_orifice(series, analysis.comparisons, source)
-        fit = picture(figure, folder / f"fit{suffix}", f"W to the power 2/3 against orifice{where}", _FIT)
+        fit = picture(figure, folder / f"fit{suffix}", f"a power of W against orifice{where}", _FIT)
     flow = figures.flow_against_time(series)
     problems = [f"Not fitted: {problem}." for problem in series.problems]
     try:
@@ -59,15 +59,26 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
         "problems": problems,
         "flow": picture(flow, folder / f"flow{suffix}", f"W against time{where}", _FLOW),
         "patterns": patterns,
+        "acceleration": _acceleration(series, folder, suffix, where),
         "profiles": _profiles(series, folder, suffix, where) if series.profiles else None,
     }
 
 
-def _patterns(series: Series, folder: Path, suffix: str, where: str) -> Picture | None:
-    found = [one for one in map(flow_pattern, series.points) if one is not None]
+def _patterns(series: Series, folder: Path, suffix: str, where: str) -> tuple[Picture, tables.Table] | None:
+    found = [one for one in map(flow_patterns, series.points) if one]
     if not found:
         return None
-    return picture(figures.flow_patterns(found), folder / f"patterns{suffix}", f"how the beds flow{where}", _PATTERNS)
+    figure = figures.flow_patterns([one[0] for one in found])
+    shown = picture(figure, folder / f"patterns{suffix}", f"how the beds flow{where}", _PATTERNS)
+    return shown, outlet_tables.orifice_table([(one[0].result, pooled_means(one)) for one in found])
+
+
+def _acceleration(series: Series, folder: Path, suffix: str, where: str) -> Picture | None:
+    found = [(result, profile) for result in series.points if (profile := acceleration(result)) is not None]
+    if not found:
+        return None
+    figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
+    return picture(figure, folder / f"acceleration{suffix}", f"acceleration against height{where}", _ACCELERATION)
 
 
 def _profiles(series: Series, folder: Path, suffix: str, where: str) -> dict:
@@ -77,8 +88,8 @@ def _profiles(series: Series, folder: Path, suffix: str, where: str) -> dict:
         "middles": picture(middles, folder / f"middles{suffix}", f"middles of the profiles{where}", _MIDDLES),
         "formula": FORMULA,
         "source": SOURCE,
-        "table": tables.profile_table(series),
-        "outlets": tables.outlet_table(series),
+        "table": outlet_tables.profile_table(series),
+        "outlets": outlet_tables.outlet_table(series),
     }
 
 
@@ -92,10 +103,15 @@ _FLOW = (
 )
 
 _PATTERNS = (
-    f"Recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window. Below: "
-    f"mean speed in the window with streamlines; hatched: stagnant, that is slower than {SLOW:g} times the speed at "
-    f"which the section at that height sinks as a whole. More than {100 * FUNNEL:g} % of the mass stagnant is funnel "
-    "flow."
+    "First recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window. "
+    "Below: mean speed in the window with streamlines; hatched: stagnant, that is slower than "
+    f"{SLOW:g} times the speed at which the section at that height sinks as a whole. More than {100 * FUNNEL:g} % of "
+    "the mass stagnant is funnel flow."
+)
+_ACCELERATION = (
+    f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms (whole frames), of grains that start at this "
+    "height within a quarter of the outlet’s width from its middle, in the window; 1 is free fall. Grains that leave "
+    "meanwhile are continued by free fall. Bars: standard errors over grains, a lower bound."
 )
 _ALONG = (
     "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "

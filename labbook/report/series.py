@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -57,6 +58,11 @@ class Series:
         """The label, leaving out what it says of `key`."""
         unset = [f"{display.key(name).name} not set" for name in self.unset if name != key]
         return ", ".join(filter(None, (display.label(self.at, {key}), *unset)))
+
+    @property
+    def outlet(self) -> Literal["slot", "hole"]:
+        """What the points flow through."""
+        return "slot" if isinstance(self.points[0].point.scene.container, WedgeHopper) else "hole"
 
     @property
     def diameters(self) -> list[float]:

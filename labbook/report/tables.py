@@ -5,11 +5,10 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from labbook.fit import OUTLET_PROFILES, FitResult, Parameter
+from labbook.fit import FitResult, Parameter
 from labbook.report import display
 from labbook.report.analysis import Analysis, PointResult
 from labbook.report.comparison import CLOSE, Comparison
-from labbook.report.series import Series
 from labbook.stats import Measured
 
 CONVENTIONS = (
@@ -126,7 +125,7 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
 
 def fit_table(law: str, fit: FitResult) -> Table:
     """Parameters of a fit with standard errors and intervals; its goodness and its notes below."""
-    rows = tuple(_parameter_row(f"{law}.{name}", parameter) for name, parameter in fit.parameters.items())
+    rows = tuple(parameter_row(f"{law}.{name}", parameter) for name, parameter in fit.parameters.items())
     goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degrees of freedom"
     if math.isfinite(fit.p_value):
         goodness += f" (p = {fit.p_value:.2g}{', F test: the errors are estimates' if fit.error_dof else ''})"
@@ -136,48 +135,10 @@ def fit_table(law: str, fit: FitResult) -> Table:
     return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
 
 
-def profile_table(series: Series) -> Table:
-    """Parameters of the profiles along the outlets of a series."""
-    fit = series.profiles
-    assert fit is not None
-    rows = tuple(_parameter_row(f"{OUTLET_PROFILES}.{name}", p) for name, p in fit.parameters.items())
-    collapse = f"Root mean square about the domes: {fit.misfit[0]:.2g} of v_c, {fit.misfit[1]:.2g} of φ_c."
-    notes = (collapse, *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
-    return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
-
-
-_OF_OUTLET = {
-    "v_c": "v_c [m/s]",
-    "phi_c": "φ_c",
-    "direct": "∫/W",
-    "centred": "eq 14/W",
-    "printed": "printed/W",
-    "eccentric": "eq 18/W",
-}
-
-
-def outlet_table(series: Series) -> Table:
-    """Each outlet of a series: middle of its profiles, and the flow that they come to over the flow counted."""
-    fit = series.profiles
-    assert fit is not None
-    rows = tuple(
-        (
-            f"{result.orifice * 1e3:g}",
-            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in _OF_OUTLET),
-        )
-        for result, one in zip(series.profiled, fit.outlets, strict=True)
-    )
-    notes = (
-        "Flow of the profiles over the flow counted, W: by integrating them as measured; by eq 14 with v_c and φ_c of "
-        "each outlet; by eq 14 as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
-    )
-    return Table(("D [mm]", *_OF_OUTLET.values()), rows, frozenset(), notes=notes)
-
-
 _MAY_VANISH = frozenset({"outlet_profiles.delta1", "outlet_profiles.delta2"})  # a tilt of zero is a finding
 
 
-def _parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
+def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
     """A parameter with its interval; one without an end, or far wider than the value, leaves no value to quote."""
     shown = display.quantity(quantity, parameter.unit)
     width = parameter.high - parameter.low

@@ -227,8 +227,8 @@ def _spheres_too(stand: Stand) -> Mapping[str, float]:
         start = place(bed.model_copy(update={"grains": Spheres(diameter=d, density=620, count=60)}), "gas", 1)
         if grains.shape == "spherocylinder":
             start = replace(start, q=np.tile([1.0, 0, 0, 0], (60, 1)))
-        ends.append(stand.run(Start(bed, 1e-5, start), 1, 10_000).end)
-    touched = len(ends[0].wall_grain) + len(ends[0].pairs)  # at the end, of those that met
+        ends.append(stand.run(Start(bed, 1e-5, start), 1, 5000).end)
+    touched = len(ends[0].wall_grain) + len(ends[0].pairs)
     require(touched > 10, "the grains have not met")
     return {
         "position": float(np.abs(ends[0].x - ends[1].x).max()) / d,

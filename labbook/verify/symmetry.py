@@ -9,7 +9,7 @@ from labbook.backend import Crossing
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place
-from labbook.scene import Plane, Primitives, Scene, Strip, Wall, WedgeHopper
+from labbook.scene import Plane, Primitives, Scene, Strip, SurfaceMotion, Wall, WedgeHopper
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import D, G, hertz, scene, spheres
 from labbook.verify.stand import Motion, Stand, Start, require
@@ -60,7 +60,8 @@ def mirrored(scene: Scene) -> Scene:
             start, end = ((-a[0], a[1]) for a in (shape.start, shape.end))
             shape = Strip(start=start, end=end)
         # a frustum is its own mirror image, and turns the other way
-        motion = wall.motion.model_copy(update={"spin": -wall.motion.spin})
+        x, y, z = wall.motion.velocity
+        motion = SurfaceMotion(velocity=(-x, y, z), spin=-wall.motion.spin)
         parts.append(Wall(name=swap.get(wall.name, wall.name), shape=shape, motion=motion))
     container = Primitives(parts=tuple(parts), outlet_plane=scene.container.outlet_plane)
     return scene.model_copy(update={"container": container})

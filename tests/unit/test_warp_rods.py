@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("warp")
 sys.path.insert(0, str(Path(__file__).parent))
 
-from labbook_warp import Backend
+from labbook_warp import Backend, room
 from plain_rods import PlainRods
 
 from labbook.backend import Contacts, Crossing, Ledger, Sample
@@ -207,3 +207,21 @@ def test_bits_do_not_depend_on_the_company(precision, bed):
     ensemble.advance(15)
     assert identical(ensemble.packing(again), alone)
     ensemble.close()
+
+
+def test_threads_that_share_a_grain_find_the_same_neighbours(bed, monkeypatch):
+    """On the processor they take turns; only lists are built so, and equally near neighbours may come in any order."""
+    found = []
+    for lanes in (1, 4):
+        monkeypatch.setattr(room, "lanes", lambda *_, lanes=lanes: lanes)
+        engine, scene, how = Backend(), silo(40).close(), numerics("double")
+        ensemble = engine.open(engine.specialise(scene, how))
+        ensemble.admit(scene, how, bed)
+        ensemble._stage.seat()
+        arrays = ensemble._stage.arrays
+        count, nbr, held, ids = (arrays.read(name, 0, 40) for name in ("count", "nbr", "held", "ids"))
+        assert np.array_equal(np.bitwise_count(held), np.bincount(bed.pairs.ravel(), minlength=40)[ids])
+        found.append([set(nbr[:n, row].tolist()) for row, n in enumerate(count)])
+        ensemble.close()
+    assert found[0] == found[1]
+    assert sum(map(len, found[0])) > 2 * len(bed.pairs)

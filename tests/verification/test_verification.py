@@ -2,7 +2,7 @@
 
 import pytest
 
-from labbook.backend import BackendMissing, installed, load
+from labbook.backend import BackendMissing, Unsupported, installed, load
 from labbook.verify.case import Case, Measure, judge
 from labbook.verify.cases import CASES, chosen
 from labbook.verify.stand import Stand, require
@@ -83,6 +83,20 @@ def test_what_cannot_be_measured_has_failed():
     (verdict,) = judge(invented(run, a=Measure({})), stands()[0])
     assert verdict.result == "failed"
     assert verdict.note == "nothing moved"
+
+
+@pytest.mark.parametrize("key", ["grains.shape", "container", "numerics.precision"])
+def test_a_scene_that_the_engine_lacks_is_unsupported_and_other_lacks_are_errors(key):
+    def run(_):
+        raise Unsupported(key, "it has none")
+
+    case = invented(run, a=Measure({"double": 1}))
+    if key == "numerics.precision":
+        with pytest.raises(Unsupported):
+            judge(case, stands()[0])
+        return
+    (verdict,) = judge(case, stands()[0])
+    assert (verdict.result, verdict.note) == ("unsupported", "it has none")
 
 
 def test_a_case_must_measure_what_it_says_and_state_a_limit():

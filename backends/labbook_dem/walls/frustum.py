@@ -41,13 +41,19 @@ def leaves_plate(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide):
     """
     zero = wide(0.0)
     s = -half
-    for _ in range(8):
+    near = wide(1e-9) * half
+    moved = half
+    left = int(8)
+    while left > 0 and moved > near:
         p = x + a * s
         rho = max(sqrt(p.x * p.x + p.y * p.y), wide(1e-12))
         over = (rho - rim.x) * along.x + (p.z - rim.z) * along.z
         slope = (p.x * a.x + p.y * a.y) / rho * along.x + a.z * along.z
         step = over / slope if slope < zero else -half - half
-        s = min(s - step, half) if over > zero else s
+        to = min(s - step, half) if over > zero else s
+        moved = to - s
+        s = to
+        left = left - 1
     return s
 
 
@@ -82,7 +88,10 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     low = first if before else max(first, n)
     high = m if before else last
     s = low if before else high
-    for _ in range(8):
+    near = wide(1e-9) * (last - first)
+    moved = last - first
+    left = int(8)
+    while left > 0 and moved > near:
         px = x.x + a.x * s
         py = x.y + a.y * s
         rho = max(sqrt(px * px + py * py), tiny)
@@ -90,7 +99,10 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
         g = s + ca - rim.x * outwards
         slope = one - rim.x * (a2 - outwards * outwards) / rho
         step = g / slope if slope > tiny else zero
-        s = min(max(s - step, low), high) if before or g > zero else s
+        to = min(max(s - step, low), high) if before or g > zero else s
+        moved = abs(to - s)
+        s = to
+        left = left - 1
     return first if at_first >= zero else s
 
 
@@ -105,36 +117,59 @@ def frustum_end(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half
 
 
 @func
-def frustum_rim(
-    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
+def rim_met(
+    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, s: wide, two: bool
 ):  # fmt: skip
-    """Distance [m] of a rod from the rim that it lies across, unit normal, and where on the segment that is.
+    """Distance [m] from the rim of the minimum at s, the first from the end at -half; `two`: there is another.
 
-    Of the stretch of the segment beyond the rim, part 2 is the minimum of the distance that is met first from the end
-    at -half, part 3 that from the other end, where it is another. There are at most two.
+    It is larger by what the ends carry while they are over the plate. One at the far side of the hole, with a minimum of
+    its own, counts already as it comes near.
     """
     zero = wide(0.0)
     one = wide(1.0)
-    sign = one if part == 2 else -one
-    axis = a * sign
-    first = leaves_plate(rim, along, x, axis, half)
-    last = -leaves_plate(rim, along, x, -axis, half)
-    there = first <= last and frustum_over(rim, along, x + axis * first) <= wide(1e-9) * (rim.x + half)
-    s = nearest_to_rim(rim, x, axis, first, last)
-    back = -nearest_to_rim(rim, x, -axis, -last, -first)
-    two = back - s > wide(1e-3) * half
-    there = there and (part == 2 or two)
-    distance, normal = frustum_distance(rim, along, length, x + axis * s)
-    # What the ends carry while they are over the plate. One at the far side of the hole, with a minimum of its own,
-    # counts already as it comes near.
-    near, _ = frustum_distance(rim, along, length, x - axis * half)
-    far, _ = frustum_distance(rim, along, length, x + axis * half)
-    near_over = one if frustum_over(rim, along, x - axis * half) >= zero else zero
-    far_over = min(max(one + frustum_over(rim, along, x + axis * half) / radius, zero), one)
+    distance, _ = frustum_distance(rim, along, length, x + a * s)
+    near, _ = frustum_distance(rim, along, length, x - a * half)
+    far, _ = frustum_distance(rim, along, length, x + a * half)
+    near_over = one if frustum_over(rim, along, x - a * half) >= zero else zero
+    far_over = min(max(one + frustum_over(rim, along, x + a * half) / radius, zero), one)
     far_over = far_over if two or far_over >= one else zero
     to_far = (s + half) / (half + half) if half > zero else zero
     carried = (one - to_far) * near_over * max(radius - near, zero) + to_far * far_over * max(radius - far, zero)
-    return (distance + carried if there else wide(1e9)), normal, s * sign
+    return distance + carried
+
+
+@func
+def frustum_rims(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide):
+    """Distances [m] from the rim of a rod that lies across it, and where on the segment, of part 2 and of part 3.
+
+    Of the stretch of the segment beyond the rim, part 2 is the minimum of the distance that is met first from the end
+    at -half, part 3 that from the other end, where it is another. There are at most two. What is not there is 1e9 m off.
+    """
+    none = wide(1e9)
+    zero = wide(0.0)
+    first = leaves_plate(rim, along, x, a, half)
+    last = -leaves_plate(rim, along, x, -a, half)
+    if first > last or frustum_over(rim, along, x + a * first) > wide(1e-9) * (rim.x + half):
+        return none, zero, none, zero
+    s = nearest_to_rim(rim, x, a, first, last)
+    back = -nearest_to_rim(rim, x, -a, -last, -first)
+    two = back - s > wide(1e-3) * half
+    met = rim_met(rim, along, length, x, a, half, radius, s, two)
+    other = none
+    if two:
+        other = rim_met(rim, along, length, x, -a, half, radius, -back, two)
+    return met, s, other, back
+
+
+@func
+def frustum_rim(
+    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
+):  # fmt: skip
+    """Part 2 or 3 of `frustum_rims`: distance [m], unit normal, and where on the segment it is."""
+    met, s, other, back = frustum_rims(rim, along, length, x, a, half, radius)
+    at = s if part == 2 else back
+    _, normal = frustum_distance(rim, along, length, x + a * at)
+    return (met if part == 2 else other), normal, at
 
 
 @func

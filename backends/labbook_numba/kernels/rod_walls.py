@@ -75,7 +75,7 @@ def wall_contact(st: State, p: Params, w, i, part, spring, dt, rate):
     c = p.wall_c
     zero = real(0.0)
     distance = st.near[part * 5]
-    n = wide3(st.near[part * 5 + 1], st.near[part * 5 + 2], st.near[part * 5 + 3])
+    n = wide3(wide(st.near[part * 5 + 1]), wide(st.near[part * 5 + 2]), wide(st.near[part * 5 + 3]))
     lever = load(st.grains, i, A) * st.near[part * 5 + 4]
     branch = lever - n * distance
     u = load(st.grains, i, U)

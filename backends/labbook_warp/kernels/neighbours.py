@@ -10,9 +10,9 @@ from labbook_dem.words import FRICTION, func, wide
 
 from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.mixed import position
-from labbook_warp.kernels.spheres import apart2, grain, mark, near_walls, strayed
-from labbook_warp.kernels.system import Place, System, entry, has_bit, material
-from labbook_warp.kernels.words import ANY_WALLS, PARKED, REACH, Words, float32, kernel, wp
+from labbook_warp.kernels.spheres import Grain, apart2, grain, mark, near_walls, strayed
+from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
+from labbook_warp.kernels.words import ANY_WALLS, LANES, PARKED, REACH, SHARED, Words, float32, kernel, wp
 
 
 @kernel
@@ -81,6 +81,54 @@ def fill(a: System, p: Words):
                 wp.atomic_max(a.overflow, 2 * s + 1, place + 1)
 
 
+@func
+def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane: int):
+    """Put the rows near row r into its new list: in order of distance, unless threads share the grain. How many."""
+    i = s * a.cap + r
+    b = a.place[s]
+    cx = wrapped(g.x[0], b.cell, b.gx)
+    cy = wrapped(g.x[1], b.cell, b.gy)
+    cz = wrapped(g.x[2], b.cell, b.gz)
+    across = 2 * REACH + 1
+    found = int(0)
+    for side in range(lane, across * across * across, LANES):
+        dx = side % across - REACH
+        dy = side // across % across - REACH
+        dz = side // (across * across) - REACH
+        # a lattice one cell thick is its own neighbour: look there once
+        if (b.gx > 1 or dx == 0) and (b.gy > 1 or dy == 0) and (b.gz > 1 or dz == 0):
+            c = s * a.cells + cell_at(b, cx + dx, cy + dy, cz + dz)
+            for e in range(min(a.cell_count[c], a.depth)):
+                o = a.cell_rows[c * a.depth + e]
+                d2 = apart2(p, m, g, s * a.cap + o)
+                if d2 < listed2(a, m, s * a.cap + r, s * a.cap + o) and o != r:
+                    if SHARED:
+                        found = wp.atomic_add(a.found, i, 1)
+                        if found < a.near:
+                            to = entry(a, s, a.near, found, r)
+                            a.new_key[to] = wp.float32(d2)
+                            a.new_nbr[to] = o
+                    else:
+                        if found < a.near:
+                            insert(a, s, r, found, o, wp.float32(d2))
+                        found = found + 1
+    return found
+
+
+@kernel
+def gather(a: System, p: Words):
+    """Where threads share a grain: let them look for its neighbours together."""
+    thread = wp.tid()
+    i = thread // LANES
+    s = i // a.cap
+    r = i - s * a.cap
+    if a.flag[s] == 1 and r < a.rows[s]:
+        m = material(a, s)
+        g = grain(p, m, i)
+        if g.x[2] > wide(0.5) * wide(PARKED):
+            look_around(a, p, m, s, r, g, thread - i * LANES)
+
+
 @kernel
 def build(a: System, p: Words):
     """List the neighbours of each grain by distance, so that those that touch come first, and carry springs over."""
@@ -94,25 +142,14 @@ def build(a: System, p: Words):
         found = int(0)
         near = wp.uint32(0)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            b = a.place[s]
-            cx = wrapped(g.x[0], b.cell, b.gx)
-            cy = wrapped(g.x[1], b.cell, b.gy)
-            cz = wrapped(g.x[2], b.cell, b.gz)
-            across = 2 * REACH + 1
-            for side in range(across * across * across):
-                dx = side % across - REACH
-                dy = side // across % across - REACH
-                dz = side // (across * across) - REACH
-                # a lattice one cell thick is its own neighbour: look there once
-                if (b.gx > 1 or dx == 0) and (b.gy > 1 or dy == 0) and (b.gz > 1 or dz == 0):
-                    c = s * a.cells + cell_at(b, cx + dx, cy + dy, cz + dz)
-                    for e in range(min(a.cell_count[c], a.depth)):
-                        o = a.cell_rows[c * a.depth + e]
-                        d2 = apart2(p, m, g, s * a.cap + o)
-                        if d2 < listed2(a, m, i, s * a.cap + o) and o != r:
-                            if found < a.near:
-                                insert(a, s, r, found, o, wp.float32(d2))
-                            found = found + 1
+            if SHARED:
+                found = a.found[i]
+                a.found[i] = 0
+                for k in range(1, min(found, a.near)):
+                    at = entry(a, s, a.near, k, r)
+                    insert(a, s, r, k, a.new_nbr[at], a.new_key[at])
+            else:
+                found = look_around(a, p, m, s, r, g, 0)
             if found > a.near:
                 wp.atomic_max(a.overflow, 2 * s, found)
                 found = a.near

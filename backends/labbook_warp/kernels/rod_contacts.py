@@ -16,7 +16,7 @@ from labbook_warp.kernels.mixed_rods import (
     predicted_momentum,
     velocity,
 )
-from labbook_warp.kernels.rod_walls import edge_distance, part_distance
+from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
 from labbook_warp.kernels.rods import Grain, facing
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry
@@ -96,17 +96,21 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     q = k // PARTS
     part = k - q * PARTS
     now = int(0)
+    wall = s * a.walls + q
+    met, on, twin, back = edges(a, wall, g.x, g.axis, m.half, m.reach, parts_of(near, q))
     for other in range(PARTS):
         if has(parts_of(near, q), other):
-            distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, other)
+            distance, normal, at = part_distance(
+                a, wall, g.x, g.axis, m.half, m.reach, other, met, on, twin, back
+            )  # fmt: skip
             if distance < m.reach:
                 now = now | (1 << other)
     c = Contact()
     if has(now, part):
-        distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, part)
+        distance, normal, at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part, met, on, twin, back)
         source = heir(part, parts_of(old, q), now)
         spring = entry(a, s, a.walls * PARTS, q * PARTS + source, r)
-        c = with_wall(a, m, s * a.walls + q, spring, source >= 0, g, distance, normal, at)
+        c = with_wall(a, m, wall, spring, source >= 0, g, distance, normal, at)
     return c
 
 
@@ -128,10 +132,13 @@ def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: 
         # once to see which parts touch, and once more for their forces: who inherits a spring depends on all
         now = int(0)
         looking = bool(True)
+        met, on, twin, back = edges(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, left)
         while left != 0:
             part = first_bit(wp.uint32(left))
             left = left & (left - 1)
-            distance, normal, at = part_distance(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, part)
+            distance, normal, at = part_distance(
+                a, s * a.walls + q, g.x, g.axis, m.half, m.reach, part, met, on, twin, back
+            )  # fmt: skip
             if looking:
                 if distance < m.reach:
                     now = now | (1 << part)
@@ -156,7 +163,7 @@ def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: 
 def near_walls(a: System, m: Material, s: int, g: Grain):
     """The parts that may touch a wall before the grain's list is built again, as bits.
 
-    An end counts wherever the plate is near, an edge as soon as the rod could reach it however it turned.
+    An end counts wherever the plate is near.
     """
     near = wp.uint32(0)
     for q in range(a.place[s].walls):
@@ -168,6 +175,6 @@ def near_walls(a: System, m: Material, s: int, g: Grain):
                 if distance < m.reach + m.half_skin:
                     near = near | (wp.uint32(1) << wp.uint32(q * PARTS + part))
             else:
-                if edge_distance(a, wall, part, g.x) < m.half + m.reach + m.half_skin:
+                if edge_near(a, wall, part, g.x, g.axis, m.half, m.reach + m.half_skin):
                     near = near | (wp.uint32(1) << wp.uint32(q * PARTS + part))
     return near

@@ -2,25 +2,46 @@
 
 from __future__ import annotations
 
-from labbook_dem.walls.frustum import frustum_distance, frustum_end, frustum_rod
+from labbook_dem.walls.frustum import frustum_distance, frustum_end, frustum_rims
 from labbook_dem.walls.plane import plane_rod
 from labbook_dem.walls.strip import strip_distance, strip_rod
 from labbook_dem.words import func, wide, wide3
 
 from labbook_warp.kernels.system import System
-from labbook_warp.kernels.words import FRUSTUMS, PLANES, STRIPS, rare_func
+from labbook_warp.kernels.words import FRUSTUMS, LOOKS, PLANES, STRIPS, rare_func
 
 
 @rare_func
-def rim_distance(rim: wide3, along: wide3, length: wide, x: wide3, axis: wide3, half: wide, radius: wide, part: int):
-    """`part_distance` of a rim from a rod that lies across it."""
-    distance, normal, s = frustum_rod(rim, along, length, x, axis, half, radius, part)
-    return distance, normal, s
+def rims(rim: wide3, along: wide3, length: wide, x: wide3, axis: wide3, half: wide, radius: wide):
+    """Of both edges of a frustum: distance [m] and where on the segment; see `frustum_rims`."""
+    met, s, other, back = frustum_rims(rim, along, length, x, axis, half, radius)
+    return met, s, other, back
 
 
 @func
-def part_distance(a: System, wall: int, x: wide3, axis: wide3, half: wide, radius: wide, part: int):
-    """Distance [m] of a part of a rod from a wall, unit normal, and where on the segment it is [m]."""
+def edges(a: System, wall: int, x: wide3, axis: wide3, half: wide, radius: wide, parts: int):
+    """`rims` of a wall where one of its edges is among `parts`, as bits."""
+    met = wide(1e9)
+    s = wide(0.0)
+    other = wide(1e9)
+    back = wide(0.0)
+    if FRUSTUMS:
+        if a.wall_kind[wall] == 2 and parts > 3:
+            b = a.wall_shape[wall]
+            rim = wide3(b[0], wide(0.0), b[1])
+            met, s, other, back = rims(rim, wide3(b[2], wide(0.0), b[3]), b[4], x, axis, half, radius)
+    return met, s, other, back
+
+
+@func
+def part_distance(
+    a: System, wall: int, x: wide3, axis: wide3, half: wide, radius: wide, part: int, met: wide, on: wide, other: wide,
+    back: wide,
+):  # fmt: skip
+    """Distance [m] of a part of a rod from a wall, unit normal, and where on the segment it is [m].
+
+    met, on, other, back: what `edges` gave.
+    """
     b = a.wall_shape[wall]
     kind = a.wall_kind[wall]
     distance = wide(1e9)
@@ -40,7 +61,9 @@ def part_distance(a: System, wall: int, x: wide3, axis: wide3, half: wide, radiu
             if part < 2:
                 distance, normal, s = frustum_end(rim, along, b[4], x, axis, half, part)
             else:
-                distance, normal, s = rim_distance(rim, along, b[4], x, axis, half, radius, part)
+                s = on if part == 2 else back
+                _distance, normal = frustum_distance(rim, along, b[4], x + axis * s)
+                distance = met if part == 2 else other
     return distance, normal, s
 
 
@@ -60,3 +83,23 @@ def edge_distance(a: System, wall: int, part: int, x: wide3):
         if kind == 2:
             distance, _normal = frustum_distance(low, along, wide(0.0), x)
     return distance
+
+
+@func
+def edge_near(a: System, wall: int, part: int, x: wide3, axis: wide3, half: wide, reach: wide):
+    """Whether a segment may be closer than `reach` [m] to the edge that a part of a rod lies across.
+
+    No point is farther than half a gap from one that is looked at, and the distance from an edge grows no faster than
+    the way from point to point.
+    """
+    near = bool(False)
+    if edge_distance(a, wall, part, x) < half + reach:
+        gap = (half + half) / wide(LOOKS)
+        on = -half
+        left = int(LOOKS)
+        while left >= 0:
+            if edge_distance(a, wall, part, x + axis * on) < reach + wide(0.5) * gap:
+                near = True
+            on = on + gap
+            left = left - 1
+    return near

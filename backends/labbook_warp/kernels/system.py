@@ -103,6 +103,7 @@ class System:
     wall_spring: Vectors
     work: Wides
     deep: Wides  # largest overlap at the last step
+    found: Ints  # neighbours so far, while threads that share a grain look for them
     new_nbr: Ints
     new_key: Floats
     new_spring: Vectors

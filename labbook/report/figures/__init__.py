@@ -1,5 +1,6 @@
 """Figures of a report; each function returns a matplotlib figure in the house style and writes nothing."""
 
+from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
@@ -8,6 +9,7 @@ from labbook.report.figures.profiles import outlet_middles, outlet_profiles
 from labbook.report.figures.ratios import flow_against_angle, flow_against_position
 
 __all__ = [
+    "acceleration_against_height",
     "flow_against_angle",
     "flow_against_orifice",
     "flow_against_position",

@@ -1,4 +1,4 @@
-"""W^{2/3} against D with fits, bands and residuals: a straight line where Beverloo's law of a slot holds."""
+"""W^{2/3} (of a hole W^{2/5}) against D with fits, bands and residuals: a straight line where Beverloo's law holds."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from labbook.report.comparison import Comparison
     from labbook.report.series import Series
 
-_POWER = 2 / 3
+_POWERS = {"slot": (2 / 3, "2/3"), "hole": (2 / 5, "2/5")}
 _FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow
 
 
@@ -27,6 +27,7 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
     """
     from matplotlib.figure import Figure
 
+    power, written = _POWERS[series.outlet]
     with house():
         figure = Figure(figsize=(COLUMN, 92 * MILLIMETRE))
         main, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
@@ -34,17 +35,22 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
         for place, (law, fit) in enumerate(series.fits.items()):
             style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
             value, low, high = fit.predict(diameters)
-            main.plot(diameters * 1e3, _scaled(value), label=law.capitalize(), **style, zorder=2)
+            main.plot(diameters * 1e3, _scaled(value, power), label=law.capitalize(), **style, zorder=2)
             main.fill_between(
-                diameters * 1e3, _scaled(low), _scaled(high), color=style["color"], alpha=0.18, linewidth=0
+                diameters * 1e3,
+                _scaled(low, power),
+                _scaled(high, power),
+                color=style["color"],
+                alpha=0.18,
+                linewidth=0,
             )
             _residuals(below, series.points, fit, style["color"], MARKERS[place], place, len(series.fits))
-        _points(main, series.points, series.flagged, color=INK, marker="o", label="labbook")
-        _reference(main, series, comparisons, source)
+        _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook")
+        _reference(main, series, comparisons, source, power)
         below.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
         below.set_xlabel("orifice, $D$ [mm]")
         below.set_ylabel("(W − fit) / fit [%]")
-        main.set_ylabel("$W^{2/3}$ [(g/s)$^{2/3}$]")
+        main.set_ylabel(_heading(written))
         main.set_ylim(bottom=0)
         if series.label:
             main.set_title(series.label)
@@ -57,6 +63,7 @@ def overview(series: Sequence["Series"]) -> "Figure":
     """All series of a study in one picture, each with its first fit."""
     from matplotlib.figure import Figure
 
+    power, written = _POWERS[series[0].outlet]
     with house():
         many = len(series) > 5
         figure = Figure(figsize=(PAGE * 0.75 if many else COLUMN, 78 * MILLIMETRE))
@@ -66,10 +73,10 @@ def overview(series: Sequence["Series"]) -> "Figure":
             if one.fits:
                 diameters = np.linspace(min(one.diameters), max(one.diameters), 100)
                 value, _, _ = next(iter(one.fits.values())).predict(diameters)
-                ax.plot(diameters * 1e3, _scaled(value), color=style["color"], linestyle=style["linestyle"])
-            _points(ax, one.points, one.flagged, color=style["color"], marker=style["marker"], label=one.label)
+                ax.plot(diameters * 1e3, _scaled(value, power), color=style["color"], linestyle=style["linestyle"])
+            _points(ax, one.points, one.flagged, power, color=style["color"], marker=style["marker"], label=one.label)
         ax.set_xlabel("orifice, $D$ [mm]")
-        ax.set_ylabel("$W^{2/3}$ [(g/s)$^{2/3}$]")
+        ax.set_ylabel(_heading(written))
         ax.set_ylim(bottom=0)
         if many:
             figure.legend(loc="outside right upper")
@@ -78,24 +85,35 @@ def overview(series: Sequence["Series"]) -> "Figure":
     return figure
 
 
-def _scaled(flow_rate: np.ndarray) -> np.ndarray:
-    """(g/s)^{2/3} of a flow rate in kg/s; a band that reaches below zero ends there."""
-    return np.maximum(np.asarray(flow_rate) * 1e3, 0) ** _POWER
+def _scaled(flow_rate: np.ndarray, power: float) -> np.ndarray:
+    """(g/s)^power of a flow rate in kg/s; a band that reaches below zero ends there."""
+    return np.maximum(np.asarray(flow_rate) * 1e3, 0) ** power
 
 
-def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"], source: str) -> None:
+def _heading(power: str) -> str:
+    return f"$W^{{{power}}}$ [(g/s)$^{{{power}}}$]"
+
+
+def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"], source: str, power: float) -> None:
     """Flow rates of the reference at the points of the series."""
     ours = [result.at for result in series.points]
     theirs = [c for c in comparisons if c.quantity == "flow_rate" and ORIFICE in c.at and c.at in ours]
     if theirs:
         places = [float(c.at[ORIFICE]) * 1e3 for c in theirs]
-        values = _scaled(np.array([c.reference for c in theirs]))
+        values = _scaled(np.array([c.reference for c in theirs]), power)
         look = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
         ax.plot(places, values, color=INK, label=source, **look)
 
 
 def _points(
-    ax: "Axes", points: Sequence["PointResult"], flagged: frozenset[int], *, color: str, marker: str, label: str
+    ax: "Axes",
+    points: Sequence["PointResult"],
+    flagged: frozenset[int],
+    power: float,
+    *,
+    color: str,
+    marker: str,
+    label: str,
 ) -> None:
     shown = False
     for result in points:
@@ -103,7 +121,7 @@ def _points(
         if pooled is None:
             continue
         value, half = pooled.value, pooled.half_width if np.isfinite(pooled.half_width) else 0.0
-        ends = _scaled(np.array([value - half, value, value + half]))
+        ends = _scaled(np.array([value - half, value, value + half]), power)
         ax.errorbar(
             result.orifice * 1e3,
             ends[1],

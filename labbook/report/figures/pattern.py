@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook.fields import Ring
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house
 from labbook.scene.walls import Strip
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.report.pattern import FlowPattern
+    from labbook.report.pattern import FlowPattern, Section
 
 _COLUMNS = 4
 _HEIGHT = 1.6  # widths of the hopper that are shown
@@ -30,7 +31,8 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
 
     columns = min(_COLUMNS, len(patterns))
     rows = math.ceil(len(patterns) / columns)
-    highest = max(float(np.nanpercentile(_speed(one), 99.5)) for one in patterns)
+    sections = [one.section() for one in patterns]
+    highest = max(float(np.nanpercentile(_speed(section), 99.5)) for section in sections)
     norm = PowerNorm(0.5, 0.0, highest)
     with house():
         figure = Figure(figsize=(PAGE * max(columns, 2) / _COLUMNS, (12 + 120 * rows) * MILLIMETRE))
@@ -40,7 +42,7 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
         for k, one in enumerate(patterns):
             above, below = axes[2 * (k // columns), k % columns], axes[2 * (k // columns) + 1, k % columns]
             _vectors(above, one, norm)
-            _means(below, one, norm)
+            _means(below, sections[k], norm)
             above.set_title(one.result.label)
             below.set_title(f"{one.pattern.kind}, {100 * one.pattern.fraction:.2g} % stagnant")
             for ax in (above, below):
@@ -50,36 +52,52 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
     return figure
 
 
-def _speed(one: "FlowPattern") -> np.ndarray:
-    return np.where(one.pattern.bed, np.hypot(one.fields.velocity[0], one.fields.velocity[2]), np.nan)
+def _speed(section: "Section") -> np.ndarray:
+    return np.where(section.bed, np.hypot(section.u, section.w), np.nan)
 
 
 def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
     x, z, u, w = (one.moment[name] for name in ("x", "z", "vx", "vz"))
-    arrow = {"angles": "xy", "scale_units": "xy", "scale": norm.vmax / 12, "width": 0.003, "zorder": 3}
+    arrow = {
+        "angles": "xy",
+        "scale_units": "xy",
+        "scale": norm.vmax / 12,
+        "width": 0.003,
+        "zorder": 3,
+        "rasterized": True,
+    }
     ax.quiver(x * 1e3, z * 1e3, u, w, np.hypot(u, w), cmap="viridis", norm=norm, **arrow)
 
 
-def _means(ax: "Axes", one: "FlowPattern", norm) -> None:
-    z, x = one.fields.grid.points
-    ax.pcolormesh(x * 1e3, z * 1e3, _speed(one), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
-    u, w = (np.where(one.pattern.bed & ~one.pattern.stagnant, one.fields.velocity[c], np.nan) for c in (0, 2))
-    line = {"density": 0.7, "linewidth": 0.5, "arrowsize": 0.5, "color": "white"}
-    ax.streamplot(x * 1e3, z * 1e3, u, w, **line)
-    if one.pattern.stagnant.any():
-        marked = np.ma.masked_where(~one.pattern.stagnant, np.ones(one.pattern.stagnant.shape))
-        ax.contourf(x * 1e3, z * 1e3, marked, levels=[0.5, 1.5], colors="none", hatches=["////"])
-        ax.contour(
-            x * 1e3, z * 1e3, one.pattern.stagnant.astype(float), levels=[0.5], colors=[COLOURS[1]], linewidths=0.8
-        )
+def _means(ax: "Axes", section: "Section", norm) -> None:
+    x, z = _even(section.x) * 1e3, _even(section.z) * 1e3
+    ax.pcolormesh(x, z, _speed(section), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
+    u, w = (np.where(section.bed & ~section.stagnant, v, np.nan) for v in (section.u, section.w))
+    ax.streamplot(x, z, u, w, density=0.7, linewidth=0.5, arrowsize=0.5, color="white")
+    if section.stagnant.any():
+        marked = np.ma.masked_where(~section.stagnant, np.ones(section.stagnant.shape))
+        ax.contourf(x, z, marked, levels=[0.5, 1.5], colors="none", hatches=["////"])
+        ax.contour(x, z, section.stagnant.astype(float), levels=[0.5], colors=[COLOURS[1]], linewidths=0.8)
+
+
+def _even(points: np.ndarray) -> np.ndarray:
+    """Equal distances to the last digit, as streamlines ask for."""
+    return np.linspace(points[0], points[-1], len(points))
 
 
 def _walls(ax: "Axes", one: "FlowPattern") -> None:
-    half = one.hopper.width / 2 * 1e3
-    for wall in one.hopper.walls():
-        if isinstance(wall.shape, Strip):
-            (x0, z0), (x1, z1) = wall.shape.start, wall.shape.end
+    half = one.fields.grid.radius if isinstance(one.fields.grid, Ring) else one.container.width / 2
+    for wall in one.container.walls():
+        if hasattr(wall.shape, "lower"):  # a frustum: in a plane through the axis, a line on either side
+            (r0, z0), (r1, z1) = wall.shape.lower, wall.shape.upper
+            ends = [((side * r0, z0), (side * r1, z1)) for side in (-1, 1)]
+        elif isinstance(wall.shape, Strip):
+            ends = [(wall.shape.start, wall.shape.end)]
+        else:
+            continue
+        for (x0, z0), (x1, z1) in ends:
             ax.plot([x0 * 1e3, x1 * 1e3], [z0 * 1e3, z1 * 1e3], color=INK, linewidth=1.2, zorder=4)
+    half *= 1e3
     top = 2 * half * _HEIGHT
     for side in (-half, half):
         ax.axvline(side, color=FAINT, linewidth=0.6, zorder=0)

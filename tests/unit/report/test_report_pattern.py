@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from labbook.report import figures
+from labbook.report import figures, outlet_tables
 from labbook.report.analysis import analyse
-from labbook.report.pattern import flow_pattern
+from labbook.report.pattern import acceleration, flow_patterns, pooled_means
 
 
 @pytest.fixture(scope="module")
@@ -17,8 +17,7 @@ def recorded(synthetic):
 
 
 def test_velocities_are_those_of_the_recorded_run(recorded):
-    found = flow_pattern(recorded.points[0])
-    assert found is not None
+    (found,) = flow_patterns(recorded.points[0])
     z, x = found.fields.grid.points
     at = (np.searchsorted(z, 0.03), np.searchsorted(x, 0.0))
     assert found.pattern.bed[at]
@@ -34,12 +33,45 @@ def test_velocities_are_those_of_the_recorded_run(recorded):
 def test_points_without_recordings_or_plateau_have_none(recorded, synthetic):
     point = synthetic.point(0, 0.03)
     silent = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, 1)]).points[0]
-    assert flow_pattern(silent) is None
+    assert flow_patterns(silent) == []
 
 
 def test_each_point_has_its_two_panels(recorded):
-    found = [flow_pattern(result) for result in recorded.points]
-    figure = figures.flow_patterns([one for one in found if one is not None])
+    figure = figures.flow_patterns([flow_patterns(result)[0] for result in recorded.points])
     titles = [ax.get_title(loc="left") for ax in figure.axes]
     assert titles[:2] == ["D = 30 mm", "D = 42 mm"]
     assert all("funnel flow" in title for title in titles[2:4])
+
+
+def test_means_above_the_orifice_are_pooled_over_recorded_runs(synthetic):
+    point = synthetic.point(0, 0.03)
+    runs = [synthetic.FinishedDouble(point, seed, recorded=True) for seed in (1, 2, 3)]
+    (result,) = analyse(synthetic.study_of([point]), runs).points
+    found = flow_patterns(result)
+    means = pooled_means(found)
+    values = [one.orifice["v_z"] for one in found]
+    assert means["v_z"].n == 3
+    assert means["v_z"].value == pytest.approx(np.mean(values))
+    assert -0.6 < means["v_z"].value < -0.2
+    table = outlet_tables.orifice_table([(result, means)])
+    assert table.headings[:5] == ("point", "φ", "v_z [m/s]", "p_k [Pa]", "stagnant [%]")
+    assert table.rows[0][-1] == "3"
+    assert "±" in table.rows[0][2]
+
+
+def test_accelerations_are_those_of_the_recorded_run(recorded, synthetic):
+    """Grains whose velocities never change, in frames some 25 ms apart."""
+    profile = acceleration(recorded.points[0])
+    assert profile is not None
+    seen = profile.count > 0
+    assert seen.any()
+    # those that leave within the interval are continued by free fall
+    assert (profile.acceleration[seen] <= 1e-9).all()
+    assert (profile.acceleration[seen] >= -9.81).all()
+    assert (profile.acceleration[seen] > -1e-9).sum() >= 3, "where none left"
+    assert (profile.acceleration[seen] < -1e-3).any() == (profile.left > 0)
+    (ax,) = figures.acceleration_against_height([(recorded.points[0], profile)], 9.81).axes
+    assert ax.get_xlabel() == "height above the outlet, $z/D$"
+    point = synthetic.point(0, 0.03)
+    silent = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, 1)]).points[0]
+    assert acceleration(silent) is None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from labbook.numerics import Numerics
-from labbook.report import figures, tables
+from labbook.report import figures, outlet_tables
 from labbook.report.analysis import Analysis, analyse
 from labbook.report.page import write
 from labbook.report.plain import plain
@@ -96,10 +96,10 @@ def test_fitted_parameters_and_measured_numbers_are_both_compared(profiled):
 
 def test_tables_and_page_show_them(profiled, tmp_path):
     (series,) = profiled.series
-    rows = {row[0]: row[1] for row in tables.profile_table(series).rows}
+    rows = {row[0]: row[1] for row in outlet_tables.profile_table(series).rows}
     assert rows["a"].startswith(f"{series.profiles.parameters['a'].value:.3f}")
     assert "±" in rows["δ₁"]  # a tilt of zero is a number, not one that is not determined
-    assert [row[0] for row in tables.outlet_table(series).rows] == ["18", "24", "30", "42"]
+    assert [row[0] for row in outlet_tables.outlet_table(series).rows] == ["18", "24", "30", "42"]
     page = write(profiled, tmp_path).read_text(encoding="utf-8")
     assert "Profiles along the outlets" in page
     for stem in ("profiles", "middles"):

@@ -20,7 +20,7 @@ from labbook.report.comparison import Comparison
     ],
 )
 def test_a_parameter_that_the_data_do_not_set_is_not_quoted(parameter, row):
-    assert tables._parameter_row("beverloo.k", parameter) == row
+    assert tables.parameter_row("beverloo.k", parameter) == row
 
 
 def test_rows_far_from_the_reference_are_marked():

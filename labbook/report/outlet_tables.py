@@ -1,0 +1,68 @@
+"""Tables of what happens at outlets: parameters of profiles, flow put together again, means above orifices."""
+
+from collections.abc import Mapping, Sequence
+
+from labbook.fit import OUTLET_PROFILES
+from labbook.report import display
+from labbook.report.analysis import PointResult
+from labbook.report.series import Series
+from labbook.report.tables import Table, parameter_row
+from labbook.stats import Pooled
+
+
+def profile_table(series: Series) -> Table:
+    """Parameters of the profiles along the outlets of a series."""
+    fit = series.profiles
+    assert fit is not None
+    rows = tuple(parameter_row(f"{OUTLET_PROFILES}.{name}", p) for name, p in fit.parameters.items())
+    collapse = f"Root mean square about the domes: {fit.misfit[0]:.2g} of v_c, {fit.misfit[1]:.2g} of φ_c."
+    notes = (collapse, *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
+    return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
+
+
+_OF_OUTLET = {
+    "v_c": "v_c [m/s]",
+    "phi_c": "φ_c",
+    "direct": "∫/W",
+    "centred": "eq 14/W",
+    "printed": "printed/W",
+    "eccentric": "eq 18/W",
+}
+
+
+def outlet_table(series: Series) -> Table:
+    """Each outlet of a series: middle of its profiles, and the flow that they come to over the flow counted."""
+    fit = series.profiles
+    assert fit is not None
+    rows = tuple(
+        (
+            f"{result.orifice * 1e3:g}",
+            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in _OF_OUTLET),
+        )
+        for result, one in zip(series.profiled, fit.outlets, strict=True)
+    )
+    notes = (
+        "Flow of the profiles over the flow counted, W: by integrating them as measured; by eq 14 with v_c and φ_c of "
+        "each outlet; by eq 14 as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
+    )
+    return Table(("D [mm]", *_OF_OUTLET.values()), rows, frozenset(), notes=notes)
+
+
+def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> Table:
+    """Means of fields above the orifice of each point, over its recorded runs."""
+    names = list(dict.fromkeys(name for _, means in rows for name in means))
+    cells = []
+    for result, means in rows:
+        shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
+        cells.append((result.label, *shown, str(next(iter(means.values())).n)))
+    headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
+    note = (
+        "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window; p_k is "
+        "the trace of the kinetic stress, S the largest eigenvalue of the mean orientation tensor. Errors need two "
+        "recorded runs (record.replicates)."
+    )
+    return Table(headings, tuple(cells), notes=(note,))
+
+
+def _mean(name: str, pooled: Pooled) -> str:
+    return display.with_error(pooled.value, pooled.error, display.quantity(f"orifice.{name}").scale)
