@@ -1,11 +1,11 @@
 """Comparing two engines on a study, from missing runs to the verdict."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from labbook.catalogue.lab import Lab
 from labbook.compare.carry import Session, carry_out
-from labbook.compare.contrast import ALPHA, USED, contrast, flow_rates, packing_fractions
+from labbook.compare.contrast import ALPHA, OF_RUNS, UNITS, USED, contrast, of_runs, packing_fractions
 from labbook.compare.cost import cost
 from labbook.compare.divergence import divergence
 from labbook.compare.pair import Contestant, Pair
@@ -68,7 +68,7 @@ def compare(
         study=study.name,
         made=now(),
         entrants=entrants(pair),
-        measures={name: MEASURES[name].version for name in USED},
+        measures={name: MEASURES[name].version for name in dict.fromkeys((*USED, *_measures(study)))},
         margin=margin,
         alpha=ALPHA,
         replicates=study.replicates,
@@ -112,15 +112,21 @@ def _point(
         index=point.index,
         label=point.label,
         runs=runs,
-        contrasts=(_flow(study, lab, runs, margin), _packing(study, point, lab, pair, margin)),
+        contrasts=(*_flow(study, lab, runs, margin), _packing(study, point, lab, pair, margin)),
         divergence=divergence(pair, (first, second), lab, known) if packed else None,
     )
 
 
-def _flow(study: Study, lab: Lab, runs: RunKeys, margin: float) -> Contrast:
-    """Flow rates from the same packings, seed by seed."""
-    first, second = (flow_rates(lab, dict(enumerate(keys, 1)), study.window) for keys in runs)
-    return contrast("flow_rate", "kg/s", first, second, margin, paired=True)
+def _measures(study: Study) -> list[str]:
+    return [name for name in OF_RUNS if name in ("flow_rate", *study.measure)]
+
+
+def _flow(study: Study, lab: Lab, runs: RunKeys, margin: float) -> Iterator[Contrast]:
+    """Flow rates and what the study measures at the outlet, from the same packings, seed by seed."""
+    for measure in _measures(study):
+        for quantity in OF_RUNS[measure]:
+            first, second = (of_runs(lab, dict(enumerate(keys, 1)), study.window, measure, quantity) for keys in runs)
+            yield contrast(quantity, UNITS.get(quantity, ""), first, second, margin, paired=True)
 
 
 def _packing(study: Study, point: Point, lab: Lab, pair: Pair, margin: float) -> Contrast:

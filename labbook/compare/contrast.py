@@ -20,7 +20,10 @@ from labbook.stats.equivalence import Equivalence, replicates_needed, tost
 
 ALPHA = 0.05
 USED = ("flow_rate", "packing")
-"""Measures that a comparison rests on."""
+"""Measures that every comparison rests on."""
+OF_RUNS = {"flow_rate": ("flow_rate",), "outlet_profiles": ("outlet_area_fraction", "outlet_velocity")}
+"""Quantities of runs that are compared, by the measure that gives them; profiles only where the study measures them."""
+UNITS = {"flow_rate": "kg/s", "outlet_velocity": "m/s"}
 
 
 @dataclass
@@ -40,8 +43,8 @@ class Numbers:
             self.lacking.append("; ".join(notes) or f"no {quantity} was measured")
 
 
-def flow_rates(lab: Lab, runs: Mapping[int, str], window: Window) -> Numbers:
-    """Flow rates [kg/s] by seed of the runs with these keys; one that clogged or diverged has none."""
+def of_runs(lab: Lab, runs: Mapping[int, str], window: Window, measure: str, quantity: str) -> Numbers:
+    """A quantity by seed of the runs with these keys; one that clogged or diverged has none."""
     found = Numbers()
     for seed, key in runs.items():
         try:
@@ -49,11 +52,11 @@ def flow_rates(lab: Lab, runs: Mapping[int, str], window: Window) -> Numbers:
             if record.outcome == "diverged":
                 found.lacking.append("diverged")
                 continue
-            measured = MEASURES["flow_rate"].evaluate(run_data(lab.run(key), record), window)
+            measured = MEASURES[measure].evaluate(run_data(lab.run(key), record), window)
         except (Unreadable, MeasureError) as problem:
             found.lacking.append(str(problem))
             continue
-        found.take(seed, "flow_rate", measured)
+        found.take(seed, quantity, measured)
     return found
 
 

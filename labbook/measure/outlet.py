@@ -132,7 +132,7 @@ class OutletProfiles(Measure):
             return (Measured("outlet_closure", *none),)
         how = f"chords of grains on the outlet line in {profile.frames} frames"
         mean_phi = float(profile.area_fraction.mean())
-        mean_v = float(profile.flux.sum() / profile.area_fraction.sum())
+        mean_v = float(profile.flux.sum() / profile.area_fraction.sum()) if mean_phi > 0 else math.nan
         error, n = profile.closure_error, profile.frames
         return (
             Measured(

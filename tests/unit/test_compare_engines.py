@@ -16,7 +16,7 @@ contact: {law: hertz-mindlin, shear_modulus: 5 MPa, poisson_ratio: 0.25, frictio
           restitution: 0.2}
 container: {kind: wedge-hopper, width: 36 mm, height: 200 mm, thickness: 1.01 d, angle: 90 deg, orifice: 18 mm}
 replicates: 2
-measure: [flow_rate, packing]
+measure: [flow_rate, packing, outlet_profiles]
 """
 
 
@@ -44,8 +44,11 @@ def test_numba_and_warp_agree_until_chaos_takes_over(tmp_path):
     assert found.agree_until > 0.03
     assert all(one.finding != "untested" for one in point.contrasts)
     # Two replicates decide little; their means must still be those of one and the same hopper.
-    flow, packing = point.contrasts
-    assert flow.difference == pytest.approx(0, abs=0.25)
+    flow, covered, velocity, packing = point.contrasts
+    assert (covered.quantity, velocity.quantity) == ("outlet_area_fraction", "outlet_velocity")
+    for one in (flow, covered, velocity):
+        assert one.paired
+        assert one.difference == pytest.approx(0, abs=0.25)
     assert packing.difference == pytest.approx(0, abs=0.1)
 
 

@@ -21,18 +21,18 @@ def register() -> str:
     pytest.skip("the processor has no registers of 256 bits or more")
 
 
-def assembly(law: str, precision: str, name: str, folder, monkeypatch) -> str:
+def assembly(law: str, precision: str, name: str, kinds: int, folder, monkeypatch) -> str:
     """What a law loop compiles to, in a cache of its own (of cached code there is no assembly)."""
     from labbook_numba import build
 
     monkeypatch.setenv("LABBOOK_CACHE", str(folder))
     build.kernels.cache_clear()
-    switches = tuple((switch, True) for switch in build.SWITCHES)
-    module = build.kernels(law, precision, switches)
+    switches = dict.fromkeys(build.SWITCHES, True) | {"RODS": False, "VARIED": kinds > 1, "KINDS": kinds}
+    module = build.kernels(law, precision, tuple(switches.items()))
     real = module.real if precision == "double" else np.float32
-    numbers = [np.float32(1) if real is np.float32 else 1.0] * 4
+    numbers = [np.float32(1) if real is np.float32 else 1.0] * 5
     kernel = getattr(module, name)
-    arguments = numbers[:3] if name == "pair_law" else numbers
+    arguments = numbers[:4] if name == "pair_law" else numbers
 
     @njit
     def caller(b, count, coefficients, numbers):  # kernels are called by kernels only
@@ -48,12 +48,13 @@ ROOTS = {"hertz-mindlin": 7, "linear": 2}
 """Square roots in a law with its geometry and rolling resistance, at least."""
 
 
+@pytest.mark.parametrize("kinds", [1, 2])
 @pytest.mark.parametrize("name", ["pair_law", "wall_law"])
 @pytest.mark.parametrize("precision", ["double", "mixed"])
 @pytest.mark.parametrize("law", ROOTS)
-def test_roots_are_taken_in_wide_registers(law, precision, name, tmp_path, monkeypatch):
+def test_roots_are_taken_in_wide_registers(law, precision, name, kinds, tmp_path, monkeypatch):
     wide = register()
-    text = assembly(law, precision, name, tmp_path, monkeypatch)
+    text = assembly(law, precision, name, kinds, tmp_path, monkeypatch)
     kind = "d" if precision == "double" else "s"
     found = re.findall(rf"\tvr?sqrt(?:14)?p{kind}\t[^\n]*%{wide}", text)
     assert len(found) >= ROOTS[law], f"{len(found)} square roots in {wide} registers"
