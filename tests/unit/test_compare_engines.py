@@ -16,6 +16,7 @@ contact: {law: hertz-mindlin, shear_modulus: 5 MPa, poisson_ratio: 0.25, frictio
           restitution: 0.2}
 container: {kind: wedge-hopper, width: 36 mm, height: 200 mm, thickness: 1.01 d, angle: 90 deg, orifice: 18 mm}
 replicates: 2
+numerics: {steps_per_beat: 200}
 measure: [flow_rate, packing, outlet_profiles]
 """
 
