@@ -15,6 +15,8 @@ from labbook.verify.stand import Stand, Start, grains_at
 R = D / 2
 BORE, SPEED = 50e-3, 1.5
 """Radius of the cylinder [m]; speed of the sphere round it [m/s]."""
+STEPS, BEATS = 4000, 100
+"""Steps of 1 us between two looks, and looks. Each may round the velocity once (docs/verification.md)."""
 MOTION = Sample(fields=("x", "v"))
 SOFT = {"normal_stiffness": 200.0, "restitution": 0.3}
 
@@ -33,8 +35,7 @@ def _rolls_round(stand: Stand) -> Mapping[str, float]:
     overlap = mass * SPEED**2 / (BORE - R) / law.normal_stiffness
     circle, arm = BORE - R + overlap, R - overlap
     start = grains_at([circle, 0, 0], [0, SPEED, 0], [0, 0, -SPEED / arm])
-    dt, steps, beats = 1e-6, 4000, 100
-    motion = stand.run(Start(rolls, dt, start), beats, steps, [MOTION])
+    motion = stand.run(Start(rolls, 1e-6, start), BEATS, STEPS, [MOTION])
     p, times = motion.by_beat(MOTION, ("x", "y", "z"))[:, 0], motion.times(MOTION)
     inertia = 0.4 * R**2 / (0.4 * R**2 + arm**2)
     rate = SPEED / circle
@@ -82,8 +83,8 @@ CASES = [
         statement="a sphere that rolls round the inside of a vertical cylinder swings up and down, and does not fall",
         source="rigid body, Neimark & Fufaev 1972",
         measures={
-            "height, of the swing": limited(1e-3, steps=2e4),
-            "distance from the wall": limited(1e-3, steps=2e4),
+            "height, of the swing": limited(1e-3, steps=BEATS * STEPS),
+            "distance from the wall": limited(1e-3, steps=BEATS * STEPS),
         },
         run=_rolls_round,
     ),
