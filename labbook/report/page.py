@@ -76,8 +76,8 @@ def _count(n: int, noun: str) -> str:
 
 def _overview(analysis: Analysis, folder: Path) -> Picture | None:
     fitted = [one for one in analysis.series if one.used]
-    if len(fitted) < 2:
-        return None
+    if len(fitted) < 2 or len({result.orifice for one in fitted for result in one.points}) < 2:
+        return None  # against one orifice there is nothing to see
     return picture(figures.overview(fitted), folder / "overview", "a power of W against orifice, all series", _OVERVIEW)
 
 
