@@ -6,7 +6,7 @@ from labbook.backend import Capabilities, Probe, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.scene import Scene
 
-CACHE_VERSION = 2
+CACHE_VERSION = 3
 
 
 class Backend:
