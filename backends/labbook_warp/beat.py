@@ -19,6 +19,7 @@ class Beat:
         self.kernels, self.device, self.lanes = arrays.module, arrays.device, arrays.module.LANES
         sizes = arrays.sizes
         self._rows, self._cells, self._slots = sizes.rows, sizes.slots * sizes.cells, sizes.slots
+        self._apart = self.kernels.APART and self.kernels.ANY_WALLS
         self._graph: Any = None
         self._looked: Any = None
 
@@ -45,6 +46,7 @@ class Beat:
     def _steps(self) -> None:
         arrays, k = self.arrays, self.kernels
         arrays.back_up()
+        self._line_up()
         done = 0
         while done < self.steps:
             some = min(self.every, self.steps - done)
@@ -52,6 +54,7 @@ class Beat:
             self._if_asked(self.rebuild)
             here, there = arrays.p, arrays.q
             for sub in range(done, done + some):
+                self._meet_walls(here, True)
                 self._launch(k.step, self._rows * self.lanes, here, there, sub)
                 here, there = there, here
             if some % 2:
@@ -75,12 +78,24 @@ class Beat:
             self._launch(k.gather, self._rows * self.lanes, self.arrays.p)
         self._launch(k.build, self._rows, self.arrays.p)
         self._launch(k.finish, self._slots)
+        self._line_up()
+
+    def _line_up(self) -> None:
+        if self._apart:
+            self.arrays.system.besides.zero_()
+            self._launch(self.kernels.line_up, self._rows)
+
+    def _meet_walls(self, state: Any, keep: bool) -> None:
+        if self._apart:
+            self._launch(self.kernels.meet_walls, self._rows * self.lanes, state, keep)
 
     def look(self) -> tuple[Any, Any]:
         """Velocities and reduced angular momenta at the whole step, on the device; changes nothing."""
         if self._looked is None:
             double3 = self.kernels.wide3
             self._looked = [wp.zeros(self._rows, dtype=double3, device=self.device) for _ in range(2)]
+        self._line_up()
+        self._meet_walls(self.arrays.p, False)
         self._launch(self.kernels.look, self._rows * self.lanes, self.arrays.p, *self._looked)
         return self._looked[0], self._looked[1]
 

@@ -14,6 +14,7 @@ from labbook_dem.walls import frustum, plane, strip
 
 from labbook_warp import dialect
 from labbook_warp.kernels import (
+    beside,
     bodies,
     double,
     double_rods,
@@ -70,7 +71,7 @@ def most_parts(switches: Mapping[str, int]) -> int:
 
 
 def module_text(
-    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int
+    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int, apart: bool
 ) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
     turns = bool(switches["RODS"])
@@ -80,6 +81,7 @@ def module_text(
         "UNIFORM": uniform,
         "LANES": lanes,
         "SHARED": lanes > 1,
+        "APART": apart,
         "PARTS": most_parts(switches),
         "TORQUES": switches["FRICTION"] or turns,
         "REACH": REACH[turns],
@@ -87,16 +89,16 @@ def module_text(
     }
     constants |= {name: getattr(words, name) for name in ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, frustum, *PHYSICS[turns], system, STATE[precision, turns]]
-    modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
+    modules += [walls, bodies, sums, *SHAPE[turns], forces, step, beside, neighbours, observe]
     return source.generate(dialect.header(precision, registers, 1 if turns else 16), constants, modules)
 
 
 @lru_cache(maxsize=64)
 def kernels(
     law: str, precision: str, switches: tuple[tuple[str, int], ...], uniform: bool = False, lanes: int = 1,
-    registers: int = 0,
+    registers: int = 0, apart: bool = False,
 ) -> ModuleType:  # fmt: skip
     """The kernel module of one specialisation. Compiling happens at first use, per device."""
-    text = module_text(law, precision, dict(switches), uniform, lanes, registers)
+    text = module_text(law, precision, dict(switches), uniform, lanes, registers, apart)
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)

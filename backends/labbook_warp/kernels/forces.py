@@ -5,15 +5,16 @@ from __future__ import annotations
 from labbook_dem.words import FRICTION, func
 
 from labbook_warp.kernels.spheres import Grain, at_walls, with_neighbour
-from labbook_warp.kernels.sums import Sums, over_lanes, plus
-from labbook_warp.kernels.system import Material, System, entry, has_bit
-from labbook_warp.kernels.words import ANY_WALLS, FINE, LANES, SHARED, Words, load_int, or_lanes, wp
+from labbook_warp.kernels.sums import over_lanes, plus, together
+from labbook_warp.kernels.system import Material, Sums, System, entry, has_bit
+from labbook_warp.kernels.words import ANY_WALLS, APART, FINE, LANES, SHARED, Words, load_int, or_lanes, wp
 
 
 @func
 def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain, keep: bool):
     """Contact force [N] and torque [N m], which springs are held, at neighbours and at walls, the largest overlap [m].
 
+    Where walls are met apart, `meet_walls` has summed up what they do, and knows which of their springs are held.
     keep: whether springs are advanced in memory.
     """
     i = s * a.cap + r
@@ -38,7 +39,11 @@ def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain
                 if keep:
                     a.spring[at] = c.spring
     if ANY_WALLS:
-        sums, wall_held = at_walls(a, m, s, r, lane, g, sums, keep)
+        if APART:
+            if lane == 0 and a.wall_near[i] != wp.uint32(0):
+                sums = together(sums, a.by_walls[i])
+        else:
+            sums, wall_held = at_walls(a, m, s, r, lane, g, sums, keep)
     if SHARED:
         sums = over_lanes(sums)
         held = or_lanes(held, LANES)

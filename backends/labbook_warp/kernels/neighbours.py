@@ -157,7 +157,7 @@ def build(a: System, p: Words):
                 near = near_walls(a, m, s, g)
         if ANY_WALLS:
             a.wall_near[i] = near
-            if g.x[2] <= wide(0.5) * wide(PARKED):
+            if near == wp.uint32(0):
                 a.wall_held[i] = near
         carry(a, s, r, i, found)
 

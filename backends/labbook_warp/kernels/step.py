@@ -11,6 +11,7 @@ from labbook_warp.kernels.mixed import rest
 from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, refreshed, spinning, store
 from labbook_warp.kernels.system import Material, System, material
 from labbook_warp.kernels.words import (
+    APART,
     BAD_OVERLAP,
     BAD_SPEED,
     BAD_STATE,
@@ -123,8 +124,9 @@ def step(a: System, p: Words, q: Words, sub: int):
             if lane == 0:
                 if held != a.held[i]:
                     a.held[i] = held
-                if wall_held != a.wall_held[i]:
-                    a.wall_held[i] = wall_held
+                if not APART:
+                    if wall_held != a.wall_held[i]:
+                        a.wall_held[i] = wall_held
                 if LEDGER:
                     a.deep[i] = wide(deepest)
                 advance(a, q, m, s, i, now, refreshed(p, i, g), rest(p, i), f, t)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from labbook_dem.words import FRICTION, func, narrow, real, struct, vec3, wide, wide3
 
-from labbook_warp.kernels.system import Material
+from labbook_warp.kernels.system import Material, Sums
 from labbook_warp.kernels.words import FINE, LANES, TORQUES, Vectors, add_lanes, most_lanes, widen
 
 
@@ -57,17 +57,6 @@ def all_lanes(v: wide3):
     return wide3(add_lanes(v[0], LANES), add_lanes(v[1], LANES), add_lanes(v[2], LANES))
 
 
-@struct
-class Sums:
-    """Force [N] and torque [N m] so far, in quanta and in finer ones, and the largest overlap [m]."""
-
-    force: wide3
-    torque: wide3
-    fine_force: wide3
-    fine_torque: wide3
-    deepest: real
-
-
 @func
 def plus(sums: Sums, c: Contact, m: Material):
     """Sums with one contact more."""
@@ -80,6 +69,21 @@ def plus(sums: Sums, c: Contact, m: Material):
         new.torque = sums.torque + on_grid(c.torque, m.grid_t)
         if FINE:
             new.fine_torque = sums.fine_torque + fine(c.torque, m.grid_t)
+    return new
+
+
+@func
+def together(sums: Sums, more: Sums):
+    """Sums with others'."""
+    new = Sums()
+    new.force = sums.force + more.force
+    new.deepest = max(sums.deepest, more.deepest)
+    if FINE:
+        new.fine_force = sums.fine_force + more.fine_force
+    if TORQUES:
+        new.torque = sums.torque + more.torque
+        if FINE:
+            new.fine_torque = sums.fine_torque + more.fine_torque
     return new
 
 

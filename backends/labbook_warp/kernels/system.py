@@ -8,7 +8,7 @@ on which slot it is.
 
 from __future__ import annotations
 
-from labbook_dem.words import coefs, func, real, struct, wide
+from labbook_dem.words import coefs, func, real, struct, wide, wide3
 
 from labbook_warp.kernels.words import (
     UNIFORM,
@@ -71,6 +71,18 @@ class Place:
 
 
 @struct
+class Sums:
+    """Over contacts: force [N] and torque [N m], in quanta and in finer ones (see `sums`), and the largest overlap
+    [m]."""
+
+    force: wide3
+    torque: wide3
+    fine_force: wide3
+    fine_torque: wide3
+    deepest: real
+
+
+@struct
 class System:
     """Arrays of an ensemble; see above."""
 
@@ -101,6 +113,9 @@ class System:
     wall_near: Bits
     wall_held: Bits
     wall_spring: Vectors
+    beside: Ints  # rows of a slot that have a wall near, and how many; where walls are met apart
+    besides: Ints
+    by_walls: wp.array(dtype=Sums)  # over contacts with walls, likewise  # pyright: ignore[reportInvalidTypeForm]
     work: Wides
     deep: Wides  # largest overlap at the last step
     found: Ints  # neighbours so far, while threads that share a grain look for them

@@ -57,6 +57,7 @@ OUTLET = True
 LEDGER = True
 ANY_WALLS = True
 
+APART = False  # whether walls are met by a kernel of their own
 KINDS = 1  # kinds of grains a member
 LANES = 1  # threads that share a grain: many where grains are few
 FINE = False  # whether forces are computed in double, and summed as precisely

@@ -1,0 +1,52 @@
+"""Walls met by a kernel of their own: of the grains that have one near, side by side.
+
+What a rod does at a wall takes many more registers, and more code, than what it does among its neighbours, and few rods
+are near one. Sums over contacts are exact, so it decides no bit where they are made.
+"""
+
+from __future__ import annotations
+
+from labbook_dem.words import wide
+
+from labbook_warp.kernels.spheres import at_walls, grain
+from labbook_warp.kernels.sums import over_lanes
+from labbook_warp.kernels.system import Sums, System, material
+from labbook_warp.kernels.words import LANES, PARKED, SHARED, Words, kernel, or_lanes, wp
+
+
+@kernel
+def line_up(a: System):
+    """List the grains that have a wall near; `besides` is zero before. Their order, which is by chance, decides
+    nothing."""
+    i = wp.tid()
+    s = i // a.cap
+    if i - s * a.cap < a.rows[s]:
+        if a.wall_near[i] != wp.uint32(0):
+            a.beside[s * a.cap + wp.atomic_add(a.besides, s, 1)] = i - s * a.cap
+
+
+@kernel
+def meet_walls(a: System, p: Words, keep: bool):
+    """Sum up the contacts with walls of each grain that has one near.
+
+    keep: whether springs are advanced in memory.
+    """
+    thread = wp.tid()
+    n = thread // LANES
+    lane = thread - n * LANES
+    s = n // a.cap
+    if n - s * a.cap < a.besides[s]:
+        r = a.beside[n]
+        i = s * a.cap + r
+        m = material(a, s)
+        g = grain(p, m, i)
+        if r < a.rows[s] and g.x[2] > wide(0.5) * wide(PARKED):
+            sums, held = at_walls(a, m, s, r, lane, g, Sums(), keep)
+            if SHARED:
+                sums = over_lanes(sums)
+                held = or_lanes(held, LANES)
+            if lane == 0:
+                a.by_walls[i] = sums
+                if keep:
+                    if held != a.wall_held[i]:
+                        a.wall_held[i] = held
