@@ -33,15 +33,21 @@ def in_turn(ab: real, ca: real, cb: real, free: real, sin2: real, half: real):
 
 
 @func
-def closest_from(c: wide3, a: wide3, b: wide3, half: wide):
-    """As `closest`, to within rounding, at half the work: but it matters to the last bits which rod comes first."""
+def closest_from(c: wide3, a: wide3, b: wide3, half: wide, first: bool):
+    """s and t of `closest`, to within rounding, at half the work: i is taken first, or j.
+
+    Asked of either rod, with `first` true for one of them, it gives the same s and t to the last bit.
+    """
+    one = wide(1.0)
     ab = dot(a, b)
     ca = dot(c, a)
     cb = dot(c, b)
-    across = cross(narrow(a), narrow(b))
-    free = ab * cb - (wide(1.0) + wide(2e-7)) * ca
-    s, t = in_turn(real(ab), real(ca), real(cb), real(free), dot(across, across), real(half))
-    return wide(s), wide(t), c + a * wide(s) - b * wide(t)
+    mine = ca if first else -cb
+    yours = cb if first else -ca
+    free = ab * yours - (one + wide(2e-7)) * mine
+    # 1 - (a.b)^2 is wrong by 1e-16, nothing beside eps
+    s, t = in_turn(real(ab), real(mine), real(yours), real(free), real(one - ab * ab), real(half))
+    return s if first else t, t if first else s
 
 
 @func

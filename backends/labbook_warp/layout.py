@@ -63,6 +63,8 @@ STATE = {
     "work": "one",
     "deep": "one",
 }
+SPRINGS = ("spring", "wall_spring")
+"""Arrays of vectors that are padded to four numbers, so that one is loaded at once."""
 OF_RODS = {"facing": "one"}
 OF_MIXTURES = {"body": "one"}
 BESIDE = ("beside", "by_walls")

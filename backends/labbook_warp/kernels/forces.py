@@ -7,7 +7,7 @@ from labbook_dem.words import FRICTION, func
 from labbook_warp.kernels.spheres import Grain, at_walls, with_neighbour
 from labbook_warp.kernels.sums import over_lanes, plus, together
 from labbook_warp.kernels.system import Material, Sums, System, entry, has_bit
-from labbook_warp.kernels.words import ANY_WALLS, APART, FINE, LANES, SHARED, Words, load_int, or_lanes, wp
+from labbook_warp.kernels.words import ANY_WALLS, APART, FINE, LANES, SHARED, Words, load_int, or_lanes, store_spring, wp
 
 
 @func
@@ -37,7 +37,7 @@ def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain
             held = held | (wp.uint32(1) << wp.uint32(k))
             if FRICTION:
                 if keep:
-                    a.spring[at] = c.spring
+                    store_spring(a.spring, at, c.spring)
     if ANY_WALLS:
         if APART:
             if lane == 0 and a.wall_near[i] != wp.uint32(0):

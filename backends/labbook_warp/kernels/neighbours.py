@@ -12,7 +12,19 @@ from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.mixed import position
 from labbook_warp.kernels.spheres import Grain, apart2, grain, mark, near_walls, strayed
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
-from labbook_warp.kernels.words import ANY_WALLS, LANES, PARKED, REACH, SHARED, Words, float32, kernel, wp
+from labbook_warp.kernels.words import (
+    ANY_WALLS,
+    LANES,
+    PARKED,
+    REACH,
+    SHARED,
+    Words,
+    float32,
+    kernel,
+    load_spring,
+    store_spring,
+    wp,
+)
 
 
 @kernel
@@ -189,14 +201,14 @@ def carry(a: System, s: int, r: int, i: int, found: int):
             for b in range(count):
                 at = entry(a, s, a.near, b, r)
                 if a.nbr[at] == o and has_bit(old, b):
-                    a.new_spring[to] = a.spring[at]
+                    store_spring(a.new_spring, to, load_spring(a.spring, at))
                     held = held | (wp.uint32(1) << wp.uint32(k))
     for k in range(found):
         to = entry(a, s, a.near, k, r)
         a.nbr[to] = a.new_nbr[to]
         if FRICTION:
             if has_bit(held, k):
-                a.spring[to] = a.new_spring[to]
+                store_spring(a.spring, to, load_spring(a.new_spring, to))
     a.count[i] = found
     a.held[i] = held
 

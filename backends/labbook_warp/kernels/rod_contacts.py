@@ -21,33 +21,30 @@ from labbook_warp.kernels.rods import Grain, facing
 from labbook_warp.kernels.sums import Contact, plus, spring_before
 from labbook_warp.kernels.system import Material, Sums, System, entry
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, uint32, wp
+from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, store_spring, uint32, wp
 
 
 @func
 def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
     """The contact with grain j, whose spring stands at `at` and is valid if `held`.
 
-    Closest points are looked for from the rod that is farther along x: both sides find the same to the last bit.
+    Closest points are looked for from the rod that is farther along x, and as points in space: both sides find the same
+    to the last bit.
     """
     c = Contact()
-    away = g.x - position(p, j)
+    x = position(p, j)
     other = facing(orientation(p, j))
+    away = g.x - x
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
-    ahead = along > wide(0.0)
-    first, second, branch = closest_from(
-        away if ahead else -away, g.axis if ahead else other, other if ahead else g.axis, m.half
-    )
+    mine, yours = closest_from(away, g.axis, other, m.half, along > wide(0.0))
+    branch = (g.x + g.axis * wide(mine)) - (x + other * wide(yours))
     gap = m.reach2 - dot(branch, branch)
     c.touches = gap > wide(0.0)
     if c.touches:
-        mine = first if ahead else second
-        yours = second if ahead else first
-        branch = branch if ahead else -branch
         last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
         b = narrow(other)
         f, t, _t, kept, delta = rod_on_rod(
-            m.c, m.radius, m.mass, narrow(branch), real(gap), narrow(g.axis * mine), narrow(other * yours),
+            m.c, m.radius, m.mass, narrow(branch), real(gap), narrow(g.axis) * mine, b * yours,
             g.u - predicted(p, j), g.v - velocity(p, j), g.soon, spin(predicted_momentum(p, j), b, real(m.slender)),
             g.spin, spin(momentum(p, j), b, real(m.slender)), last, advance, m.inertia_rate,
         )  # fmt: skip
@@ -155,7 +152,7 @@ def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: 
                 held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
                 if FRICTION:
                     if keep:
-                        a.wall_spring[first + part * a.cap] = c.spring
+                        store_spring(a.wall_spring, first + part * a.cap, c.spring)
     return sums, held
 
 

@@ -143,6 +143,8 @@ def apart2(p: Words, m: Material, g: Grain, j: int):
     away = g.x - position(p, j)
     d2 = dot(away, away)
     if d2 < m.centres2:
-        _s, _t, branch = closest_from(away, g.axis, facing(orientation(p, j)), m.half)
+        other = facing(orientation(p, j))
+        s, t = closest_from(away, g.axis, other, m.half, True)
+        branch = away + g.axis * wide(s) - other * wide(t)
         d2 = dot(branch, branch)
     return d2

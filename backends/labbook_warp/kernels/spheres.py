@@ -14,7 +14,7 @@ from labbook_warp.kernels.mixed import position, predicted, put, spin, velocity
 from labbook_warp.kernels.sums import Contact, plus, spring_before
 from labbook_warp.kernels.system import Material, Sums, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, uint32, widen, without_first, wp
+from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, store_spring, uint32, widen, without_first, wp
 
 
 @struct
@@ -163,7 +163,7 @@ def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: 
             held = held | (wp.uint32(1) << wp.uint32(q))
             if FRICTION:
                 if keep:
-                    a.wall_spring[at] = c.spring
+                    store_spring(a.wall_spring, at, c.spring)
     return sums, held
 
 

@@ -20,7 +20,7 @@ from labbook_warp.kernels.words import (
     Longs,
     Motions,
     Shapes,
-    Vectors,
+    Springs,
     Wides,
     Wides3,
     uint32,
@@ -109,10 +109,10 @@ class System:
     count: Ints
     nbr: Ints
     held: Bits  # whether the spring to neighbour k is valid
-    spring: Vectors
+    spring: Springs
     wall_near: Bits
     wall_held: Bits
-    wall_spring: Vectors
+    wall_spring: Springs
     beside: Ints  # rows of a slot that have a wall near, and how many; where walls are met apart
     besides: Ints
     by_walls: wp.array(dtype=Sums)  # over contacts with walls, likewise  # pyright: ignore[reportInvalidTypeForm]
@@ -121,7 +121,7 @@ class System:
     found: Ints  # neighbours so far, while threads that share a grain look for them
     new_nbr: Ints
     new_key: Floats
-    new_spring: Vectors
+    new_spring: Springs
     cell_count: Ints
     cell_rows: Ints
     flag: Ints
