@@ -83,6 +83,7 @@ def module_text(
         "SHARED": lanes > 1,
         "APART": apart,
         "PARTS": most_parts(switches),
+        "EDGES": -0x33333334 if most_parts(switches) == 4 else 0,
         "TORQUES": switches["FRICTION"] or turns,
         "REACH": REACH[turns],
         "COLUMNS": 17 if turns else 13,

@@ -67,7 +67,7 @@ SPRINGS = ("spring", "wall_spring")
 """Arrays of vectors that are padded to four numbers, so that one is loaded at once."""
 OF_RODS = {"facing": "one"}
 OF_MIXTURES = {"body": "one"}
-BESIDE = ("beside", "by_walls")
+BESIDE = ("beside", "wall_force", "wall_torque", "wall_deep", "wall_fine_force", "wall_fine_torque")
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
 OF_WALLS = ("wall_shape", "wall_kind", "wall_motion")
@@ -99,7 +99,7 @@ def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[Shape]
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
     lengths = {name: rows * sizes.entries[of] for name, of in (state(sizes.rods, module.VARIED) | SCRATCH).items()}
-    lengths |= dict.fromkeys(BESIDE, rows if module.APART else 1) | {"besides": slots}
+    lengths |= dict.fromkeys(BESIDE, rows if module.APART else 1) | {"besides": 2 * slots}
     lengths |= dict.fromkeys(OF_SLOTS, slots)
     lengths |= dict.fromkeys(OF_WALLS, max(1, slots * sizes.walls))
     lengths |= {"wall_c": max(1, slots * sizes.walls * module.KINDS), "pair_c": slots * module.KINDS**2}

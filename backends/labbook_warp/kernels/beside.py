@@ -9,20 +9,26 @@ from __future__ import annotations
 from labbook_dem.words import wide
 
 from labbook_warp.kernels.spheres import at_walls, grain
-from labbook_warp.kernels.sums import over_lanes
-from labbook_warp.kernels.system import Sums, System, material
-from labbook_warp.kernels.words import LANES, PARKED, SHARED, Words, kernel, or_lanes, wp
+from labbook_warp.kernels.sums import Sums, over_lanes, put_aside
+from labbook_warp.kernels.system import System, material
+from labbook_warp.kernels.words import EDGES, LANES, PARKED, SHARED, Words, kernel, or_lanes, wp
 
 
 @kernel
 def line_up(a: System):
-    """List the grains that have a wall near; `besides` is zero before. Their order, which is by chance, decides
-    nothing."""
+    """List the grains that have a wall near, those by an edge from the end; `besides` is zero before.
+
+    Edges take long, so that threads side by side should all have one. Order, which is by chance, decides nothing.
+    """
     i = wp.tid()
     s = i // a.cap
     if i - s * a.cap < a.rows[s]:
-        if a.wall_near[i] != wp.uint32(0):
-            a.beside[s * a.cap + wp.atomic_add(a.besides, s, 1)] = i - s * a.cap
+        near = a.wall_near[i]
+        if near != wp.uint32(0):
+            if (near & wp.uint32(EDGES)) == wp.uint32(0):
+                a.beside[s * a.cap + wp.atomic_add(a.besides, 2 * s, 1)] = i - s * a.cap
+            else:
+                a.beside[(s + 1) * a.cap - 1 - wp.atomic_add(a.besides, 2 * s + 1, 1)] = i - s * a.cap
 
 
 @kernel
@@ -35,7 +41,8 @@ def meet_walls(a: System, p: Words, keep: bool):
     n = thread // LANES
     lane = thread - n * LANES
     s = n // a.cap
-    if n - s * a.cap < a.besides[s]:
+    k = n - s * a.cap
+    if k < a.besides[2 * s] or k >= a.cap - a.besides[2 * s + 1]:
         r = a.beside[n]
         i = s * a.cap + r
         m = material(a, s)
@@ -46,7 +53,7 @@ def meet_walls(a: System, p: Words, keep: bool):
                 sums = over_lanes(sums)
                 held = or_lanes(held, LANES)
             if lane == 0:
-                a.by_walls[i] = sums
+                put_aside(a, i, sums)
                 if keep:
                     if held != a.wall_held[i]:
                         a.wall_held[i] = held

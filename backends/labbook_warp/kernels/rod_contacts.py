@@ -18,8 +18,8 @@ from labbook_warp.kernels.mixed_rods import (
 )
 from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
 from labbook_warp.kernels.rods import Grain, facing
-from labbook_warp.kernels.sums import Contact, plus, spring_before
-from labbook_warp.kernels.system import Material, Sums, System, entry
+from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
+from labbook_warp.kernels.system import Material, System, entry
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
 from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, store_spring, uint32, wp
 

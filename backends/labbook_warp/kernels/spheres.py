@@ -11,8 +11,8 @@ from labbook_dem.words import FRICTION, dot, func, narrow, real, sqrt, struct, v
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
 from labbook_warp.kernels.mixed import position, predicted, put, spin, velocity
-from labbook_warp.kernels.sums import Contact, plus, spring_before
-from labbook_warp.kernels.system import Material, Sums, System, entry, has_bit
+from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
+from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
 from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, store_spring, uint32, widen, without_first, wp
 

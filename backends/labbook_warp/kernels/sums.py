@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from labbook_dem.words import FRICTION, func, narrow, real, struct, vec3, wide, wide3
 
-from labbook_warp.kernels.system import Material, Sums
+from labbook_warp.kernels.system import Material, System
 from labbook_warp.kernels.words import FINE, LANES, TORQUES, Springs, add_lanes, load_spring, most_lanes, widen
 
 
@@ -57,6 +57,17 @@ def all_lanes(v: wide3):
     return wide3(add_lanes(v[0], LANES), add_lanes(v[1], LANES), add_lanes(v[2], LANES))
 
 
+@struct
+class Sums:
+    """Force [N] and torque [N m] so far, in quanta and in finer ones, and the largest overlap [m]."""
+
+    force: wide3
+    torque: wide3
+    fine_force: wide3
+    fine_torque: wide3
+    deepest: real
+
+
 @func
 def plus(sums: Sums, c: Contact, m: Material):
     """Sums with one contact more."""
@@ -73,17 +84,30 @@ def plus(sums: Sums, c: Contact, m: Material):
 
 
 @func
-def together(sums: Sums, more: Sums):
-    """Sums with others'."""
-    new = Sums()
-    new.force = sums.force + more.force
-    new.deepest = max(sums.deepest, more.deepest)
+def put_aside(a: System, i: int, sums: Sums):
+    """Keep the sums over contacts of grain i with walls."""
+    a.wall_force[i] = sums.force
+    a.wall_deep[i] = sums.deepest
     if FINE:
-        new.fine_force = sums.fine_force + more.fine_force
+        a.wall_fine_force[i] = sums.fine_force
     if TORQUES:
-        new.torque = sums.torque + more.torque
+        a.wall_torque[i] = sums.torque
         if FINE:
-            new.fine_torque = sums.fine_torque + more.fine_torque
+            a.wall_fine_torque[i] = sums.fine_torque
+
+
+@func
+def with_walls(a: System, i: int, sums: Sums):
+    """Sums with those that were put aside."""
+    new = Sums()
+    new.force = sums.force + a.wall_force[i]
+    new.deepest = max(sums.deepest, a.wall_deep[i])
+    if FINE:
+        new.fine_force = sums.fine_force + a.wall_fine_force[i]
+    if TORQUES:
+        new.torque = sums.torque + a.wall_torque[i]
+        if FINE:
+            new.fine_torque = sums.fine_torque + a.wall_fine_torque[i]
     return new
 
 

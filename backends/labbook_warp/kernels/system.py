@@ -8,7 +8,7 @@ on which slot it is.
 
 from __future__ import annotations
 
-from labbook_dem.words import coefs, func, real, struct, wide, wide3
+from labbook_dem.words import coefs, func, real, struct, wide
 
 from labbook_warp.kernels.words import (
     UNIFORM,
@@ -19,6 +19,7 @@ from labbook_warp.kernels.words import (
     Ints,
     Longs,
     Motions,
+    Reals,
     Shapes,
     Springs,
     Wides,
@@ -71,18 +72,6 @@ class Place:
 
 
 @struct
-class Sums:
-    """Over contacts: force [N] and torque [N m], in quanta and in finer ones (see `sums`), and the largest overlap
-    [m]."""
-
-    force: wide3
-    torque: wide3
-    fine_force: wide3
-    fine_torque: wide3
-    deepest: real
-
-
-@struct
 class System:
     """Arrays of an ensemble; see above."""
 
@@ -113,9 +102,14 @@ class System:
     wall_near: Bits
     wall_held: Bits
     wall_spring: Springs
-    beside: Ints  # rows of a slot that have a wall near, and how many; where walls are met apart
+    # where walls are met apart: rows of a slot that have a wall near, those by an edge at the end, and how many of each
+    beside: Ints
     besides: Ints
-    by_walls: wp.array(dtype=Sums)  # over contacts with walls, likewise  # pyright: ignore[reportInvalidTypeForm]
+    wall_force: Wides3  # sums over contacts with walls; an array of records would be copied byte by byte
+    wall_torque: Wides3
+    wall_fine_force: Wides3
+    wall_fine_torque: Wides3
+    wall_deep: Reals
     work: Wides
     deep: Wides  # largest overlap at the last step
     found: Ints  # neighbours so far, while threads that share a grain look for them

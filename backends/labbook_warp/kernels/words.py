@@ -66,6 +66,7 @@ FINE = False  # whether forces are computed in double, and summed as precisely
 UNIFORM = False  # whether all members have the same material
 SHARED = False  # whether several threads share a grain
 PARTS = 1  # contacts that a grain may have with one wall
+EDGES = 0  # bits of the parts that lie across an edge
 LOOKS = 16  # gaps between points of a rod that are looked at to tell how near an edge is
 TORQUES = True  # whether contacts turn grains
 REACH = 1  # how many cells away a neighbour may be
