@@ -9,7 +9,7 @@ import warp as wp
 
 from labbook_warp.codec import States
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import COPIED, SPRINGS, WORDS_OF_STATE, Sizes, codec, shapes, state
+from labbook_warp.layout import COPIED, WORDS_OF_STATE, Sizes, codec, shapes, state
 
 
 def fetch(array: Any) -> np.ndarray:
@@ -67,8 +67,6 @@ class Arrays:
         per, array = self.sizes.cap * entries, getattr(self.system, name)
         block = fetch(array[slot * per : (slot + 1) * per])
         block = block.reshape(entries, self.sizes.cap, *block.shape[1:])[:, :rows]
-        if name in SPRINGS:
-            block = block[..., :3]
         return block[0] if self.state[name] == "one" else block
 
     def write(self, name: str, slot: int, values: np.ndarray) -> None:
@@ -81,8 +79,6 @@ class Arrays:
             return
         entries, array = self.sizes.entries[self.state[name]], getattr(self.system, name)
         values = values[None] if self.state[name] == "one" else values
-        if name in SPRINGS:
-            values = np.pad(values, ((0, 0), (0, 0), (0, 1)))
         block = np.zeros((entries, self.sizes.cap, *values.shape[2:]), values.dtype)
         block[: len(values), : values.shape[1]] = values
         per = self.sizes.cap * entries

@@ -29,8 +29,7 @@ coefs = wp.types.vector(length=8, dtype=real)
 shape6 = wp.types.vector(length=6, dtype=wide)
 motion4 = wp.types.vector(length=4, dtype=wide)
 Words = wp.array(dtype=word)
-spring4 = wp.types.vector(length=4, dtype=real)
-Springs = wp.array(dtype=spring4)
+Vectors = wp.array(dtype=vec3)
 Wides = wp.array(dtype=wide)
 Wides3 = wp.array(dtype=wide3)
 Reals = wp.array(dtype=real)
@@ -67,14 +66,6 @@ def load_again(array: Words, k: int) -> word: ...
 
 @wp.func_native({store!r})
 def store_word(array: Words, k: int, v: word): ...
-
-
-@wp.func_native({load_spring!r})
-def load_spring(array: Springs, k: int) -> vec3: ...
-
-
-@wp.func_native({store_spring!r})
-def store_spring(array: Springs, k: int, v: vec3): ...
 
 
 @wp.func_native({load_int!r})
@@ -131,21 +122,6 @@ _STORE = """
     *reinterpret_cast<{vector}*>(array.data + k) = make_{vector}({parts});
 #else
     array.data[k] = v;
-#endif
-"""
-# A spring takes as many bytes as four numbers, which are loaded and stored at once, or in two halves.
-_LOAD_SPRING = """
-#if defined(__CUDA_ARCH__)
-    const {vector}* from = reinterpret_cast<const {vector}*>(array.data + k); {loads} return {vec3}({parts});
-#else
-    return {vec3}(array.data[k][0], array.data[k][1], array.data[k][2]);
-#endif
-"""
-_STORE_SPRING = """
-#if defined(__CUDA_ARCH__)
-    {vector}* to = reinterpret_cast<{vector}*>(array.data + k); {stores}
-#else
-    array.data[k] = spring4(v[0], v[1], v[2], 0);
 #endif
 """
 _LOAD_INT = """
@@ -210,18 +186,6 @@ def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
             outputs=", ".join(f'"={"f" if single else "d"}"(t.{axis})' for axis in axes),
         ),
         store=_STORE.format(vector=vector, parts=", ".join(f"v[{place}]" for place in range(len(axes)))),
-        load_spring=_LOAD_SPRING.format(
-            vector=vector,
-            vec3="wp::vec3f" if single else "wp::vec3d",
-            loads="float4 a = from[0];" if single else "double2 a = from[0], b = from[1];",
-            parts="a.x, a.y, a.z" if single else "a.x, a.y, b.x",
-        ),
-        store_spring=_STORE_SPRING.format(
-            vector=vector,
-            stores="to[0] = make_float4(v[0], v[1], v[2], 0.0f);"
-            if single
-            else "to[0] = make_double2(v[0], v[1]); to[1] = make_double2(v[2], 0.0);",
-        ).replace("spring4", "wp::vec4f" if single else "wp::vec4d"),
         load_int=_LOAD_INT,
         add_lanes=_ADD_LANES,
         or_lanes=_ADD_LANES.replace("v +=", "v |="),

@@ -63,8 +63,6 @@ STATE = {
     "work": "one",
     "deep": "one",
 }
-SPRINGS = ("spring", "wall_spring")
-"""Arrays of vectors that are padded to four numbers, so that one is loaded at once."""
 OF_RODS = {"facing": "one"}
 OF_MIXTURES = {"body": "one"}
 BESIDE = ("beside", "wall_force", "wall_torque", "wall_deep", "wall_fine_force", "wall_fine_torque")

@@ -2,41 +2,38 @@
 
 from __future__ import annotations
 
-from labbook_dem.words import func, real, vec3, wide3
+from labbook_dem.words import func, real, struct, vec3, wide3
 
 from labbook_warp.kernels.words import Words, load_word, store_word, word
 
 
+@struct
+class Spot:
+    """Where a grain is, and the word that also holds the first of how it moves."""
+
+    x: wide3  # [m]
+    last: word
+
+
 @func
-def position(p: Words, i: int):
-    """x [m] of grain i."""
+def spot(p: Words, i: int):
+    """Where grain i is. Loads by threads side by side are scattered, and none is made twice."""
     a = load_word(p, i * 6)
     b = load_word(p, i * 6 + 1)
-    return wide3(a[0], a[1], b[0])
+    s = Spot()
+    s.x = wide3(a[0], a[1], b[0])
+    s.last = b
+    return s
 
 
 @func
-def velocity(p: Words, i: int):
-    """v [m/s] half a step before."""
-    b = load_word(p, i * 6 + 1)
+def motion(p: Words, i: int, s: Spot):
+    """Velocity [m/s] and angular velocity [rad/s] of grain i half a step before, and the velocity predicted for now."""
     c = load_word(p, i * 6 + 2)
-    return vec3(b[1], c[0], c[1])
-
-
-@func
-def spin(p: Words, i: int):
-    """Angular velocity [rad/s] half a step before."""
     d = load_word(p, i * 6 + 3)
     e = load_word(p, i * 6 + 4)
-    return vec3(d[0], d[1], e[0])
-
-
-@func
-def predicted(p: Words, i: int):
-    """v [m/s] predicted for now."""
-    e = load_word(p, i * 6 + 4)
     f = load_word(p, i * 6 + 5)
-    return vec3(e[1], f[0], f[1])
+    return vec3(s.last[1], c[0], c[1]), vec3(d[0], d[1], e[0]), vec3(e[1], f[0], f[1])
 
 
 @func

@@ -2,26 +2,49 @@
 
 from __future__ import annotations
 
-from labbook_dem.words import func, real, vec3, wide3
+from labbook_dem.words import func, real, struct, vec3, wide3
 
 from labbook_warp.kernels.words import Words, load_again, load_word, store_word, wide4, word
 
 
+@struct
+class Spot:
+    """Where a rod is, and the word that also holds the first of how it moves."""
+
+    x: wide3  # [m]
+    q: wide4  # unit quaternion (w, x, y, z)
+    last: word
+
+
 @func
-def position(p: Words, i: int):
-    """x [m] of grain i."""
+def spot(p: Words, i: int):
+    """Where grain i is. Loads by threads side by side are scattered, and none is made twice."""
     a = load_word(p, i * 10)
-    b = load_word(p, i * 10 + 1)
-    return wide3(a[0], a[1], b[0])
-
-
-@func
-def orientation(p: Words, i: int):
-    """Unit quaternion (w, x, y, z) of grain i."""
     b = load_word(p, i * 10 + 1)
     c = load_word(p, i * 10 + 2)
     d = load_word(p, i * 10 + 3)
-    return wide4(b[1], c[0], c[1], d[0])
+    s = Spot()
+    s.x = wide3(a[0], a[1], b[0])
+    s.q = wide4(b[1], c[0], c[1], d[0])
+    s.last = d
+    return s
+
+
+@func
+def motion(p: Words, i: int, s: Spot):
+    """Of grain i: velocity [m/s] and reduced angular momentum [rad/s] half a step before, and both predicted for now."""
+    e = load_word(p, i * 10 + 4)
+    f = load_word(p, i * 10 + 5)
+    g = load_word(p, i * 10 + 6)
+    h = load_word(p, i * 10 + 7)
+    k = load_word(p, i * 10 + 8)
+    n = load_word(p, i * 10 + 9)
+    return (
+        vec3(s.last[1], e[0], e[1]),
+        vec3(f[0], f[1], g[0]),
+        vec3(g[1], h[0], h[1]),
+        vec3(k[0], k[1], n[0]),
+    )
 
 
 @func
@@ -33,38 +56,6 @@ def turning_again(p: Words, i: int):
     f = load_again(p, i * 10 + 5)
     g = load_again(p, i * 10 + 6)
     return wide4(b[1], c[0], c[1], d[0]), vec3(f[0], f[1], g[0])
-
-
-@func
-def velocity(p: Words, i: int):
-    """v [m/s] half a step before."""
-    d = load_word(p, i * 10 + 3)
-    e = load_word(p, i * 10 + 4)
-    return vec3(d[1], e[0], e[1])
-
-
-@func
-def momentum(p: Words, i: int):
-    """Reduced angular momentum [rad/s] half a step before."""
-    f = load_word(p, i * 10 + 5)
-    g = load_word(p, i * 10 + 6)
-    return vec3(f[0], f[1], g[0])
-
-
-@func
-def predicted(p: Words, i: int):
-    """v [m/s] predicted for now."""
-    g = load_word(p, i * 10 + 6)
-    h = load_word(p, i * 10 + 7)
-    return vec3(g[1], h[0], h[1])
-
-
-@func
-def predicted_momentum(p: Words, i: int):
-    """Reduced angular momentum [rad/s] predicted for now."""
-    k = load_word(p, i * 10 + 8)
-    n = load_word(p, i * 10 + 9)
-    return vec3(k[0], k[1], n[0])
 
 
 @func

@@ -16,7 +16,6 @@ from labbook_warp.kernels.words import (
     Words,
     load_int,
     or_lanes,
-    store_spring,
     wp,
 )
 
@@ -48,7 +47,7 @@ def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain
             held = held | (wp.uint32(1) << wp.uint32(k))
             if FRICTION:
                 if keep:
-                    store_spring(a.spring, at, c.spring)
+                    a.spring[at] = c.spring
     if ANY_WALLS:
         if APART:
             if lane == 0 and a.wall_near[i] != wp.uint32(0):

@@ -2,39 +2,36 @@
 
 from __future__ import annotations
 
-from labbook_dem.words import func, real, vec3, wide3
+from labbook_dem.words import func, real, struct, vec3, wide3
 
 from labbook_warp.kernels.words import Words, halved, joined, load_word, store_word, word
 
 
+@struct
+class Spot:
+    """Where a grain is, and the word that also holds the first of how it moves."""
+
+    x: wide3  # [m]
+    last: word
+
+
 @func
-def position(p: Words, i: int):
-    """x [m] of grain i."""
+def spot(p: Words, i: int):
+    """Where grain i is. Loads by threads side by side are scattered, and none is made twice."""
     a = load_word(p, i * 4)
     b = load_word(p, i * 4 + 1)
-    return wide3(joined(a[0], a[1]), joined(a[2], a[3]), joined(b[0], b[1]))
+    s = Spot()
+    s.x = wide3(joined(a[0], a[1]), joined(a[2], a[3]), joined(b[0], b[1]))
+    s.last = b
+    return s
 
 
 @func
-def velocity(p: Words, i: int):
-    """v [m/s] half a step before."""
-    b = load_word(p, i * 4 + 1)
+def motion(p: Words, i: int, s: Spot):
+    """Velocity [m/s] and angular velocity [rad/s] of grain i half a step before, and the velocity predicted for now."""
     c = load_word(p, i * 4 + 2)
-    return vec3(b[2], b[3], c[0])
-
-
-@func
-def spin(p: Words, i: int):
-    """Angular velocity [rad/s] half a step before."""
-    c = load_word(p, i * 4 + 2)
-    return vec3(c[1], c[2], c[3])
-
-
-@func
-def predicted(p: Words, i: int):
-    """v [m/s] predicted for now."""
     d = load_word(p, i * 4 + 3)
-    return vec3(d[0], d[1], d[2])
+    return vec3(s.last[2], s.last[3], c[0]), vec3(c[1], c[2], c[3]), vec3(d[0], d[1], d[2])
 
 
 @func

@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
-from labbook_dem.words import func, real, vec3, wide3
+from labbook_dem.words import func, real, struct, vec3, wide3
 
 from labbook_warp.kernels.words import Words, halved, joined, load_again, load_word, store_word, wide4, word
 
 
+@struct
+class Spot:
+    """Where a rod is, and the word that also holds the first of how it moves."""
+
+    x: wide3  # [m]
+    q: wide4  # unit quaternion (w, x, y, z)
+    last: word
+
+
 @func
-def position(p: Words, i: int):
-    """x [m] of grain i."""
+def spot(p: Words, i: int):
+    """Where grain i is. Loads by threads side by side are scattered, and none is made twice."""
     a = load_word(p, i * 7)
-    b = load_word(p, i * 7 + 1)
-    return wide3(joined(a[0], a[1]), joined(a[2], a[3]), joined(b[0], b[1]))
-
-
-@func
-def orientation(p: Words, i: int):
-    """Unit quaternion (w, x, y, z) of grain i."""
     b = load_word(p, i * 7 + 1)
     c = load_word(p, i * 7 + 2)
     d = load_word(p, i * 7 + 3)
-    return wide4(joined(b[2], b[3]), joined(c[0], c[1]), joined(c[2], c[3]), joined(d[0], d[1]))
+    s = Spot()
+    s.x = wide3(joined(a[0], a[1]), joined(a[2], a[3]), joined(b[0], b[1]))
+    s.q = wide4(joined(b[2], b[3]), joined(c[0], c[1]), joined(c[2], c[3]), joined(d[0], d[1]))
+    s.last = d
+    return s
+
+
+@func
+def motion(p: Words, i: int, s: Spot):
+    """Of grain i: velocity [m/s] and reduced angular momentum [rad/s] half a step before, and both predicted for now."""
+    e = load_word(p, i * 7 + 4)
+    f = load_word(p, i * 7 + 5)
+    g = load_word(p, i * 7 + 6)
+    return vec3(s.last[2], s.last[3], e[0]), vec3(e[1], e[2], e[3]), vec3(f[0], f[1], f[2]), vec3(f[3], g[0], g[1])
 
 
 @func
@@ -33,36 +48,6 @@ def turning_again(p: Words, i: int):
     e = load_again(p, i * 7 + 4)
     q = wide4(joined(b[2], b[3]), joined(c[0], c[1]), joined(c[2], c[3]), joined(d[0], d[1]))
     return q, vec3(e[1], e[2], e[3])
-
-
-@func
-def velocity(p: Words, i: int):
-    """v [m/s] half a step before."""
-    d = load_word(p, i * 7 + 3)
-    e = load_word(p, i * 7 + 4)
-    return vec3(d[2], d[3], e[0])
-
-
-@func
-def momentum(p: Words, i: int):
-    """Reduced angular momentum [rad/s] half a step before."""
-    e = load_word(p, i * 7 + 4)
-    return vec3(e[1], e[2], e[3])
-
-
-@func
-def predicted(p: Words, i: int):
-    """v [m/s] predicted for now."""
-    f = load_word(p, i * 7 + 5)
-    return vec3(f[0], f[1], f[2])
-
-
-@func
-def predicted_momentum(p: Words, i: int):
-    """Reduced angular momentum [rad/s] predicted for now."""
-    f = load_word(p, i * 7 + 5)
-    g = load_word(p, i * 7 + 6)
-    return vec3(f[3], g[0], g[1])
 
 
 @func

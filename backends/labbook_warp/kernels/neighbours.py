@@ -9,7 +9,7 @@ from __future__ import annotations
 from labbook_dem.words import FRICTION, func, wide
 
 from labbook_warp.kernels.bodies import listed2
-from labbook_warp.kernels.mixed import position
+from labbook_warp.kernels.mixed import spot
 from labbook_warp.kernels.spheres import Grain, apart2, grain, mark, near_walls, strayed
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
 from labbook_warp.kernels.words import (
@@ -21,8 +21,6 @@ from labbook_warp.kernels.words import (
     Words,
     float32,
     kernel,
-    load_spring,
-    store_spring,
     wp,
 )
 
@@ -81,7 +79,7 @@ def fill(a: System, p: Words):
     i = wp.tid()
     s = i // a.cap
     if a.flag[s] == 1 and i - s * a.cap < a.rows[s]:
-        x = position(p, i)
+        x = spot(p, i).x
         if x[2] > wide(0.5) * wide(PARKED):
             b = a.place[s]
             at = cell_at(b, wrapped(x[0], b.cell, b.gx), wrapped(x[1], b.cell, b.gy), wrapped(x[2], b.cell, b.gz))
@@ -201,14 +199,14 @@ def carry(a: System, s: int, r: int, i: int, found: int):
             for b in range(count):
                 at = entry(a, s, a.near, b, r)
                 if a.nbr[at] == o and has_bit(old, b):
-                    store_spring(a.new_spring, to, load_spring(a.spring, at))
+                    a.new_spring[to] = a.spring[at]
                     held = held | (wp.uint32(1) << wp.uint32(k))
     for k in range(found):
         to = entry(a, s, a.near, k, r)
         a.nbr[to] = a.new_nbr[to]
         if FRICTION:
             if has_bit(held, k):
-                store_spring(a.spring, to, load_spring(a.new_spring, to))
+                a.spring[to] = a.new_spring[to]
     a.count[i] = found
     a.held[i] = held
 

@@ -8,20 +8,13 @@ from labbook_dem.rotation import spin
 from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
 
-from labbook_warp.kernels.mixed_rods import (
-    momentum,
-    orientation,
-    position,
-    predicted,
-    predicted_momentum,
-    velocity,
-)
+from labbook_warp.kernels.mixed_rods import motion, spot
 from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
 from labbook_warp.kernels.rods import Grain, facing
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, store_spring, uint32, wp
+from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, uint32, wp
 
 
 @func
@@ -32,21 +25,22 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     to the last bit.
     """
     c = Contact()
-    x = position(p, j)
-    other = facing(orientation(p, j))
-    away = g.x - x
+    there = spot(p, j)
+    other = facing(there.q)
+    away = g.x - there.x
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
     mine, yours = closest_from(away, g.axis, other, m.half, along > wide(0.0))
-    branch = (g.x + g.axis * wide(mine)) - (x + other * wide(yours))
+    branch = (g.x + g.axis * wide(mine)) - (there.x + other * wide(yours))
     gap = m.reach2 - dot(branch, branch)
     c.touches = gap > wide(0.0)
     if c.touches:
         last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
         b = narrow(other)
+        v, w, u, y = motion(p, j, there)
         f, t, _t, kept, delta = rod_on_rod(
             m.c, m.radius, m.mass, narrow(branch), real(gap), narrow(g.axis) * mine, b * yours,
-            g.u - predicted(p, j), g.v - velocity(p, j), g.soon, spin(predicted_momentum(p, j), b, real(m.slender)),
-            g.spin, spin(momentum(p, j), b, real(m.slender)), last, advance, m.inertia_rate,
+            g.u - u, g.v - v, g.soon, spin(y, b, real(m.slender)),
+            g.spin, spin(w, b, real(m.slender)), last, advance, m.inertia_rate,
         )  # fmt: skip
         c.overlap = delta
         c.force = f
@@ -152,7 +146,7 @@ def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: 
                 held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
                 if FRICTION:
                     if keep:
-                        store_spring(a.wall_spring, first + part * a.cap, c.spring)
+                        a.wall_spring[first + part * a.cap] = c.spring
     return sums, held
 
 

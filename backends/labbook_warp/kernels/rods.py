@@ -7,16 +7,7 @@ from labbook_dem.rotation import axis, spin, turn
 from labbook_dem.segments import closest_from
 from labbook_dem.words import dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
 
-from labbook_warp.kernels.mixed_rods import (
-    momentum,
-    orientation,
-    position,
-    predicted,
-    predicted_momentum,
-    put,
-    turning_again,
-    velocity,
-)
+from labbook_warp.kernels.mixed_rods import motion, put, spot, turning_again
 from labbook_warp.kernels.system import Material, System
 from labbook_warp.kernels.words import Words, wide4, widen
 
@@ -46,12 +37,14 @@ def facing(q: wide4):
 def grain(p: Words, m: Material, i: int):
     """Grain i."""
     g = Grain()
-    g.x = position(p, i)
-    g.q = orientation(p, i)
-    g.v = velocity(p, i)
-    g.w = momentum(p, i)
-    g.u = predicted(p, i)
-    g.y = predicted_momentum(p, i)
+    here = spot(p, i)
+    g.x = here.x
+    g.q = here.q
+    v, w, u, y = motion(p, i, here)
+    g.v = v
+    g.w = w
+    g.u = u
+    g.y = y
     g.axis = facing(g.q)
     g.spin = spin(g.w, narrow(g.axis), real(m.slender))
     g.soon = spin(g.y, narrow(g.axis), real(m.slender))
@@ -140,10 +133,11 @@ def mark(a: System, i: int, g: Grain):
 @func
 def apart2(p: Words, m: Material, g: Grain, j: int):
     """Square of the distance [m^2] from grain j: of their segments, where their centres are near enough to matter."""
-    away = g.x - position(p, j)
+    there = spot(p, j)
+    away = g.x - there.x
     d2 = dot(away, away)
     if d2 < m.centres2:
-        other = facing(orientation(p, j))
+        other = facing(there.q)
         s, t = closest_from(away, g.axis, other, m.half, True)
         branch = away + g.axis * wide(s) - other * wide(t)
         d2 = dot(branch, branch)

@@ -10,11 +10,11 @@ from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
-from labbook_warp.kernels.mixed import position, predicted, put, spin, velocity
+from labbook_warp.kernels.mixed import motion, put, spot
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, store_spring, uint32, widen, without_first, wp
+from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, uint32, widen, without_first, wp
 
 
 @struct
@@ -33,10 +33,12 @@ class Grain:
 def grain(p: Words, m: Material, i: int):
     """Grain i."""
     g = Grain()
-    g.x = position(p, i)
-    g.v = velocity(p, i)
-    g.w = spin(p, i)
-    g.u = predicted(p, i)
+    here = spot(p, i)
+    g.x = here.x
+    v, w, u = motion(p, i, here)
+    g.v = v
+    g.w = w
+    g.u = u
     g.spin = g.w
     g.index = i
     return g
@@ -92,16 +94,18 @@ def spinning(m: Material, g: Grain, w: wide3):
 def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
     """The contact with grain j, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
-    away = g.x - position(p, j)
+    there = spot(p, j)
+    away = g.x - there.x
     one = body(a, m, g.index)
     other = body(a, m, j)
     gap = touching2(m, one, other) - dot(away, away)
     c.touches = gap > wide(0.0)
     if c.touches:
+        v, w, u = motion(p, j, there)
         last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
         f, t, _t, kept, delta = sphere_on_sphere(
             between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
-            real(gap), g.u - predicted(p, j), g.v - velocity(p, j), g.w, spin(p, j), last, advance, one.rolling_rate,
+            real(gap), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
             other.rolling_rate,
         )  # fmt: skip
         c.overlap = delta
@@ -163,7 +167,7 @@ def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: 
             held = held | (wp.uint32(1) << wp.uint32(q))
             if FRICTION:
                 if keep:
-                    store_spring(a.wall_spring, at, c.spring)
+                    a.wall_spring[at] = c.spring
     return sums, held
 
 
@@ -187,7 +191,7 @@ def mark(a: System, i: int, g: Grain):
 @func
 def apart2(p: Words, m: Material, g: Grain, j: int):
     """Square of the distance [m^2] from grain j: of their centres."""
-    away = g.x - position(p, j)
+    away = g.x - spot(p, j).x
     return dot(away, away)
 
 

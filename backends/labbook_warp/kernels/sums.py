@@ -11,7 +11,7 @@ from __future__ import annotations
 from labbook_dem.words import FRICTION, func, narrow, real, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.system import Material, System
-from labbook_warp.kernels.words import FINE, LANES, TORQUES, Springs, add_lanes, load_spring, most_lanes, widen
+from labbook_warp.kernels.words import FINE, LANES, TORQUES, Vectors, add_lanes, most_lanes, widen
 
 
 @struct
@@ -27,13 +27,13 @@ class Contact:
 
 
 @func
-def spring_before(springs: Springs, at: int, held: bool, half_dt: real):
+def spring_before(springs: Vectors, at: int, held: bool, half_dt: real):
     """A contact's spring [m], and by how much to advance it [s]: a new one is half a step old."""
     last = vec3(real(0.0), real(0.0), real(0.0))
     advance = half_dt
     if FRICTION:
         if held:
-            last = load_spring(springs, at)
+            last = springs[at]
             advance = half_dt + half_dt
     return last, advance
 

@@ -21,7 +21,7 @@ from labbook_warp.kernels.words import (
     Motions,
     Reals,
     Shapes,
-    Springs,
+    Vectors,
     Wides,
     Wides3,
     uint32,
@@ -98,10 +98,10 @@ class System:
     count: Ints
     nbr: Ints
     held: Bits  # whether the spring to neighbour k is valid
-    spring: Springs
+    spring: Vectors
     wall_near: Bits
     wall_held: Bits
-    wall_spring: Springs
+    wall_spring: Vectors
     # where walls are met apart: rows of a slot that have a wall near, those by an edge at the end, and how many of each
     beside: Ints
     besides: Ints
@@ -115,7 +115,7 @@ class System:
     found: Ints  # neighbours so far, while threads that share a grain look for them
     new_nbr: Ints
     new_key: Floats
-    new_spring: Springs
+    new_spring: Vectors
     cell_count: Ints
     cell_rows: Ints
     flag: Ints

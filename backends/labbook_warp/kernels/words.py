@@ -32,14 +32,12 @@ def rare_func(function: F) -> F:
 
 wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
-Words = Springs = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Bodies = Any
+Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Bodies = Any
 word: Any = None
 widen: Any = None
 load_word: Any = None
 load_again: Any = None
 store_word: Any = None
-load_spring: Any = None
-store_spring: Any = None
 load_int: Any = None
 add_lanes: Any = None
 or_lanes: Any = None
