@@ -97,4 +97,8 @@ class Arrays:
 
     def states(self, slot: int, rows: int) -> States:
         """States of the first `rows` rows of a slot."""
-        return self.codec.decode(self.read("p", slot, rows))
+        x, v, m = self.codec.decode(self.read("p", slot, rows))
+        if not self.sizes.rods:
+            return States(x, v, m)
+        m = self.read("momentum", slot, rows)[:, :3].astype(np.float64)
+        return States(x, v, m, self.read("turned", slot, rows))

@@ -87,7 +87,8 @@ class Beat:
 
     def _meet_walls(self, state: Any, keep: bool) -> None:
         if self._apart:
-            self._launch(self.kernels.meet_walls, self._rows * self.lanes, state, keep)
+            room = self._rows + 32 * self._slots  # those by edges and the others are rounded up to 32 each
+            self._launch(self.kernels.meet_walls, room * self.lanes, state, keep)
 
     def look(self) -> tuple[Any, Any]:
         """Velocities and reduced angular momenta at the whole step, on the device; changes nothing."""

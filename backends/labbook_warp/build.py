@@ -13,6 +13,7 @@ from labbook_dem.features import PARTS
 from labbook_dem.walls import frustum, plane, strip
 
 from labbook_warp import dialect
+from labbook_warp.codec import Codec
 from labbook_warp.kernels import (
     beside,
     bodies,
@@ -82,6 +83,7 @@ def module_text(
         "LANES": lanes,
         "SHARED": lanes > 1,
         "APART": apart,
+        "WORDS": Codec(precision == "mixed", turns).words,
         "PARTS": most_parts(switches),
         "EDGES": -0x33333334 if most_parts(switches) == 4 else 0,
         "TORQUES": switches["FRICTION"] or turns,

@@ -16,37 +16,38 @@ class States(NamedTuple):
 
 
 class Codec:
-    """Words of 16 bytes: position, orientation of rods, v, m, v and (of rods) m as predicted, and what fills the last.
+    """What a grain shows to others as words of 16 bytes: position, axis of a rod, velocity and spin, the velocity and
+    (of a rod) the spin as predicted, and what fills the last.
 
     In mixed precision the first two are in double and the others in single.
     """
 
     def __init__(self, mixed: bool, rods: bool):
         self.mixed, self.rods = mixed, rods
-        doubles, others = 3 + 4 * rods, 9 + 3 * rods
+        doubles, others = 3 + 3 * rods, 9 + 3 * rods
         self._used = 2 * doubles + others if mixed else doubles + others
         self.numbers = 4 if mixed else 2
         """Of a word."""
-        self.words = -(-(self._used + mixed) // self.numbers)  # mixed: and what rounding has kept
+        self.words = -(-(self._used + (mixed and not rods)) // self.numbers)  # and what rounding has kept of a sphere
         """Of a grain."""
 
-    def encode(self, s: States) -> np.ndarray:
-        """Numbers of grains that are predicted to go on as they do, shape [n, numbers of all words]."""
-        parts = [s.x, s.v, s.m, s.v]
-        if self.rods:
-            parts = [s.x, s.q, s.v, s.m, s.v, s.m]
-        exact = 1 + self.rods
-        if self.mixed:
-            parts = [
-                np.ascontiguousarray(a).view(np.float32) if k < exact else np.asarray(a, np.float32)
-                for k, a in enumerate(parts)
-            ]
-        rest = np.zeros((len(s.x), self.words * self.numbers - self._used), parts[0].dtype)
-        return np.hstack([*parts, rest])
+    def encode(self, x: np.ndarray, v: np.ndarray, w: np.ndarray, axis: np.ndarray | None = None) -> np.ndarray:
+        """Numbers of grains that are predicted to go on as they do, shape [n, numbers of all words].
 
-    def decode(self, numbers: np.ndarray) -> States:
-        """States of grains, in double."""
-        exact = (3 + 4 * self.rods) * (2 if self.mixed else 1)
-        first = np.ascontiguousarray(numbers[:, :exact]).view(np.float64)
-        v, m = (numbers[:, exact + k : exact + k + 3].astype(np.float64) for k in (0, 3))
-        return States(first[:, :3].copy(), v, m, first[:, 3:].copy() if self.rods else None)
+        x [m], v [m/s], w [rad/s] and the unit vectors `axis` of rods: shape [n, 3].
+        """
+        exact, others = [x], [v, w, v]
+        if axis is not None:
+            exact, others = [x, axis], [v, w, v, w]
+        if self.mixed:
+            exact = [np.ascontiguousarray(a).view(np.float32) for a in exact]
+            others = [np.asarray(a, np.float32) for a in others]
+        rest = np.zeros((len(x), self.words * self.numbers - self._used), exact[0].dtype)
+        return np.hstack([*exact, *others, rest])
+
+    def decode(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x, v and w, in double."""
+        exact = (3 + 3 * self.rods) * (2 if self.mixed else 1)
+        x = np.ascontiguousarray(numbers[:, :exact]).view(np.float64)[:, :3].copy()
+        v, w = (numbers[:, exact + k : exact + k + 3].astype(np.float64) for k in (0, 3))
+        return x, v, w

@@ -21,6 +21,7 @@ wide = wp.float64
 vec3 = wp.{vec3}
 wide3 = wp.vec3d
 wide4 = wp.vec4d
+real4 = wp.types.vector(length=4, dtype=real)
 word = wp.{word}
 int64 = wp.int64
 uint32 = wp.uint32
@@ -32,6 +33,8 @@ Words = wp.array(dtype=word)
 Vectors = wp.array(dtype=vec3)
 Wides = wp.array(dtype=wide)
 Wides3 = wp.array(dtype=wide3)
+Wides4 = wp.array(dtype=wide4)
+Reals4 = wp.array(dtype=real4)
 Reals = wp.array(dtype=real)
 Floats = wp.array(dtype=wp.float32)
 Ints = wp.array(dtype=wp.int32)
@@ -58,10 +61,6 @@ def widen(v: vec3):
 
 @wp.func_native({load!r})
 def load_word(array: Words, k: int) -> word: ...
-
-
-@wp.func_native({again!r})
-def load_again(array: Words, k: int) -> word: ...
 
 
 @wp.func_native({store!r})
@@ -104,15 +103,6 @@ def halved(v: wp.float64, high: int) -> float: ...
 _LOAD = """
 #if defined(__CUDA_ARCH__)
     {vector} t = __ldg(reinterpret_cast<const {vector}*>(array.data + k)); return {type}({parts});
-#else
-    return array.data[k];
-#endif
-"""
-# The same, but never the load of before: what is needed only at the end need not wait in registers.
-_AGAIN = """
-#if defined(__CUDA_ARCH__)
-    {vector} t; asm volatile("ld.global.{ptx} {{{holes}}}, [%{last}];" : {outputs} : "l"(array.data + k));
-    return {type}({parts});
 #else
     return array.data[k];
 #endif
@@ -176,15 +166,6 @@ def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
         vec3="vec3f" if single else "vec3d",
         word="vec4f" if single else "vec2d",
         load=_LOAD.format(vector=vector, type=kind, parts=", ".join(f"t.{axis}" for axis in axes)),
-        again=_AGAIN.format(
-            vector=vector,
-            type=kind,
-            parts=", ".join(f"t.{axis}" for axis in axes),
-            ptx="v4.f32" if single else "v2.f64",
-            holes=", ".join(f"%{place}" for place in range(len(axes))),
-            last=len(axes),
-            outputs=", ".join(f'"={"f" if single else "d"}"(t.{axis})' for axis in axes),
-        ),
         store=_STORE.format(vector=vector, parts=", ".join(f"v[{place}]" for place in range(len(axes)))),
         load_int=_LOAD_INT,
         add_lanes=_ADD_LANES,

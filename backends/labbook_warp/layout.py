@@ -63,7 +63,7 @@ STATE = {
     "work": "one",
     "deep": "one",
 }
-OF_RODS = {"facing": "one"}
+OF_RODS = {"facing": "one", "turned": "one", "momentum": "one"}
 OF_MIXTURES = {"body": "one"}
 BESIDE = ("beside", "wall_force", "wall_torque", "wall_deep", "wall_fine_force", "wall_fine_torque")
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}

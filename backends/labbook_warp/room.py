@@ -60,7 +60,7 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     most = REGISTERS[law][precision] if lanes == 1 else 0
     registers = REGISTERS_OF_RODS if sizes.rods else most
     switches = tuple((name, spec.feature(name)) for name in SWITCHES)
-    return kernels(law, precision, switches, uniform, lanes, registers, bool(sizes.rods) or lanes == 1)
+    return kernels(law, precision, switches, uniform, lanes, registers, bool(sizes.rods) and lanes == 1)
 
 
 def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:

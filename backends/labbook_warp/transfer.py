@@ -9,27 +9,29 @@ from labbook_dem.springs import places
 
 from labbook.backend import Checkpoint
 from labbook.protocol import Bodies, Packing
+from labbook.protocol.segments import axes
 from labbook.scene import Scene
 from labbook_warp.arrays import Arrays
-from labbook_warp.codec import States
 from labbook_warp.kernels.words import PARKED
 
 
 def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: float, cell: float) -> None:
     """Put a packing's grains into a slot, in the order of cells, so that neighbours lie near each other in memory."""
     order = _along(packing.x, cell)
-    x, v, m = packing.x[order], packing.v[order], packing.omega[order]
-    q = None
+    x, v, omega = packing.x[order], packing.v[order], packing.omega[order]
+    assert packing.ids is not None
+    empty = {name: arrays.read(name, slot, 0) for name in arrays.state}
+    for name, nothing in empty.items():
+        arrays.write(name, slot, nothing)
     if is_rod(scene):
         if packing.q is None:
             raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
         q = packing.q[order]
-        m = momenta(scene.grains, m, q)
-    assert packing.ids is not None
-    arrays.write("p", slot, arrays.codec.encode(States(x, v, m, q)))
-    empty = {name: arrays.read(name, slot, 0) for name in arrays.state}
-    for name, nothing in empty.items():
-        arrays.write(name, slot, nothing)
+        arrays.write("p", slot, arrays.codec.encode(x, v, omega, axes(q)))
+        arrays.write("turned", slot, q)
+        arrays.write("momentum", slot, np.pad(momenta(scene.grains, omega, q), ((0, 0), (0, 1))))
+    else:
+        arrays.write("p", slot, arrays.codec.encode(x, v, omega))
     arrays.write("ids", slot, packing.ids[order].astype(np.int32))
     if scene.grains.varied:
         own = Bodies.of(scene.grains, packing)
@@ -138,7 +140,7 @@ def checkpoint(
     past_work: that of grains that were left out earlier [J].
     """
     state = {name: arrays.read(name, slot, rows) for name in ("p", *arrays.state)}
-    here = arrays.codec.decode(state["p"]).x[:, 2] > 0.5 * PARKED
+    here = arrays.codec.decode(state["p"])[0][:, 2] > 0.5 * PARKED
     past = np.concatenate([past_work, state["work"][~here]])
     return _closed_up(state, here, arrays.state) | {"past_work": past}
 

@@ -18,7 +18,8 @@ from labbook_warp.kernels.words import EDGES, LANES, PARKED, SHARED, Words, kern
 def line_up(a: System):
     """List the grains that have a wall near, those by an edge from the end; `besides` is zero before.
 
-    Edges take long, so that threads side by side should all have one. Order, which is by chance, decides nothing.
+    Edges take long: they are begun with, and threads side by side should all have one. Order, which is by chance,
+    decides nothing.
     """
     i = wp.tid()
     s = i // a.cap
@@ -40,10 +41,18 @@ def meet_walls(a: System, p: Words, keep: bool):
     thread = wp.tid()
     n = thread // LANES
     lane = thread - n * LANES
-    s = n // a.cap
-    k = n - s * a.cap
-    if k < a.besides[2 * s] or k >= a.cap - a.besides[2 * s + 1]:
-        r = a.beside[n]
+    # first come those by edges of all members, 32 of one side by side, and then the others
+    slots = a.rows.shape[0]
+    s = (n // 32) % slots
+    k = n // 32 // slots * 32 + n % 32
+    by_edges = a.besides[2 * s + 1]
+    other = k - (by_edges + 31) // 32 * 32
+    r = int(-1)
+    if k < by_edges:
+        r = a.beside[(s + 1) * a.cap - 1 - k]
+    elif other >= 0 and other < a.besides[2 * s]:
+        r = a.beside[s * a.cap + other]
+    if r >= 0:
         i = s * a.cap + r
         m = material(a, s)
         g = grain(p, m, i)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from labbook_dem.parts import has, heir
 from labbook_dem.rods import rod_on_rod, rod_on_wall
-from labbook_dem.rotation import spin
 from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed_rods import motion, spot
 from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
-from labbook_warp.kernels.rods import Grain, facing
+from labbook_warp.kernels.rods import Grain
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
@@ -26,21 +25,19 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     """
     c = Contact()
     there = spot(p, j)
-    other = facing(there.q)
     away = g.x - there.x
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
-    mine, yours = closest_from(away, g.axis, other, m.half, along > wide(0.0))
-    branch = (g.x + g.axis * wide(mine)) - (there.x + other * wide(yours))
+    mine, yours = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))
+    branch = (g.x + g.axis * wide(mine)) - (there.x + there.axis * wide(yours))
     gap = m.reach2 - dot(branch, branch)
     c.touches = gap > wide(0.0)
     if c.touches:
         last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
-        b = narrow(other)
+        b = narrow(there.axis)
         v, w, u, y = motion(p, j, there)
         f, t, _t, kept, delta = rod_on_rod(
             m.c, m.radius, m.mass, narrow(branch), real(gap), narrow(g.axis) * mine, b * yours,
-            g.u - u, g.v - v, g.soon, spin(y, b, real(m.slender)),
-            g.spin, spin(w, b, real(m.slender)), last, advance, m.inertia_rate,
+            g.u - u, g.v - v, g.soon, y, g.spin, w, last, advance, m.inertia_rate,
         )  # fmt: skip
         c.overlap = delta
         c.force = f

@@ -45,13 +45,13 @@ def grain(p: Words, m: Material, i: int):
 
 
 @func
-def refreshed(p: Words, i: int, g: Grain):
-    """The grain: all of it is known since `forces`."""
+def whole(a: System, i: int, g: Grain):
+    """The grain: it shows all of it."""
     return g
 
 
 @func
-def store(q: Words, i: int, g: Grain, more: real):
+def store(a: System, q: Words, i: int, g: Grain, more: real):
     """Write grain i."""
     put(q, i, g.x, g.v, g.w, g.u, more)
 

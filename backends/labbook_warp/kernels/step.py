@@ -8,7 +8,7 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces
 from labbook_warp.kernels.mixed import rest
-from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, refreshed, spinning, store
+from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, spinning, store, whole
 from labbook_warp.kernels.system import Material, System, material
 from labbook_warp.kernels.words import (
     APART,
@@ -22,10 +22,13 @@ from labbook_warp.kernels.words import (
     OUTLET,
     PARKED,
     RODS,
+    WORDS,
     Words,
     hot_kernel,
     int64,
     kernel,
+    load_word,
+    store_word,
     widen,
     wp,
 )
@@ -102,7 +105,14 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
         if fast2 > m.speed2:
             code = BAD_SPEED
         fails(a, s, i, now + wp.int64(1), code, wp.sqrt(fast2))
-    store(q, i, new, more)
+    store(a, q, i, new, more)
+
+
+@func
+def pass_on(p: Words, q: Words, i: int):
+    """Copy what grain i shows."""
+    for k in range(WORDS):
+        store_word(q, i * WORDS + k, load_word(p, i * WORDS + k))
 
 
 @hot_kernel
@@ -129,19 +139,19 @@ def step(a: System, p: Words, q: Words, sub: int):
                         a.wall_held[i] = wall_held
                 if LEDGER:
                     a.deep[i] = wide(deepest)
-                advance(a, q, m, s, i, now, refreshed(p, i, g), rest(p, i), f, t)
+                advance(a, q, m, s, i, now, whole(a, i, g), rest(a, p, i), f, t)
         else:
             if lane == 0:
-                store(q, i, g, real(0.0))
+                pass_on(p, q, i)
 
 
 @kernel
 def bring(a: System, p: Words, q: Words):
-    """Copy the state of running members from p to q, after an odd number of steps."""
+    """Copy what grains of running members show from p to q, after an odd number of steps."""
     i = wp.tid()
     s = i // a.cap
     if i - s * a.cap < a.rows[s]:
-        store(q, i, grain(p, material(a, s), i), rest(p, i))
+        pass_on(p, q, i)
 
 
 @kernel

@@ -20,10 +20,12 @@ from labbook_warp.kernels.words import (
     Longs,
     Motions,
     Reals,
+    Reals4,
     Shapes,
     Vectors,
     Wides,
     Wides3,
+    Wides4,
     uint32,
     wp,
 )
@@ -95,6 +97,10 @@ class System:
     gone: Ints
     origin: Wides3  # positions when lists were built
     facing: Wides3  # axes of rods then
+    turned: Wides4  # orientations of rods
+    momentum: (
+        Reals4  # their reduced angular momenta [rad/s], and what rounding has kept from the vertical velocity [m/s]
+    )
     count: Ints
     nbr: Ints
     held: Bits  # whether the spring to neighbour k is valid

@@ -32,11 +32,13 @@ def rare_func(function: F) -> F:
 
 wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
-Words = Vectors = Wides = Wides3 = Reals = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = Bodies = Any
+Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = (
+    Bodies
+) = Any
 word: Any = None
+real4: Any = None
 widen: Any = None
 load_word: Any = None
-load_again: Any = None
 store_word: Any = None
 load_int: Any = None
 add_lanes: Any = None
@@ -63,6 +65,7 @@ LANES = 1  # threads that share a grain: many where grains are few
 FINE = False  # whether forces are computed in double, and summed as precisely
 UNIFORM = False  # whether all members have the same material
 SHARED = False  # whether several threads share a grain
+WORDS = 4  # that a grain shows to others
 PARTS = 1  # contacts that a grain may have with one wall
 EDGES = 0  # bits of the parts that lie across an edge
 LOOKS = 16  # gaps between points of a rod that are looked at to tell how near an edge is
