@@ -8,7 +8,7 @@ import ast
 from pathlib import Path
 from types import ModuleType
 
-MARKS = frozenset({"func", "rare_func", "struct", "kernel", "hot_kernel", "entry"})
+MARKS = frozenset({"func", "rare_func", "struct", "kernel", "hot_kernel", "wall_kernel", "entry"})
 """Decorators of what is compiled: `func` and `struct` of words, and the kernels of engines."""
 
 

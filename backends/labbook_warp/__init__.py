@@ -6,7 +6,7 @@ from labbook.backend import Capabilities, Probe, Spec, Survey
 from labbook.numerics import Numerics
 from labbook.scene import Scene
 
-CACHE_VERSION = 1
+CACHE_VERSION = 2
 
 
 class Backend:

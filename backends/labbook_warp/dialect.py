@@ -15,6 +15,7 @@ func = wp.func
 rare_func = wp.func(inline=False)
 kernel = wp.kernel
 hot_kernel = wp.kernel{registers}
+wall_kernel = wp.kernel(cuda_max_registers={walls})
 struct = wp.struct
 real = wp.{real}
 wide = wp.float64
@@ -161,6 +162,7 @@ def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
     return _HEADER.format(
         fast=single,
         unroll=unroll,
+        walls=128 if single else 168,
         registers=f"(cuda_max_registers={registers})" if registers else "",
         real="float32" if single else "float64",
         vec3="vec3f" if single else "vec3d",

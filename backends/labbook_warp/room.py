@@ -16,12 +16,13 @@ from labbook_warp.run import Run
 
 NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; both grow when they are too few
 MOST_NEAR = 32  # bits of a mask
-SATURATED = 80_000  # threads that fill a large GPU
+SATURATED = 82_000  # threads that fill a large GPU
 MOST_LANES = 8
 REGISTERS = {"linear": {"mixed": 72, "double": 128}, "hertz-mindlin": {"mixed": 80, "double": 128}}
-REGISTERS_OF_RODS = 128
-"""A thread of the step. Where spheres are few, as many as the compiler likes; for rods it would take twice as many, on
-behalf of those that lie across a rim."""
+REGISTERS_OF_RODS = {"mixed": 112, "double": 168}
+"""A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
+ROUND_WALLS = 8
+"""Registers more of a sphere that may meet one."""
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
@@ -57,10 +58,13 @@ def grown(sizes: Sizes, near: int, depth: int) -> Sizes:
 def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
     law, precision = spec.feature("law"), spec.feature("precision")
-    most = REGISTERS[law][precision] if lanes == 1 else 0
-    registers = REGISTERS_OF_RODS if sizes.rods else most
+    many = lanes == 1
+    most = (REGISTERS_OF_RODS if sizes.rods else REGISTERS[law])[precision]
+    if spec.feature("FRUSTUMS") and not sizes.rods:
+        most += ROUND_WALLS
     switches = tuple((name, spec.feature(name)) for name in SWITCHES)
-    return kernels(law, precision, switches, uniform, lanes, registers, bool(sizes.rods) and lanes == 1)
+    # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
+    return kernels(law, precision, switches, uniform, lanes, most if many else 0, apart=many and sizes.rods)
 
 
 def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:

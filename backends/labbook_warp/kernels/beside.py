@@ -11,7 +11,7 @@ from labbook_dem.words import wide
 from labbook_warp.kernels.spheres import at_walls, grain
 from labbook_warp.kernels.sums import Sums, over_lanes, put_aside
 from labbook_warp.kernels.system import System, material
-from labbook_warp.kernels.words import EDGES, LANES, PARKED, SHARED, Words, kernel, or_lanes, wp
+from labbook_warp.kernels.words import EDGES, LANES, PARKED, SHARED, Words, kernel, or_lanes, wall_kernel, wp
 
 
 @kernel
@@ -32,7 +32,7 @@ def line_up(a: System):
                 a.beside[(s + 1) * a.cap - 1 - wp.atomic_add(a.besides, 2 * s + 1, 1)] = i - s * a.cap
 
 
-@kernel
+@wall_kernel
 def meet_walls(a: System, p: Words, keep: bool):
     """Sum up the contacts with walls of each grain that has one near.
 

@@ -25,6 +25,11 @@ def hot_kernel(function: F) -> F:
     return function
 
 
+def wall_kernel(function: F) -> F:
+    """Marks the kernel that meets walls: its registers are capped too, less tightly."""
+    return function
+
+
 def rare_func(function: F) -> F:
     """Marks a function that few grains ever call: it is not inlined, so that it takes no registers from the others."""
     return function
