@@ -134,6 +134,20 @@ def test_only_bins_that_centres_can_reach_are_fitted():
     assert fit_profiles([[aside]], FAN).parameters["b"] == fit_profiles([[outlet]], FAN).parameters["b"]
 
 
+def test_where_no_grain_was_the_fraction_is_nothing_and_the_velocity_unknown():
+    """Whole outlets: bins without a grain pull b, with the others on an exact dome, and leave a alone."""
+    outlet = made(0.015, (0, 1.3, 0.4), (0, 1, 0.4), 0.7)
+    whole = Outlet(outlet.R, EDGES, outlet.area_fraction, outlet.flux, 1.0, outlet.counted)
+    empty = whole.area_fraction.copy()
+    empty[[0, -1]] = 0
+    emptied = Outlet(outlet.R, EDGES, empty, np.where(empty > 0, outlet.flux, 0), 1.0, outlet.counted)
+    before, after = (fit_profiles([[one]], FAN).parameters for one in (whole, emptied))
+    assert after["a"].value == pytest.approx(0.4, abs=0.01)
+    assert before["b"].value == pytest.approx(0.4, abs=1e-3)
+    assert after["b"].value > 0.5
+    assert any("whole outlets" in note for note in fit_profiles([[emptied]], FAN).notes)
+
+
 def test_one_replicate_has_no_interval_and_few_outlets_no_saturation():
     found = fit_profiles([[made(0.009, (0, 1.3, 0.4), (0, 1, 0.4), 0.7)]], FAN)
     assert "phi_inf" not in found.parameters
