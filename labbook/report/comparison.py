@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 CLOSE = 2.0
 """Standard errors within which two numbers are said to agree."""
+NEAR = 0.1
+"""Relative difference within which numbers that do not agree are said to be near."""
 
 
 @dataclass(frozen=True)
@@ -71,11 +73,14 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     known = [c for c in comparisons if math.isfinite(c.in_errors)]
     if not known:
         return f"Nothing can be compared with {source} yet."
-    close = sum(abs(c.in_errors) <= CLOSE for c in known)
+    apart = [c for c in known if abs(c.in_errors) > CLOSE]
+    near = sum(abs(c.relative) <= NEAR for c in apart)
+    more = f", and {near} more lie within {100 * NEAR:g} %" if near else ""
     farthest = max(known, key=lambda c: abs(c.in_errors))
     name = display.quantity(farthest.quantity).name
     where = f" at {farthest.label}" if farthest.label else ""
-    text = f"Of {len(known)} numbers of {source}, {close} agree with ours within {CLOSE:g} standard errors."
+    agree = len(known) - len(apart)
+    text = f"Of {len(known)} numbers of {source}, {agree} agree with ours within {CLOSE:g} standard errors{more}."
     return (
         f"{text} Farthest apart is {name}{where}: ours is {100 * farthest.relative:+.1f} %, "
         f"or {farthest.in_errors:+.1f} standard errors, away.".replace("-", "−")

@@ -28,6 +28,7 @@ def write(analysis: Analysis, folder: Path) -> Path:
         incomplete=bool(analysis.missing or analysis.unreadable) or any(r.precise is False for r in analysis.points),
         source=source,
         comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
+        digest=tables.digest_table(analysis.comparisons),
         overview=_overview(analysis, folder),
         trends=_trends(analysis, folder),
         ratios=ratio_sections(analysis, folder),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.fit.outlet import Saturation
+from labbook.report import display
 from labbook.report.comparison import of_reference
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house, look
 
@@ -76,7 +77,8 @@ def _tilted(ax: "Axes", column: int, fit: "ProfileFit") -> list:
     if abs(fit.parameters["delta1"].value) <= 2 * fit.parameters["delta1"].error:
         return []
     curve = _tilt(*(fit.parameters[name].value for name in _TILTED[column]))
-    label = f"eq {16 + column}, {'δ₁' if column == 0 else 'δ₂'} = {fit.parameters[_TILTED[column][0]].value:.2g}"
+    delta = display.number(fit.parameters[_TILTED[column][0]].value, fit.parameters[_TILTED[column][0]].error)
+    label = f"eq {16 + column}, {'δ₁' if column == 0 else 'δ₂'} = {delta}"
     return ax.plot(_FINE, curve, color=INK, linestyle=(0, (6, 2)), linewidth=0.9, zorder=1, label=label)
 
 

@@ -62,10 +62,20 @@ def flow_against_position(
             style = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
             ax.plot(x, [c.reference for c in theirs], color=INK, label=source, **style)
         ax.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
+        ax.set_ylim(*_range(ratios))
         ax.set_xlabel("distance from the wall, $s^* = 2s/(L-D)$")
         ax.set_ylabel("$W / W$ in the middle")
         figure.legend(loc="outside right upper")
     return figure
+
+
+def _range(ratios: Sequence["Ratio"]) -> tuple[float, float]:
+    """Of all values, with their intervals but for those so wide that nothing else would be seen."""
+    values = [one.value for one in ratios]
+    wide = 0.5 * (max(values) - min(values)) or 0.1
+    low = min(max(one.low, one.value - wide) for one in ratios)
+    high = max(min(one.high, one.value + wide) for one in ratios)
+    return low - 0.05 * (high - low), high + 0.05 * (high - low)
 
 
 def _points(
