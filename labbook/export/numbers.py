@@ -21,15 +21,17 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
     """Data frames by name; those without rows are left out.
 
     `runs`: what was measured of each run, with error, effective sample size, window, method and note. `points`: pooled
-    over seeds, with 95 % intervals. `fits`: parameters of laws and of profiles. `flow`: W(t) of each run. `profiles`:
-    phi and v along each outlet, mean and standard error over seeds. `outlets`: what was fitted to each outlet.
-    `reference`: a paper's numbers beside ours. Columns that begin with a key of the study say what was swept.
+    over seeds, with 95 % intervals. `ratios`: flow rates over a plain hopper's, with the laws of the angle. `fits`:
+    parameters of laws and of profiles. `flow`: W(t) of each run. `profiles`: phi and v along each outlet, mean and
+    standard error over seeds, by definition. `outlets`: what was fitted to each outlet. `reference`: a paper's numbers
+    beside ours. Columns that begin with a key of the study say what was swept.
     """
     import pandas as pd
 
     made = {
         "runs": _runs(analysis),
         "points": _points(analysis),
+        "ratios": _ratios(analysis),
         "fits": _fits(analysis),
         "flow": _flow(analysis),
         "profiles": _profiles(analysis),
@@ -58,6 +60,24 @@ def _points(analysis: "Analysis") -> Iterator[Row]:
             numbers = {"value": pooled.value, "error": pooled.error, "low": pooled.low, "high": pooled.high}
             head = {**_of_point(result), "quantity": name, **numbers, "unit": units[name]}
             yield {**head, "replicates": pooled.n, "confidence": pooled.confidence, "remark": result.remark}
+
+
+def _ratios(analysis: "Analysis") -> Iterator[Row]:
+    from labbook.report.ratios import RATIOS, angle_laws
+
+    for name, found in RATIOS.items():
+        for one in found(analysis.points):
+            numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
+            row = {**_of_point(one.result), "quantity": name, **numbers}
+            if name.endswith("angle"):
+                yield row | {_column(law.name): law.factor(one.at) for law in angle_laws(one.result)}
+            else:
+                yield row | {"s_star": one.at}
+
+
+def _column(law: str) -> str:
+    """`rose_tanaka` of a law's name."""
+    return law.partition(",")[0].lower().replace(" & ", "_")
 
 
 def _of_series(series: "Series") -> Row:

@@ -115,7 +115,8 @@ _POSITIONS = (
 )
 _SHAPES = (
     "Shape of the profiles of each point (eqs 16 and 17) against the relative distance from the wall; bars: one "
-    "standard error over seeds. Lines: limit − depth exp(−rate s*), fitted to all points of a panel alike."
+    "standard error over seeds. Lines: limit − depth exp(−rate s*), with 95 % bands, fitted to all "
+    "points of a panel alike, with standard errors from their scatter."
 )
 _OUTLETS = (
     "Left: velocity in the middle, and sqrt(2 g γ R). Middle: largest area fraction, and eq 12. Right: flow rate "

@@ -24,7 +24,7 @@ _SHAPE = {"delta1": "δ₁", "sigma1": "σ₁", "delta2": "δ₂", "sigma2": "σ
 def shape_against_position(ratios: Sequence["Ratio"], definition: str) -> "Figure":
     """Tilts and exponents of each point's own profiles (eqs 16, 17) against s*, with standard errors over seeds.
 
-    Lines: limit - depth e^{-rate s*}, fitted to the points of each panel.
+    Lines: limit - depth e^{-rate s*} with its 95 % band, fitted to the points of each panel.
     """
     from matplotlib.figure import Figure
 
@@ -57,12 +57,19 @@ def shape_against_position(ratios: Sequence["Ratio"], definition: str) -> "Figur
 
 
 def _approach(ax: "Axes", points: Sequence[tuple[float, float, float]]) -> None:
-    s, values, errors = np.array(points).T
-    if len(set(s)) < 4 or not (np.isfinite(errors).all() and (errors > 0).all()):
+    s, values, _ = np.array(points).T
+    if len(set(s)) < 4:
         return
-    # the errors of single points, of few seeds, are too noisy for weights: all points alike
-    law = fit_approach(s.tolist(), values.tolist(), [1.0] * len(s))
+    law = fit_approach(s.tolist(), values.tolist())
     fine = np.linspace(0, 1, 400)
-    text = f"{law.limit:.2g} − {law.depth:.2g} exp(−{law.rate:.3g} s*)".replace("− -", "+ ").replace("-", "−")
-    (line,) = ax.plot(fine, law.at(fine), color=COLOURS[1], zorder=1)
-    ax.set_title(text, color=line.get_color())
+    ax.plot(fine, law.at(fine), color=COLOURS[1], zorder=1)
+    if not all(map(math.isfinite, law.errors)):
+        ax.set_title("rate of the approach: not determined")
+        return
+    half = law.half_width(fine)
+    ax.fill_between(fine, law.at(fine) - half, law.at(fine) + half, color=COLOURS[1], alpha=0.18, linewidth=0)
+    limit, depth, rate = (
+        display.with_error(value, error)
+        for value, error in zip((law.limit, law.depth, law.rate), law.errors, strict=True)
+    )
+    ax.set_title(f"{limit} − ({depth}) exp(−({rate}) s*)")
