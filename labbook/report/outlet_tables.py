@@ -32,19 +32,21 @@ _OF_OUTLET = {
 def outlet_table(series: Series, definition: str) -> Table:
     """Each outlet of a series: middle of its profiles, and the flow that they come to over the flow counted."""
     fit = series.profiles[definition]
+    whole = definition == CROSSINGS  # what crosses is what is counted
+    shown = {name: heading for name, heading in _OF_OUTLET.items() if not (whole and name == "direct")}
     rows = tuple(
         (
             f"{result.orifice * 1e3:g}",
-            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in _OF_OUTLET),
+            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in shown),
         )
         for result, one in zip(series.profiled, fit.outlets, strict=True)
     )
-    once = "; the first is one by definition" if definition == CROSSINGS else ""
+    measured = "" if whole else "by integrating them as measured; "
     notes = (
-        "Flow of the profiles over the flow counted, W: by integrating them as measured; by eq 14 with v_c and φ_c of "
-        f"each outlet; by eq 14 as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18{once}.",
+        f"Flow of the profiles over the flow counted, W: {measured}by eq 14 with v_c and φ_c of each outlet; by eq 14 as "
+        "printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
     )
-    return Table(("D [mm]", *_OF_OUTLET.values()), rows, frozenset(), notes=notes)
+    return Table(("D [mm]", *shown.values()), rows, frozenset(), notes=notes)
 
 
 def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> Table:

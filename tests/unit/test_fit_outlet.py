@@ -160,18 +160,23 @@ def test_one_replicate_has_no_interval_and_few_outlets_no_saturation():
 
 
 @pytest.mark.slow
-def test_intervals_over_seeds_cover():
-    """Three seeds at four outlets: 95 % intervals of 250 sets cover, within the scatter of such a count."""
+def test_intervals_over_seeds_cover(monkeypatch):
+    """Three seeds at four outlets, 2000 sets: 95 % intervals cover 92 to 98 %, of tau1, which is skewed, 90 % and more.
+
+    100 draws of the bootstrap instead of 400: the errors then scatter by 7 %, which costs half a percent of coverage.
+    """
+    monkeypatch.setattr("labbook.fit.outlet.joint._DRAWS", 100)
     rng = np.random.default_rng(1)
     exact = [made(D / 2, (-0.05, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in WIDTHS]
     truth = {name: p.value for name, p in fit_profiles([[one] for one in exact], FAN).parameters.items()}
-    hits = dict.fromkeys(("a", "b", "gamma", "delta1", "epsilon1", "phi_inf"), 0)
-    for _ in range(250):
+    hits = dict.fromkeys(truth, 0)
+    del hits["epsilon2"]  # 1 but for the tilt's square
+    for _ in range(2000):
         found = fit_profiles([[noisy(one, rng, 0.03) for _ in range(3)] for one in exact], FAN).parameters
         for name in hits:
             hits[name] += found[name].low <= truth[name] <= found[name].high
     for name, count in hits.items():
-        assert 0.90 <= count / 250 <= 0.99, name
+        assert (0.90 if name == "tau1" else 0.92) <= count / 2000 <= 0.98, name
 
 
 def test_saturation_gives_its_parameters_back():

@@ -92,7 +92,7 @@ def _points(
     span = float(np.ptp([scale(one.at) for one in ratios])) or 1.0
     for place, group in enumerate(groups):
         mine = sorted((one for one in ratios if display.label(one.result.at, {key}) == group), key=lambda one: one.at)
-        offset = 0.009 * span * (place - (len(groups) - 1) / 2)
+        offset = 0.005 * span * (place - (len(groups) - 1) / 2)
         style = {**look(place), "linestyle": "none", "markersize": 3.5}
         x, y, bars = [], [], []
         for one in mine:
