@@ -43,8 +43,8 @@ def outlet_table(series: Series, definition: str) -> Table:
     )
     measured = "" if whole else "by integrating them as measured; "
     notes = (
-        f"Flow of the profiles over the flow counted, W: {measured}by eq 14 with v_c and φ_c of each outlet; by eq 14 as "
-        "printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
+        f"Flow of the profiles over the flow counted, W: {measured}by eq 14 with v_c and φ_c of each outlet; by eq 14 "
+        "as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
     )
     return Table(("D [mm]", *shown.values()), rows, frozenset(), notes=notes)
 
