@@ -114,8 +114,8 @@ def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
     for quantity, group in groups.items():
         close = sum(abs(one.in_errors) <= CLOSE for one in group)
         sizes = sorted(abs(one.relative) for one in group if math.isfinite(one.relative))
-        middle = f"{100 * statistics.median(sizes):.2g} %" if sizes else "–"
-        largest = f"{100 * sizes[-1]:.2g} %" if sizes else "–"
+        middle = f"{100 * statistics.median(sizes):.3g} %" if sizes else "–"
+        largest = f"{100 * sizes[-1]:.3g} %" if sizes else "–"
         rows.append((display.quantity(quantity).name, str(len(group)), str(close), middle, largest))
     headings = ("quantity", "numbers", f"within {CLOSE:g} standard errors", "median difference", "largest")
     return Table(headings, tuple(rows))
