@@ -27,7 +27,7 @@ def register(app: typer.Typer) -> None:
 def _show(analysis) -> None:
     from rich.console import Console
 
-    from labbook.fit.outlet import FORMULA
+    from labbook.fit.outlet import DEFINITIONS, FORMULA
     from labbook.report import outlet_tables, tables
     from labbook.report.page import summary
 
@@ -43,9 +43,10 @@ def _show(analysis) -> None:
         where = f" at {series.label}" if series.label else ""
         for law, found in series.fits.items():
             print_table(console, tables.fit_table(law, found), f"{law.capitalize()}{where}: {found.law.formula}")
-        if series.profiles:
-            print_table(console, outlet_tables.profile_table(series), f"Profiles along the outlets{where}: {FORMULA}")
-            print_table(console, outlet_tables.outlet_table(series), f"Outlets{where}")
+        for name in series.profiles:
+            title = f"Profiles along the outlets{where} ({DEFINITIONS[name]}): {FORMULA}"
+            print_table(console, outlet_tables.profile_table(series, name), title)
+            print_table(console, outlet_tables.outlet_table(series, name), f"Outlets{where}")
         for problem in series.problems:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:

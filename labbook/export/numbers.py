@@ -1,16 +1,16 @@
 """Every number of an analysis as data frames: SI units, a row a number, NaN for what is not known."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fit import OUTLET_PROFILES
-from labbook.fit.outlet import OF_OUTLET
+from labbook.fit.outlet import DEFINITIONS, OF_OUTLET
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from labbook.fit.outlet import Outlet
     from labbook.report.analysis import Analysis, PointResult
     from labbook.report.series import Series
 
@@ -21,15 +21,17 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
     """Data frames by name; those without rows are left out.
 
     `runs`: what was measured of each run, with error, effective sample size, window, method and note. `points`: pooled
-    over seeds, with 95 % intervals. `fits`: parameters of laws and of profiles. `flow`: W(t) of each run. `profiles`:
-    phi and v along each outlet, mean and standard error over seeds. `outlets`: what was fitted to each outlet.
-    `reference`: a paper's numbers beside ours. Columns that begin with a key of the study say what was swept.
+    over seeds, with 95 % intervals. `ratios`: flow rates over a plain hopper's, with the laws of the angle. `fits`:
+    parameters of laws and of profiles. `flow`: W(t) of each run. `profiles`: phi and v along each outlet, mean and
+    standard error over seeds, by definition. `outlets`: what was fitted to each outlet. `reference`: a paper's numbers
+    beside ours. Columns that begin with a key of the study say what was swept.
     """
     import pandas as pd
 
     made = {
         "runs": _runs(analysis),
         "points": _points(analysis),
+        "ratios": _ratios(analysis),
         "fits": _fits(analysis),
         "flow": _flow(analysis),
         "profiles": _profiles(analysis),
@@ -60,13 +62,31 @@ def _points(analysis: "Analysis") -> Iterator[Row]:
             yield {**head, "replicates": pooled.n, "confidence": pooled.confidence, "remark": result.remark}
 
 
+def _ratios(analysis: "Analysis") -> Iterator[Row]:
+    from labbook.report.ratios import RATIOS, angle_laws
+
+    for name, found in RATIOS.items():
+        for one in found(analysis.points):
+            numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
+            row = {**_of_point(one.result), "quantity": name, **numbers}
+            if name.endswith("angle"):
+                yield row | {_column(law.name): law.factor(one.at) for law in angle_laws(one.result)}
+            else:
+                yield row | {"s_star": one.at}
+
+
+def _column(law: str) -> str:
+    """`rose_tanaka` of a law's name."""
+    return law.partition(",")[0].lower().replace(" & ", "_")
+
+
 def _of_series(series: "Series") -> Row:
     return {"series": series.label, **series.at}
 
 
 def _fits(analysis: "Analysis") -> Iterator[Row]:
     for series in analysis.series:
-        for law in (*series.fits, OUTLET_PROFILES):
+        for law in (*series.fits, *series.profiles):
             for name, parameter in series.parameters(law).items():
                 yield {**_of_series(series), "law": law, "parameter": name, **vars(parameter), **_goodness(series, law)}
 
@@ -88,26 +108,32 @@ def _flow(analysis: "Analysis") -> Iterator[Row]:
 
 def _profiles(analysis: "Analysis") -> Iterator[Row]:
     for result in analysis.points:
-        if not result.outlets:
-            continue
-        first, n = result.outlets[0], len(result.outlets)
-        middle = (first.edges[1:] + first.edges[:-1]) / 2
-        columns: dict[str, np.ndarray] = {"x_star": middle, "x": middle * first.R, "fitted": first.inside}
-        for name in ("area_fraction", "velocity"):
-            seeds = np.array([getattr(one, name) for one in result.outlets])
-            columns[name] = seeds.mean(axis=0)
-            columns[f"{name}_error"] = seeds.std(axis=0, ddof=1) / n**0.5 if n > 1 else np.full(len(middle), np.nan)
-        for values in zip(*columns.values(), strict=True):
-            yield {**_of_point(result), **dict(zip(columns, (value.item() for value in values), strict=True))}
+        for definition in (name for name in DEFINITIONS if result.outlets(name)):
+            head = {**_of_point(result), "definition": definition}
+            yield from ({**head, **row} for row in _along(result.outlets(definition)))
+
+
+def _along(outlets: Sequence["Outlet"]) -> Iterator[Row]:
+    """A row a bin: mean over seeds, and its standard error."""
+    first, n = outlets[0], len(outlets)
+    middle = (first.edges[1:] + first.edges[:-1]) / 2
+    columns: dict[str, np.ndarray] = {"x_star": middle, "x": middle * first.R, "fitted": first.inside}
+    for name in ("area_fraction", "velocity"):
+        seeds = np.array([getattr(one, name) for one in outlets])
+        columns[name] = seeds.mean(axis=0)
+        columns[f"{name}_error"] = seeds.std(axis=0, ddof=1) / n**0.5 if n > 1 else np.full(len(middle), np.nan)
+    for values in zip(*columns.values(), strict=True):
+        yield dict(zip(columns, (value.item() for value in values), strict=True))
 
 
 def _outlets(analysis: "Analysis") -> Iterator[Row]:
     for series in analysis.series:
-        for result, one in zip(series.profiled, series.profiles.outlets if series.profiles else (), strict=False):
-            numbers = {name: getattr(one, name) for name in OF_OUTLET}
-            means = {name: pooled.value for name, pooled in numbers.items()}
-            errors = {f"{name}_error": pooled.error for name, pooled in numbers.items()}
-            yield {**_of_point(result), "R": one.profile.R, **means, **errors}
+        for definition, fit in series.profiles.items():
+            for result, one in zip(series.profiled, fit.outlets, strict=True):
+                numbers = {name: getattr(one, name) for name in OF_OUTLET}
+                means = {name: pooled.value for name, pooled in numbers.items()}
+                errors = {f"{name}_error": pooled.error for name, pooled in numbers.items()}
+                yield {**_of_point(result), "definition": definition, "R": one.profile.R, **means, **errors}
 
 
 def _reference(analysis: "Analysis") -> Iterator[Row]:

@@ -40,7 +40,7 @@ def write_numbers(analysis: "Analysis", folder: Path, kind: Format) -> list[Path
 def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
     """Write recorded runs as VTK, a file a frame in a folder a run, and the mean fields of each; the paths.
 
-    ParaView opens the files of a run as one time series, by their numbers.
+    ParaView opens `grains.vtk.series` of a run as one time series, with the times since the opening [s].
     """
     from labbook.export.vtk import write_fields
     from labbook.report.pattern import flow_patterns
@@ -63,7 +63,7 @@ def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], No
 
 
 def _grains(result: "PointResult", rows, folder: Path) -> list[Path]:
-    from labbook.export.vtk import write_grains
+    from labbook.export.vtk import write_grains, write_series
     from labbook.fields import axes
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -78,14 +78,17 @@ def _grains(result: "PointResult", rows, folder: Path) -> list[Path]:
 
         rods = {"axis": axes(columns("qw qx qy qz")), "length": getattr(grains, "length", None)} if "qw" in rows else {}
         path = folder / f"grains-{number:04d}.vtk"
+        known = [name for name in ("id", "kind") if name in rows]
         write_grains(
             path,
             f"{result.label}, t = {time:.6g} s",
             columns("x y z"),
-            grains.diameter / 2,
+            np.asarray(rows["radius"], float)[now] if "radius" in rows else grains.diameter / 2,
             {"velocity": columns("vx vy vz")},
-            {"id": np.asarray(rows["id"], float)[now]},
+            {name: np.asarray(rows[name], float)[now] for name in known},
             **rods,
         )
         paths.append(path)
-    return paths
+    series = folder / "grains.vtk.series"
+    write_series(series, paths, times)
+    return [series, *paths]

@@ -1,6 +1,7 @@
 """Grains and fields as legacy VTK files (version 3.0, text), which ParaView opens as they are."""
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,13 @@ def write_grains(
     cells = np.column_stack([np.ones(n, int), np.arange(n)])
     parts = [f"POINTS {n} double", _block(x), f"VERTICES {n} {2 * n}", _block(cells), f"POINT_DATA {n}"]
     _write(path, title, "POLYDATA", [*parts, *_attributes(n, numbers, arrows, {})])
+
+
+def write_series(path: Path, files: Sequence[Path], times: Sequence[float] | np.ndarray) -> None:
+    """A series for ParaView: `files` beside `path`, whose name ends in .vtk.series, with their times [s]."""
+    entries = [{"name": file.name, "time": float(time)} for file, time in zip(files, times, strict=True)]
+    text = json.dumps({"file-series-version": "1.0", "files": entries}, indent=1)
+    path.write_text(text + "\n", encoding="ascii")
 
 
 def write_fields(path: Path, title: str, fields: Fields) -> None:

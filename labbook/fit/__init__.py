@@ -5,7 +5,7 @@ from labbook.fit.exponential import Exponential
 from labbook.fit.fitting import compare, fit
 from labbook.fit.janda import Janda2D, Janda3D
 from labbook.fit.law import Context, Law
-from labbook.fit.outlet import NAME as OUTLET_PROFILES
+from labbook.fit.outlet import COVERAGE, CROSSINGS, DEFINITIONS
 from labbook.fit.power import Power
 from labbook.fit.result import FitError, FitResult, Parameter
 
@@ -14,7 +14,20 @@ LAWS: dict[str, Law] = {
 }
 """Laws of the flow rate against the orifice."""
 
-FITS = frozenset({*LAWS, OUTLET_PROFILES})
+FITS = frozenset({*LAWS, *DEFINITIONS})
 """All that a study can name under `fit`."""
 
-__all__ = ["FITS", "LAWS", "OUTLET_PROFILES", "Context", "FitError", "FitResult", "Law", "Parameter", "compare", "fit"]
+__all__ = [
+    "COVERAGE",
+    "CROSSINGS",
+    "DEFINITIONS",
+    "FITS",
+    "LAWS",
+    "Context",
+    "FitError",
+    "FitResult",
+    "Law",
+    "Parameter",
+    "compare",
+    "fit",
+]

@@ -9,4 +9,7 @@ from labbook.measure.packing import PackingStructure
 MEASURES: dict[str, Measure] = {measure.name: measure for measure in (FlowRate(), OutletProfiles(), PackingStructure())}
 """The measures that a study can name under `measure`."""
 
-__all__ = ["MEASURES", "Measure", "MeasureError", "RunData", "Window"]
+FLOW_RATIO = "flow_ratio"
+"""What a report makes of the flow rates of two points; a reference can name it as it names a measurement."""
+
+__all__ = ["FLOW_RATIO", "MEASURES", "Measure", "MeasureError", "RunData", "Window"]

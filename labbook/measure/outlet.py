@@ -8,7 +8,8 @@ int dt v 2 sqrt(r^2 - z^2) = int dz 2 sqrt(r^2 - z^2) = pi r^2 of phi v, however
 
 Frames of the grains near the line estimate these means without bias. The passages of centres through the line, which
 are recorded too, would give phi only with the speed at z = 0 held for the whole body: a grain that rolls over an edge
-at 0.15 m/s doubles its speed within its own radius, and the balance would then close for any speeds at all.
+at 0.15 m/s doubles its speed within its own radius, and the balance would then close for any speeds at all. These
+passages are what some papers take all the same: v the mean over the grains that cross, phi what then makes up the flow.
 """
 
 import math
@@ -37,9 +38,10 @@ class OutletProfile:
     """Profiles along one outlet, means over a window of time.
 
     `edges`: of the bins, in x* = (x - e)/R from -1 (at the left side) to 1, shape [m + 1]; `R`: half width of the
-    outlet [m]; `area_fraction` phi and `flux` phi v [m/s], positive downwards; `crossing_velocity`: beside it the mean
-    of -v_z [m/s] over the grains whose centres passed within a bin (NaN where none did), which weighs fast grains more;
-    each of shape [m]. `flow`: (2/3) d rho_p int(phi v dx) [kg/s], `counted`: mass flow rate of the grains that left
+    outlet [m]; `area_fraction` phi and `flux` phi v [m/s], positive downwards; `crossing_flux`: beside it
+    the disc area that passed with grains whose centres crossed within a bin, over time and width [m/s], and
+    `crossing_velocity`: the mean of -v_z [m/s] over them (NaN where none did), which weighs fast grains more; each of
+    shape [m]. `flow`: (2/3) d rho_p int(phi v dx) [kg/s], `counted`: mass flow rate of the grains that left
     [kg/s], `closure_error`: standard error of flow/counted.
     """
 
@@ -47,6 +49,7 @@ class OutletProfile:
     R: float
     area_fraction: np.ndarray
     flux: np.ndarray
+    crossing_flux: np.ndarray
     crossing_velocity: np.ndarray
     flow: float
     counted: float
@@ -59,6 +62,12 @@ class OutletProfile:
         return np.divide(
             self.flux, self.area_fraction, out=np.full_like(self.flux, math.nan), where=self.area_fraction > 0
         )
+
+    @property
+    def crossing_fraction(self) -> np.ndarray:
+        """What makes up the flux of the grains that cross at their mean speed, shape [m]; 0 where none did."""
+        seen = self.crossing_velocity > 0
+        return np.divide(self.crossing_flux, self.crossing_velocity, out=np.zeros_like(self.flux), where=seen)
 
     @property
     def closure(self) -> float:
@@ -95,12 +104,14 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     swept = covered.sum(axis=1) * -v * behind[grain]
     flow_rate = float(swept.sum()) / len(frames)
     counted = mean_mass(run) * steady.rate
+    crossing_flux, crossing_velocity = _at_crossings(run, steady, hopper.eccentricity, R * edges, bodies.radius)
     return OutletProfile(
         edges=edges,
         R=R,
         area_fraction=phi / (len(frames) * width),
         flux=flux / (len(frames) * width),
-        crossing_velocity=_at_crossings(run, steady, hopper.eccentricity, R * edges),
+        crossing_flux=crossing_flux,
+        crossing_velocity=crossing_velocity,
         flow=flow_rate,
         counted=counted,
         closure_error=flow_rate / counted * _sweep_error(swept / bodies.mass[grain], ids, frame[seen], len(frames) - 1),
@@ -168,15 +179,19 @@ def _covered(x: np.ndarray, z: np.ndarray, radius: np.ndarray, edges: np.ndarray
     return np.diff(np.clip(edges[None, :], (x - half)[:, None], (x + half)[:, None]), axis=1)
 
 
-def _at_crossings(run: RunData, flow: SteadyFlow, centre: float, edges: np.ndarray) -> np.ndarray:
+def _at_crossings(
+    run: RunData, flow: SteadyFlow, centre: float, edges: np.ndarray, radius: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Disc area that crossed each bin over time and width, and the mean of -v_z of its grains [m/s]; shape [m]."""
     table = run.tables["crossing"]
     inside = (table["time"] > flow.begin) & (table["time"] <= flow.end)
     place = np.searchsorted(edges, np.asarray(table["x"])[inside] - centre) - 1
     within = (place >= 0) & (place < len(edges) - 1)
     place, v = place[within], -np.asarray(table["vz"], float)[inside][within]
-    n = np.bincount(place, minlength=len(edges) - 1)
-    total = np.bincount(place, v, len(edges) - 1)
-    return np.divide(total, n, out=np.full(len(n), math.nan), where=n > 0)
+    discs = math.pi * radius[run.start.rows(np.asarray(table["id"])[inside][within])] ** 2
+    n, total, area = (np.bincount(place, of, len(edges) - 1) for of in (np.ones(len(v)), v, discs))
+    time = flow.end - flow.begin - flow.gap_time
+    return area / (time * np.diff(edges)), np.divide(total, n, out=np.full(len(n), math.nan), where=n > 0)
 
 
 def _sweep_error(swept: np.ndarray, ids: np.ndarray, frame: np.ndarray, last: int) -> float:

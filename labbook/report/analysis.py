@@ -3,18 +3,19 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from labbook.fit import OUTLET_PROFILES
+from labbook.fit import COVERAGE, CROSSINGS
 from labbook.fit.outlet import Outlet
 from labbook.measure import MEASURES, RunData
 from labbook.measure.outlet import outlet_profile
 from labbook.measure.series import crossings, flow_series
 from labbook.measure.steady import steady_flow
+from labbook.protocol import Bodies
 from labbook.report import display
 from labbook.stats import Measured, Pooled, StoppingRule
 
@@ -65,7 +66,8 @@ class Trace:
 class RunResult:
     """One run: how it ended, what was measured of it, by quantity, its W(t), and the profiles along its outlet.
 
-    `frames` reads what was recorded of it, None if nothing was.
+    `outlets`: those profiles by definition (`labbook.fit.DEFINITIONS`); `frames` reads what was recorded of it, None if
+    nothing was.
     """
 
     seed: int
@@ -74,7 +76,7 @@ class RunResult:
     measured: Mapping[str, Measured]
     trace: Trace | None
     provenance: Mapping[str, Any]
-    outlet: Outlet | None = None
+    outlets: Mapping[str, Outlet] = field(default_factory=dict)
     frames: Callable[[], Mapping[str, np.ndarray] | None] = lambda: None
 
 
@@ -107,10 +109,9 @@ class PointResult:
         """Pooled W [kg/s], or None if no replicate gave one."""
         return self.pooled.get(FLOW_RATE)
 
-    @property
-    def outlets(self) -> tuple[Outlet, ...]:
+    def outlets(self, definition: str) -> tuple[Outlet, ...]:
         """Profiles along the outlet, of every run that has them."""
-        return tuple(run.outlet for run in self.runs if run.outlet is not None)
+        return tuple(run.outlets[definition] for run in self.runs if definition in run.outlets)
 
     @property
     def outcomes(self) -> Counter[str]:
@@ -216,7 +217,7 @@ def _point(study: "Study", point: "Point", extra: frozenset[str], runs: tuple[Ru
 def _run(study: "Study", finished: Finished) -> RunResult:
     data = finished.data()
     measured = {m.quantity: m for name in study.measure for m in MEASURES[name].evaluate(data, study.window)}
-    outlet = _outlet(study, data) if OUTLET_PROFILES in study.measure else None
+    outlets = _outlets(study, data) if COVERAGE in study.measure else {}
     trace = _trace(study, data)
     return RunResult(
         finished.seed,
@@ -225,18 +226,37 @@ def _run(study: "Study", finished: Finished) -> RunResult:
         measured,
         trace,
         finished.provenance,
-        outlet,
-        finished.recording,
+        outlets,
+        _frames(finished, data),
     )
 
 
-def _outlet(study: "Study", data: RunData) -> Outlet | None:
-    """The profiles of a run that flowed through the window; None of a clogged one, as for its flow rate."""
+def _frames(finished: Finished, data: RunData) -> Callable[[], Mapping[str, np.ndarray] | None]:
+    """Reads what was recorded of a run; of unlike grains with their `radius` [m] and `kind`, which the start knows."""
+    if not data.scene.grains.varied:
+        return finished.recording
+    bodies, start = Bodies.of(data.scene.grains, data.start), data.start
+
+    def read() -> Mapping[str, np.ndarray] | None:
+        table = finished.recording()
+        if table is None:
+            return None
+        which = start.rows(np.asarray(table["id"]))
+        return {**table, "radius": bodies.radius[which], "kind": bodies.kind[which]}
+
+    return read
+
+
+def _outlets(study: "Study", data: RunData) -> dict[str, Outlet]:
+    """The profiles of a run that flowed through the window; none of a clogged one, as for its flow rate."""
     found = outlet_profile(data, study.window) if data.outcome not in ("clogged", "diverged") else None
     if found is None:
-        return None
+        return {}
     reach = 1 - data.scene.grains.radius / found.R
-    return Outlet(found.R, found.edges, found.area_fraction, found.flux, reach, found.counted)
+    return {
+        COVERAGE: Outlet(found.R, found.edges, found.area_fraction, found.flux, reach, found.counted),
+        CROSSINGS: Outlet(found.R, found.edges, found.crossing_fraction, found.crossing_flux, 1.0, found.counted),
+    }
 
 
 def _trace(study: "Study", data: RunData) -> Trace | None:

@@ -5,10 +5,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from labbook.fit import LAWS, OUTLET_PROFILES
+from labbook.fit import DEFINITIONS, LAWS
 from labbook.fit.outlet import PARAMETERS
 from labbook.report import display
 from labbook.report.analysis import ORIFICE, PointResult
+from labbook.report.ratios import RATIOS, Ratio
 from labbook.report.series import Series
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 CLOSE = 2.0
 """Standard errors within which two numbers are said to agree."""
+NEAR = 0.1
+"""Relative difference within which numbers that do not agree are said to be near."""
 
 
 @dataclass(frozen=True)
@@ -59,16 +62,25 @@ def compare(
     return tuple(found for entry in reference.entries for found in _entry(entry, points, series))
 
 
+def of_reference(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, float]:
+    """What the reference has for the parameters of `law` (or profiles) at a series, by name, in SI."""
+    mine = (c for c in comparisons if c.quantity.startswith(f"{law}."))
+    return {c.quantity.partition(".")[2]: c.reference for c in mine if not series.at or dict(c.at) == dict(series.at)}
+
+
 def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     """A plain sentence on how ours agree with the source."""
     known = [c for c in comparisons if math.isfinite(c.in_errors)]
     if not known:
         return f"Nothing can be compared with {source} yet."
-    close = sum(abs(c.in_errors) <= CLOSE for c in known)
+    apart = [c for c in known if abs(c.in_errors) > CLOSE]
+    near = sum(abs(c.relative) <= NEAR for c in apart)
+    more = f", and {near} more lie within {100 * NEAR:g} %" if near else ""
     farthest = max(known, key=lambda c: abs(c.in_errors))
     name = display.quantity(farthest.quantity).name
     where = f" at {farthest.label}" if farthest.label else ""
-    text = f"Of {len(known)} numbers of {source}, {close} agree with ours within {CLOSE:g} standard errors."
+    agree = len(known) - len(apart)
+    text = f"Of {len(known)} numbers of {source}, {agree} agree with ours within {CLOSE:g} standard errors{more}."
     return (
         f"{text} Farthest apart is {name}{where}: ours is {100 * farthest.relative:+.1f} %, "
         f"or {farthest.in_errors:+.1f} standard errors, away.".replace("-", "−")
@@ -77,7 +89,7 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
 
 def _entry(entry: "ReferenceEntry", points: Sequence[PointResult], series: Sequence[Series]) -> Iterator[Comparison]:
     head, _, tail = entry.quantity.partition(".")
-    fitted = head in LAWS or (head == OUTLET_PROFILES and tail in PARAMETERS)
+    fitted = head in LAWS or (head in DEFINITIONS and tail in PARAMETERS)
     quantity = entry.quantity if fitted else tail or head
     label = display.label(entry.at)
     base = Comparison(quantity, entry.at, label, entry.value, entry.error, None)
@@ -86,6 +98,9 @@ def _entry(entry: "ReferenceEntry", points: Sequence[PointResult], series: Seque
         at = {name: value for name, value in entry.at.items() if name != ORIFICE}
         for one in (one for one in series if _matches(at, one.points[0].point)):
             found.append(_of_fit(replace(base, at=one.at or at, label=one.label or label), head, tail, one))
+    elif entry.quantity in RATIOS:
+        for ratio in (ratio for ratio in RATIOS[entry.quantity](points) if _matches(entry.at, ratio.result.point)):
+            found.append(_of_ratio(replace(base, quantity=entry.quantity), ratio))
     else:
         for result in (result for result in points if _matches(entry.at, result.point)):
             found.append(_of_point(replace(base, at=result.at, label=result.label), result))
@@ -126,6 +141,12 @@ def _of_point(base: Comparison, result: PointResult) -> Comparison:
         return replace(base, why=f"{base.quantity} was not measured here, but {known}")
     unit = next(run.measured[base.quantity].unit for run in result.runs if base.quantity in run.measured)
     return replace(base, ours=pooled.value, error=pooled.error, low=pooled.low, high=pooled.high, unit=unit)
+
+
+def _of_ratio(base: Comparison, ratio: Ratio) -> Comparison:
+    """Against the plain hopper itself there is nothing to compare: it is 1 without error."""
+    base = replace(base, at=ratio.result.at, label=ratio.result.label)
+    return replace(base, ours=ratio.value, error=ratio.error, low=ratio.low, high=ratio.high)
 
 
 def _matches(asked: Mapping[str, float | str], point: "Point") -> bool:

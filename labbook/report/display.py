@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,8 @@ QUANTITIES = {  # a superscript is written ^(...)
     "orifice.v_z": Shown("v_z", "m/s"),
     "orifice.kinetic_pressure": Shown("p_k", "Pa"),
     "orifice.stagnant_fraction": Shown("stagnant", "%", 100),
+    "flow_ratio.angle": Shown("W/W of the flat bottom"),
+    "flow_ratio.position": Shown("W/W in the middle"),
     "outlet_closure": Shown("flow of the profiles / W"),
     "outlet_area_fraction": Shown("mean φ at the outlet"),
     "outlet_velocity": Shown("mean v at the outlet", "m/s"),
@@ -87,6 +89,11 @@ QUANTITIES = {  # a superscript is written ^(...)
     "beverloo.C": Shown("C (bulk density)"),
     "beverloo.C_particle": Shown("C (grain density)"),
     "beverloo.k": Shown("k"),
+}
+QUANTITIES |= {  # the same parameters of profiles by another definition
+    name.replace("outlet_profiles", "outlet_crossings"): replace(shown, name=f"{shown.name} (crossings)")
+    for name, shown in QUANTITIES.items()
+    if name.startswith("outlet_profiles")
 }
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.fit import OUTLET_PROFILES
+from labbook.fit.outlet import CROSSINGS
 from labbook.report import display
 from labbook.report.analysis import PointResult
 from labbook.report.series import Series
@@ -10,11 +10,10 @@ from labbook.report.tables import Table, parameter_row
 from labbook.stats import Pooled
 
 
-def profile_table(series: Series) -> Table:
+def profile_table(series: Series, definition: str) -> Table:
     """Parameters of the profiles along the outlets of a series."""
-    fit = series.profiles
-    assert fit is not None
-    rows = tuple(parameter_row(f"{OUTLET_PROFILES}.{name}", p) for name, p in fit.parameters.items())
+    fit = series.profiles[definition]
+    rows = tuple(parameter_row(f"{definition}.{name}", p) for name, p in fit.parameters.items())
     collapse = f"Root mean square about the domes: {fit.misfit[0]:.2g} of v_c, {fit.misfit[1]:.2g} of φ_c."
     notes = (collapse, *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
     return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
@@ -30,22 +29,24 @@ _OF_OUTLET = {
 }
 
 
-def outlet_table(series: Series) -> Table:
+def outlet_table(series: Series, definition: str) -> Table:
     """Each outlet of a series: middle of its profiles, and the flow that they come to over the flow counted."""
-    fit = series.profiles
-    assert fit is not None
+    fit = series.profiles[definition]
+    whole = definition == CROSSINGS  # what crosses is what is counted
+    shown = {name: heading for name, heading in _OF_OUTLET.items() if not (whole and name == "direct")}
     rows = tuple(
         (
             f"{result.orifice * 1e3:g}",
-            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in _OF_OUTLET),
+            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in shown),
         )
         for result, one in zip(series.profiled, fit.outlets, strict=True)
     )
+    measured = "" if whole else "by integrating them as measured; "
     notes = (
-        "Flow of the profiles over the flow counted, W: by integrating them as measured; by eq 14 with v_c and φ_c of "
-        "each outlet; by eq 14 as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
+        f"Flow of the profiles over the flow counted, W: {measured}by eq 14 with v_c and φ_c of each outlet; by eq 14 "
+        "as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
     )
-    return Table(("D [mm]", *_OF_OUTLET.values()), rows, frozenset(), notes=notes)
+    return Table(("D [mm]", *shown.values()), rows, frozenset(), notes=notes)
 
 
 def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> Table:

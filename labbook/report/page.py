@@ -5,11 +5,11 @@ import re
 from pathlib import Path
 
 from labbook import __version__
-from labbook.fit import OUTLET_PROFILES
+from labbook.fit import DEFINITIONS
 from labbook.report import display, figures, tables
+from labbook.report.across import outlet_pictures, ratio_sections
 from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
-from labbook.report.ratios import by_angle, by_position
 from labbook.report.sections import Picture, picture, series_section
 
 FILE = "report.html"
@@ -28,8 +28,10 @@ def write(analysis: Analysis, folder: Path) -> Path:
         incomplete=bool(analysis.missing or analysis.unreadable) or any(r.precise is False for r in analysis.points),
         source=source,
         comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
+        digest=tables.digest_table(analysis.comparisons),
         overview=_overview(analysis, folder),
         trends=_trends(analysis, folder),
+        ratios=ratio_sections(analysis, folder),
         series=[series_section(analysis, k, folder) for k in range(len(analysis.series))],
         flow=tables.flow_table(analysis),
         further=tables.further_table(analysis),
@@ -89,7 +91,7 @@ def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
     numbers = {name: len(found) for name, found in values.items() if not any(isinstance(v, str) for v in found)}
     key = max(numbers, key=lambda name: numbers[name], default="")
     pictures = []
-    for law in (*dict.fromkeys(law for one in analysis.series for law in one.fits), OUTLET_PROFILES):
+    for law in (*dict.fromkeys(law for one in analysis.series for law in one.fits), *DEFINITIONS):
         places = {one.at[key] for one in analysis.series if one.parameters(law) and key in one.at}
         if len(places) > 1:
             figure = figures.parameters_against(key, law, analysis.series, analysis.comparisons)
@@ -98,30 +100,9 @@ def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
             name = display.key(key).name
             stem = folder / f"{_slug(called)}-{_slug(name)}"
             pictures.append(picture(figure, stem, f"parameters of {called} against {name}", caption))
-    return pictures + _ratios(analysis, folder)
+    return pictures + outlet_pictures(analysis, folder)
 
 
-def _ratios(analysis: Analysis, folder: Path) -> list[Picture]:
-    """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied."""
-    pictures = []
-    if angles := by_angle(analysis.points):
-        figure = figures.flow_against_angle(angles)
-        pictures.append(picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", _ANGLES))
-    if positions := by_position(analysis.points):
-        figure = figures.flow_against_position(positions)
-        alt = "flow rate against position over that in the middle"
-        pictures.append(picture(figure, folder / "ratio-position", alt, _POSITIONS))
-    return pictures
-
-
-_ANGLES = (
-    "Flow rate over that of a flat bottom with the same outlet; bars: one standard error. Lines have no free "
-    "parameter; the angle φ_d of Rose and Tanaka is taken as the arctangent of the grains’ friction."
-)
-_POSITIONS = (
-    "Flow rate over that of the same outlet in the middle, and shape of the profiles of each point (eqs 16 and 17), "
-    "against the relative distance from the wall; bars: one standard error."
-)
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."
 
 

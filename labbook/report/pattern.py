@@ -122,7 +122,7 @@ def _of_run(result: "PointResult", run: "RunResult") -> FlowPattern | None:
     if len(times) < FEWEST:
         return None
     scene = result.point.scene
-    volume = scene.grains.mass / scene.grains.density
+    volume = scene.grains.volume
     d = (6 * volume / np.pi) ** (1 / 3)
     grains = grains_of(frames, scene.grains.mass, volume, *window)
     fields = coarse_grain(_grid(scene, OMEGA * d, grains.x), OMEGA * d, grains)

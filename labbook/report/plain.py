@@ -66,7 +66,7 @@ def _series(series: Series) -> dict[str, Any]:
             }
             for law, fit in series.fits.items()
         },
-        "profiles": _profiles(series.profiles) if series.profiles else None,
+        "profiles": {name: _profiles(fit) for name, fit in series.profiles.items()},
     }
 
 

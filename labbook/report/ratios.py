@@ -1,23 +1,33 @@
 """Flow rates relative to that of a plain hopper: a flat bottom, an outlet in the middle."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from labbook.fit.angle import brown, rose_tanaka
+from labbook.measure import FLOW_RATIO
 from labbook.report.analysis import PointResult
 from labbook.scene import WedgeHopper
+from labbook.stats.pooling import student
 
 ANGLE, GAP = "container.angle", "container.gap"
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """W of a point over that of the plain hopper that is like it but for one key; `at`: the angle [rad], or s*."""
+    """W of a point over that of the plain hopper that is like it but for one key.
+
+    `at`: the angle [rad], or s*; `error`: standard error; `low`, `high`: the 95 % interval, by Student's t on the
+    degrees of freedom of both errors together (Welch and Satterthwaite). The plain hopper over itself is 1 without
+    error.
+    """
 
     result: PointResult
     at: float
     value: float
     error: float
+    low: float
+    high: float
 
 
 def by_angle(points: Sequence[PointResult]) -> list[Ratio]:
@@ -31,9 +41,34 @@ def by_position(points: Sequence[PointResult]) -> list[Ratio]:
     return _ratios(points, GAP, lambda hopper: hopper.gap is None, position)
 
 
+RATIOS: Mapping[str, Callable[[Sequence[PointResult]], list[Ratio]]] = {
+    f"{FLOW_RATIO}.angle": by_angle,
+    f"{FLOW_RATIO}.position": by_position,
+}
+"""Ratios that a reference can name."""
+
+
 def position(hopper: WedgeHopper) -> float:
     """s* = 2 s/(L - D); 1 for an outlet in the middle."""
     return 1.0 if hopper.gap is None else 2 * hopper.gap / (hopper.width - hopper.orifice)
+
+
+@dataclass(frozen=True)
+class Law:
+    """An angle factor without free parameters: its name, and W(angle)/W(90 deg) at an angle [rad]."""
+
+    name: str
+    factor: Callable[[float], float]
+
+
+def angle_laws(result: PointResult) -> tuple[Law, ...]:
+    """Brown's law, and Rose and Tanaka's with the arctangent of the grains' friction for phi_d."""
+    friction = math.atan(result.point.scene.contact.friction)
+    found = [Law("Brown", brown)]
+    if friction > 0:
+        name = f"Rose & Tanaka, φ_d = {math.degrees(friction):.3g}°"
+        found.append(Law(name, lambda angle: rose_tanaka(angle, friction)))
+    return tuple(found)
 
 
 def _ratios(
@@ -62,9 +97,14 @@ def _hopper(result: PointResult) -> WedgeHopper:
 
 
 def _over(one: PointResult, reference: PointResult, at: float) -> Ratio:
-    above, below = one.flow_rate, reference.flow_rate
-    assert above is not None
-    assert below is not None
-    value = above.value / below.value
-    relative = 0.0 if one is reference else math.hypot(above.error / above.value, below.error / below.value)
-    return Ratio(one, at, value, value * relative)
+    if one is reference:
+        return Ratio(one, at, 1.0, 0.0, 1.0, 1.0)
+    flows = [result.flow_rate for result in (one, reference) if result.flow_rate is not None]
+    value = flows[0].value / flows[1].value
+    squares = [(flow.error / flow.value) ** 2 for flow in flows]
+    relative = math.sqrt(sum(squares))
+    if not relative > 0:  # one replicate somewhere: no error; or no scatter at all
+        return Ratio(one, at, value, relative * value, -math.inf, math.inf)
+    freedom = sum(squares) ** 2 / sum(s**2 / (flow.n - 1) for s, flow in zip(squares, flows, strict=True))
+    half = student(0.95, freedom) * relative * value
+    return Ratio(one, at, value, value * relative, value - half, value + half)

@@ -4,10 +4,10 @@ import math
 from base64 import b64encode
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from labbook.fields.pattern import FUNNEL, SLOW
-from labbook.fit.outlet import FORMULA, SOURCE
+from labbook.fit.outlet import DEFINITIONS, FORMULA, SOURCE
 from labbook.report import figures, outlet_tables, style, tables
 from labbook.report.analysis import Analysis
 from labbook.report.pattern import INTERVAL, acceleration, flow_patterns, pooled_means
@@ -29,13 +29,12 @@ class Picture:
 
 def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
     """Figures, tables and remarks of the series numbered `index`, as the template takes them."""
-    series, reference = analysis.series[index], analysis.study.reference
+    series = analysis.series[index]
     suffix = f"-{index + 1}" if len(analysis.series) > 1 else ""
     where = f" ({series.label})" if series.label else ""
     fit = None
     if series.used:
-        source = reference.source if reference is not None else ""
-        figure = figures.flow_against_orifice(series, analysis.comparisons, source)
+        figure = figures.flow_against_orifice(series, analysis.comparisons, _source(analysis))
         fit = picture(figure, folder / f"fit{suffix}", f"a power of W against orifice{where}", _FIT)
     flow = figures.flow_against_time(series)
     problems = [f"Not fitted: {problem}." for problem in series.problems]
@@ -60,7 +59,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
         "flow": picture(flow, folder / f"flow{suffix}", f"W against time{where}", _FLOW),
         "patterns": patterns,
         "acceleration": _acceleration(series, folder, suffix, where),
-        "profiles": _profiles(series, folder, suffix, where) if series.profiles else None,
+        "profiles": [_profiles(analysis, series, name, folder, suffix, where) for name in series.profiles],
     }
 
 
@@ -81,16 +80,25 @@ def _acceleration(series: Series, folder: Path, suffix: str, where: str) -> Pict
     return picture(figure, folder / f"acceleration{suffix}", f"acceleration against height{where}", _ACCELERATION)
 
 
-def _profiles(series: Series, folder: Path, suffix: str, where: str) -> dict:
-    along, middles = figures.outlet_profiles(series), figures.outlet_middles(series)
+def _profiles(
+    analysis: Analysis, series: Series, definition: str, folder: Path, suffix: str, where: str
+) -> dict[str, Any]:
+    name = definition.removeprefix("outlet_")
+    along = figures.outlet_profiles(series, definition, analysis.comparisons, _source(analysis))
+    middles = figures.outlet_middles(series, definition)
     return {
-        "along": picture(along, folder / f"profiles{suffix}", f"profiles along the outlets{where}", _ALONG),
-        "middles": picture(middles, folder / f"middles{suffix}", f"middles of the profiles{where}", _MIDDLES),
+        "along": picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", _ALONG),
+        "middles": picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", _MIDDLES),
+        "definition": DEFINITIONS[definition],
         "formula": FORMULA,
         "source": SOURCE,
-        "table": outlet_tables.profile_table(series),
-        "outlets": outlet_tables.outlet_table(series),
+        "table": outlet_tables.profile_table(series, definition),
+        "outlets": outlet_tables.outlet_table(series, definition),
     }
+
+
+def _source(analysis: Analysis) -> str:
+    return analysis.study.reference.source if analysis.study.reference is not None else ""
 
 
 _FIT = (
@@ -115,7 +123,7 @@ _ACCELERATION = (
 )
 _ALONG = (
     "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "
-    "middle. Points are fitted; bins without points lie nearer to the edges than centres of grains come. Bands: one "
+    "middle. Points are fitted; bins without points are not. Bands: one "
     "standard error over seeds. Dashed: the tilted curves of eqs 16 and 17, where the tilt is significant."
 )
 _MIDDLES = (

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from labbook.fit import LAWS, OUTLET_PROFILES, Context, FitError, FitResult, Parameter, compare, fit
+from labbook.fit import COVERAGE, DEFINITIONS, LAWS, Context, FitError, FitResult, Parameter, compare, fit
 from labbook.fit.outlet import ProfileFit, fit_profiles
 from labbook.report import display
 from labbook.report.analysis import ORIFICE, PointResult
@@ -35,19 +35,18 @@ class Series:
     preferred: str | None
     problems: tuple[str, ...]
     unset: tuple[str, ...] = ()
-    profiles: ProfileFit | None = None
-    """Profiles along the outlets, of the points that have any, if the study fits them."""
+    profiles: Mapping[str, ProfileFit] = field(default_factory=dict)
+    """Profiles along the outlets of the points that have any, by definition, if the study fits them."""
 
     def parameters(self, name: str) -> Mapping[str, Parameter]:
         """Fitted parameters of the law `name`, or of the profiles; empty where it was not fitted."""
-        if name == OUTLET_PROFILES:
-            return self.profiles.parameters if self.profiles else {}
-        return self.fits[name].parameters if name in self.fits else {}
+        found = {**self.fits, **self.profiles}.get(name)
+        return found.parameters if found is not None else {}
 
     @property
     def profiled(self) -> tuple[PointResult, ...]:
-        """Points with profiles along their outlet, in the order of `profiles.outlets`."""
-        return tuple(result for result in self.points if result.outlets)
+        """Points with profiles along their outlet, in the order of the outlets of `profiles`."""
+        return tuple(result for result in self.points if result.outlets(COVERAGE))
 
     @property
     def label(self) -> str:
@@ -110,12 +109,13 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
             fits[name] = fit(LAWS[name], D, W, error, context(points), replicates)
         except FitError as failure:
             problems.append(str(failure))
-    profiles = None
-    if OUTLET_PROFILES in laws:
+    profiles = {}
+    profiled = [result for result in points if result.outlets(COVERAGE)]
+    for name in (law for law in laws if law in DEFINITIONS):
         try:
-            profiles = fit_profiles([result.outlets for result in points if result.outlets], context(points))
+            profiles[name] = fit_profiles([result.outlets(name) for result in profiled], context(points))
         except FitError as failure:
-            problems.append(str(failure))
+            problems.append(f"{name}: {failure}")
     outside = np.zeros(len(used), bool)
     for found in fits.values():
         outside |= found.outside

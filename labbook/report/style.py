@@ -92,7 +92,8 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
 
 
 def mathtext(text: str) -> str:
-    """Matplotlib's spelling of a label in which superscripts are written ^(...)."""
+    """Matplotlib's spelling of a label with superscripts written ^(...), and subscripts of single letters: `φ_d`."""
+    text = re.sub(r"\b(\w)_(\w+|∞)", r"$\1_{\2}$", text)
     return re.sub(r"\^\(([^)]*)\)", r"$^{\1}$", text)
 
 

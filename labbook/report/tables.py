@@ -1,11 +1,12 @@
 """The tables of a report, as rows of text: the same for the page and for the terminal."""
 
 import math
+import statistics
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from labbook.fit import FitResult, Parameter
+from labbook.fit import DEFINITIONS, FitResult, Parameter
 from labbook.report import display
 from labbook.report.analysis import Analysis, PointResult
 from labbook.report.comparison import CLOSE, Comparison
@@ -97,6 +98,29 @@ def _remarks(result: PointResult) -> list[str]:
     return remarks
 
 
+_MANY = 12
+"""Numbers of a reference from which on a digest is shown above them."""
+
+
+def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
+    """Of each quantity of a reference: how many numbers, how many agree, and how far the others are; None for few."""
+    groups: dict[str, list[Comparison]] = {}
+    for one in comparisons:
+        if math.isfinite(one.in_errors):
+            groups.setdefault(one.quantity, []).append(one)
+    if sum(map(len, groups.values())) < _MANY:
+        return None
+    rows = []
+    for quantity, group in groups.items():
+        close = sum(abs(one.in_errors) <= CLOSE for one in group)
+        sizes = sorted(abs(one.relative) for one in group if math.isfinite(one.relative))
+        middle = f"{100 * statistics.median(sizes):.3g} %" if sizes else "–"
+        largest = f"{100 * sizes[-1]:.3g} %" if sizes else "–"
+        rows.append((display.quantity(quantity).name, str(len(group)), str(close), middle, largest))
+    headings = ("quantity", "numbers", f"within {CLOSE:g} standard errors", "median difference", "largest")
+    return Table(headings, tuple(rows))
+
+
 def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     """The reference's numbers beside ours; rows farther apart than two standard errors are marked."""
     rows, marked, reasons = [], set(), []
@@ -135,7 +159,8 @@ def fit_table(law: str, fit: FitResult) -> Table:
     return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
 
 
-_MAY_VANISH = frozenset({"outlet_profiles.delta1", "outlet_profiles.delta2"})  # a tilt of zero is a finding
+_MAY_VANISH = frozenset(f"{name}.{tilt}" for name in DEFINITIONS for tilt in ("delta1", "delta2"))
+"""A tilt of zero is a finding."""
 
 
 def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:

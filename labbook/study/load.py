@@ -44,11 +44,11 @@ def load(path: Path) -> Study:
 
 
 def known_names() -> set[str]:
-    """Names of all measurements and laws."""
+    """Names of all measurements and laws, and of what reports make of them."""
     from labbook.fit import FITS
-    from labbook.measure import MEASURES
+    from labbook.measure import FLOW_RATIO, MEASURES
 
-    return {*MEASURES, *FITS}
+    return {*MEASURES, *FITS, FLOW_RATIO}
 
 
 def _unknown_keys(source: Source) -> list[Problem]:
@@ -71,7 +71,7 @@ def _settings(source: Source, misspelled: Set[str | None], problems: list[Proble
 
 def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
     """Measurements and fits that do not exist, and a fit of profiles that nothing measures."""
-    from labbook.fit import FITS, OUTLET_PROFILES
+    from labbook.fit import COVERAGE, DEFINITIONS, FITS
     from labbook.measure import MEASURES
 
     for key, stated, known in (("measure", settings.measure, MEASURES), ("fit", settings.fit, FITS)):
@@ -81,10 +81,11 @@ def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
                 what = "measurement" if key == "measure" else "law"
                 message = f"no {what} is called {shown(name)}"
                 yield Problem(source.path, line, key, message, instead(name, known))
-    if OUTLET_PROFILES in settings.fit and OUTLET_PROFILES not in settings.measure:
-        line = source.line(("fit", settings.fit.index(OUTLET_PROFILES)))
-        message = f"{OUTLET_PROFILES} cannot be fitted: they are not measured"
-        yield Problem(source.path, line, "fit", message, f"add {OUTLET_PROFILES} to measure")
+    unmeasured = [name for name in settings.fit if name in DEFINITIONS and COVERAGE not in settings.measure]
+    for name in unmeasured:
+        line = source.line(("fit", settings.fit.index(name)))
+        message = f"{name} cannot be fitted: profiles are not measured"
+        yield Problem(source.path, line, "fit", message, f"add {COVERAGE} to measure")
 
 
 def _outlets(source: Source, settings: Settings, points: tuple[Point, ...]) -> Iterator[Problem]:

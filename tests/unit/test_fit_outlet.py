@@ -10,6 +10,7 @@ from scipy.integrate import quad
 from labbook.fit import Context, FitError
 from labbook.fit.outlet import Outlet, dome, fit_approach, fit_profiles, fit_saturation
 from labbook.fit.outlet.flow import centred_flow, eccentric_flow
+from labbook.stats.pooling import student
 
 FAN = Context(d=3e-3, rho_p=2500, rho_b=None, Z=3.03e-3, g=9.81)
 RADIUS = FAN.d / 2
@@ -134,6 +135,20 @@ def test_only_bins_that_centres_can_reach_are_fitted():
     assert fit_profiles([[aside]], FAN).parameters["b"] == fit_profiles([[outlet]], FAN).parameters["b"]
 
 
+def test_where_no_grain_was_the_fraction_is_nothing_and_the_velocity_unknown():
+    """Whole outlets: bins without a grain pull b, with the others on an exact dome, and leave a alone."""
+    outlet = made(0.015, (0, 1.3, 0.4), (0, 1, 0.4), 0.7)
+    whole = Outlet(outlet.R, EDGES, outlet.area_fraction, outlet.flux, 1.0, outlet.counted)
+    empty = whole.area_fraction.copy()
+    empty[[0, -1]] = 0
+    emptied = Outlet(outlet.R, EDGES, empty, np.where(empty > 0, outlet.flux, 0), 1.0, outlet.counted)
+    before, after = (fit_profiles([[one]], FAN).parameters for one in (whole, emptied))
+    assert after["a"].value == pytest.approx(0.4, abs=0.01)
+    assert before["b"].value == pytest.approx(0.4, abs=1e-3)
+    assert after["b"].value > 0.5
+    assert any("whole outlets" in note for note in fit_profiles([[emptied]], FAN).notes)
+
+
 def test_one_replicate_has_no_interval_and_few_outlets_no_saturation():
     found = fit_profiles([[made(0.009, (0, 1.3, 0.4), (0, 1, 0.4), 0.7)]], FAN)
     assert "phi_inf" not in found.parameters
@@ -145,18 +160,23 @@ def test_one_replicate_has_no_interval_and_few_outlets_no_saturation():
 
 
 @pytest.mark.slow
-def test_intervals_over_seeds_cover():
-    """Three seeds at four outlets: 95 % intervals of 250 sets cover, within the scatter of such a count."""
+def test_intervals_over_seeds_cover(monkeypatch):
+    """Three seeds at four outlets, 2000 sets: 95 % intervals cover 92 to 98 %, of tau1, which is skewed, 90 % and more.
+
+    100 draws of the bootstrap instead of 400: the errors then scatter by 7 %, which costs half a percent of coverage.
+    """
+    monkeypatch.setattr("labbook.fit.outlet.joint._DRAWS", 100)
     rng = np.random.default_rng(1)
     exact = [made(D / 2, (-0.05, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in WIDTHS]
     truth = {name: p.value for name, p in fit_profiles([[one] for one in exact], FAN).parameters.items()}
-    hits = dict.fromkeys(("a", "b", "gamma", "delta1", "epsilon1", "phi_inf"), 0)
-    for _ in range(250):
+    hits = dict.fromkeys(truth, 0)
+    del hits["epsilon2"]  # 1 but for the tilt's square
+    for _ in range(2000):
         found = fit_profiles([[noisy(one, rng, 0.03) for _ in range(3)] for one in exact], FAN).parameters
         for name in hits:
             hits[name] += found[name].low <= truth[name] <= found[name].high
     for name, count in hits.items():
-        assert 0.90 <= count / 250 <= 0.99, name
+        assert (0.90 if name == "tau1" else 0.92) <= count / 2000 <= 0.98, name
 
 
 def test_saturation_gives_its_parameters_back():
@@ -171,8 +191,33 @@ def test_saturation_gives_its_parameters_back():
 
 def test_approach_gives_the_paper_s_curve_back():
     s = np.array([0, 0.15, 0.3, 0.5, 0.7, 1.0])
-    found = fit_approach(s.tolist(), (0.39 - 0.12 * np.exp(-3.74 * s)).tolist(), [0.01] * 6)
+    found = fit_approach(s.tolist(), (0.39 - 0.12 * np.exp(-3.74 * s)).tolist())
     assert (found.limit, found.depth, found.rate) == pytest.approx((0.39, 0.12, 3.74), rel=0.01)
     np.testing.assert_allclose(found.at(s), 0.39 - 0.12 * np.exp(-3.74 * s), atol=1e-4)
     with pytest.raises(ValueError, match="at least 4"):
-        fit_approach([0, 0, 1, 1], [0.3, 0.3, 0.4, 0.4], [0.01] * 4)
+        fit_approach([0, 0, 1, 1], [0.3, 0.3, 0.4, 0.4])
+
+
+def test_intervals_of_an_approach_cover():
+    """2000 sets of 25 points about the paper's curve: limit, depth and band are covered by 92 to 98 %."""
+    rng = np.random.default_rng(2)
+    s, at = np.linspace(0, 1, 25), np.array([0.0, 0.2, 0.9])
+    true = 0.39 - 0.12 * np.exp(-3.74 * s)
+    hits, used = np.zeros(5), 0
+    for _ in range(2000):
+        found = fit_approach(s.tolist(), (true + 0.01 * rng.standard_normal(len(s))).tolist())
+        if not math.isfinite(found.errors[2]):
+            continue
+        used += 1
+        t = student(0.95, found.freedom)
+        limit, depth, _ = found.errors
+        hits[:2] += abs(found.limit - 0.39) <= t * limit, abs(found.depth - 0.12) <= t * depth
+        hits[2:] += abs(found.at(at) - (0.39 - 0.12 * np.exp(-3.74 * at))) <= found.half_width(at)
+    assert used > 1950
+    assert ((hits / used >= 0.92) & (hits / used <= 0.98)).all(), hits / used
+
+
+def test_a_step_or_a_straight_line_has_no_rate():
+    s = np.array([0, 0.15, 0.3, 0.5, 0.7, 1.0])
+    for values in (np.where(s > 0, 0.4, 0.3), 0.3 + 0.01 * s):
+        assert math.isinf(fit_approach(s.tolist(), values.tolist()).errors[2])

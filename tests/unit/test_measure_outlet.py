@@ -144,6 +144,22 @@ def test_the_mean_over_passages_weighs_fast_grains_more():
     inner = slice(4, BINS - 4)
     assert found.crossing_velocity[inner].mean() == pytest.approx(0.6, rel=0.01)
     assert found.velocity[inner].mean() == pytest.approx(2 / (1 / 0.3 + 1 / 0.9), rel=0.01)
+    # the flow is one, so that the area fraction is less where the mean speed is more
+    assert found.crossing_flux[inner].mean() == pytest.approx(found.flux[inner].mean(), rel=0.02)
+    less = found.crossing_fraction[inner].mean() / found.area_fraction[inner].mean()
+    assert less == pytest.approx(0.45 / 0.6, rel=0.02)
+
+
+def test_what_crosses_a_bin_is_counted_in_the_window():
+    """A grain each 1/2000 s, evenly over the width that centres reach, and none at the edges."""
+    n = 20_000
+    times, x, _ = passing(n, 4)
+    found = profile_of(run_of(times, x, np.full(n, 0.5), gravity=0.0))
+    per_length = 2000 / (2 * (R - RADIUS))
+    assert found.crossing_flux[4:-4].mean() == pytest.approx(per_length * math.pi * RADIUS**2, rel=0.02)
+    assert (found.crossing_flux[[0, -1]] == 0).all()
+    assert (found.crossing_fraction[[0, -1]] == 0).all()
+    assert np.isnan(found.crossing_velocity[[0, -1]]).all()
 
 
 def test_an_eccentric_outlet_has_its_own_centre():

@@ -2,8 +2,10 @@
 
 from labbook.fit.outlet.approach import Approach, fit_approach
 from labbook.fit.outlet.joint import (
+    COVERAGE,
+    CROSSINGS,
+    DEFINITIONS,
     FORMULA,
-    NAME,
     OF_OUTLET,
     PARAMETERS,
     SOURCE,
@@ -16,8 +18,10 @@ from labbook.fit.outlet.saturation import Saturation, fit_saturation
 from labbook.fit.outlet.shape import Outlet, dome
 
 __all__ = [
+    "COVERAGE",
+    "CROSSINGS",
+    "DEFINITIONS",
     "FORMULA",
-    "NAME",
     "OF_OUTLET",
     "PARAMETERS",
     "SOURCE",

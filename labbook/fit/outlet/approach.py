@@ -1,41 +1,71 @@
 """How a parameter of eccentric profiles approaches its centred value (Fan et al. 2023, Fig. 11)."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.stats.pooling import student
+
 _RATES = np.geomspace(0.1, 100.0, 600)
 """Where the rate is looked for: slower than 0.1 is a straight line over s* from 0 to 1, faster than 100 a step."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Approach:
-    """y = limit - depth e^{-rate s*}; the paper has sigma1 = 0.39 - 0.12 e^{-3.74 s*}."""
+    """y = limit - depth e^{-rate s*}; the paper has sigma1 = 0.39 - 0.12 e^{-3.74 s*}.
+
+    `covariance` of limit, depth and rate, shape [3, 3], from the scatter of the points about the law: infinite with
+    fewer than four points, or with a rate at an end of the range in which it is looked for.
+    """
 
     limit: float
     depth: float
     rate: float
+    covariance: np.ndarray
+    freedom: int
+
+    @property
+    def errors(self) -> tuple[float, float, float]:
+        """Standard errors of limit, depth and rate."""
+        limit, depth, rate = np.sqrt(np.diag(self.covariance))
+        return float(limit), float(depth), float(rate)
 
     def at(self, s: float | np.ndarray) -> np.ndarray:
         """The value at s* = 2 s/(L - D)."""
         return self.limit - self.depth * np.exp(-self.rate * np.asarray(s, float))
 
+    def half_width(self, s: np.ndarray, confidence: float = 0.95) -> np.ndarray:
+        """Half of the interval of the law at s*, shape [n], to first order and by Student's t."""
+        slope = _slopes(np.asarray(s, float), self.depth, self.rate)
+        variance = np.einsum("ij,jk,ik->i", slope, self.covariance, slope)
+        return student(confidence, self.freedom) * np.sqrt(variance)
 
-def fit_approach(s: Sequence[float], values: Sequence[float], errors: Sequence[float]) -> Approach:
-    """Weighted least squares: given the rate the law is linear, and the rate is found by a scan.
 
-    Raises ValueError for fewer than 4 different s*.
+def fit_approach(s: Sequence[float], values: Sequence[float]) -> Approach:
+    """Least squares, all points alike: given the rate the law is linear, and the rate is found by a scan.
+
+    Errors of single points, of a few seeds, are too noisy for weights. Raises ValueError for fewer than 4 different s*.
     """
     if len(set(s)) < 4:
         raise ValueError("an approach has three parameters: it needs at least 4 different s*")
-    weight = 1 / np.square(np.asarray(errors, float))
-    weight /= weight.sum()
-    y = np.asarray(values, float)
-    decay = np.exp(-np.outer(_RATES, np.asarray(s, float)))
-    spread = decay - (decay @ weight)[:, None]
-    mean = float(weight @ y)
-    slope = (spread * weight) @ y / (spread**2 @ weight)
-    left = (y - mean - slope[:, None] * spread) ** 2 @ weight
+    places, y = np.asarray(s, float), np.asarray(values, float)
+    decay = np.exp(-np.outer(_RATES, places))
+    spread = decay - decay.mean(axis=1, keepdims=True)
+    slope = spread @ y / (spread**2).sum(axis=1)
+    left = ((y - y.mean() - slope[:, None] * spread) ** 2).sum(axis=1)
     best = int(np.argmin(left))
-    return Approach(float(mean - slope[best] * (decay @ weight)[best]), float(-slope[best]), float(_RATES[best]))
+    limit, depth, rate = float(y.mean() - slope[best] * decay[best].mean()), float(-slope[best]), float(_RATES[best])
+    freedom = len(y) - 3
+    covariance = np.full((3, 3), math.inf)
+    if 0 < best < len(_RATES) - 1 and freedom > 0:
+        slopes = _slopes(places, depth, rate)
+        covariance = left[best] / freedom * np.linalg.pinv(slopes.T @ slopes)
+    return Approach(limit, depth, rate, covariance, freedom)
+
+
+def _slopes(s: np.ndarray, depth: float, rate: float) -> np.ndarray:
+    """Derivatives of the law by limit, depth and rate, shape [n, 3]."""
+    decay = np.exp(-rate * s)
+    return np.stack([np.ones(len(s)), -decay, depth * s * decay], axis=1)

@@ -14,8 +14,13 @@ from labbook.fit.result import FitError, Parameter
 from labbook.stats.bootstrap import bootstrap_all
 from labbook.stats.pooling import Pooled
 
-NAME = "outlet_profiles"
-VERSION = 1
+COVERAGE, CROSSINGS = "outlet_profiles", "outlet_crossings"
+DEFINITIONS = {
+    COVERAGE: "phi: the part of the time during which a place is covered; v: the mean speed while it is",
+    CROSSINGS: "v: the mean speed of the grains that cross; phi: what then makes up their flow",
+}
+"""What profiles are, by the name of their fit. Fast grains weigh more in the second: one flow, another v and phi."""
+VERSION = 2
 FORMULA = "v = v_c (1 - (x/R)^2)^a, v_c = sqrt(2 g gamma R); phi = phi_c (1 - (x/R)^2)^b"
 SOURCE = "Fan et al. 2023, eqs 10-12 and 15-17"
 _DRAWS = 400
@@ -73,10 +78,10 @@ def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> Profile
 
     Intervals are Student's, with errors by the bootstrap over seeds (what a bin sees in one run hangs together with
     its neighbours, so that bins are no independent points). With one replicate anywhere they have no ends. The range
-    fitted is |x*| <= 1 - r/R, which centres of grains can reach. Raises FitError without any outlet.
+    fitted is the `reach` of the outlets. Raises FitError without any outlet.
     """
     if not seeds or any(not one for one in seeds):
-        raise FitError(f"{NAME}: no outlet has profiles; measure outlet_profiles, and leave out clogged points")
+        raise FitError(f"no outlet has profiles; measure {COVERAGE}, and leave out clogged points")
     several = min(len(one) for one in seeds) > 1
     saturates = len({one[0].R for one in seeds}) >= FEWEST
 
@@ -150,16 +155,20 @@ def _misfit(outlets: Sequence[FittedOutlet], parameters: Mapping[str, Parameter]
         left = []
         for one in outlets:
             centre = one.v_c if name == "velocity" else one.phi_c
-            inside = one.profile.inside
+            values = getattr(one.profile, name)
+            inside = one.profile.inside & np.isfinite(values)
             shape = dome(one.profile.edges, parameters[exponent].value)
-            left.append((getattr(one.profile, name) / centre.value - shape)[inside])
+            left.append((values / centre.value - shape)[inside])
         found.append(float(np.sqrt(np.mean(np.concatenate(left) ** 2))))
     return found[0], found[1]
 
 
 def _notes(seeds: Sequence[Sequence[Outlet]], means: Sequence[Outlet], several: bool, saturates: bool):
-    reach = ", ".join(f"{one.reach:.3g}" for one in means)
-    yield f"fitted for |x*| up to 1 - r/R = {reach}, which centres of grains can reach"
+    if all(one.reach >= 1 for one in means):
+        yield "fitted over whole outlets: no grain crosses within its radius of an edge, and phi falls to nothing there"
+    else:
+        reach = ", ".join(f"{one.reach:.3g}" for one in means)
+        yield f"fitted for |x*| up to 1 - r/R = {reach}, which centres of grains can reach"
     if not several:
         yield "fewer than 2 replicates at some outlet: no intervals"
     if not saturates:

@@ -19,8 +19,8 @@ class Outlet:
     """Profiles along one outlet, of one run or the mean of several.
 
     `R`: half width of the outlet [m]; `edges`: of the bins, in x* = (x - e)/R from -1 to 1, shape [m + 1];
-    `area_fraction` phi and `flux` phi v [m/s], shape [m]; `reach`: x* up to which bins are fitted, 1 - r/R unless
-    there is a reason: centres of grains come no nearer to the edges. `counted`: flow rate counted [kg/s].
+    `area_fraction` phi and `flux` phi v [m/s], shape [m]; `reach`: x* up to which bins are fitted. `counted`: flow rate
+    counted [kg/s].
     """
 
     R: float
@@ -38,9 +38,8 @@ class Outlet:
 
     @property
     def inside(self) -> np.ndarray:
-        """Which bins are fitted, shape [m]: pairs about the middle, within `reach`, that saw grains."""
-        seen = self.area_fraction > 0
-        return (np.maximum(abs(self.edges[1:]), abs(self.edges[:-1])) <= self.reach * (1 + 1e-9)) & seen & seen[::-1]
+        """Which bins lie within `reach`, shape [m]."""
+        return np.maximum(abs(self.edges[1:]), abs(self.edges[:-1])) <= self.reach * (1 + 1e-9)
 
 
 def mean_of(outlets: Sequence[Outlet]) -> Outlet:
@@ -82,13 +81,15 @@ class Tilted:
 def fit_dome(outlets: Sequence[Outlet], values: Sequence[np.ndarray], *, one_amplitude: bool = False) -> Tilted:
     """Least squares of profiles `values`, one an outlet, shape [m] each, that share their exponent.
 
-    Every profile weighs alike, in units of its own mean. `one_amplitude`: amplitude and tilt are shared, too, and
+    Every profile weighs alike, in units of its own mean. Bins where there is no value (NaN: no velocity where no grain
+    ever was) are left out in pairs about the middle. `one_amplitude`: amplitude and tilt are shared, too, and
     profiles are taken as they are.
     """
     explained = np.zeros(len(EXPONENTS))
     products, norms, tilts, spans = [], [], [], []
     for outlet, profile in zip(outlets, values, strict=True):
-        inside = outlet.inside
+        known = np.isfinite(profile)
+        inside = outlet.inside & known & known[::-1]
         y = np.asarray(profile, float)[inside]
         scale = 1.0 if one_amplitude else 1 / float(y.mean())
         shapes = _domes(np.ascontiguousarray(outlet.edges, float).tobytes())[:, inside]

@@ -1,11 +1,14 @@
 """W^{2/3} (of a hole W^{2/5}) against D with fits, bands and residuals: a straight line where Beverloo's law holds."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook.fit.beverloo import Beverloo
 from labbook.report.analysis import ORIFICE
+from labbook.report.comparison import of_reference
 from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, PAGE, house, look
 
 if TYPE_CHECKING:
@@ -47,6 +50,7 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
             _residuals(below, series.points, fit, style["color"], MARKERS[place], place, len(series.fits))
         _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook")
         _reference(main, series, comparisons, source, power)
+        _their_law(main, series, comparisons, source, power, diameters)
         below.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
         below.set_xlabel("orifice, $D$ [mm]")
         below.set_ylabel("(W − fit) / fit [%]")
@@ -103,6 +107,19 @@ def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"]
         values = _scaled(np.array([c.reference for c in theirs]), power)
         look = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
         ax.plot(places, values, color=INK, label=source, **look)
+
+
+def _their_law(
+    ax: "Axes", series: "Series", comparisons: Sequence["Comparison"], source: str, power: float, D: np.ndarray
+) -> None:
+    """Beverloo's law with the reference's C, of the density of the grains, and k, where it has both."""
+    for law, fit in series.fits.items():
+        known = of_reference(comparisons, law, series)
+        if isinstance(fit.law, Beverloo) and known.keys() >= {"C_particle", "k"}:
+            free = np.array([math.log(known["C_particle"]), known["k"]])
+            W = fit.law.flow(D, free, fit.context)
+            label = f"{source}, C = {known['C_particle']:g}, k = {known['k']:g}"
+            ax.plot(D * 1e3, _scaled(W, power), color=INK, linestyle=":", zorder=1, label=label)
 
 
 def _points(

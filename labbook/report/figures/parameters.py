@@ -45,6 +45,8 @@ def parameters_against(key: str, law: str, series: Sequence["Series"], compariso
                 if entry.quantity == f"{law}.{parameter}" and key in entry.at:
                     place, value = float(entry.at[key]) * scale, entry.reference * shown.scale
                     ax.plot(place, value, marker="D", markersize=5, color=INK, markerfacecolor="none", zorder=4)
+        for ax in axes:
+            ax.ticklabel_format(axis="y", useOffset=False)
         for ax in axes[len(names) :]:
             ax.set_axis_off()
         for ax in axes[max(len(names) - columns, 0) : len(names)]:

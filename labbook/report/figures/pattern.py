@@ -66,7 +66,12 @@ def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
         "zorder": 3,
         "rasterized": True,
     }
-    ax.quiver(x * 1e3, z * 1e3, u, w, np.hypot(u, w), cmap="viridis", norm=norm, **arrow)
+    # in ink: the light colours of fast grains would vanish on white, on screen and in grey
+    arrows = ax.quiver(x * 1e3, z * 1e3, u, w, color=INK, **arrow)
+    speed = float(f"{norm.vmax / 2:.1g}")
+    ax.quiverkey(
+        arrows, 0.86, 0.97, speed, f"{speed:g} m/s", labelpos="W", coordinates="axes", fontproperties={"size": 6}
+    )
 
 
 def _means(ax: "Axes", section: "Section", norm) -> None:

@@ -1,11 +1,14 @@
 """Profiles along the outlets of a series: as measured, laid over each other, and their middles against the width."""
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from labbook.fit.outlet import Saturation
+from labbook.report import display
+from labbook.report.comparison import of_reference
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house, look
 
 if TYPE_CHECKING:
@@ -13,27 +16,29 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from labbook.fit.outlet import FittedOutlet, ProfileFit
+    from labbook.report.comparison import Comparison
     from labbook.report.series import Series
 
 _FINE = np.linspace(-1, 1, 401)
 _SHOWN = {"velocity": "v_c", "area_fraction": "phi_c"}
 
 
-def outlet_profiles(series: "Series") -> "Figure":
+def outlet_profiles(
+    series: "Series", definition: str, comparisons: Sequence["Comparison"] = (), source: str = ""
+) -> "Figure":
     """v(x) and phi(x) above, v/v_c and phi/phi_c below with the fitted dome; an outlet a colour, bands of one standard
-    error over seeds. Faint: bins nearer to the edges than centres of grains can come, which are not fitted.
+    error over seeds. Faint: bins that are not fitted. Dots: the reference's curves.
     """
     from matplotlib.figure import Figure
 
-    fit = series.profiles
-    assert fit is not None
+    fit = series.profiles[definition]
     with house():
         figure = Figure(figsize=(PAGE, 118 * MILLIMETRE))
         axes = figure.subplots(2, 2, sharex="row")
         for index, (result, one) in enumerate(zip(series.profiled, fit.outlets, strict=True)):
             label = f"D = {result.orifice * 1e3:g} mm"
             for column, name in enumerate(_SHOWN):
-                runs = np.array([getattr(outlet, name) for outlet in result.outlets])
+                runs = np.array([getattr(outlet, name) for outlet in result.outlets(definition)])
                 _draw(axes[0, column], one, name, runs, 1.0, one.profile.R * 1e3, index, label)
                 centre = getattr(one, _SHOWN[name]).value
                 _draw(axes[1, column], one, name, runs, centre, 1.0, index, label)
@@ -43,13 +48,10 @@ def outlet_profiles(series: "Series") -> "Figure":
             axes[1, column].plot(_FINE, (1 - _FINE**2) ** exponent, color=INK, linewidth=0.9, zorder=1, label=shape)
             axes[1, column].set_xlabel(r"$x^* = (x-e)/R$")
             axes[0, column].set_xlabel(r"$x-e$ [mm]")
-            axes[1, column].legend(handles=axes[1, column].lines[-1:], loc="lower center")
-        tilted = (("delta1", "epsilon1", "sigma1"), ("delta2", "epsilon2", "sigma2"))
-        if abs(fit.parameters["delta1"].value) > 2 * fit.parameters["delta1"].error:
-            for column, names in enumerate(tilted):
-                delta, eps, sigma = (fit.parameters[name].value for name in names)
-                curve = delta / eps * _FINE + (1 - _FINE**2) ** sigma
-                axes[1, column].plot(_FINE, curve, color=INK, linestyle="--", linewidth=0.9, zorder=1)
+            known = of_reference(comparisons, definition, series)
+            curves = axes[1, column].lines[-1:] + _tilted(axes[1, column], column, fit)
+            curves += _theirs(axes[1, column], column, known, source)
+            axes[1, column].legend(handles=curves, loc="lower center")
         for ax, text in zip(axes.flat, ("$v$ [m/s]", r"$\phi$", "$v/v_c$", r"$\phi/\phi_c$"), strict=True):
             ax.set_ylabel(text)
             ax.set_ylim(bottom=0)
@@ -62,13 +64,42 @@ def outlet_profiles(series: "Series") -> "Figure":
     return figure
 
 
+_TILTED = (("delta1", "epsilon1", "sigma1"), ("delta2", "epsilon2", "sigma2"))
+
+
+def _tilt(delta: float, eps: float, sigma: float) -> np.ndarray:
+    """delta x + eps (1 - x^2)^sigma, in units of eps."""
+    return delta / eps * _FINE + (1 - _FINE**2) ** sigma
+
+
+def _tilted(ax: "Axes", column: int, fit: "ProfileFit") -> list:
+    """The tilted curve of eqs 16 and 17, where the tilt of the velocity is significant."""
+    if abs(fit.parameters["delta1"].value) <= 2 * fit.parameters["delta1"].error:
+        return []
+    curve = _tilt(*(fit.parameters[name].value for name in _TILTED[column]))
+    delta = display.number(fit.parameters[_TILTED[column][0]].value, fit.parameters[_TILTED[column][0]].error)
+    label = f"eq {16 + column}, {'δ₁' if column == 0 else 'δ₂'} = {delta}"
+    return ax.plot(_FINE, curve, color=INK, linestyle=(0, (6, 2)), linewidth=0.9, zorder=1, label=label)
+
+
+def _theirs(ax: "Axes", column: int, known: Mapping[str, float], source: str) -> list:
+    """The reference's dome, or its tilted curve."""
+    style = {"color": INK, "linestyle": ":", "linewidth": 1.2, "zorder": 3, "label": source}
+    exponent = "ab"[column]
+    if exponent in known:
+        return ax.plot(_FINE, (1 - _FINE**2) ** known[exponent], **style)
+    if known.keys() >= set(_TILTED[column]):
+        return ax.plot(_FINE, _tilt(*(known[name] for name in _TILTED[column])), **style)
+    return []
+
+
 def _draw(
     ax: "Axes", one: "FittedOutlet", name: str, runs: np.ndarray, over: float, scale: float, index: int, label: str
 ) -> None:
     profile, style = one.profile, look(index)
     x = (profile.edges[1:] + profile.edges[:-1]) / 2 * scale
     y = getattr(profile, name) / over
-    inside = profile.inside
+    inside = profile.inside & np.isfinite(y)
     ax.plot(x, y, color=style["color"], alpha=0.3, linewidth=0.7, zorder=1)
     if len(runs) > 1:
         error = runs.std(axis=0, ddof=1) / math.sqrt(len(runs)) / over
@@ -77,12 +108,11 @@ def _draw(
     ax.plot(x[inside], y[inside], **style, label=label, zorder=2)
 
 
-def outlet_middles(series: "Series") -> "Figure":
+def outlet_middles(series: "Series", definition: str) -> "Figure":
     """v_c against sqrt(R) with sqrt(2 g gamma R), phi_c against R with eq 12, and the flow that profiles come to."""
     from matplotlib.figure import Figure
 
-    fit = series.profiles
-    assert fit is not None
+    fit = series.profiles[definition]
     R = np.array([one.profile.R for one in fit.outlets])
     with house():
         figure = Figure(figsize=(PAGE, 60 * MILLIMETRE))
@@ -124,7 +154,7 @@ def _middles(ax: "Axes", fit: "ProfileFit", R: np.ndarray) -> None:
     if "phi_inf" in fit.parameters:
         law = Saturation(*(fit.parameters[name].value for name in ("phi_inf", "tau1", "tau2")))
         fine = np.linspace(0.95 * R.min(), 1.05 * R.max(), 200)
-        ax.plot(fine * 1e3, law.at(fine), color=COLOURS[1], label=f"eq 12, φ_∞ = {law.phi_inf:.3g}")
+        ax.plot(fine * 1e3, law.at(fine), color=COLOURS[1], label=f"eq 12, $φ_∞$ = {law.phi_inf:.3g}")
         ax.legend(loc="lower right")
     ax.set_xlabel("$R$ [mm]")
     ax.set_ylabel(r"$\phi_c$")

@@ -1,5 +1,9 @@
 """Tables and VTK files of a study."""
 
+import json
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,7 +12,9 @@ from labbook.export.numbers import frames
 from labbook.export.study import NoParquet, write_numbers, write_recordings
 from labbook.export.vtk import write_fields, write_grains
 from labbook.fields import Contacts, Grains, Layer, Ring, Space, coarse_grain
+from labbook.fit.angle import brown, rose_tanaka
 from labbook.report.analysis import analyse
+from labbook.scene import Kind
 
 
 def read_vtk(path):
@@ -145,11 +151,52 @@ def test_recorded_runs_are_series_of_files(synthetic, tmp_path):
     paths = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
     table = runs[1].recording()
     times = np.unique(table["time"])
-    assert [path.name for path in paths] == [f"grains-{k:04d}.vtk" for k in range(len(times))] + ["point-0-fields.vtk"]
+    series, *files, means = paths
+    assert [path.name for path in files] == [f"grains-{k:04d}.vtk" for k in range(len(times))]
+    entries = json.loads(series.read_text())["files"]
+    assert series.name == "grains.vtk.series"
+    assert [entry["name"] for entry in entries] == [path.name for path in files]
+    assert [entry["time"] for entry in entries] == pytest.approx(times)
     for k in (0, 7, len(times) - 1):
-        _, found = read_vtk(paths[k])
+        _, found = read_vtk(files[k])
         now = table["time"] == times[k]
         assert sorted(found["id"]) == sorted(table["id"][now])
         np.testing.assert_allclose(np.sort(found["points"][:, 2]), np.sort(table["z"][now]), rtol=1e-6)
-    head, _ = read_vtk(paths[-1])
+    head, _ = read_vtk(means)
     assert head["DATASET"] == "STRUCTURED_POINTS"
+
+
+def test_unlike_grains_have_radii_and_kinds_of_their_own(synthetic, tmp_path):
+    point = synthetic.point(0, 0.03)
+    kinds = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=0.002))
+    grains = point.scene.grains.model_copy(update={"kinds": kinds})
+    point = replace(point, scene=point.scene.model_copy(update={"grains": grains}))
+
+    class Mixed:
+        def __init__(self):
+            self.run = synthetic.FinishedDouble(point, 1, recorded=True)
+
+        def __getattr__(self, name):
+            return getattr(self.run, name)
+
+        def data(self):
+            found = self.run.data()
+            kind = np.arange(len(found.start)) % 2
+            start = replace(found.start, kind=kind, diameter=np.where(kind == 0, 0.003, 0.002))
+            return replace(found, start=start)
+
+    runs: Any = [Mixed()]
+    (_, first, *_) = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
+    _, found = read_vtk(first)
+    assert set(found["kind"]) == {0, 1}
+    np.testing.assert_allclose(found["radius"], np.where(found["id"] % 2 == 0, 0.0015, 0.001))
+    np.testing.assert_array_equal(found["kind"], found["id"] % 2)
+
+
+def test_ratios_have_their_laws_beside_them(synthetic):
+    points = [synthetic.point(k, 0.03, angle) for k, angle in enumerate((0.5, np.pi / 2))]
+    runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
+    found = frames(analyse(synthetic.study_of(points), runs))["ratios"].set_index("container.angle")
+    assert found.loc[np.pi / 2, "value"] == 1
+    assert found.loc[0.5, "brown"] == pytest.approx(brown(0.5))
+    assert found.loc[0.5, "rose_tanaka"] == pytest.approx(rose_tanaka(0.5, np.arctan(0.5)))

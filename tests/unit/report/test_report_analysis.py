@@ -115,7 +115,10 @@ def test_the_sentence_on_agreement_counts_and_names_the_farthest():
     near = Comparison("beverloo.k", {}, "", 1.55, None, 1.56, 0.02)
     far = Comparison("flow_rate", {}, "D = 60 mm", 0.179, None, 0.165, 0.002)
     text = agreement([near, far], "Fan et al. 2023")
-    assert "Of 2 numbers of Fan et al. 2023, 1 agree" in text
+    assert (
+        "Of 2 numbers of Fan et al. 2023, 1 agree with ours within 2 standard errors, and 1 more lie within 10 %."
+        in text
+    )
     assert "W at D = 60 mm: ours is −7.8 %, or −7.0 standard errors" in text
 
 

@@ -2,13 +2,19 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from labbook.report import figures
+from labbook.fit.angle import brown
+from labbook.report import figures, ratios
+from labbook.report.across import angle_table, farthest
 from labbook.report.analysis import analyse
 from labbook.report.ratios import by_angle, by_position
+from labbook.stats import pool
+from labbook.study.schema import Reference, ReferenceEntry
 
 
 def aside(synthetic, index, D, gap):
@@ -61,15 +67,61 @@ def test_positions_are_compared_with_the_outlet_in_the_middle(synthetic):
     found = by_position(analysis.points)
     assert [one.at for one in found] == pytest.approx([1, 0, 0.2, 1])
     assert found[0].value == 1
+    assert (found[0].low, found[0].high) == (1, 1)
     alone = analyse(synthetic.study_of(points[1:]), runs[2:])
     assert by_position(alone.points) == []
 
 
 def test_the_angle_factors_are_drawn_beside_them(angles):
-    (ax,) = figures.flow_against_angle(by_angle(angles.points)).axes
+    ax, from_brown, from_rose = figures.flow_against_angle(by_angle(angles.points)).axes
+    assert from_brown.get_ylabel() == "from Brown [%]"
+    assert from_rose.get_ylabel() == "from Rose & Tanaka [%]"
     brown, rose = ax.lines[:2]
     assert heights(brown)[-1] == pytest.approx(1)
     assert heights(rose)[-1] == 1
     labels = ax.get_legend_handles_labels()[1]
-    assert "Rose & Tanaka, φ_d = 26.6°" in labels
+    assert "Rose & Tanaka, $φ_{d}$ = 26.6°" in labels
     assert {"D = 24 mm", "D = 30 mm"} <= set(labels)
+
+
+def _seeds(rng, mean, n) -> Any:
+    return SimpleNamespace(flow_rate=pool(mean * (1 + 0.02 * rng.standard_normal(n))))
+
+
+def test_intervals_of_ratios_cover():
+    """Two independent means of three and six seeds each: 95 % intervals of 2000 ratios cover 92 to 98 % of the time."""
+    rng = np.random.default_rng(3)
+    hits = 0
+    for _ in range(2000):
+        above, below = (_seeds(rng, mean, n) for mean, n in ((3.0, 3), (2.0, 6)))
+        one = ratios._over(above, below, 0.5)
+        hits += one.low <= 1.5 <= one.high
+    assert 0.92 <= hits / 2000 <= 0.98
+
+
+def test_distances_from_the_laws_are_told(angles):
+    found = by_angle(angles.points)
+    table = angle_table(found)
+    assert table.headings[3::3] == ("Brown", "Rose & Tanaka")
+    by_label = {row[0]: row for row in table.rows}
+    for one in found:
+        row = by_label[one.result.label]
+        assert float(row[3]) == pytest.approx(brown(one.at), abs=6e-4)
+        if one.error > 0:
+            apart = (one.value - brown(one.at)) / one.error
+            assert float(row[5].replace("−", "-")) == pytest.approx(apart, abs=0.06)
+    worst = max(found, key=lambda one: abs(one.value / brown(one.at) - 1))
+    assert f"standard errors at {worst.result.label}" in farthest(found)
+
+
+def test_a_reference_can_name_a_ratio(synthetic):
+    points = [aside(synthetic, k, 0.03, gap) for k, gap in enumerate((None, 0.0, 0.007))]
+    runs = [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2, 3)]
+    reference = Reference("a paper", (ReferenceEntry("flow_ratio.position", {"container.gap": 0.0}, 1.3),))
+    analysis = analyse(synthetic.study_of(points, reference=reference), runs)
+    (compared,) = analysis.comparisons
+    (ours,) = (one for one in by_position(analysis.points) if one.at == 0)
+    assert (compared.ours, compared.error, compared.low) == (ours.value, ours.error, ours.low)
+    ax = figures.flow_against_position(by_position(analysis.points), analysis.comparisons, "a paper").axes[0]
+    (theirs,) = (line for line in ax.lines if line.get_label() == "a paper")
+    assert heights(theirs) == pytest.approx([1.3])

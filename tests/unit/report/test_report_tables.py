@@ -51,3 +51,15 @@ def test_facts_on_which_runs_agree_are_told_once(synthetic):
     assert facts["engine"] == "double"
     assert facts["wall time"] == "2.5 to 4.5 s, 10.5 s in all"
     assert "seed" not in facts
+
+
+def test_many_numbers_of_a_reference_have_a_digest():
+    def compared(quantity, ours):
+        return Comparison(quantity, {}, "", 2.0, None, ours, 0.1)
+
+    few = [compared("beverloo.k", ours) for ours in (2.1, 2.4, 1.0)]
+    assert tables.digest_table(few) is None
+    many = [*few * 4, compared("power.n", 2.0), Comparison("power.n", {}, "", 2.0, None, None)]
+    table = tables.digest_table(many)
+    assert table is not None
+    assert table.rows == (("k", "12", "4", "20 %", "50 %"), ("n", "1", "1", "0 %", "0 %"))
