@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from statistics import median
 
 from labbook.catalogue.catalogue import Catalogue
+from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Plan
 from labbook.protocol import placing
-from labbook.scene import Scene, Silo, WedgeHopper
 
 DEFAULT_SPEED = 5e6
 """Grain-steps per second and lane, where nothing was recorded on this machine yet."""
-FLOW = (0.58, 1.5)
-"""C (normalised by the density of the grains) and k of W = C rho sqrt(g) (D - k d)^{3/2} Z (Fan et al.
-2023)."""
 SETTLING = 2.0
 """Time that a filling takes to rest, in falls from the top of its start."""
 _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
@@ -62,16 +59,6 @@ def discharge_time(shared: PointDemand) -> float:
     if flow <= 0:
         return stop.max_time
     return min(stop.max_time, stop.discharged * scene.grains.count * scene.grains.mass / flow)
-
-
-def mass_flow(scene: Scene) -> float:
-    """Expected flow [kg/s] through the slot or the round outlet of a silo; 0 where none can be told."""
-    silo, (c, k) = scene.container, FLOW
-    if not isinstance(silo, Silo):
-        return 0.0
-    free = max(0.0, silo.orifice - k * scene.grains.equivalent_diameter)
-    area = free**1.5 * silo.thickness if isinstance(silo, WedgeHopper) else free**2.5
-    return c * scene.grains.mean_density * math.sqrt(scene.gravity) * area
 
 
 def discharge_work(shared: PointDemand) -> float:

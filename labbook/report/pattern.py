@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fields import Fields, Grid, Layer, Pattern, Ring, coarse_grain, grains_of, orifice_means, pattern_of
+from labbook.fields import Fields, Layer, Pattern, coarse_grain, grains_of, orifice_means, pattern_of
 from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
-from labbook.scene import Scene, WedgeHopper
+from labbook.measure.bed import bed_grid, omega_of
+from labbook.measure.orifice import BINS, INTERVAL, UP_TO
+from labbook.scene import WedgeHopper
 from labbook.stats import Pooled, pool
 
 if TYPE_CHECKING:
@@ -16,8 +18,6 @@ if TYPE_CHECKING:
 
 FEWEST = 8
 """Recorded frames within the window below which there is no mean field."""
-OMEGA = 0.5
-"""Width of the coarse-graining function in diameters of the grains, or of spheres of their volume."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +73,6 @@ def flow_patterns(result: "PointResult") -> list[FlowPattern]:
     return [found for run in result.runs if (found := _of_run(result, run)) is not None]
 
 
-INTERVAL = 0.05
-"""Time [s] between two velocities whose difference is taken for an acceleration (Pongo et al. 2022)."""
-_BINS, _UP_TO = 16, 2.0  # of height; in widths of the outlet
-
-
 def acceleration(result: "PointResult") -> AccelerationProfile | None:
     """Acceleration against height in the middle of the outlet, up to half of its half width, in the first recorded run
     of a point; None without one, or with frames too far apart.
@@ -94,7 +89,7 @@ def acceleration(result: "PointResult") -> AccelerationProfile | None:
                 frames,
                 interval=INTERVAL,
                 radius=D / 4,
-                edges=np.linspace(0.0, _UP_TO * D, _BINS + 1),
+                edges=np.linspace(0.0, UP_TO * D, BINS + 1),
                 gravity=scene.gravity,
                 begin=window[0],
                 end=window[1],
@@ -122,29 +117,11 @@ def _of_run(result: "PointResult", run: "RunResult") -> FlowPattern | None:
     if len(times) < FEWEST:
         return None
     scene = result.point.scene
-    volume = scene.grains.mass / scene.grains.density
-    d = (6 * volume / np.pi) ** (1 / 3)
-    grains = grains_of(frames, scene.grains.mass, volume, *window)
-    fields = coarse_grain(_grid(scene, OMEGA * d, grains.x), OMEGA * d, grains)
+    grains = grains_of(frames, scene.grains.mass, scene.grains.mass / scene.grains.density, *window)
+    omega = omega_of(scene)
+    fields = coarse_grain(bed_grid(scene, omega, grains.x), omega, grains)
     middle = 0.0 if not isinstance(scene.container, WedgeHopper) else scene.container.eccentricity
     above = orifice_means(fields, result.orifice, centre=middle)
-    now = (time == times[len(times) // 2]) & (np.abs(frames["y"]) <= d / 2)
+    now = (time == times[len(times) // 2]) & (np.abs(frames["y"]) <= scene.grains.equivalent_diameter / 2)
     moment = {name: np.asarray(frames[name], float)[now] for name in ("x", "z", "vx", "vz")}
     return FlowPattern(result, scene.container, fields, pattern_of(fields), above, moment, len(times))
-
-
-def _grid(scene: Scene, omega: float, x: np.ndarray) -> Grid:
-    """From below the outlet to above the highest grain; cells as wide as omega, about an axis half of that."""
-    container: Any = scene.container
-    low, high = -4 * omega, float(x[:, 2].max()) + 2 * omega
-    if isinstance(container, WedgeHopper):
-        half = container.width / 2
-        return Layer(
-            (-half, half), (low, high), _count(2 * half, omega), _count(high - low, omega), container.thickness
-        )
-    radius, cell = container.diameter / 2, omega / 2
-    return Ring(radius, (low, high), _count(radius, cell), _count(high - low, cell))
-
-
-def _count(length: float, cell: float) -> int:
-    return max(1, round(length / cell))

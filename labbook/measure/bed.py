@@ -1,0 +1,36 @@
+"""How finely the fields of a bed are computed, and where."""
+
+from typing import Any
+
+import numpy as np
+
+from labbook.fields import Grid, Layer, Ring
+from labbook.scene import Scene, WedgeHopper
+
+OMEGA = 0.5
+"""Width of the coarse-graining function in diameters of the grains, or of spheres of their volume."""
+
+
+def omega_of(scene: Scene) -> float:
+    """Width of the coarse-graining function [m] (Pongo et al. 2022: half the equivalent diameter)."""
+    return OMEGA * scene.grains.equivalent_diameter
+
+
+def bed_grid(scene: Scene, omega: float, x: np.ndarray) -> Grid:
+    """From below the outlet to above the highest of the grains at x [m], shape [n, 3]; cells as wide as omega, about an
+    axis half of that. Of a quasi-2D hopper or a silo about the axis.
+    """
+    container: Any = scene.container
+    low, high = -4 * omega, float(x[:, 2].max()) + 2 * omega
+    if isinstance(container, WedgeHopper):
+        half = container.width / 2
+        return Layer(
+            (-half, half), (low, high), cells(2 * half, omega), cells(high - low, omega), container.thickness
+        )
+    radius, cell = container.diameter / 2, omega / 2
+    return Ring(radius, (low, high), cells(radius, cell), cells(high - low, cell))
+
+
+def cells(length: float, width: float) -> int:
+    """How many cells of about this `width` a `length` has."""
+    return max(1, round(length / width))
