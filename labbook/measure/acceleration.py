@@ -23,9 +23,11 @@ class AccelerationProfile:
     left: float
 
     def free_fall_height(self, gravity: float) -> float:
-        """Area under a_eff/g [m]: the height from which free fall would give what grains gain over all bins; NaN if a
-        bin saw no grain."""
-        return float(-(self.acceleration * np.diff(self.edges)).sum() / gravity)
+        """Area under a_eff/g [m] over the bins that saw a grain: the height from which free fall would give the square
+        of the velocity that grains gain on their way; NaN if no bin did."""
+        seen = self.count > 0
+        gained = -(self.acceleration * np.diff(self.edges))[seen].sum() / gravity
+        return float(gained) if seen.any() else np.nan
 
 
 def acceleration_profile(

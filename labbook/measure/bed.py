@@ -24,9 +24,7 @@ def bed_grid(scene: Scene, omega: float, x: np.ndarray) -> Grid:
     low, high = -4 * omega, float(x[:, 2].max()) + 2 * omega
     if isinstance(container, WedgeHopper):
         half = container.width / 2
-        return Layer(
-            (-half, half), (low, high), cells(2 * half, omega), cells(high - low, omega), container.thickness
-        )
+        return Layer((-half, half), (low, high), cells(2 * half, omega), cells(high - low, omega), container.thickness)
     radius, cell = container.diameter / 2, omega / 2
     return Ring(radius, (low, high), cells(radius, cell), cells(high - low, cell))
 

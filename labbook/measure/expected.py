@@ -2,6 +2,7 @@
 
 import math
 
+from labbook.numerics import Numerics
 from labbook.scene import Scene, Silo, WedgeHopper
 
 FLOW = (0.58, 1.5)
@@ -17,3 +18,15 @@ def mass_flow(scene: Scene) -> float:
     free = max(0.0, silo.orifice - k * scene.grains.equivalent_diameter)
     area = free**1.5 * silo.thickness if isinstance(silo, WedgeHopper) else free**2.5
     return c * scene.grains.mean_density * math.sqrt(scene.gravity) * area
+
+
+def window_time(scene: Scene) -> float:
+    """Expected time [s] of a window of usual width, 0.45 of the mass; infinite where nothing can be told."""
+    flow = mass_flow(scene)
+    return 0.45 * scene.grains.count * scene.grains.mass / flow if flow > 0 else math.inf
+
+
+def beats_of(time: float, numerics: Numerics, digits: int = 2) -> int:
+    """Whole beats in `time` [s] rounded to so many digits, at least one: scenes that are nearly alike are then observed
+    on the same beats, and can share an ensemble."""
+    return max(1, round(float(f"{time:.{digits}g}") / numerics.beat))

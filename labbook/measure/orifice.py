@@ -11,7 +11,7 @@ from labbook.fields.orifice import HEIGHT
 from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
 from labbook.measure.bed import cells, omega_of
 from labbook.measure.data import RunData
-from labbook.measure.expected import mass_flow
+from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
@@ -23,10 +23,8 @@ INTERVAL = 0.05
 """Time [s] between two velocities whose difference is taken for an acceleration (Pongo et al. 2022)."""
 BINS, UP_TO = 16, 2.0
 """Bins of height for accelerations, and the height that they reach in widths of the outlet."""
-_PAIRS = 20
+_PAIRS = 16
 """Pairs of frames within the window, if the outflow is as expected; slower flows have more."""
-_WINDOW = 0.45
-"""Part of the mass that the window is taken to hold."""
 _STEP = 5e-3
 """Sizes of the zone are multiples of this [m], so that rods of similar size share an ensemble."""
 _FEWEST = 8
@@ -133,13 +131,11 @@ def _profile(scene: Scene, frames: dict[str, np.ndarray]) -> AccelerationProfile
 
 def _beats(scene: Scene, numerics: Numerics) -> tuple[int, int]:
     """Beats between pairs of frames and within a pair; within is 0 where frames follow each other evenly."""
-    flow = mass_flow(scene)
-    lasts = _WINDOW * scene.grains.count * scene.grains.mass / flow if flow > 0 else math.inf
-    between = min(lasts / _PAIRS, 10 * INTERVAL)
-    within = max(1, round(INTERVAL / numerics.beat))
-    if between >= 2 * INTERVAL and round(between / numerics.beat) > within:
-        return round(between / numerics.beat), within
-    return max(1, round(min(between / 2, INTERVAL) / numerics.beat)), 0
+    between = min(window_time(scene) / _PAIRS, 10 * INTERVAL)
+    if between < 2 * INTERVAL:
+        return beats_of(min(between / 2, INTERVAL), numerics), 0
+    every, again = beats_of(between, numerics), beats_of(INTERVAL, numerics)
+    return every, again if again < every else 0
 
 
 def _rounded_up(length: float) -> float:

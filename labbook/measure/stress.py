@@ -8,7 +8,7 @@ from labbook.backend import Contacts, Crossing, Probe, Sample
 from labbook.fields import Fields, coarse_grain, contacts_of, grains_of, orifice_mean
 from labbook.measure.bed import bed_grid, omega_of
 from labbook.measure.data import RunData
-from labbook.measure.expected import mass_flow
+from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
@@ -19,7 +19,6 @@ from labbook.stats import Measured
 _FRAMES = 5
 """Frames within the window, if the outflow is as expected; slower flows have more. Every contact of a bed is recorded,
 some 30 bytes each: means over the azimuth of few frames already tell maps."""
-_WINDOW = 0.45
 _LONGEST = 1.0  # s between two frames
 
 
@@ -35,9 +34,7 @@ class ContactStress(Measure):
     version = 1
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
-        flow = mass_flow(scene)
-        lasts = _WINDOW * scene.grains.count * scene.grains.mass / flow if flow > 0 else math.inf
-        every = max(1, round(min(lasts / _FRAMES, _LONGEST) / numerics.beat))
+        every = beats_of(min(window_time(scene) / _FRAMES, _LONGEST), numerics, 1)
         return (Crossing(_silo(scene).outlet_plane), Sample(fields=("x", "v"), every=every), Contacts(every=every))
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
