@@ -102,7 +102,8 @@ def _sampled(grains: Grains, fields: Sequence[str]) -> Table:
 
 
 def _within(grains: Grains, inside: np.ndarray, fields: Sequence[str]) -> Table:
-    return _sampled(Grains(*(None if column is None else column[inside] for column in grains)), fields)
+    q = None if grains.q is None else grains.q[inside]
+    return _sampled(Grains(*(column[inside] for column in grains[:4]), q), fields)
 
 
 def _stamped(member: Readable, table: Table) -> Table:

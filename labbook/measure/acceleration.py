@@ -1,6 +1,6 @@
 """Acceleration of grains above an orifice against height: where the free fall begins (Pongo et al. 2022, Fig. 10)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,23 @@ class AccelerationProfile:
         seen = self.count > 0
         gained = -(self.acceleration * np.diff(self.edges))[seen].sum() / gravity
         return float(gained) if seen.any() else np.nan
+
+
+def pooled_profile(profiles: Sequence[AccelerationProfile]) -> AccelerationProfile:
+    """Mean over replicates that have the same bins, each counting alike; of two and more, the error is that between
+    replicates, of one its own. Raises ValueError for none or for other bins."""
+    if not profiles or any(not np.array_equal(one.edges, profiles[0].edges) for one in profiles):
+        raise ValueError("profiles of the same bins are needed, and at least one")
+    if len(profiles) == 1:
+        return profiles[0]
+    each = np.array([one.acceleration for one in profiles])
+    n = np.isfinite(each).sum(axis=0)
+    seen = np.where(np.isfinite(each), each, 0.0)
+    mean = np.divide(seen.sum(axis=0), n, out=np.full(len(n), np.nan), where=n > 0)
+    square = np.where(np.isfinite(each), (each - mean) ** 2, 0.0).sum(axis=0)
+    error = np.sqrt(np.divide(square, n * (n - 1), out=np.full(len(n), np.nan), where=n > 1))
+    count, left = sum(one.count for one in profiles), float(np.mean([one.left for one in profiles]))
+    return AccelerationProfile(profiles[0].edges, mean, error, np.asarray(count), profiles[0].interval, left)
 
 
 def acceleration_profile(

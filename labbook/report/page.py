@@ -11,6 +11,8 @@ from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
 from labbook.report.ratios import by_angle, by_position
 from labbook.report.sections import Picture, picture, series_section
+from labbook.report.statements import statement_table, summed_up
+from labbook.report.turning import turning_section
 
 FILE = "report.html"
 
@@ -28,7 +30,10 @@ def write(analysis: Analysis, folder: Path) -> Path:
         incomplete=bool(analysis.missing or analysis.unreadable) or any(r.precise is False for r in analysis.points),
         source=source,
         comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
+        statements=statement_table(analysis.judged) if analysis.judged else None,
+        turning=turning_section(analysis, folder),
         overview=_overview(analysis, folder),
+        scaling=_scaling(analysis, folder),
         trends=_trends(analysis, folder),
         series=[series_section(analysis, k, folder) for k in range(len(analysis.series))],
         flow=tables.flow_table(analysis),
@@ -67,6 +72,8 @@ def summary(analysis: Analysis) -> list[str]:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
     if analysis.comparisons and study.reference is not None:
         sentences.append(agreement(analysis.comparisons, study.reference.source))
+    if analysis.judged and study.reference is not None:
+        sentences.append(summed_up(analysis.judged, study.reference.source))
     return sentences
 
 
@@ -79,6 +86,14 @@ def _overview(analysis: Analysis, folder: Path) -> Picture | None:
     if len(fitted) < 2 or len({result.orifice for one in fitted for result in one.points}) < 2:
         return None  # against one orifice there is nothing to see
     return picture(figures.overview(fitted), folder / "overview", "a power of W against orifice, all series", _OVERVIEW)
+
+
+def _scaling(analysis: Analysis, folder: Path) -> Picture | None:
+    """Q(D) of holes on logarithmic axes, where the laws of that name are fitted."""
+    fitted = [one for one in analysis.series if {"power", "exponential"} & set(one.fits)]
+    if not fitted:
+        return None
+    return picture(figures.flow_scaling(fitted), folder / "scaling", "flow rate against orifice, logarithmic", _SCALING)
 
 
 def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
@@ -121,6 +136,10 @@ _ANGLES = (
 _POSITIONS = (
     "Flow rate over that of the same outlet in the middle, and shape of the profiles of each point (eqs 16 and 17), "
     "against the relative distance from the wall; bars: one standard error."
+)
+_SCALING = (
+    "Q against D (Pongó et al. 2022, Figs 4 and 5) with 95 % intervals. Left: both axes logarithmic, with fitted powers; "
+    "right: only Q, with fitted exponentials."
 )
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fields import Fields, Layer, Pattern, coarse_grain, grains_of, orifice_means, pattern_of
-from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
+from labbook.fields import Fields, Layer, Pattern, Ring, coarse_grain, grains_of, orifice_means, pattern_of
+from labbook.measure.acceleration import AccelerationProfile, acceleration_profile, pooled_profile
 from labbook.measure.bed import bed_grid, omega_of
 from labbook.measure.orifice import BINS, INTERVAL, UP_TO
 from labbook.scene import WedgeHopper
@@ -53,13 +53,20 @@ class FlowPattern:
         if isinstance(grid, Layer):
             z, x = grid.points
             return Section(x, z, v[0], v[2], p.bed, p.stagnant)
-        r, z = grid.points
-        x = np.concatenate([-r[::-1], r])
+        assert isinstance(grid, Ring)
+        x, z = across(grid)
+        return Section(x, z, both(v[0], -1.0), both(v[2]), both(p.bed), both(p.stagnant))
 
-        def both(a: np.ndarray, sign: float | bool) -> np.ndarray:
-            return np.concatenate([a[::-1] * sign, a]).T
 
-        return Section(x, z, both(v[0], -1.0), both(v[2], 1.0), both(p.bed, True), both(p.stagnant, True))
+def across(grid: Ring) -> tuple[np.ndarray, np.ndarray]:
+    """x and z [m] of a plane through the axis, on both of its sides."""
+    r, z = grid.points
+    return np.concatenate([-r[::-1], r]), z
+
+
+def both(a: np.ndarray, sign: float = 1.0) -> np.ndarray:
+    """A field over r and z on both sides of the axis, shape [z, x]; on the left times `sign`."""
+    return np.concatenate([a[::-1] if sign == 1 else sign * a[::-1], a]).T
 
 
 def flow_patterns(result: "PointResult") -> list[FlowPattern]:
@@ -74,9 +81,14 @@ def flow_patterns(result: "PointResult") -> list[FlowPattern]:
 
 
 def acceleration(result: "PointResult") -> AccelerationProfile | None:
-    """Acceleration against height in the middle of the outlet, up to half of its half width, in the first recorded run
-    of a point; None without one, or with frames too far apart.
+    """Acceleration against height in the middle of the outlet, up to half of its half width.
+
+    The mean over the runs of a point that measured `orifice`, else of its first recorded run; None without any, or with
+    frames too far apart.
     """
+    measured = [run.acceleration for run in result.runs if run.acceleration is not None]
+    if measured:
+        return pooled_profile(measured)
     scene, D = result.point.scene, result.orifice
     hopper = scene.container if isinstance(scene.container, WedgeHopper) else None
     for run in result.runs:
@@ -102,9 +114,12 @@ def acceleration(result: "PointResult") -> AccelerationProfile | None:
 
 
 def pooled_means(patterns: list[FlowPattern]) -> dict[str, Pooled]:
-    """Means above the orifice and the stagnant part of the bed, pooled over recorded runs."""
-    rows = [{**one.orifice, "stagnant_fraction": one.pattern.fraction} for one in patterns]
-    return {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
+    """The stagnant part of the bed and means above the orifice, pooled over recorded runs; where the point measured
+    `orifice`, its means are those of all runs."""
+    rows = [{"stagnant_fraction": one.pattern.fraction, **one.orifice} for one in patterns]
+    measured = patterns[0].result.pooled if patterns else {}
+    means = {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
+    return {name: measured.get(f"orifice_{name}", mean) for name, mean in means.items()}
 
 
 def _of_run(result: "PointResult", run: "RunResult") -> FlowPattern | None:

@@ -2,13 +2,27 @@
 
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.flow import flow_against_time
+from labbook.report.figures.maps import packing_maps
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
 from labbook.report.figures.pattern import flow_patterns
 from labbook.report.figures.profiles import outlet_middles, outlet_profiles
 from labbook.report.figures.ratios import flow_against_angle, flow_against_position
+from labbook.report.figures.rotation import (
+    above_orifice,
+    acceleration_against_rotation,
+    drop_and_rise,
+    flow_against_rotation,
+)
+from labbook.report.figures.scaling import flow_scaling
 
 __all__ = [
+    "above_orifice",
+    "acceleration_against_rotation",
+    "drop_and_rise",
+    "flow_against_rotation",
+    "flow_scaling",
+    "packing_maps",
     "acceleration_against_height",
     "flow_against_angle",
     "flow_against_orifice",

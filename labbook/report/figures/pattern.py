@@ -46,7 +46,7 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
             above.set_title(one.result.label)
             below.set_title(f"{one.pattern.kind}, {100 * one.pattern.fraction:.2g} % stagnant")
             for ax in (above, below):
-                _walls(ax, one)
+                draw_walls(ax, one)
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.5, aspect=40)
         bar.set_label("speed [m/s]")
     return figure
@@ -70,7 +70,7 @@ def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
 
 
 def _means(ax: "Axes", section: "Section", norm) -> None:
-    x, z = _even(section.x) * 1e3, _even(section.z) * 1e3
+    x, z = even(section.x) * 1e3, even(section.z) * 1e3
     ax.pcolormesh(x, z, _speed(section), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
     u, w = (np.where(section.bed & ~section.stagnant, v, np.nan) for v in (section.u, section.w))
     ax.streamplot(x, z, u, w, density=0.7, linewidth=0.5, arrowsize=0.5, color="white")
@@ -80,12 +80,12 @@ def _means(ax: "Axes", section: "Section", norm) -> None:
         ax.contour(x, z, section.stagnant.astype(float), levels=[0.5], colors=[COLOURS[1]], linewidths=0.8)
 
 
-def _even(points: np.ndarray) -> np.ndarray:
+def even(points: np.ndarray) -> np.ndarray:
     """Equal distances to the last digit, as streamlines ask for."""
     return np.linspace(points[0], points[-1], len(points))
 
 
-def _walls(ax: "Axes", one: "FlowPattern") -> None:
+def draw_walls(ax: "Axes", one: "FlowPattern") -> None:
     half = one.fields.grid.radius if isinstance(one.fields.grid, Ring) else one.container.width / 2
     for wall in one.container.walls():
         if hasattr(wall.shape, "lower"):  # a frustum: in a plane through the axis, a line on either side
