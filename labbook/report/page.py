@@ -138,8 +138,8 @@ _POSITIONS = (
     "against the relative distance from the wall; bars: one standard error."
 )
 _SCALING = (
-    "Q against D (Pongó et al. 2022, Figs 4 and 5) with 95 % intervals. Left: both axes logarithmic, with fitted powers; "
-    "right: only Q, with fitted exponentials."
+    "Q against D (Pongó et al. 2022, Figs 4 and 5); bars: one standard error. Above: both axes logarithmic, with "
+    "fitted powers and, grey, the slope 5/2; below: only Q, with fitted exponentials."
 )
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."
 

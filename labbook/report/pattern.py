@@ -114,9 +114,9 @@ def acceleration(result: "PointResult") -> AccelerationProfile | None:
 
 
 def pooled_means(patterns: list[FlowPattern]) -> dict[str, Pooled]:
-    """The stagnant part of the bed and means above the orifice, pooled over recorded runs; where the point measured
+    """Means above the orifice and the stagnant part of the bed, pooled over recorded runs; where the point measured
     `orifice`, its means are those of all runs."""
-    rows = [{"stagnant_fraction": one.pattern.fraction, **one.orifice} for one in patterns]
+    rows = [{**one.orifice, "stagnant_fraction": one.pattern.fraction} for one in patterns]
     measured = patterns[0].result.pooled if patterns else {}
     means = {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
     return {name: measured.get(f"orifice_{name}", mean) for name, mean in means.items()}

@@ -157,8 +157,9 @@ def statement_table(judged: Sequence[Judged]) -> Table:
     note = (
         "A statement holds if our interval lies within what it says, does not hold if it lies outside (bold), and is "
         "undecided otherwise or where nothing was measured. Ratios to the bottom at rest are of means over the seeds "
-        "that both have, with 90 % intervals; the frequency of a minimum: what 90 % of curves give whose seeds are drawn "
-        "anew; other numbers: 95 % intervals. The smallest of several means is a little too small by being chosen."
+        "that both have, with 90 % intervals; so is the frequency of a minimum, from curves drawn from the scatter "
+        "between seeds; other numbers have 95 % intervals. The smallest of several means is a little too small by "
+        "being chosen."
     )
     headings = ("statement", "at", "says", "ours", "interval", "verdict")
     return Table(headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *dict.fromkeys(reasons)))

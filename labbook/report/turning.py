@@ -1,4 +1,4 @@
-"""What the page shows of a bottom that turns: figures in the order of Pongo et al. (2022), and what is lacking for them."""
+"""What the page shows of a bottom that turns: figures in the order of Pongo et al. (2022), and what they lack."""
 
 import math
 from collections.abc import Sequence
@@ -67,7 +67,8 @@ def sentence(curve: Rotation) -> str:
         return ""
     found = curve.minimum()
     between = f" (90 % interval {found.low:g} to {found.high:g} Hz)" if found is not None else ""
-    text = f"{who}: Q falls to {_percent(drop)} of that at rest, its smallest, at {curve.frequencies[lowest]:g} Hz{between}"
+    at = f"{curve.frequencies[lowest]:g} Hz{between}"
+    text = f"{who}: Q falls to {_percent(drop)} of that at rest, its smallest, at {at}"
     last = len(curve.points) - 1
     if rise is None or lowest == last:
         return f"{text}."
@@ -130,12 +131,13 @@ _FLOW = (
 )
 _SHAPES_ALT = "drop and rise of the flow rate against the aspect ratio"
 _SHAPES = (
-    "The smallest flow over that at rest, and that with the fastest rotation over the smallest (Pongó et al. 2022, Fig. "
-    "3), with 90 % intervals from pairs of seeds. Dashed: the same D; full: the same D/d*."
+    "The smallest flow over that at rest, and that with the fastest rotation over the smallest (Pongó et al. 2022, "
+    "Fig. 3), with 90 % intervals from pairs of seeds. Dashed: the same D; full: the same D/d*."
 )
 _PACKING = (
     "Packing fraction in a plane through the axis, mean over the azimuth and the window of the flow rate, of the first "
-    "recorded run (Pongó et al. 2022, Fig. 6); below, where contacts were recorded, a third of the trace of their stress."
+    "recorded run (Pongó et al. 2022, Fig. 6); below, where contacts were recorded, a third of the trace of their "
+    "stress."
 )
 _ORIFICE = (
     "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window (Pongó et al. "

@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.fields import Ring
 from labbook.measure.stress import contact_pressure
-from labbook.report.figures.pattern import draw_walls, even
+from labbook.report.figures.pattern import draw_walls, even, row_height, top_of
 from labbook.report.pattern import across, both
 from labbook.report.style import MILLIMETRE, PAGE, house
 
@@ -27,17 +27,18 @@ def packing_maps(found: Sequence[tuple["FlowPattern", "Fields | None"]]) -> "Fig
     found = found[:_COLUMNS]
     stressed = any(stress is not None for _, stress in found)
     with house():
-        width = PAGE * max(len(found), 2) / _COLUMNS
-        figure = Figure(figsize=(width, (10 + 62 * (1 + stressed)) * MILLIMETRE))
+        top = top_of([one for one, _ in found])
+        height = row_height([one for one, _ in found], top)
+        figure = Figure(figsize=(PAGE * max(len(found), 2) / _COLUMNS, (8 + height * (1 + stressed)) * MILLIMETRE))
         axes = figure.subplots(1 + stressed, len(found), squeeze=False)
         phi = [_mirrored(one.fields, one.fields.packing_fraction, one.pattern.bed) for one, _ in found]
-        _row(figure, axes[0], found, phi, r"packing fraction $\phi$", [one.result.label for one, _ in found])
+        _row(figure, axes[0], found, phi, r"packing fraction $\phi$", [one.result.label for one, _ in found], top)
         if stressed:
             pressures = [
                 None if stress is None else _mirrored(stress, contact_pressure(stress), _bed(stress))
                 for _, stress in found
             ]
-            _row(figure, axes[1], found, pressures, "contact pressure [Pa]", [""] * len(found))
+            _row(figure, axes[1], found, pressures, "contact pressure [Pa]", [""] * len(found), top)
     return figure
 
 
@@ -53,7 +54,7 @@ def _mirrored(fields: "Fields", values: np.ndarray, bed: np.ndarray) -> tuple[np
     return even(x) * 1e3, even(z) * 1e3, both(np.where(bed, values, np.nan))
 
 
-def _row(figure: "Figure", axes, found, maps, text: str, titles: Sequence[str]) -> None:
+def _row(figure: "Figure", axes, found, maps, text: str, titles: Sequence[str], top: float) -> None:
     known = [values for one in maps if one is not None for values in one[2][np.isfinite(one[2])]]
     low, high = np.quantile(known, [0.005, 0.995])
     mesh = None
@@ -62,6 +63,6 @@ def _row(figure: "Figure", axes, found, maps, text: str, titles: Sequence[str]) 
         ax.set_title(title)
         if each is not None:
             mesh = ax.pcolormesh(*each, cmap="viridis", vmin=low, vmax=high, shading="nearest", rasterized=True)
-        draw_walls(ax, one)
+        draw_walls(ax, one, top)
     bar = figure.colorbar(mesh, ax=axes, shrink=0.8, aspect=24)
     bar.set_label(text)

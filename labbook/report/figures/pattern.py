@@ -33,9 +33,12 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
     rows = math.ceil(len(patterns) / columns)
     sections = [one.section() for one in patterns]
     highest = max(float(np.nanpercentile(_speed(section), 99.5)) for section in sections)
+    top = top_of(patterns)
     norm = PowerNorm(0.5, 0.0, highest)
     with house():
-        figure = Figure(figsize=(PAGE * max(columns, 2) / _COLUMNS, (12 + 120 * rows) * MILLIMETRE))
+        figure = Figure(
+            figsize=(PAGE * max(columns, 2) / _COLUMNS, (12 + 2 * rows * row_height(patterns, top)) * MILLIMETRE)
+        )
         axes = figure.subplots(2 * rows, columns, squeeze=False)
         for ax in axes.flat:
             ax.set_axis_off()
@@ -46,7 +49,7 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
             above.set_title(one.result.label)
             below.set_title(f"{one.pattern.kind}, {100 * one.pattern.fraction:.2g} % stagnant")
             for ax in (above, below):
-                draw_walls(ax, one)
+                draw_walls(ax, one, top)
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.5, aspect=40)
         bar.set_label("speed [m/s]")
     return figure
@@ -85,8 +88,29 @@ def even(points: np.ndarray) -> np.ndarray:
     return np.linspace(points[0], points[-1], len(points))
 
 
-def draw_walls(ax: "Axes", one: "FlowPattern") -> None:
-    half = one.fields.grid.radius if isinstance(one.fields.grid, Ring) else one.container.width / 2
+def top_of(patterns: Sequence["FlowPattern"]) -> float:
+    """Height [m] up to which beds are shown: a little above the highest, and no more than 1.6 widths."""
+    beds = []
+    for one in patterns:
+        grid = one.fields.grid
+        z_axis = grid.axes.index("z")
+        filled = one.pattern.bed.any(axis=tuple(k for k in range(len(grid.axes)) if k != z_axis))
+        beds.append(float(grid.points[z_axis][filled].max()))
+    return min(1.08 * max(beds), 2 * _HEIGHT * _half_width(patterns[0]))
+
+
+def row_height(patterns: Sequence["FlowPattern"], top: float) -> float:
+    """Height [mm] of a panel that is a quarter of a page wide, with its title."""
+    return 8 + 34 * (top / (2 * _half_width(patterns[0])) + 0.1)
+
+
+def _half_width(one: "FlowPattern") -> float:
+    return one.fields.grid.radius if isinstance(one.fields.grid, Ring) else one.container.width / 2
+
+
+def draw_walls(ax: "Axes", one: "FlowPattern", top: float) -> None:
+    """Walls in the plane of the map, up to the height `top` [m], and the limits of its axes."""
+    half = _half_width(one)
     for wall in one.container.walls():
         if hasattr(wall.shape, "lower"):  # a frustum: in a plane through the axis, a line on either side
             (r0, z0), (r1, z1) = wall.shape.lower, wall.shape.upper
@@ -98,9 +122,8 @@ def draw_walls(ax: "Axes", one: "FlowPattern") -> None:
         for (x0, z0), (x1, z1) in ends:
             ax.plot([x0 * 1e3, x1 * 1e3], [z0 * 1e3, z1 * 1e3], color=INK, linewidth=1.2, zorder=4)
     half *= 1e3
-    top = 2 * half * _HEIGHT
     for side in (-half, half):
         ax.axvline(side, color=FAINT, linewidth=0.6, zorder=0)
     ax.set_xlim(-1.04 * half, 1.04 * half)
-    ax.set_ylim(-0.15 * half, top)
+    ax.set_ylim(-0.15 * half, top * 1e3)
     ax.set_aspect("equal")

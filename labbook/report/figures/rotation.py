@@ -38,24 +38,28 @@ def flow_against_rotation(curves: Sequence["Rotation"]) -> "Figure":
     from matplotlib.figure import Figure
 
     shapes = [(shape, list(group)) for shape, group in groupby(curves, key=lambda one: one.shape)]
+    labels = sorted({one.label: one.orifice for one in curves}.items(), key=lambda item: item[1])
+    place = {label: index for index, (label, _) in enumerate(labels)}
     with house():
-        width = COLUMN if len(shapes) == 1 else PAGE * min(len(shapes), 4) / 4 + 0.25 * PAGE * (len(shapes) == 2)
+        width = COLUMN if len(shapes) == 1 and len(place) == 1 else PAGE
         figure = Figure(figsize=(width, 104 * MILLIMETRE))
         axes = figure.subplots(2, len(shapes), sharex=True, sharey="row", squeeze=False)
         for column, (shape, group) in enumerate(shapes):
             above, below = axes[:, column]
             above.set_title(shape)
-            for index, curve in enumerate(group):
-                _rates(above, curve, index)
-                _ratios(below, curve, index)
+            for curve in group:
+                _rates(above, curve, place[curve.label])
+                _ratios(below, curve, place[curve.label])
             below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
             below.set_xlabel(_FREQUENCY if len(shapes) < 3 else "$f$ [Hz]")
-            if len(group) > 1 or group[0].label:
-                below.legend(loc="best")
         axes[0, 0].set_ylim(bottom=0)
         axes[1, 0].set_ylim(bottom=0)
         axes[0, 0].set_ylabel("$Q$ [grains/s]")
         axes[1, 0].set_ylabel("$Q(f)/Q(0)$")
+        lines = {text: line for ax in axes[1] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
+        if lines:
+            shown = [label for label in place if label in lines]
+            figure.legend([lines[label] for label in shown], shown, loc="outside right upper")
         figure.align_ylabels()
     return figure
 
@@ -88,7 +92,7 @@ def drop_and_rise(curves: Sequence["Rotation"]) -> "Figure":
 
     known = [one for one in curves if one.lowest() is not None]
     with house():
-        figure = Figure(figsize=(PAGE * 0.8, 66 * MILLIMETRE))
+        figure = Figure(figsize=(PAGE, 66 * MILLIMETRE))
         axes = figure.subplots(1, 2)
         for ax, of in zip(axes, ("drop", "rise"), strict=True):
             for index, (text, group, dashed) in enumerate(_lines(known)):
@@ -102,7 +106,7 @@ def drop_and_rise(curves: Sequence["Rotation"]) -> "Figure":
         fastest = known[0].frequencies[-1]
         axes[1].set_ylabel(rf"$Q({fastest:g}\,\mathrm{{Hz}})/Q_\mathrm{{min}}$")
         axes[0].set_ylim(bottom=0)
-        axes[0].legend(loc="best")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper")
     return figure
 
 
@@ -174,11 +178,11 @@ def acceleration_against_rotation(
         for ax, (curve, profiles) in zip(axes.flat, found, strict=False):
             ax.set_title(", ".join(filter(None, (curve.shape, curve.label))))
             for index, (f, profile) in enumerate(profiles):
-                height = (profile.edges[1:] + profile.edges[:-1]) / 2 / curve.orifice
-                error = np.nan_to_num(profile.error) / gravity
-                style = {**look(index), "markersize": 3}
+                known = np.isfinite(profile.error)
+                height = (profile.edges[1:] + profile.edges[:-1])[known] / 2 / curve.orifice
+                value, error = -profile.acceleration[known] / gravity, profile.error[known] / gravity
                 label = f"f = {display.number(f)} Hz"
-                ax.errorbar(height, -profile.acceleration / gravity, yerr=error, label=label, **style)
+                ax.errorbar(height, value, yerr=error, label=label, **{**look(index), "markersize": 3})
             ax.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
             ax.set_xlabel("$z/D$")
             ax.legend(loc="best")
