@@ -103,7 +103,7 @@ def _sampled(grains: Grains, fields: Sequence[str]) -> Table:
 
 def _within(grains: Grains, inside: np.ndarray, fields: Sequence[str]) -> Table:
     q = None if grains.q is None else grains.q[inside]
-    return _sampled(Grains(*(column[inside] for column in grains[:4]), q), fields)
+    return _sampled(Grains(grains.ids[inside], grains.x[inside], grains.v[inside], grains.w[inside], q), fields)
 
 
 def _stamped(member: Readable, table: Table) -> Table:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from statistics import median
 
+from labbook.backend import Contacts, Probe, Sample, Zone
 from labbook.catalogue.catalogue import Catalogue
 from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
@@ -18,6 +19,8 @@ _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
 _GRAIN = 400  # bytes of one grain's share of a checkpoint
 _FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
 _FRAMES = 200
+_NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
+_PACKED = 0.55
 
 
 @dataclass(frozen=True)
@@ -87,4 +90,19 @@ def disk_of(demand: Demand) -> float:
     """Bytes that a run will keep."""
     count = demand.shared.scene.grains.count
     film = _FRAME * count * _FRAMES * (1 - demand.shared.stop.discharged / 2) if demand.recorded else 0.0
-    return 5000 + count * (_ROW * demand.shared.stop.discharged + _GRAIN) + film
+    seen = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
+    return 5000 + count * (_ROW * demand.shared.stop.discharged + _GRAIN) + film + seen
+
+
+def _bytes_of(probe: Probe, shared: PointDemand) -> float:
+    """What is kept of whole frames of grains and contacts, and of those around an outlet."""
+    grains = shared.scene.grains
+    if not isinstance(probe, Sample | Contacts | Zone):
+        return 0.0
+    frames = discharge_time(shared) / (probe.every * shared.numerics.beat)
+    if isinstance(probe, Zone):
+        around, above = probe.radius**2 * probe.high, probe.core**2 * (probe.top - probe.high)
+        within = _PACKED * math.pi * (around + above) / (math.pi / 6 * grains.equivalent_diameter**3)
+        return _NEAR * within * frames * (2 if probe.again else 1)
+    mean = grains.count * (1 - shared.stop.discharged / 2)
+    return mean * frames * (_NEAR if isinstance(probe, Sample) else _CONTACTS)

@@ -71,7 +71,7 @@ def test_upright_rods_that_sink_together():
 
 
 def test_rods_that_lie_radially_or_around_the_axis():
-    x = lattice(0.012) + [0.003, 0.002, 0]
+    x = lattice(0.012) + np.array([0.003, 0.002, 0])
     angle = np.arctan2(x[:, 1], x[:, 0])
     for turned, first, second in ((0.0, "O_rr", "O_tt"), (math.pi / 2, "O_tt", "O_rr")):
         # the z axis turned onto (cos a, sin a, 0): a quarter turn about (-sin a, cos a, 0)

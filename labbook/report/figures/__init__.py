@@ -18,19 +18,19 @@ from labbook.report.figures.scaling import flow_scaling
 
 __all__ = [
     "above_orifice",
+    "acceleration_against_height",
     "acceleration_against_rotation",
     "drop_and_rise",
-    "flow_against_rotation",
-    "flow_scaling",
-    "packing_maps",
-    "acceleration_against_height",
     "flow_against_angle",
     "flow_against_orifice",
     "flow_against_position",
+    "flow_against_rotation",
     "flow_against_time",
     "flow_patterns",
+    "flow_scaling",
     "outlet_middles",
     "outlet_profiles",
     "overview",
+    "packing_maps",
     "parameters_against",
 ]

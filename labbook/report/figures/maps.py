@@ -64,5 +64,6 @@ def _row(figure: "Figure", axes, found, maps, text: str, titles: Sequence[str], 
         if each is not None:
             mesh = ax.pcolormesh(*each, cmap="viridis", vmin=low, vmax=high, shading="nearest", rasterized=True)
         draw_walls(ax, one, top)
+    assert mesh is not None
     bar = figure.colorbar(mesh, ax=axes, shrink=0.8, aspect=24)
     bar.set_label(text)

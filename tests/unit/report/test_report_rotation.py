@@ -145,7 +145,9 @@ def test_clogged_and_diverged_runs_take_no_part(synthetic):
     how = {(1, 2): "clogged", (1, 3): "diverged"}
     runs = [Run(p, seed, how.get((p.index, seed), "finished")) for p in points for seed in (1, 2, 3, 4, 5)]
     (found,) = analyse(synthetic.study_of(points, fit=(), reference=None), runs).turning
-    assert found.ratio("grain_rate", 1).n == 3
+    ratio = found.ratio("grain_rate", 1)
+    assert ratio is not None
+    assert ratio.n == 3
     assert found.lowest() is None
     assert "of that at rest" in sentence(found)
 
@@ -207,12 +209,12 @@ def test_rods_that_turn_upright_to_radial_exchange_one_for_the_other(synthetic):
 def test_figures_show_every_curve(analysis):
     flow = figures.flow_against_rotation(analysis.turning)
     assert [ax.get_title(loc="left") for ax in flow.axes[:2]] == ["spheres", "rods, L/d = 3.33"]
-    ratios = flow.axes[3].containers[1].lines[0]
+    ratios = flow.axes[3].containers[1][0]
     np.testing.assert_allclose(np.asarray(ratios.get_xdata(), float), F)
     np.testing.assert_allclose(np.asarray(ratios.get_ydata(), float), [RODS[f] / 600 for f in F], atol=0.02)
     shapes = figures.drop_and_rise(analysis.turning)
     assert [text.get_text() for text in shapes.legends[0].get_texts()] == ["D = 50 mm", "D = 60 mm"]
-    first = shapes.axes[0].containers[1].lines[0]
+    first = shapes.axes[0].containers[1][0]
     np.testing.assert_allclose(np.asarray(first.get_xdata(), float), [1, 20 / 6])
     np.testing.assert_allclose(np.asarray(first.get_ydata(), float), [1, 0.5], atol=0.03)
     scaling = figures.flow_scaling([one for one in analysis.series if one.used])
