@@ -16,16 +16,16 @@ def omega_of(scene: Scene) -> float:
     return OMEGA * scene.grains.equivalent_diameter
 
 
-def bed_grid(scene: Scene, omega: float, x: np.ndarray) -> Grid:
+def bed_grid(scene: Scene, omega: float, x: np.ndarray, *, coarse: bool = False) -> Grid:
     """From below the outlet to above the highest of the grains at x [m], shape [n, 3]; cells as wide as omega, about an
-    axis half of that. Of a quasi-2D hopper or a silo about the axis.
+    axis half of that unless `coarse`. Of a quasi-2D hopper or a silo about the axis.
     """
     container: Any = scene.container
     low, high = -4 * omega, float(x[:, 2].max()) + 2 * omega
     if isinstance(container, WedgeHopper):
         half = container.width / 2
         return Layer((-half, half), (low, high), cells(2 * half, omega), cells(high - low, omega), container.thickness)
-    radius, cell = container.diameter / 2, omega / 2
+    radius, cell = container.diameter / 2, omega if coarse else omega / 2
     return Ring(radius, (low, high), cells(radius, cell), cells(high - low, cell))
 
 

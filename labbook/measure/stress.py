@@ -1,6 +1,7 @@
 """Stress that grains carry by their contacts, in a silo about an axis (Goldhirsch, Granul. Matter 12 (2010) 239)."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,6 +21,8 @@ _FRAMES = 5
 """Frames within the window, if the outflow is as expected; slower flows have more. Every contact of a bed is recorded,
 some 30 bytes each: means over the azimuth of few frames already tell maps."""
 _LONGEST = 1.0  # s between two frames
+_MOST = 12
+"""Frames that are coarse-grained, spread over the window: each contact costs as much as some thousand grains."""
 
 
 class ContactStress(Measure):
@@ -76,14 +79,24 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
         return None
     own, omega = run.scene.grains, omega_of(run.scene)
     sample, contacts = run.tables["sample"], run.tables["contacts"]
-    if not ((sample["time"] >= flow.begin) & (sample["time"] <= flow.end)).any():
+    inside = (contacts["time"] >= flow.begin) & (contacts["time"] <= flow.end)
+    steps = np.unique(contacts["step"][inside])
+    if not len(steps):
         return None
+    chosen = steps[np.linspace(0, len(steps) - 1, min(_MOST, len(steps))).round().astype(int)]
+    sample, contacts = (_frames(table, chosen) for table in (sample, contacts))
     grains = grains_of(sample, own.mass, own.mass / own.density, flow.begin, flow.end)
     touching = contacts_of(contacts, sample, flow.begin, flow.end)
     try:
-        return coarse_grain(bed_grid(run.scene, omega, grains.x), omega, grains, touching), grains.frames
+        grid = bed_grid(run.scene, omega, grains.x, coarse=True)
+        return coarse_grain(grid, omega, grains, touching), grains.frames
     except ImportError as missing:
         raise MeasureError(f"contact_stress: {missing}") from missing
+
+
+def _frames(table: Mapping[str, np.ndarray], steps: np.ndarray) -> dict[str, np.ndarray]:
+    kept = np.isin(table["step"], steps)
+    return {name: np.asarray(column)[kept] for name, column in table.items()}
 
 
 def _silo(scene: Scene) -> CylinderSilo | ConicalSilo:

@@ -57,7 +57,7 @@ class ReferenceReader:
             self._problem(place, "this does not name a quantity", "write law.parameter, for example beverloo.k")
             return False
         head = name.partition(".")[0]
-        known = self._known()
+        known = {*self._known(), TURNING}
         remedy = instead(head, known)
         if head not in known and remedy.startswith("did"):
             self._problem(place, f"no law or measurement is called {head}", remedy)
