@@ -23,9 +23,12 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
     `runs`: what was measured of each run, with error, effective sample size, window, method and note. `points`: pooled
     over seeds, with 95 % intervals. `fits`: parameters of laws and of profiles. `flow`: W(t) of each run. `profiles`:
     phi and v along each outlet, mean and standard error over seeds. `outlets`: what was fitted to each outlet.
-    `reference`: a paper's numbers beside ours. Columns that begin with a key of the study say what was swept.
+    `reference`: a paper's numbers beside ours. `rotation`: ratios to a bottom at rest. `accelerations`: above outlets.
+    `statements`: of a paper, with their verdicts. Columns that begin with a key of the study say what was swept.
     """
     import pandas as pd
+
+    from labbook.export import turning
 
     made = {
         "runs": _runs(analysis),
@@ -35,6 +38,9 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
         "profiles": _profiles(analysis),
         "outlets": _outlets(analysis),
         "reference": _reference(analysis),
+        "rotation": turning.ratios(analysis),
+        "accelerations": turning.accelerations(analysis),
+        "statements": turning.statements(analysis),
     }
     found = {name: pd.DataFrame(list(rows)) for name, rows in made.items()}
     return {name: frame for name, frame in found.items() if len(frame)}

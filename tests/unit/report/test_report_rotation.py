@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from labbook.export.numbers import frames
 from labbook.measure import RunData
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
@@ -234,6 +235,16 @@ def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     stated = plain(analysis)["statements"]
     assert stated[0]["verdict"] == "holds"
     assert (stated[2]["to"], stated[0]["to"]) == (0.32, 0.7)
+
+
+def test_exports_hold_ratios_and_statements(analysis):
+    tables = frames(analysis)
+    rows = tables["rotation"]
+    rows = rows[(rows["quantity"] == "grain_rate") & (rows["container.orifice"] == 0.06) & (rows["shape"] != "spheres")]
+    np.testing.assert_allclose(rows["ratio"], [RODS[f] / 600 for f in F[1:]], atol=0.02)
+    assert set(rows["pairs"]) == {8}
+    assert list(tables["statements"]["verdict"]).count("does not hold") == 2
+    assert "accelerations" not in tables
 
 
 def test_sentences_say_what_turning_does(analysis):
