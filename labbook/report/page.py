@@ -12,7 +12,7 @@ from labbook.report.comparison import agreement
 from labbook.report.ratios import by_angle, by_position
 from labbook.report.sections import Picture, picture, series_section
 from labbook.report.statements import statement_table, summed_up
-from labbook.report.turning import turning_section
+from labbook.report.turning import scaling, turning_section
 
 FILE = "report.html"
 
@@ -33,7 +33,7 @@ def write(analysis: Analysis, folder: Path) -> Path:
         statements=statement_table(analysis.judged) if analysis.judged else None,
         turning=turning_section(analysis, folder),
         overview=_overview(analysis, folder),
-        scaling=_scaling(analysis, folder),
+        scaling=None if analysis.turning else scaling(analysis, folder),
         trends=_trends(analysis, folder),
         series=[series_section(analysis, k, folder) for k in range(len(analysis.series))],
         flow=tables.flow_table(analysis),
@@ -88,14 +88,6 @@ def _overview(analysis: Analysis, folder: Path) -> Picture | None:
     return picture(figures.overview(fitted), folder / "overview", "a power of W against orifice, all series", _OVERVIEW)
 
 
-def _scaling(analysis: Analysis, folder: Path) -> Picture | None:
-    """Q(D) of holes on logarithmic axes, where the laws of that name are fitted."""
-    fitted = [one for one in analysis.series if {"power", "exponential"} & set(one.fits)]
-    if not fitted:
-        return None
-    return picture(figures.flow_scaling(fitted), folder / "scaling", "flow rate against orifice, logarithmic", _SCALING)
-
-
 def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
     """Fitted parameters of every law against the key that takes most values, if it takes several."""
     values = {
@@ -136,10 +128,6 @@ _ANGLES = (
 _POSITIONS = (
     "Flow rate over that of the same outlet in the middle, and shape of the profiles of each point (eqs 16 and 17), "
     "against the relative distance from the wall; bars: one standard error."
-)
-_SCALING = (
-    "Q against D (Pongó et al. 2022, Figs 4 and 5); bars: one standard error. Above: both axes logarithmic, with "
-    "fitted powers and, grey, the slope 5/2; below: only Q, with fitted exponentials."
 )
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."
 

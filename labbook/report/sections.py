@@ -33,7 +33,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
     suffix = f"-{index + 1}" if len(analysis.series) > 1 else ""
     where = f" ({series.label})" if series.label else ""
     fit = None
-    if series.used:
+    if series.fits or len(series.used) > 1:  # a single point shows nothing
         source = reference.source if reference is not None else ""
         figure = figures.flow_against_orifice(series, analysis.comparisons, source)
         fit = picture(figure, folder / f"fit{suffix}", f"a power of W against orifice{where}", _FIT)

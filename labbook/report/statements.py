@@ -138,11 +138,11 @@ def statement_table(judged: Sequence[Judged]) -> Table:
     """Every statement with ours, its interval, what it asks, and the verdict; those that do not hold are marked."""
     rows, marked, reasons = [], set(), []
     for place, one in enumerate(judged):
-        stated, scale = one.statement, _scale(one.statement.quantity)
+        stated, (scale, unit) = one.statement, _shown(one.statement.quantity)
         ends = [display.number(end, None, scale) for end in (stated.low, stated.high)]
-        asked = f"{ends[0]} to {ends[1]}"
+        asked = f"{ends[0]} to {ends[1]}{unit}"
         if math.isinf(stated.low) or math.isinf(stated.high):
-            asked = f"at most {ends[1]}" if math.isinf(stated.low) else f"at least {ends[0]}"
+            asked = f"at most {ends[1]}{unit}" if math.isinf(stated.low) else f"at least {ends[0]}{unit}"
         if one.ours is None:
             rows.append((stated.says, one.label, asked, "–", "–", one.verdict))
             reasons.append(f"{stated.says} ({one.label}): {one.why}." if one.label else f"{stated.says}: {one.why}.")
@@ -161,9 +161,13 @@ def statement_table(judged: Sequence[Judged]) -> Table:
         "between seeds; other numbers have 95 % intervals. The smallest of several means is a little too small by "
         "being chosen."
     )
-    headings = ("statement", "at", "says", "ours", "interval", "verdict")
+    headings = ("statement", "at", "asks for", "ours", "interval", "verdict")
     return Table(headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *dict.fromkeys(reasons)))
 
 
-def _scale(quantity: str) -> float:
-    return 1.0 if quantity.startswith(f"{TURNING}.") or quantity == TURNING else display.quantity(quantity).scale
+def _shown(quantity: str) -> tuple[float, str]:
+    """Factor from SI to the unit that is shown, and that unit after a space; ratios have none."""
+    if quantity.partition(".")[0] == TURNING:
+        return 1.0, " Hz" if quantity.endswith(".minimum") else ""
+    shown = display.quantity(quantity)
+    return shown.scale, f" {shown.unit}" if shown.unit else ""

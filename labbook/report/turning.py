@@ -26,8 +26,11 @@ def turning_section(analysis: Analysis, folder: Path) -> dict | None:
         lacking.append(
             "The drop against the aspect ratio needs three frequencies of grains of several L/d: sweep them."
         )
-    if len({one.orifice for one in curves}) < 2:
-        lacking.append("Q against D needs several outlets: sweep container.orifice.")
+    against = scaling(analysis, folder)
+    if against is None:
+        lacking.append("Q against D needs several outlets, and `fit: [power, exponential]`: sweep container.orifice.")
+    else:
+        pictures.append(against)
     try:
         shown, without = _maps(curves, folder)
     except ImportError as missing:
@@ -44,7 +47,19 @@ def turning_section(analysis: Analysis, folder: Path) -> dict | None:
         pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", _FALL))
     else:
         lacking.append("Accelerations need `orifice` among the measures.")
-    return {"sentences": [text for one in curves if (text := sentence(one))], "pictures": pictures, "lacking": lacking}
+    return {
+        "sentences": [text[:1].upper() + text[1:] for one in curves if (text := sentence(one))],
+        "pictures": pictures,
+        "lacking": lacking,
+    }
+
+
+def scaling(analysis: Analysis, folder: Path) -> Picture | None:
+    """Q(D) of holes on logarithmic axes, where the laws of that name are fitted."""
+    fitted = [one for one in analysis.series if {"power", "exponential"} & set(one.fits)]
+    if not fitted:
+        return None
+    return picture(figures.flow_scaling(fitted), folder / "scaling", "flow rate against orifice, logarithmic", _SCALING)
 
 
 def sentence(curve: Rotation) -> str:
@@ -133,6 +148,10 @@ _SHAPES_ALT = "drop and rise of the flow rate against the aspect ratio"
 _SHAPES = (
     "The smallest flow over that at rest, and that with the fastest rotation over the smallest (Pongó et al. 2022, "
     "Fig. 3), with 90 % intervals from pairs of seeds. Dashed: the same D; full: the same D/d*."
+)
+_SCALING = (
+    "Q against D (Pongó et al. 2022, Figs 4 and 5); bars: one standard error. Above: both axes logarithmic, with "
+    "fitted powers and, grey, the slope 5/2; below: only Q, with fitted exponentials."
 )
 _PACKING = (
     "Packing fraction in a plane through the axis, mean over the azimuth and the window of the flow rate, of the first "

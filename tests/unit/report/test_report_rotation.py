@@ -169,6 +169,7 @@ def test_statements_hold_fail_or_stay_open(analysis):
     assert "not measured" in missing.why
     table = statement_table(analysis.judged)
     assert len(table.rows) == len(analysis.judged) == 2 * 5 + 6
+    assert table.rows[2][2] == "0.16 to 0.32 Hz"
     assert [table.rows[k][-1] for k in table.marked] == ["does not hold"] * 2
     assert summed_up(analysis.judged, "Them").startswith("Of 16 statements of Them, 12 hold, 2 do not, and 2 are")
 
@@ -228,7 +229,7 @@ def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     assert "Against the rotation of the bottom" in text
     assert "What Pongó et al. 2022 state" in text
     assert "does not hold" in text
-    for lacking in ("add `record:", "need `orifice` among the measures"):
+    for lacking in ("add `record:", "need `orifice` among the measures", "Q against D needs several outlets"):
         assert lacking in text
     assert (tmp_path / "rotation-flow.pdf").exists()
     assert (tmp_path / "rotation-shapes.svg").exists()
