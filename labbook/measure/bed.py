@@ -1,10 +1,11 @@
 """How finely the fields of a bed are computed, and where."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from labbook.fields import Grid, Layer, Ring
+from labbook.fields import Grains, Grid, Layer, Ring, grains_of
 from labbook.scene import Scene, WedgeHopper
 
 OMEGA = 0.5
@@ -14,6 +15,17 @@ OMEGA = 0.5
 def omega_of(scene: Scene) -> float:
     """Width of the coarse-graining function [m] (Pongo et al. 2022: half the equivalent diameter)."""
     return OMEGA * scene.grains.equivalent_diameter
+
+
+def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> Grains:
+    """Grains of the frames with begin <= time <= end [s]; rods without length are spheres and have no axes.
+
+    Raises ValueError if there is no frame.
+    """
+    own = scene.grains
+    if not getattr(own, "half_length", 0.0) > 0:
+        frames = {name: column for name, column in frames.items() if name not in ("qw", "qx", "qy", "qz")}
+    return grains_of(frames, own.mass, own.mass / own.density, begin, end)
 
 
 def bed_grid(scene: Scene, omega: float, x: np.ndarray, *, coarse: bool = False) -> Grid:

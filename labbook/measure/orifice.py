@@ -5,11 +5,11 @@ import math
 import numpy as np
 
 from labbook.backend import Crossing, Probe, Zone
-from labbook.fields import Ring, coarse_grain, grains_of, orifice_means
+from labbook.fields import Ring, coarse_grain, orifice_means
 from labbook.fields.kernel import CUTOFF
 from labbook.fields.orifice import HEIGHT
 from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
-from labbook.measure.bed import cells, omega_of
+from labbook.measure.bed import cells, grains_between, omega_of
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import Measure, MeasureError, Window
@@ -107,10 +107,8 @@ def _steady(run: RunData, window: Window) -> tuple[SteadyFlow | None, np.ndarray
 
 
 def _means(scene: Scene, frames: dict[str, np.ndarray]) -> dict[str, float]:
-    silo, omega, own = _silo(scene), omega_of(scene), scene.grains
-    volume = own.mass / own.density
-    rows = frames if own.half_length > 0 else {name: c for name, c in frames.items() if not name.startswith("q")}
-    grains = grains_of(rows, own.mass, volume, -math.inf, math.inf)
+    silo, omega = _silo(scene), omega_of(scene)
+    grains = grains_between(scene, frames, -math.inf, math.inf)
     R, bottom = silo.orifice / 2, silo.outlet_plane
     grid = Ring(R, (bottom, bottom + HEIGHT), cells(R, omega / 2), max(4, cells(HEIGHT, omega / 2)))
     try:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.backend import Contacts, Crossing, Probe, Sample
-from labbook.fields import Fields, coarse_grain, contacts_of, grains_of, orifice_mean
-from labbook.measure.bed import bed_grid, omega_of
+from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
+from labbook.measure.bed import bed_grid, grains_between, omega_of
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import Measure, MeasureError, Window
@@ -77,7 +77,7 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
     flow = steady_flow(times, len(run.start), window, weights)
     if flow is None:
         return None
-    own, omega = run.scene.grains, omega_of(run.scene)
+    omega = omega_of(run.scene)
     sample, contacts = run.tables["sample"], run.tables["contacts"]
     inside = (contacts["time"] >= flow.begin) & (contacts["time"] <= flow.end)
     steps = np.unique(contacts["step"][inside])
@@ -85,7 +85,7 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
         return None
     chosen = steps[np.linspace(0, len(steps) - 1, min(_MOST, len(steps))).round().astype(int)]
     sample, contacts = (_frames(table, chosen) for table in (sample, contacts))
-    grains = grains_of(sample, own.mass, own.mass / own.density, flow.begin, flow.end)
+    grains = grains_between(run.scene, sample, flow.begin, flow.end)
     touching = contacts_of(contacts, sample, flow.begin, flow.end)
     try:
         grid = bed_grid(run.scene, omega, grains.x, coarse=True)

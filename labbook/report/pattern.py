@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fields import Fields, Layer, Pattern, Ring, coarse_grain, grains_of, orifice_means, pattern_of
+from labbook.fields import Fields, Layer, Pattern, Ring, coarse_grain, orifice_means, pattern_of
 from labbook.measure.acceleration import AccelerationProfile, acceleration_profile, pooled_profile
-from labbook.measure.bed import bed_grid, omega_of
+from labbook.measure.bed import bed_grid, grains_between, omega_of
 from labbook.measure.orifice import BINS, INTERVAL, UP_TO
 from labbook.scene import WedgeHopper
 from labbook.stats import Pooled, pool
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 FEWEST = 8
 """Recorded frames within the window below which there is no mean field."""
+_MOMENT = 1.0  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,8 @@ class FlowPattern:
     orifice: Mapping[str, float]
     moment: Mapping[str, np.ndarray]
     frames: int
+    window: tuple[float, float]
+    """Begin and end [s]."""
 
     def section(self) -> Section:
         """The plane y = 0; what is averaged over the azimuth appears on both sides of the axis."""
@@ -125,18 +128,37 @@ def pooled_means(patterns: list[FlowPattern]) -> dict[str, Pooled]:
 def _of_run(result: "PointResult", run: "RunResult") -> FlowPattern | None:
     window = run.trace.window if run.trace is not None else None
     frames = run.frames() if window is not None else None
-    if window is None or frames is None:
-        return None
+    return None if window is None or frames is None else _between(result, frames, window)
+
+
+def moments(result: "PointResult", count: int = 3) -> list[FlowPattern]:
+    """The first recorded run of a point within 1 s (a part of the window, if that is shorter) about `count` instants of
+    the window of its flow rate (Pongo et al. 2022, Figs 6 and 7); empty where there are too few frames."""
+    for run in result.runs:
+        window = run.trace.window if run.trace is not None else None
+        frames = run.frames() if window is not None else None
+        if window is None or frames is None:
+            continue
+        part = (window[1] - window[0]) / count
+        middles = window[0] + part * (np.arange(count) + 0.5)
+        half = min(_MOMENT, part) / 2
+        found = [_between(result, frames, (middle - half, middle + half)) for middle in middles]
+        return [one for one in found if one is not None]
+    return []
+
+
+def _between(
+    result: "PointResult", frames: Mapping[str, np.ndarray], window: tuple[float, float]
+) -> FlowPattern | None:
     time = np.asarray(frames["time"], float)
     times = np.unique(time[(time >= window[0]) & (time <= window[1])])
     if len(times) < FEWEST:
         return None
     scene = result.point.scene
-    grains = grains_of(frames, scene.grains.mass, scene.grains.mass / scene.grains.density, *window)
-    omega = omega_of(scene)
+    grains, omega = grains_between(scene, frames, *window), omega_of(scene)
     fields = coarse_grain(bed_grid(scene, omega, grains.x), omega, grains)
     middle = 0.0 if not isinstance(scene.container, WedgeHopper) else scene.container.eccentricity
     above = orifice_means(fields, result.orifice, centre=middle)
     now = (time == times[len(times) // 2]) & (np.abs(frames["y"]) <= scene.grains.equivalent_diameter / 2)
     moment = {name: np.asarray(frames[name], float)[now] for name in ("x", "z", "vx", "vz")}
-    return FlowPattern(result, scene.container, fields, pattern_of(fields), above, moment, len(times))
+    return FlowPattern(result, scene.container, fields, pattern_of(fields), above, moment, len(times), window)

@@ -129,6 +129,11 @@ def shape_of(result: PointResult) -> str:
     return "spheres" if ratio == 1 else f"rods, L/d = {ratio:.3g}"
 
 
+def turning_at(result: PointResult) -> str:
+    """`f = 0.32 Hz`."""
+    return display.setting(ROTATION, result.at[ROTATION])
+
+
 def aspect_ratio(result: PointResult) -> float:
     """L/d of the grains; 1 of spheres."""
     return float(getattr(result.point.scene.grains, "aspect_ratio", 1.0))

@@ -3,12 +3,16 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from labbook.report import figures
-from labbook.report.analysis import Analysis
-from labbook.report.pattern import INTERVAL, FlowPattern, acceleration, flow_patterns
-from labbook.report.rotation import FLOW, Rotation, aspect_ratio
+from labbook.report.analysis import Analysis, PointResult
+from labbook.report.pattern import INTERVAL, FlowPattern, acceleration, flow_patterns, moments
+from labbook.report.rotation import FLOW, Rotation, aspect_ratio, turning_at
 from labbook.report.sections import PATTERNS, Picture, picture
+
+if TYPE_CHECKING:
+    from labbook.fields import Fields
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
 _FEW = 3
@@ -103,24 +107,42 @@ def _flow(curves: Sequence[Rotation], folder: Path) -> Picture:
 
 def _maps(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list[str]]:
     pictures: list[Picture] = []
-    missing = True
     for number, curve in enumerate(curves, start=1):
-        found = [patterns[0] for result in curve.points if (patterns := flow_patterns(result))]
-        if not found:
-            continue
-        missing = False
+        chosen = [curve.points[k] for k in _chosen(curve, [k for k, one in enumerate(curve.points) if _filmed(one)])]
         suffix = f"-{number}" if len(curves) > 1 else ""
         where = ", ".join(filter(None, (curve.shape, curve.label)))
-        packing = figures.packing_maps([(one, _stress(one)) for one in found])
-        pictures.append(picture(packing, folder / f"rotation-packing{suffix}", f"packing fraction, {where}",
-                                f"{where[:1].upper()}{where[1:]}. {_PACKING}"))  # fmt: skip
-        speeds = figures.flow_patterns(found)
-        pictures.append(picture(speeds, folder / f"rotation-speed{suffix}", f"speed, {where}",
-                                f"{where[:1].upper()}{where[1:]}. {PATTERNS}"))  # fmt: skip
-    return pictures, ["Maps need recorded runs: add `record: {every: 100 ms, replicates: 1}`."] if missing else []
+
+        def add(figure, name: str, alt: str, caption: str, where=where, suffix=suffix) -> None:
+            whole = f"{where[:1].upper()}{where[1:]}. {caption}"
+            pictures.append(picture(figure, folder / f"rotation-{name}{suffix}", f"{alt}, {where}", whole))
+
+        if rows := [found for result in chosen if (found := moments(result))]:
+            add(figures.packing_maps(rows), "packing", "packing fraction", _PACKING)
+            add(figures.speed_maps(rows), "speed", "speed", _SPEED)
+        if patterns := [found[0] for result in chosen if (found := flow_patterns(result))]:
+            add(
+                figures.flow_patterns(patterns, [turning_at(one.result) for one in patterns]),
+                "patterns",
+                "how the beds flow",
+                PATTERNS,
+            )
+            if pressed := [(one, stress) for one in patterns if (stress := _stress(one)) is not None]:
+                add(figures.pressure_maps(pressed), "pressure", "contact pressure", _PRESSURE)
+    return pictures, [] if pictures else ["Maps need recorded runs: add `record: {every: 100 ms, replicates: 1}`."]
 
 
-def _stress(pattern: FlowPattern):
+def _filmed(result: PointResult) -> bool:
+    return any(run.frames() is not None for run in result.runs)
+
+
+def _chosen(curve: Rotation, known: Sequence[int]) -> list[int]:
+    """Of known points the one at rest, the one of the smallest flow and the fastest; all, if they are no more."""
+    if len(known) <= _FEW:
+        return list(known)
+    return sorted({known[0], next((k for k in known[1:] if k == curve.lowest()), known[1]), known[-1]})
+
+
+def _stress(pattern: FlowPattern) -> "Fields | None":
     """Fields with the contact stress of the first run of a point that has them."""
     found = next((one for run in pattern.result.runs if (one := run.stress()) is not None), None)
     return None if found is None else found[0]
@@ -130,9 +152,7 @@ def _falls(curves: Sequence[Rotation]):
     """Accelerations of each curve: at rest, where the flow is smallest, and with the fastest rotation."""
     fallen = []
     for curve in curves:
-        wanted = range(len(curve.points))
-        if len(curve.points) > _FEW:
-            wanted = sorted({0, curve.lowest() or 1, len(curve.points) - 1})
+        wanted = _chosen(curve, range(len(curve.points)))
         profiles = [(float(curve.frequencies[k]), acceleration(curve.points[k])) for k in wanted]
         known = [(f, profile) for f, profile in profiles if profile is not None]
         if known:
@@ -154,10 +174,14 @@ _SCALING = (
     "fitted powers and, grey, the slope 5/2; below: only Q, with fitted exponentials."
 )
 _PACKING = (
-    "Packing fraction in a plane through the axis, mean over the azimuth and the window of the flow rate, of the first "
-    "recorded run (Pongó et al. 2022, Fig. 6); below, where contacts were recorded, a third of the trace of their "
-    "stress."
+    "Packing fraction in a plane through the axis, mean over the azimuth and 1 s (or a third of the window of the flow "
+    "rate, if that is shorter) about three instants, of the first recorded run (Pongó et al. 2022, Fig. 6)."
 )
+_SPEED = (
+    "Speed in that plane at the same instants, with streamlines (Pongó et al. 2022, Fig. 7); hatched: stagnant, as in "
+    "the next figure."
+)
+_PRESSURE = "Contact pressure, a third of the trace of the contact stress, mean over the azimuth and the window."
 _ORIFICE = (
     "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window (Pongó et al. "
     "2022, Figs 8 and 9); p_k is the trace of the kinetic stress of the fluctuations about the mean over azimuth and "

@@ -2,7 +2,7 @@
 
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.flow import flow_against_time
-from labbook.report.figures.maps import packing_maps
+from labbook.report.figures.maps import packing_maps, pressure_maps, speed_maps
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
 from labbook.report.figures.pattern import flow_patterns
@@ -33,4 +33,6 @@ __all__ = [
     "overview",
     "packing_maps",
     "parameters_against",
+    "pressure_maps",
+    "speed_maps",
 ]

@@ -20,10 +20,10 @@ _COLUMNS = 4
 _HEIGHT = 1.6  # widths of the hopper that are shown
 
 
-def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
+def flow_patterns(patterns: Sequence["FlowPattern"], titles: Sequence[str] = ()) -> "Figure":
     """Two rows a point: velocities of the grains at one moment; mean speed, streamlines and, hatched, what stands.
 
-    Speeds have one scale of colours for all, that of a square root.
+    `titles`: of the points, if not their labels. Speeds have one scale of colours for all, that of a square root.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import PowerNorm
@@ -32,7 +32,7 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
     columns = min(_COLUMNS, len(patterns))
     rows = math.ceil(len(patterns) / columns)
     sections = [one.section() for one in patterns]
-    highest = max(float(np.nanpercentile(_speed(section), 99.5)) for section in sections)
+    highest = max(float(np.nanpercentile(speed_of(section), 99.5)) for section in sections)
     top = top_of(patterns)
     norm = PowerNorm(0.5, 0.0, highest)
     with house():
@@ -45,8 +45,8 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
         for k, one in enumerate(patterns):
             above, below = axes[2 * (k // columns), k % columns], axes[2 * (k // columns) + 1, k % columns]
             _vectors(above, one, norm)
-            _means(below, sections[k], norm)
-            above.set_title(one.result.label)
+            draw_means(below, sections[k], norm)
+            above.set_title(titles[k] if titles else one.result.label)
             below.set_title(f"{one.pattern.kind}, {100 * one.pattern.fraction:.2g} % stagnant")
             for ax in (above, below):
                 draw_walls(ax, one, top)
@@ -55,7 +55,8 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
     return figure
 
 
-def _speed(section: "Section") -> np.ndarray:
+def speed_of(section: "Section") -> np.ndarray:
+    """Speed in the plane [m/s]; NaN beyond the bed."""
     return np.where(section.bed, np.hypot(section.u, section.w), np.nan)
 
 
@@ -72,9 +73,10 @@ def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
     ax.quiver(x * 1e3, z * 1e3, u, w, np.hypot(u, w), cmap="viridis", norm=norm, **arrow)
 
 
-def _means(ax: "Axes", section: "Section", norm) -> None:
+def draw_means(ax: "Axes", section: "Section", norm) -> None:
+    """Mean speed with streamlines; what stands is hatched."""
     x, z = even(section.x) * 1e3, even(section.z) * 1e3
-    ax.pcolormesh(x, z, _speed(section), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
+    ax.pcolormesh(x, z, speed_of(section), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
     u, w = (np.where(section.bed & ~section.stagnant, v, np.nan) for v in (section.u, section.w))
     ax.streamplot(x, z, u, w, density=0.7, linewidth=0.5, arrowsize=0.5, color="white")
     if section.stagnant.any():

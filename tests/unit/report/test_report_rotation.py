@@ -13,6 +13,7 @@ from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.report import figures, page
 from labbook.report.analysis import analyse
+from labbook.report.pattern import moments
 from labbook.report.plain import plain
 from labbook.report.statements import Judged, statement_table, summed_up
 from labbook.report.turning import sentence
@@ -23,6 +24,7 @@ from labbook.study.study import Point
 F = (0.0, 0.16, 0.32, 1.28)
 RODS = dict(zip(F, (600.0, 330.0, 300.0, 390.0), strict=True))  # a drop by half at 0.32 Hz, then up by 30 %
 SPHERES = dict(zip(F, (800.0, 808.0, 812.0, 824.0), strict=True))  # within 3 %
+SINKING = 0.03  # m/s
 COMMON, OWN = 0.10, 0.01
 """Scatter of a seed at all frequencies, and of each of its runs."""
 
@@ -34,6 +36,7 @@ class Run:
     point: Point
     seed: int
     outcome: str = "finished"
+    filmed: bool = False
 
     @property
     def run_key(self):
@@ -44,7 +47,18 @@ class Run:
         return {"engine": "double"}
 
     def recording(self):
-        return None
+        """A column of grains that sinks at 30 mm/s, frames 40 ms apart."""
+        if not self.filmed:
+            return None
+        side = np.arange(-0.085, 0.09, 0.01)
+        x = np.array([(a, b, c) for a in side for b in side for c in np.arange(0.005, 0.3, 0.01)])
+        x = x[np.hypot(x[:, 0], x[:, 1]) < 0.085]
+        times, n, zero = np.arange(0, 6, 0.04), len(x), np.zeros(len(x))
+        once = {"id": np.arange(n), "x": x[:, 0], "y": x[:, 1], "vx": zero, "vy": zero, "vz": zero - SINKING}
+        table = {name: np.tile(column, len(times)) for name, column in once.items()}
+        z = np.concatenate([x[:, 2] - SINKING * t for t in times])
+        table |= {"z": z, "time": np.repeat(times, n), "step": np.repeat(np.arange(len(times)), n)}
+        return {name: column[z > 0] for name, column in table.items()}
 
     def data(self):
         grains, f = self.point.scene.grains, float(self.point.at["container.rotation"])
@@ -246,6 +260,33 @@ def test_exports_hold_ratios_and_statements(analysis):
     assert set(rows["pairs"]) == {8}
     assert list(tables["statements"]["verdict"]).count("does not hold") == 2
     assert "accelerations" not in tables
+
+
+def test_maps_are_of_three_instants_of_the_window(synthetic, tmp_path):
+    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
+    runs = [Run(p, seed, filmed=seed == 1) for p in points for seed in (1, 2)]
+    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), runs)
+    result = analysis.points[1]
+    begin, end = result.runs[0].trace.window
+    found = moments(result)
+    middles = [sum(one.window) / 2 for one in found]
+    assert middles == pytest.approx([begin + (end - begin) * part for part in (1 / 6, 1 / 2, 5 / 6)])
+    assert all(one.window[1] - one.window[0] <= 1 for one in found)
+    for one, t in zip(found, middles, strict=True):
+        r, z = one.fields.grid.points
+        inside = np.ix_(r < 0.05, (z > 0.03) & (z < 0.1))
+        assert one.fields.velocity[2][inside] == pytest.approx(-SINKING)
+        assert np.nanmax(z[one.pattern.bed.any(axis=0)]) == pytest.approx(0.3 - SINKING * t, abs=0.015)
+        assert one.pattern.kind == "mass flow"
+    speed = figures.speed_maps([moments(one) for one in analysis.points])
+    titles = [ax.get_title(loc="left") for ax in speed.axes[:6]]
+    assert [title.split(",")[0] for title in titles] == ["f = 0 Hz"] * 3 + ["f = 0.32 Hz"] * 3
+    text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
+    assert "(Pongó et al. 2022, Fig. 6)" in text
+    assert "add `record:" not in text
+    assert {"rotation-packing.svg", "rotation-speed.svg", "rotation-patterns.svg"} <= {
+        p.name for p in tmp_path.iterdir()
+    }
 
 
 def test_sentences_say_what_turning_does(analysis):
