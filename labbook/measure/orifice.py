@@ -38,7 +38,8 @@ class OrificeMeans(Measure):
     Quantities: `orifice_packing_fraction`, `orifice_v_z` [m/s], `orifice_kinetic_pressure` [Pa] and, of rods,
     `orifice_O_zz`, `orifice_O_rr`, `orifice_O_tt` and `orifice_S` (see `labbook.fields.orifice_means`), from frames
     within the window of the flow rate, gaps without flow left out; `free_fall_height` [m], the area under a_eff/g up to
-    two widths of the outlet, in the middle of it.
+    two widths of the outlet, in the middle of it. Those of a run that clogged end in `_flowing` and are kept apart, as
+    its flow rate is.
 
     The frames, in single precision, are of the grains that reach into that cylinder and of a column above the middle:
     some hundred grains instead of the whole bed. Frames come in pairs 50 ms apart, or evenly where pairs would be too
@@ -64,27 +65,30 @@ class OrificeMeans(Measure):
         where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
         frames = {} if flow is None else frames_of(run, flow, times)
         count = len(np.unique(frames["step"])) if frames else 0
+        suffix = "_flowing" if run.outcome == "clogged" else ""
         if flow is None or count < _FEWEST:
             note = f"only {count} frames while grains flowed within the window, fewer than {_FEWEST}"
-            return (Measured("orifice_v_z", math.nan, math.nan, 0, where, "coarse-grained frames", "m/s", note),)
+            return (
+                Measured(f"orifice_v_z{suffix}", math.nan, math.nan, 0, where, "coarse-grained frames", "m/s", note),
+            )
         how = f"{count} frames, coarse-grained; error from seeds only"
         means = _means(run.scene, frames)
         numbers = [
-            Measured(f"orifice_{name}", value, math.nan, count, where, how, _UNITS.get(name, ""))
+            Measured(f"orifice_{name}{suffix}", value, math.nan, count, where, how, _UNITS.get(name, ""))
             for name, value in means.items()
         ]
         profile = _profile(run.scene, frames)
         if profile is not None:
             height = profile.free_fall_height(run.scene.gravity)
             how = f"changes of velocity within {profile.interval * 1e3:.3g} ms"
-            numbers.append(Measured("free_fall_height", height, math.nan, count, where, how, "m"))
+            numbers.append(Measured(f"free_fall_height{suffix}", height, math.nan, count, where, how, "m"))
         return tuple(numbers)
 
 
 def acceleration_of(run: RunData, window: Window) -> AccelerationProfile | None:
     """Acceleration against height above the middle of the outlet within the window of the flow rate; None if the run
-    has no frames of it, or none as far apart as it takes."""
-    if "zone" not in run.tables:
+    clogged, has no frames of it, or none as far apart as it takes."""
+    if "zone" not in run.tables or run.outcome == "clogged":
         return None
     flow, times = _steady(run, window)
     frames = {} if flow is None else frames_of(run, flow, times)

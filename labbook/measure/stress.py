@@ -45,17 +45,18 @@ class ContactStress(Measure):
         where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
         how = "contacts, coarse-grained; error from seeds only"
         found = stress_fields(run, window)
+        kept = "_flowing" if run.outcome == "clogged" else ""  # apart from runs that flowed throughout
         if found is None:
             note = "no frame within the window"
             none = (math.nan, math.nan, 0, where, how, "Pa", note)
-            return (Measured("orifice_contact_pressure", *none), Measured("bed_contact_pressure", *none))
+            return (Measured(f"orifice_contact_pressure{kept}", *none), Measured(f"bed_contact_pressure{kept}", *none))
         fields, frames = found
         pressure = contact_pressure(fields)
         above = float(orifice_mean(fields, pressure, silo.orifice, bottom=silo.outlet_plane))
         weight = fields.density * fields.grid.volumes
         return (
-            Measured("orifice_contact_pressure", above, math.nan, frames, where, how, "Pa"),
-            Measured("bed_contact_pressure", float((pressure * weight).sum() / weight.sum()), math.nan, frames, where,
+            Measured(f"orifice_contact_pressure{kept}", above, math.nan, frames, where, how, "Pa"),
+            Measured(f"bed_contact_pressure{kept}", float((pressure * weight).sum() / weight.sum()), math.nan, frames, where,
                      how, "Pa"),
         )  # fmt: skip
 

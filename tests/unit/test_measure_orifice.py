@@ -1,6 +1,7 @@
 """Means above an orifice and contact stress, from made-up frames with known answers."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -154,6 +155,14 @@ def test_what_cannot_be_measured_is_told():
     few = numbers("orifice", run_of(scene(), zone=frames(lattice(0.012), TIMES[:9])))
     assert math.isnan(few["orifice_v_z"])
     assert acceleration_of(run_of(scene()), WINDOW) is None
+
+
+def test_means_of_a_clogged_run_are_kept_apart():
+    clogged = replace(run_of(scene(), zone=frames(lattice(0.012), TIMES)), outcome="clogged")
+    found = numbers("orifice", clogged)
+    assert found["orifice_v_z_flowing"] == pytest.approx(-SPEED)
+    assert all(name.endswith("_flowing") for name in found)
+    assert acceleration_of(clogged, WINDOW) is None
 
 
 def test_contact_stress_of_columns_that_press_on_each_other():

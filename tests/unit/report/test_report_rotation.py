@@ -267,7 +267,10 @@ def test_maps_are_of_three_instants_of_the_window(synthetic, tmp_path):
     runs = [Run(p, seed, filmed=seed == 1) for p in points for seed in (1, 2)]
     analysis = analyse(synthetic.study_of(points, fit=(), reference=None), runs)
     result = analysis.points[1]
-    begin, end = result.runs[0].trace.window
+    trace = result.runs[0].trace
+    assert trace is not None
+    assert trace.window is not None
+    begin, end = trace.window
     found = moments(result)
     middles = [sum(one.window) / 2 for one in found]
     assert middles == pytest.approx([begin + (end - begin) * part for part in (1 / 6, 1 / 2, 5 / 6)])
