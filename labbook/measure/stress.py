@@ -52,13 +52,12 @@ class ContactStress(Measure):
             return (Measured(f"orifice_contact_pressure{kept}", *none), Measured(f"bed_contact_pressure{kept}", *none))
         fields, frames = found
         pressure = contact_pressure(fields)
-        above = float(orifice_mean(fields, pressure, silo.orifice, bottom=silo.outlet_plane))
         weight = fields.density * fields.grid.volumes
-        return (
-            Measured(f"orifice_contact_pressure{kept}", above, math.nan, frames, where, how, "Pa"),
-            Measured(f"bed_contact_pressure{kept}", float((pressure * weight).sum() / weight.sum()), math.nan, frames, where,
-                     how, "Pa"),
-        )  # fmt: skip
+        means = {
+            "orifice_contact_pressure": float(orifice_mean(fields, pressure, silo.orifice, bottom=silo.outlet_plane)),
+            "bed_contact_pressure": float((pressure * weight).sum() / weight.sum()),
+        }
+        return tuple(Measured(name + kept, value, math.nan, frames, where, how, "Pa") for name, value in means.items())
 
 
 def contact_pressure(fields: Fields) -> np.ndarray:
