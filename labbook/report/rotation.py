@@ -70,10 +70,14 @@ class Rotation:
             return None
         return paired_ratio([above[s] for s in seeds], [below[s] for s in seeds], CONFIDENCE)
 
-    def lowest(self, quantity: str = FLOW) -> int | None:
-        """Index of the point at which the quantity is smallest; None with fewer than three frequencies."""
+    def lowest(self, quantity: str = FLOW, first: int = 0, before_last: bool = False) -> int | None:
+        """Index of the point at which the quantity is smallest, from the index `first` on and, if asked for, before the
+        fastest; None with fewer than three frequencies."""
         known = [k for k, one in enumerate(self.points) if quantity in one.pooled]
-        return min(known, key=lambda k: self.points[k].pooled[quantity].value) if len(known) > 2 else None
+        if len(known) < 3:
+            return None
+        among = [k for k in known if k >= first and not (before_last and k == known[-1])]
+        return min(among, key=lambda k: self.points[k].pooled[quantity].value)
 
     def minimum(self, quantity: str = FLOW) -> Extreme | None:
         """Where the quantity is smallest; None with fewer than three frequencies or two seeds that have all of them.

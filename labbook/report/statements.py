@@ -111,9 +111,13 @@ def _turning(statement: "Statement", name: str, curve: Rotation) -> Iterator[Jud
         else:
             yield Judged(statement, where, extreme.frequency, low=extreme.low, high=extreme.high)
     elif feature == "rise":
-        yield _of_ratio(statement, where, curve.ratio(quantity, len(curve.points) - 1, lowest))
+        slowest = curve.lowest(quantity, first=1, before_last=True)
+        assert slowest is not None
+        yield _of_ratio(statement, where, curve.ratio(quantity, len(curve.points) - 1, slowest))
     else:
-        one = curve.ratio(quantity, lowest)
+        slowest = curve.lowest(quantity, first=1)
+        assert slowest is not None
+        one = curve.ratio(quantity, slowest)
         drop = one and Pooled(1 - one.value, one.error, one.half_width, one.n, one.confidence)
         yield _of_ratio(statement, where, drop)
 

@@ -188,6 +188,23 @@ def test_statements_hold_fail_or_stay_open(analysis):
     assert summed_up(analysis.judged, "Them").startswith("Of 16 statements of Them, 12 hold, 2 do not, and 2 are")
 
 
+def test_a_flow_that_only_grows_neither_drops_nor_has_its_minimum_where_stated(synthetic):
+    """Spheres, held against what is said of rods."""
+    stated = [replace(one, at=ROUND) for one in STATED[:3]]
+    points = [point(k, f, SPHERE) for k, f in enumerate(F)]
+    reference = Reference("Them", (), tuple(stated))
+    analysis = analyse(
+        synthetic.study_of(points, fit=(), reference=reference), [Run(p, seed) for p in points for seed in range(1, 9)]
+    )
+    drop, minimum, rise = analysis.judged
+    assert drop.ours is not None
+    assert drop.ours < 0
+    assert drop.verdict != "holds"
+    assert minimum.ours == 0
+    assert minimum.verdict != "holds"
+    assert rise.ours == pytest.approx(1.03 / 1.01, abs=0.02)
+
+
 def test_a_verdict_needs_the_whole_interval_on_one_side():
     stated = state("rotation.grain_rate", 0.95, 1.05)
     for low, high, verdict in ((0.96, 1.04, "holds"), (0.9, 1.0, "undecided"), (1.06, 1.2, "does not hold")):
