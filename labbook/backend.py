@@ -78,6 +78,30 @@ class Slab:
 
 
 @dataclass(frozen=True)
+class Zone:
+    """State of the grains around and above an outlet about the z axis, every `every` beats and, unless `again` is 0,
+    `again` beats after each of these: two frames shortly after one another tell accelerations.
+
+    Around: centres within `radius` [m] of the axis at `low` <= z <= `high`; above: within `core` of it at `high` < z <=
+    `top`. Columns id, x, y, z, vx, vy, vz and, of rods, qw, qx, qy, qz.
+    """
+
+    radius: float
+    low: float
+    high: float
+    core: float
+    top: float
+    every: int = 1
+    again: int = 0
+
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie within."""
+        off, z = np.hypot(x[:, 0], x[:, 1]), x[:, 2]
+        around = (off <= self.radius) & (z >= self.low) & (z <= self.high)
+        return around | ((off <= self.core) & (z > self.high) & (z <= self.top))
+
+
+@dataclass(frozen=True)
 class Contacts:
     """Every touching contact every `every` beats; a rod may touch a wall at several points, each a row.
 
@@ -99,7 +123,15 @@ class Ledger:
     every: int = 1
 
 
-Probe = Crossing | Sample | Slab | Contacts | Ledger
+Probe = Crossing | Sample | Slab | Zone | Contacts | Ledger
+
+
+def due(probe: Probe, beat: int) -> bool:
+    """Whether a probe is read on this beat."""
+    if isinstance(probe, Crossing):
+        return True
+    return beat % probe.every == 0 or (isinstance(probe, Zone) and beat % probe.every == probe.again)
+
 
 _VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz", "q": "qw qx qy qz"}
 _WHOLE = frozenset(["member", "step", "id", "i", "j", "wall", "grains", "touching", "rebuilds"])
@@ -117,6 +149,8 @@ def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
             names = " ".join(["id", *(_VECTORS[name] for name in fields)])
         case Slab():
             names = f"id {_VECTORS['x']} {_VECTORS['v']}"
+        case Zone():
+            names = f"id {_VECTORS['x']} {_VECTORS['v']}" + (f" {_VECTORS['q']}" if rods else "")
         case Contacts():
             names = "i j wall fx fy fz bx by bz"
         case Ledger():

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Slab, Spec, Unsupported
+from labbook.backend import Capabilities, Contacts, Crossing, Ledger, Probe, Sample, Slab, Spec, Unsupported, Zone
 from labbook.numerics import Numerics
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
@@ -100,8 +100,10 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     for probe in probes:
         if isinstance(probe, Sample) and "q" in probe.fields and not is_rod(scene):
             raise Unsupported("measure", "only rods have an orientation q")
-        if isinstance(probe, Sample | Slab | Contacts | Ledger) and probe.every < 1:
+        if isinstance(probe, Sample | Slab | Zone | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")
+        if isinstance(probe, Zone) and not 0 <= probe.again < probe.every:
+            raise Unsupported("measure", "a zone is read again before its next frame is due")
 
 
 def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:

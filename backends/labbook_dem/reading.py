@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table, Zone, due
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 OF_RODS = ("qw", "qx", "qy", "qz")
@@ -62,8 +62,7 @@ class Readable(Protocol):
 
 def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
     """Rows of every probe that is due on this beat."""
-    due = [probe for probe in member.probes if isinstance(probe, Crossing) or beat % probe.every == 0]
-    return {probe: _rows(member, probe) for probe in due}
+    return {probe: _rows(member, probe) for probe in member.probes if due(probe, beat)}
 
 
 def _rows(member: Readable, probe: Probe) -> Table:
@@ -72,9 +71,14 @@ def _rows(member: Readable, probe: Probe) -> Table:
             rows = member.crossings()
             return _columns(crossing_columns(rows.shape[1] > len(CROSSING_COLUMNS)), rows, ("id", "step"))
         case Sample():
-            return _stamped(member, _sampled(member.grains(bool({"v", "omega"} & set(probe.fields))), probe))
+            return _stamped(member, _sampled(member.grains(bool({"v", "omega"} & set(probe.fields))), probe.fields))
         case Slab():
-            return _stamped(member, _within(member.grains(True), probe))
+            grains = member.grains(True)
+            return _stamped(member, _within(grains, probe.holds(grains.x[:, 2]), ("x", "v")))
+        case Zone():
+            grains = member.grains(True)
+            fields = ("x", "v") if grains.q is None else ("x", "v", "q")
+            return _stamped(member, _within(grains, probe.holds(grains.x), fields))
         case Contacts():
             return _stamped(member, _columns(CONTACT_COLUMNS, member.contacts(), ("i", "j", "wall")))
         case Ledger():
@@ -86,10 +90,10 @@ def _columns(names: Sequence[str], rows: np.ndarray, whole: Sequence[str]) -> Ta
     return {**table, **{name: table[name].astype(np.int64) for name in whole}}
 
 
-def _sampled(grains: Grains, probe: Sample) -> Table:
+def _sampled(grains: Grains, fields: Sequence[str]) -> Table:
     parts = {"x": ("", grains.x), "v": ("v", grains.v), "omega": ("w", grains.w), "q": ("q", grains.q)}
     table = {"id": grains.ids}
-    for name in probe.fields:
+    for name in fields:
         prefix, array = parts[name]
         assert array is not None  # `features.check` has seen to it
         axes = "wxyz" if name == "q" else "xyz"
@@ -97,9 +101,9 @@ def _sampled(grains: Grains, probe: Sample) -> Table:
     return table
 
 
-def _within(grains: Grains, slab: Slab) -> Table:
-    inside = slab.holds(grains.x[:, 2])
-    return _sampled(Grains(*(column[inside] for column in grains[:4])), Sample(fields=("x", "v")))
+def _within(grains: Grains, inside: np.ndarray, fields: Sequence[str]) -> Table:
+    q = None if grains.q is None else grains.q[inside]
+    return _sampled(Grains(grains.ids[inside], grains.x[inside], grains.v[inside], grains.w[inside], q), fields)
 
 
 def _stamped(member: Readable, table: Table) -> Table:

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import warp as wp
 
-from labbook_warp.arrays import Arrays
+from labbook_warp.arrays import Arrays, fetch
 
 _PARTS = 64  # threads a member that add up energies
 _BLOCK = 128  # threads that are started together
@@ -111,4 +112,5 @@ class Beat:
         counter = wp.zeros(1, dtype=wp.int32, device=self.device)
         out = wp.zeros(10 * self.arrays.sizes.contacts, dtype=wp.float64, device=self.device)
         self._launch(self.kernels.contacts, self._rows, self.arrays.p, counter, out)
-        return out.numpy().reshape(-1, 10)[: counter.numpy()[0]]
+        found = int(counter.numpy()[0])
+        return fetch(out[: 10 * found]).reshape(-1, 10) if found else np.zeros((0, 10))

@@ -20,6 +20,8 @@ class View:
         self._at = -1  # the stage's `changes` at which velocities and energies were read
         self._velocities: tuple[Any, Any] | None = None
         self._energies = np.zeros(0)
+        self._touched_at = -1  # the same, of contacts
+        self._touching: dict[int, np.ndarray] = {}
 
     def _look(self) -> tuple[Any, Any]:
         stage = self.stage
@@ -44,10 +46,16 @@ class View:
 
     def contacts(self, run: Run) -> np.ndarray:
         """Rows i, j, wall, force, branch of a member's touching contacts, in the order of i, j, wall."""
-        self.stage.wake(self.stage.runs)
-        rows = self.stage.beats.contacts()
-        rows = rows[rows[:, 0] == run.slot, 1:]
-        return rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+        stage = self.stage
+        if self._touched_at != stage.changes:
+            stage.wake(stage.runs)
+            rows = stage.beats.contacts()
+            rows = rows[np.lexsort((rows[:, 3], rows[:, 2], rows[:, 1], rows[:, 0]))]
+            slots, first = np.unique(rows[:, 0], return_index=True)
+            parts = np.split(rows[:, 1:], first[1:]) if len(slots) else []
+            self._touching = {int(slot): part for slot, part in zip(slots, parts, strict=True)}
+            self._touched_at = stage.changes
+        return self._touching.get(run.slot, np.zeros((0, 9)))
 
     def status(self, run: Run) -> Status:
         """Where a member stands."""
@@ -69,3 +77,4 @@ class View:
     def close(self) -> None:
         """Free the device's memory."""
         self._velocities = None
+        self._touching = {}

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
 from labbook.catalogue.parts import Part, Record
 from labbook.keys import canonical
 from labbook.numerics import Numerics
@@ -143,13 +143,14 @@ _KINDS: dict[str, type[Probe]] = {
     "crossing": Crossing,
     "sample": Sample,
     "slab": Slab,
+    "zone": Zone,
     "contacts": Contacts,
     "ledger": Ledger,
 }
 
 
 def table_name(probe: Probe) -> str:
-    """Name of a probe's table: `crossing`, `sample`, `slab`, `contacts` or `ledger`."""
+    """Name of a probe's table: `crossing`, `sample`, `slab`, `zone`, `contacts` or `ledger`."""
     return type(probe).__name__.lower()
 
 

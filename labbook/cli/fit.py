@@ -30,6 +30,7 @@ def _show(analysis) -> None:
     from labbook.fit.outlet import DEFINITIONS, FORMULA
     from labbook.report import outlet_tables, tables
     from labbook.report.page import summary
+    from labbook.report.statements import statement_table
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
     console.print(f"[bold]{analysis.study.name}[/bold]")
@@ -51,5 +52,7 @@ def _show(analysis) -> None:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:
             console.print(series.verdict, markup=False)
+    if analysis.judged:
+        print_table(console, statement_table(analysis.judged), f"What {analysis.study.reference.source} state")
     if analysis.comparisons:
         print_table(console, tables.comparison_table(analysis.comparisons), f"Beside {analysis.study.reference.source}")

@@ -24,9 +24,12 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
     over seeds, with 95 % intervals. `ratios`: flow rates over a plain hopper's, with the laws of the angle. `fits`:
     parameters of laws and of profiles. `flow`: W(t) of each run. `profiles`: phi and v along each outlet, mean and
     standard error over seeds, by definition. `outlets`: what was fitted to each outlet. `reference`: a paper's numbers
-    beside ours. Columns that begin with a key of the study say what was swept.
+    beside ours. `rotation`: ratios to a bottom at rest. `accelerations`: above outlets. `statements`: of a paper, with
+    their verdicts. Columns that begin with a key of the study say what was swept.
     """
     import pandas as pd
+
+    from labbook.export import turning
 
     made = {
         "runs": _runs(analysis),
@@ -37,6 +40,9 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
         "profiles": _profiles(analysis),
         "outlets": _outlets(analysis),
         "reference": _reference(analysis),
+        "rotation": turning.ratios(analysis),
+        "accelerations": turning.accelerations(analysis),
+        "statements": turning.statements(analysis),
     }
     found = {name: pd.DataFrame(list(rows)) for name, rows in made.items()}
     return {name: frame for name, frame in found.items() if len(frame)}

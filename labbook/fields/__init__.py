@@ -2,7 +2,7 @@
 
 from labbook.fields.fields import Fields, coarse_grain, nematic_order
 from labbook.fields.grids import Grid, Layer, Ring, Space
-from labbook.fields.orifice import orifice_means
+from labbook.fields.orifice import orifice_mean, orifice_means
 from labbook.fields.pattern import Pattern, pattern_of
 from labbook.fields.rows import Contacts, Grains, axes, contacts_of, grains_of
 
@@ -20,6 +20,7 @@ __all__ = [
     "contacts_of",
     "grains_of",
     "nematic_order",
+    "orifice_mean",
     "orifice_means",
     "pattern_of",
 ]

@@ -21,6 +21,33 @@ def orifice_means(
     `O_zz`, `O_rr`, `O_tt` (on a Layer `O_xx`, `O_yy`) and `S`, the largest eigenvalue of the averaged tensor. Raises
     ValueError if no point of the grid lies there, or on another grid.
     """
+    within, weight = _above(fields, width, centre, bottom, height)
+    numbers = {
+        "packing_fraction": float(weight.sum() / fields.grid.volumes[within].sum()),
+        "v_z": _mean(fields.velocity[2], within, weight),
+        "kinetic_pressure": _mean(fields.kinetic_pressure, within, weight),
+    }
+    if fields.axes is not None:
+        tensor = _mean(fields.orientation, within, weight)
+        names = [f"O_{c}{c}" for c in fields.grid.components]
+        numbers |= {name: tensor[k, k] for k, name in enumerate(names)}
+        numbers["S"] = nematic_order(tensor)
+    return {name: float(value) for name, value in numbers.items()}
+
+
+def orifice_mean(
+    fields: Fields, of: np.ndarray, width: float, *, centre: float = 0.0, bottom: float = 0.0, height: float = HEIGHT
+) -> np.ndarray:
+    """Mean of another field `of`, scalars or tensors [..., grid], over the same points and with the same weight."""
+    return _mean(of, *_above(fields, width, centre, bottom, height))
+
+
+def _mean(of: np.ndarray, within: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    return np.where(weight > 0, of[..., within], 0.0) @ weight / weight.sum()
+
+
+def _above(fields: Fields, width: float, centre: float, bottom: float, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points above the orifice, and their weights: volumes times packing fractions."""
     grid = fields.grid
     if isinstance(grid, Ring):
         r, z = grid.points
@@ -32,23 +59,7 @@ def orifice_means(
         raise ValueError("means above an orifice are taken on a ring or a layer")
     if not within.any():
         raise ValueError("no point of the grid lies above the orifice; use a finer grid")
-    volume = grid.volumes[within]
-    weight = volume * fields.packing_fraction[within]
+    weight = grid.volumes[within] * fields.packing_fraction[within]
     if not weight.sum() > 0:
         raise ValueError("no grain is above the orifice")
-
-    def mean(field: np.ndarray) -> np.ndarray:
-        found = field[..., within]
-        return np.where(weight > 0, found, 0.0) @ weight / weight.sum()
-
-    numbers = {
-        "packing_fraction": float(weight.sum() / volume.sum()),
-        "v_z": float(mean(fields.velocity[2])),
-        "kinetic_pressure": float(mean(fields.kinetic_pressure)),
-    }
-    if fields.axes is not None:
-        tensor = mean(fields.orientation)
-        names = [f"O_{c}{c}" for c in grid.components]
-        numbers |= {name: float(tensor[k, k]) for k, name in enumerate(names)}
-        numbers["S"] = float(nematic_order(tensor))
-    return numbers
+    return within, weight

@@ -3,10 +3,15 @@
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
 from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfiles
 from labbook.measure.packing import PackingStructure
+from labbook.measure.stress import ContactStress
 
-MEASURES: dict[str, Measure] = {measure.name: measure for measure in (FlowRate(), OutletProfiles(), PackingStructure())}
+MEASURES: dict[str, Measure] = {
+    measure.name: measure
+    for measure in (FlowRate(), OutletProfiles(), PackingStructure(), OrificeMeans(), ContactStress())
+}
 """The measures that a study can name under `measure`."""
 
 FLOW_RATIO = "flow_ratio"

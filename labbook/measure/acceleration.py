@@ -1,6 +1,6 @@
 """Acceleration of grains above an orifice against height: where the free fall begins (Pongo et al. 2022, Fig. 10)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,30 @@ class AccelerationProfile:
     interval: float
     left: float
 
+    def free_fall_height(self, gravity: float) -> float:
+        """Area under a_eff/g [m] over the bins that saw a grain: the height from which free fall would give the square
+        of the velocity that grains gain on their way; NaN if no bin did."""
+        seen = self.count > 0
+        gained = -(self.acceleration * np.diff(self.edges))[seen].sum() / gravity
+        return float(gained) if seen.any() else np.nan
+
+
+def pooled_profile(profiles: Sequence[AccelerationProfile]) -> AccelerationProfile:
+    """Mean over replicates that have the same bins, each counting alike; of two and more, the error is that between
+    replicates, of one its own. Raises ValueError for none or for other bins."""
+    if not profiles or any(not np.array_equal(one.edges, profiles[0].edges) for one in profiles):
+        raise ValueError("profiles of the same bins are needed, and at least one")
+    if len(profiles) == 1:
+        return profiles[0]
+    each = np.array([one.acceleration for one in profiles])
+    n = np.isfinite(each).sum(axis=0)
+    seen = np.where(np.isfinite(each), each, 0.0)
+    mean = np.divide(seen.sum(axis=0), n, out=np.full(len(n), np.nan), where=n > 0)
+    square = np.where(np.isfinite(each), (each - mean) ** 2, 0.0).sum(axis=0)
+    error = np.sqrt(np.divide(square, n * (n - 1), out=np.full(len(n), np.nan), where=n > 1))
+    count, left = sum(one.count for one in profiles), float(np.mean([one.left for one in profiles]))
+    return AccelerationProfile(profiles[0].edges, mean, error, np.asarray(count), profiles[0].interval, left)
+
 
 def acceleration_profile(
     sample: Mapping[str, np.ndarray],
@@ -37,15 +61,16 @@ def acceleration_profile(
 ) -> AccelerationProfile:
     """Effective acceleration of the grains within `radius` [m] of the axis (of x = `centre` if `planar`).
 
-    `sample`: rows with step, time, id, x, y, z, vz, at equal times; `interval` dt [s] is rounded to whole frames. A
-    grain is binned by the height it starts from: in 50 ms a falling one passes 30 mm. Of a grain that has left by
-    then, the last row that it has is continued by free fall. Raises ValueError if no two frames are `interval` apart.
+    `sample`: rows with step, time, id, x, y, z, vz; to each frame belongs the later one that is nearest to `interval`
+    [s] after it, and none if that is half as long or half as long again. A grain is binned by the height it starts
+    from: in 50 ms a falling one passes 30 mm. Of a grain that has left by then, the last row that it has is continued
+    by free fall. Raises ValueError if no two frames are `interval` apart.
     """
     time, first = np.unique(np.asarray(sample["time"], float), return_inverse=True)
-    every = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
-    apart = round(interval / every)
-    if apart < 1 or apart >= len(time):
-        raise ValueError(f"no two of {len(time)} frames, {every:g} s apart, are {interval:g} s apart")
+    starts, ends = _pairs(time, interval)
+    if not len(starts):
+        raise ValueError(f"no two of {len(time)} frames are about {interval:g} s apart")
+    after = time[ends] - time[starts]
     most = int(np.max(sample["id"])) + 1
     v = np.full((len(time), most), np.nan)
     height = np.full((len(time), most), np.nan)
@@ -54,14 +79,15 @@ def acceleration_profile(
     off = np.asarray(sample["x"], float) - centre
     near = np.zeros((len(time), most), bool)
     near[first, ids] = (abs(off) if planar else np.hypot(off, sample["y"])) <= radius
-    start = near[:-apart] & ((time >= begin) & (time <= end))[: len(time) - apart, None]
-    later = v[apart:].copy()
+    start = near[starts] & ((time >= begin) & (time <= end))[starts, None]
+    later = v[ends]
     gone = np.isnan(later) & start
-    for back in range(1, apart + 1):  # the latest row that there is
-        earlier = v[apart - back : len(time) - back] - gravity * back * every
+    for back in range(1, int((ends - starts).max()) + 1):  # the latest row that there is
+        row = np.maximum(ends - back, starts)
+        earlier = v[row] - gravity * (time[ends] - time[row])[:, None]
         later = np.where(np.isnan(later), earlier, later)
-    gained = ((later - v[:-apart]) / (apart * every))[start]
-    place = np.searchsorted(edges, height[:-apart][start], side="right") - 1
+    gained = ((later - v[starts]) / after[:, None])[start]
+    place = np.searchsorted(edges, height[starts][start], side="right") - 1
     within = (place >= 0) & (place < len(edges) - 1)
     gained, place = gained[within], place[within]
     count = np.bincount(place, minlength=len(edges) - 1)
@@ -70,4 +96,13 @@ def acceleration_profile(
     spread = np.maximum(np.divide(square, count, out=np.full(len(count), np.nan), where=count > 0) - mean**2, 0)
     error = np.sqrt(np.divide(spread, count - 1, out=np.full(len(count), np.nan), where=count > 1))
     left = float(gone.sum() / start.sum()) if start.any() else np.nan
-    return AccelerationProfile(np.asarray(edges, float), mean, error, count, apart * every, left)
+    return AccelerationProfile(np.asarray(edges, float), mean, error, count, float(np.median(after)), left)
+
+
+def _pairs(time: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frames, and those about `interval` later."""
+    above = np.minimum(np.searchsorted(time, time + interval), len(time) - 1)
+    below = np.maximum(above - 1, 0)
+    nearest = np.where(abs(time[below] - time - interval) < abs(time[above] - time - interval), below, above)
+    starts = np.flatnonzero(abs(time[nearest] - time - interval) < interval / 2)
+    return starts, nearest[starts]

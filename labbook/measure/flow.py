@@ -9,6 +9,7 @@ from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
+from labbook.numerics import Numerics
 from labbook.scene import Scene
 from labbook.stats import Measured
 
@@ -26,7 +27,7 @@ class FlowRate(Measure):
     name = "flow_rate"
     version = 1
 
-    def probes(self, scene: Scene) -> tuple[Probe, ...]:
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         plane = scene.container.outlet_plane
         if plane is None:
             kind = scene.container.kind

@@ -5,6 +5,7 @@ from typing import ClassVar, Protocol
 
 from labbook.backend import Probe
 from labbook.measure.data import RunData
+from labbook.numerics import Numerics
 from labbook.scene import Scene
 from labbook.stats import Measured
 
@@ -31,8 +32,9 @@ class Measure(ABC):
     """Rises whenever measured numbers may change; they are then derived again from what runs recorded."""
 
     @abstractmethod
-    def probes(self, scene: Scene) -> tuple[Probe, ...]:
-        """What an engine must observe. Raises MeasureError for a scene that this cannot be measured in."""
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        """What an engine must observe, on beats of `numerics`. Raises MeasureError for a scene that this cannot be
+        measured in."""
 
     @abstractmethod
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:

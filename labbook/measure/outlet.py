@@ -21,7 +21,8 @@ from labbook.backend import Crossing, Probe, Slab
 from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings, mean_mass
-from labbook.measure.steady import GAP, SteadyFlow, steady_flow
+from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
+from labbook.numerics import Numerics
 from labbook.protocol.bodies import Bodies
 from labbook.scene import Scene, WedgeHopper
 from labbook.stats import Measured
@@ -130,7 +131,7 @@ class OutletProfiles(Measure):
     name = "outlet_profiles"
     version = 1
 
-    def probes(self, scene: Scene) -> tuple[Probe, ...]:
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         plane, radius = _hopper(scene).outlet_plane, scene.grains.radius
         return (Crossing(plane), Slab(low=plane - radius, high=plane + radius, every=_EVERY))
 
@@ -165,12 +166,7 @@ def _frames(run: RunData, flow: SteadyFlow, times: np.ndarray) -> np.ndarray:
     """Numbers of the frames within the window, also of those without a grain; none from gaps without flow."""
     between = _EVERY * run.numerics.beat
     number = np.arange(math.ceil(flow.begin / between), math.floor(min(flow.end, run.duration) / between) + 1)
-    inside = times[(times >= flow.begin) & (times <= flow.end)]
-    start, stop = inside[:-1], inside[1:]
-    longer = stop - start > GAP
-    for before, after in zip(start[longer], stop[longer], strict=True):
-        number = number[(number * between <= before) | (number * between >= after)]
-    return number
+    return number[~in_gap(number * between, times, flow)]
 
 
 def _covered(x: np.ndarray, z: np.ndarray, radius: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, Window
 from labbook.measure.order import hexatic
 from labbook.measure.region import MARGIN, Region, bulk
+from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook.stats import Measured
@@ -60,7 +61,7 @@ class PackingStructure(Measure):
     name = "packing"
     version = 1
 
-    def probes(self, scene: Scene) -> tuple[Probe, ...]:
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         return ()
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:

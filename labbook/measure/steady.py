@@ -48,6 +48,15 @@ class SteadyFlow:
     gap_time: float
 
 
+def in_gap(at: np.ndarray, times: np.ndarray, flow: SteadyFlow) -> np.ndarray:
+    """Which of the instants `at` [s] fall into gaps without flow within the window; `times` as of `steady_flow`."""
+    inside = times[(times >= flow.begin) & (times <= flow.end)]
+    start, stop = inside[:-1], inside[1:]
+    longer = stop - start > GAP
+    gaps = zip(start[longer], stop[longer], strict=True)
+    return np.any([np.zeros(np.shape(at), bool), *((at > before) & (at < after) for before, after in gaps)], axis=0)
+
+
 def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray | None = None) -> SteadyFlow | None:
     """Rate of outflow between the fractions `window.start` and `window.end` of the mass of `total` grains discharged.
 

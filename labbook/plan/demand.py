@@ -78,7 +78,7 @@ class PointDemand:
 
         plane = self.scene.container.outlet_plane
         leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
-        asked = (probe for name in self.study.measure for probe in MEASURES[name].probes(self.scene))
+        asked = (probe for name in self.study.measure for probe in MEASURES[name].probes(self.scene, self.numerics))
         probes = tuple(dict.fromkeys((*leaving, *asked)))
         by_table = {table_name(probe): probe for probe in probes}
         for probe in probes:

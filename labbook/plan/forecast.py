@@ -4,23 +4,23 @@ import math
 from dataclasses import dataclass
 from statistics import median
 
+from labbook.backend import Contacts, Probe, Sample, Zone
 from labbook.catalogue.catalogue import Catalogue
+from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Plan
 from labbook.protocol import placing
-from labbook.scene import Scene, Silo, WedgeHopper
 
 DEFAULT_SPEED = 5e6
 """Grain-steps per second and lane, where nothing was recorded on this machine yet."""
-FLOW = (0.58, 1.5)
-"""C (normalised by the density of the grains) and k of W = C rho sqrt(g) (D - k d)^{3/2} Z (Fan et al.
-2023)."""
 SETTLING = 2.0
 """Time that a filling takes to rest, in falls from the top of its start."""
 _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
 _GRAIN = 400  # bytes of one grain's share of a checkpoint
 _FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
 _FRAMES = 200
+_NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
+_PACKED = 0.55
 
 
 @dataclass(frozen=True)
@@ -64,16 +64,6 @@ def discharge_time(shared: PointDemand) -> float:
     return min(stop.max_time, stop.discharged * scene.grains.count * scene.grains.mass / flow)
 
 
-def mass_flow(scene: Scene) -> float:
-    """Expected flow [kg/s] through the slot or the round outlet of a silo; 0 where none can be told."""
-    silo, (c, k) = scene.container, FLOW
-    if not isinstance(silo, Silo):
-        return 0.0
-    free = max(0.0, silo.orifice - k * scene.grains.equivalent_diameter)
-    area = free**1.5 * silo.thickness if isinstance(silo, WedgeHopper) else free**2.5
-    return c * scene.grains.mean_density * math.sqrt(scene.gravity) * area
-
-
 def discharge_work(shared: PointDemand) -> float:
     """Grain-steps of a discharge; grains that left cost nothing."""
     mean = shared.scene.grains.count * (1 - shared.stop.discharged / 2)
@@ -100,4 +90,19 @@ def disk_of(demand: Demand) -> float:
     """Bytes that a run will keep."""
     count = demand.shared.scene.grains.count
     film = _FRAME * count * _FRAMES * (1 - demand.shared.stop.discharged / 2) if demand.recorded else 0.0
-    return 5000 + count * (_ROW * demand.shared.stop.discharged + _GRAIN) + film
+    seen = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
+    return 5000 + count * (_ROW * demand.shared.stop.discharged + _GRAIN) + film + seen
+
+
+def _bytes_of(probe: Probe, shared: PointDemand) -> float:
+    """What is kept of whole frames of grains and contacts, and of those around an outlet."""
+    grains = shared.scene.grains
+    if not isinstance(probe, Sample | Contacts | Zone):
+        return 0.0
+    frames = discharge_time(shared) / (probe.every * shared.numerics.beat)
+    if isinstance(probe, Zone):
+        around, above = probe.radius**2 * probe.high, probe.core**2 * (probe.top - probe.high)
+        within = _PACKED * math.pi * (around + above) / (math.pi / 6 * grains.equivalent_diameter**3)
+        return _NEAR * within * frames * (2 if probe.again else 1)
+    mean = grains.count * (1 - shared.stop.discharged / 2)
+    return mean * frames * (_NEAR if isinstance(probe, Sample) else _CONTACTS)

@@ -12,16 +12,22 @@ import numpy as np
 from labbook.fit import COVERAGE, CROSSINGS
 from labbook.fit.outlet import Outlet
 from labbook.measure import MEASURES, RunData
+from labbook.measure.acceleration import AccelerationProfile
+from labbook.measure.orifice import OrificeMeans, acceleration_of
 from labbook.measure.outlet import outlet_profile
 from labbook.measure.series import crossings, flow_series
 from labbook.measure.steady import steady_flow
+from labbook.measure.stress import ContactStress, stress_fields
 from labbook.protocol import Bodies
 from labbook.report import display
 from labbook.stats import Measured, Pooled, StoppingRule
 
 if TYPE_CHECKING:
+    from labbook.fields import Fields
     from labbook.report.comparison import Comparison
+    from labbook.report.rotation import Rotation
     from labbook.report.series import Series
+    from labbook.report.statements import Judged
     from labbook.study import Point, Study
 
 FLOW_RATE = "flow_rate"
@@ -78,6 +84,10 @@ class RunResult:
     provenance: Mapping[str, Any]
     outlets: Mapping[str, Outlet] = field(default_factory=dict)
     frames: Callable[[], Mapping[str, np.ndarray] | None] = lambda: None
+    acceleration: AccelerationProfile | None = None
+    """Above the middle of the outlet, where `orifice` was measured."""
+    stress: Callable[[], "tuple[Fields, int] | None"] = lambda: None
+    """Fields with the contact stress of the bed, and of how many frames; None unless `contact_stress` was measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +166,10 @@ class Analysis:
     unreadable: tuple[str, ...]
     series: tuple["Series", ...]
     comparisons: tuple["Comparison", ...]
+    turning: tuple["Rotation", ...] = ()
+    """Points that differ in the rotation of the bottom only."""
+    judged: tuple["Judged", ...] = ()
+    """Statements of the reference, held against ours."""
 
 
 def analyse(
@@ -167,7 +181,9 @@ def analyse(
     """
     from labbook.catalogue import Unreadable
     from labbook.report.comparison import compare
+    from labbook.report.rotation import rotations
     from labbook.report.series import series_of
+    from labbook.report.statements import judge
 
     by_point: dict[int, list[RunResult]] = {}
     unreadable = []
@@ -183,7 +199,9 @@ def analyse(
     missing = tuple(point for point in study.points if not by_point.get(point.index))
     series = series_of(points, study.fit)
     comparisons = compare(study.reference, points, series)
-    return Analysis(study, points, missing, tuple(unreadable), series, comparisons)
+    turning = rotations(points)
+    judged = judge(study.reference, points, series, turning)
+    return Analysis(study, points, missing, tuple(unreadable), series, comparisons, turning, judged)
 
 
 def redundant(points: Sequence["Point"]) -> frozenset[str]:
@@ -219,6 +237,8 @@ def _run(study: "Study", finished: Finished) -> RunResult:
     measured = {m.quantity: m for name in study.measure for m in MEASURES[name].evaluate(data, study.window)}
     outlets = _outlets(study, data) if COVERAGE in study.measure else {}
     trace = _trace(study, data)
+    above = acceleration_of(data, study.window) if OrificeMeans.name in study.measure else None
+    stressed = ContactStress.name in study.measure
     return RunResult(
         finished.seed,
         finished.run_key,
@@ -228,6 +248,8 @@ def _run(study: "Study", finished: Finished) -> RunResult:
         finished.provenance,
         outlets,
         _frames(finished, data),
+        above,
+        lambda: stress_fields(finished.data(), study.window) if stressed else None,
     )
 
 

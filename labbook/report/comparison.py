@@ -13,7 +13,7 @@ from labbook.report.ratios import RATIOS, Ratio
 from labbook.report.series import Series
 
 if TYPE_CHECKING:
-    from labbook.study import Point, Reference, ReferenceEntry
+    from labbook.study import Point, Reference
 
 CLOSE = 2.0
 """Standard errors within which two numbers are said to agree."""
@@ -59,7 +59,11 @@ def compare(
     """One Comparison for each entry of the reference and each series (`law.parameter`) or point that it speaks of."""
     if reference is None:
         return ()
-    return tuple(found for entry in reference.entries for found in _entry(entry, points, series))
+    return tuple(
+        replace(found, reference=entry.value, reference_error=entry.error)
+        for entry in reference.entries
+        for found in entry_of(entry.quantity, entry.at, points, series)
+    )
 
 
 def of_reference(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, float]:
@@ -87,22 +91,24 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     )
 
 
-def _entry(entry: "ReferenceEntry", points: Sequence[PointResult], series: Sequence[Series]) -> Iterator[Comparison]:
-    head, _, tail = entry.quantity.partition(".")
+def entry_of(
+    name: str, asked: Mapping[str, float | str], points: Sequence[PointResult], series: Sequence[Series]
+) -> Iterator[Comparison]:
+    """Ours for each series (`law.parameter`) or point at the `asked` values; the reference is left NaN."""
+    head, _, tail = name.partition(".")
     fitted = head in LAWS or (head in DEFINITIONS and tail in PARAMETERS)
-    quantity = entry.quantity if fitted else tail or head
-    label = display.label(entry.at)
-    base = Comparison(quantity, entry.at, label, entry.value, entry.error, None)
+    quantity = name if fitted else tail or head
+    base = Comparison(quantity, asked, display.label(asked), math.nan, None, None)
     found: list[Comparison] = []
     if fitted:
-        at = {name: value for name, value in entry.at.items() if name != ORIFICE}
-        for one in (one for one in series if _matches(at, one.points[0].point)):
-            found.append(_of_fit(replace(base, at=one.at or at, label=one.label or label), head, tail, one))
-    elif entry.quantity in RATIOS:
-        for ratio in (ratio for ratio in RATIOS[entry.quantity](points) if _matches(entry.at, ratio.result.point)):
-            found.append(_of_ratio(replace(base, quantity=entry.quantity), ratio))
+        at = {name: value for name, value in asked.items() if name != ORIFICE}
+        for one in (one for one in series if matches(at, one.points[0].point)):
+            found.append(_of_fit(replace(base, at=one.at or at, label=one.label or base.label), head, tail, one))
+    elif name in RATIOS:
+        for ratio in (ratio for ratio in RATIOS[name](points) if matches(asked, ratio.result.point)):
+            found.append(_of_ratio(replace(base, quantity=name), ratio))
     else:
-        for result in (result for result in points if _matches(entry.at, result.point)):
+        for result in (result for result in points if matches(asked, result.point)):
             found.append(_of_point(replace(base, at=result.at, label=result.label), result))
     yield from _merged(found, len(points)) or [replace(base, why="no finished point is at these values")]
 
@@ -149,7 +155,7 @@ def _of_ratio(base: Comparison, ratio: Ratio) -> Comparison:
     return replace(base, ours=ratio.value, error=ratio.error, low=ratio.low, high=ratio.high)
 
 
-def _matches(asked: Mapping[str, float | str], point: "Point") -> bool:
+def matches(asked: Mapping[str, float | str], point: "Point") -> bool:
     """Whether a point has all the asked values, be they swept or the same for all points."""
     for name, value in asked.items():
         ours = point.value(name)

@@ -55,7 +55,7 @@ def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> T
     cells = []
     for result, means in rows:
         shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
-        cells.append((result.label, *shown, str(next(iter(means.values())).n)))
+        cells.append((result.label, *shown, str(means["stagnant_fraction"].n)))
     headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
     note = (
         "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window; p_k is "

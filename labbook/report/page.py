@@ -11,6 +11,8 @@ from labbook.report.across import outlet_pictures, ratio_sections
 from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
 from labbook.report.sections import Picture, picture, series_section
+from labbook.report.statements import statement_table, summed_up
+from labbook.report.turning import scaling, turning_section
 
 FILE = "report.html"
 
@@ -29,7 +31,10 @@ def write(analysis: Analysis, folder: Path) -> Path:
         source=source,
         comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
         digest=tables.digest_table(analysis.comparisons),
+        statements=statement_table(analysis.judged) if analysis.judged else None,
+        turning=turning_section(analysis, folder),
         overview=_overview(analysis, folder),
+        scaling=None if analysis.turning else scaling(analysis, folder),
         trends=_trends(analysis, folder),
         ratios=ratio_sections(analysis, folder),
         series=[series_section(analysis, k, folder) for k in range(len(analysis.series))],
@@ -69,6 +74,8 @@ def summary(analysis: Analysis) -> list[str]:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
     if analysis.comparisons and study.reference is not None:
         sentences.append(agreement(analysis.comparisons, study.reference.source))
+    if analysis.judged and study.reference is not None:
+        sentences.append(summed_up(analysis.judged, study.reference.source))
     return sentences
 
 

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fields import Fields, Grid, Layer, Pattern, Ring, coarse_grain, grains_of, orifice_means, pattern_of
-from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
-from labbook.scene import Scene, WedgeHopper
+from labbook.fields import Fields, Layer, Pattern, Ring, coarse_grain, orifice_means, pattern_of
+from labbook.measure.acceleration import AccelerationProfile, acceleration_profile, pooled_profile
+from labbook.measure.bed import bed_grid, grains_between, omega_of
+from labbook.measure.orifice import BINS, INTERVAL, UP_TO
+from labbook.scene import WedgeHopper
 from labbook.stats import Pooled, pool
 
 if TYPE_CHECKING:
@@ -16,8 +18,7 @@ if TYPE_CHECKING:
 
 FEWEST = 8
 """Recorded frames within the window below which there is no mean field."""
-OMEGA = 0.5
-"""Width of the coarse-graining function in diameters of the grains, or of spheres of their volume."""
+_MOMENT = 1.0  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,8 @@ class FlowPattern:
     orifice: Mapping[str, float]
     moment: Mapping[str, np.ndarray]
     frames: int
+    window: tuple[float, float]
+    """Begin and end [s]."""
 
     def section(self) -> Section:
         """The plane y = 0; what is averaged over the azimuth appears on both sides of the axis."""
@@ -53,13 +56,20 @@ class FlowPattern:
         if isinstance(grid, Layer):
             z, x = grid.points
             return Section(x, z, v[0], v[2], p.bed, p.stagnant)
-        r, z = grid.points
-        x = np.concatenate([-r[::-1], r])
+        assert isinstance(grid, Ring)
+        x, z = across(grid)
+        return Section(x, z, both(v[0], -1.0), both(v[2]), both(p.bed), both(p.stagnant))
 
-        def both(a: np.ndarray, sign: float | bool) -> np.ndarray:
-            return np.concatenate([a[::-1] * sign, a]).T
 
-        return Section(x, z, both(v[0], -1.0), both(v[2], 1.0), both(p.bed, True), both(p.stagnant, True))
+def across(grid: Ring) -> tuple[np.ndarray, np.ndarray]:
+    """x and z [m] of a plane through the axis, on both of its sides."""
+    r, z = grid.points
+    return np.concatenate([-r[::-1], r]), z
+
+
+def both(a: np.ndarray, sign: float = 1.0) -> np.ndarray:
+    """A field over r and z on both sides of the axis, shape [z, x]; on the left times `sign`."""
+    return np.concatenate([a[::-1] if sign == 1 else sign * a[::-1], a]).T
 
 
 def flow_patterns(result: "PointResult") -> list[FlowPattern]:
@@ -73,15 +83,15 @@ def flow_patterns(result: "PointResult") -> list[FlowPattern]:
     return [found for run in result.runs if (found := _of_run(result, run)) is not None]
 
 
-INTERVAL = 0.05
-"""Time [s] between two velocities whose difference is taken for an acceleration (Pongo et al. 2022)."""
-_BINS, _UP_TO = 16, 2.0  # of height; in widths of the outlet
-
-
 def acceleration(result: "PointResult") -> AccelerationProfile | None:
-    """Acceleration against height in the middle of the outlet, up to half of its half width, in the first recorded run
-    of a point; None without one, or with frames too far apart.
+    """Acceleration against height in the middle of the outlet, up to half of its half width.
+
+    The mean over the runs of a point that measured `orifice`, else of its first recorded run; None without any, or with
+    frames too far apart.
     """
+    measured = [run.acceleration for run in result.runs if run.acceleration is not None]
+    if measured:
+        return pooled_profile(measured)
     scene, D = result.point.scene, result.orifice
     hopper = scene.container if isinstance(scene.container, WedgeHopper) else None
     for run in result.runs:
@@ -94,7 +104,7 @@ def acceleration(result: "PointResult") -> AccelerationProfile | None:
                 frames,
                 interval=INTERVAL,
                 radius=D / 4,
-                edges=np.linspace(0.0, _UP_TO * D, _BINS + 1),
+                edges=np.linspace(0.0, UP_TO * D, BINS + 1),
                 gravity=scene.gravity,
                 begin=window[0],
                 end=window[1],
@@ -107,44 +117,48 @@ def acceleration(result: "PointResult") -> AccelerationProfile | None:
 
 
 def pooled_means(patterns: list[FlowPattern]) -> dict[str, Pooled]:
-    """Means above the orifice and the stagnant part of the bed, pooled over recorded runs."""
+    """Means above the orifice and the stagnant part of the bed, pooled over recorded runs; where the point measured
+    `orifice`, its means are those of all runs."""
     rows = [{**one.orifice, "stagnant_fraction": one.pattern.fraction} for one in patterns]
-    return {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
+    measured = patterns[0].result.pooled if patterns else {}
+    means = {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
+    return {name: measured.get(f"orifice_{name}", mean) for name, mean in means.items()}
 
 
 def _of_run(result: "PointResult", run: "RunResult") -> FlowPattern | None:
     window = run.trace.window if run.trace is not None else None
     frames = run.frames() if window is not None else None
-    if window is None or frames is None:
-        return None
+    return None if window is None or frames is None else _between(result, frames, window)
+
+
+def moments(result: "PointResult", count: int = 3) -> list[FlowPattern]:
+    """The first recorded run of a point within 1 s (a part of the window, if that is shorter) about `count` instants of
+    the window of its flow rate (Pongo et al. 2022, Figs 6 and 7); empty where there are too few frames."""
+    for run in result.runs:
+        window = run.trace.window if run.trace is not None else None
+        frames = run.frames() if window is not None else None
+        if window is None or frames is None:
+            continue
+        part = (window[1] - window[0]) / count
+        middles = window[0] + part * (np.arange(count) + 0.5)
+        half = min(_MOMENT, part) / 2
+        found = [_between(result, frames, (middle - half, middle + half)) for middle in middles]
+        return [one for one in found if one is not None]
+    return []
+
+
+def _between(
+    result: "PointResult", frames: Mapping[str, np.ndarray], window: tuple[float, float]
+) -> FlowPattern | None:
     time = np.asarray(frames["time"], float)
     times = np.unique(time[(time >= window[0]) & (time <= window[1])])
     if len(times) < FEWEST:
         return None
     scene = result.point.scene
-    volume = scene.grains.volume
-    d = (6 * volume / np.pi) ** (1 / 3)
-    grains = grains_of(frames, scene.grains.mass, volume, *window)
-    fields = coarse_grain(_grid(scene, OMEGA * d, grains.x), OMEGA * d, grains)
+    grains, omega = grains_between(scene, frames, *window), omega_of(scene)
+    fields = coarse_grain(bed_grid(scene, omega, grains.x), omega, grains)
     middle = 0.0 if not isinstance(scene.container, WedgeHopper) else scene.container.eccentricity
     above = orifice_means(fields, result.orifice, centre=middle)
-    now = (time == times[len(times) // 2]) & (np.abs(frames["y"]) <= d / 2)
+    now = (time == times[len(times) // 2]) & (np.abs(frames["y"]) <= scene.grains.equivalent_diameter / 2)
     moment = {name: np.asarray(frames[name], float)[now] for name in ("x", "z", "vx", "vz")}
-    return FlowPattern(result, scene.container, fields, pattern_of(fields), above, moment, len(times))
-
-
-def _grid(scene: Scene, omega: float, x: np.ndarray) -> Grid:
-    """From below the outlet to above the highest grain; cells as wide as omega, about an axis half of that."""
-    container: Any = scene.container
-    low, high = -4 * omega, float(x[:, 2].max()) + 2 * omega
-    if isinstance(container, WedgeHopper):
-        half = container.width / 2
-        return Layer(
-            (-half, half), (low, high), _count(2 * half, omega), _count(high - low, omega), container.thickness
-        )
-    radius, cell = container.diameter / 2, omega / 2
-    return Ring(radius, (low, high), _count(radius, cell), _count(high - low, cell))
-
-
-def _count(length: float, cell: float) -> int:
-    return max(1, round(length / cell))
+    return FlowPattern(result, scene.container, fields, pattern_of(fields), above, moment, len(times), window)

@@ -9,6 +9,7 @@ from labbook.fit.outlet import FORMULA, OF_OUTLET, VERSION, ProfileFit
 from labbook.report.analysis import Analysis, PointResult
 from labbook.report.comparison import Comparison
 from labbook.report.series import Series
+from labbook.report.statements import Judged
 
 
 def plain(analysis: Analysis) -> dict[str, Any]:
@@ -20,6 +21,7 @@ def plain(analysis: Analysis) -> dict[str, Any]:
         "unreadable": list(analysis.unreadable),
         "series": [_series(one) for one in analysis.series],
         "reference": [_comparison(one) for one in analysis.comparisons],
+        "statements": [_judged(one) for one in analysis.judged],
     }
 
 
@@ -68,6 +70,15 @@ def _series(series: Series) -> dict[str, Any]:
         },
         "profiles": {name: _profiles(fit) for name, fit in series.profiles.items()},
     }
+
+
+def _judged(one: Judged) -> dict[str, Any]:
+    stated = one.statement
+    ends = {"from": _finite(stated.low), "to": _finite(stated.high)}
+    ours = {"ours": None if one.ours is None else _finite(one.ours), "error": _finite(one.error)}
+    interval = {"low": _finite(one.low), "high": _finite(one.high), "pairs": one.pairs}
+    return {"quantity": stated.quantity, "at": one.label, "says": stated.says, **ends, **ours, **interval,
+            "verdict": one.verdict, "why": one.why}  # fmt: skip
 
 
 def _profiles(fit: ProfileFit) -> dict[str, Any]:

@@ -33,13 +33,14 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
     suffix = f"-{index + 1}" if len(analysis.series) > 1 else ""
     where = f" ({series.label})" if series.label else ""
     fit = None
-    if series.used:
+    if series.fits or len(series.used) > 1:  # a single point shows nothing
         figure = figures.flow_against_orifice(series, analysis.comparisons, _source(analysis))
         fit = picture(figure, folder / f"fit{suffix}", f"a power of W against orifice{where}", _FIT)
     flow = figures.flow_against_time(series)
+    turning = any(set(series.points) & set(curve.points) for curve in analysis.turning)  # has a section of its own
     problems = [f"Not fitted: {problem}." for problem in series.problems]
     try:
-        patterns = _patterns(series, folder, suffix, where)
+        patterns = None if turning else _patterns(series, folder, suffix, where)
     except ImportError as missing:
         patterns, problems = None, [*problems, f"How the beds flow is not shown: {missing}."]
     return {
@@ -58,7 +59,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
         "problems": problems,
         "flow": picture(flow, folder / f"flow{suffix}", f"W against time{where}", _FLOW),
         "patterns": patterns,
-        "acceleration": _acceleration(series, folder, suffix, where),
+        "acceleration": None if turning else _acceleration(series, folder, suffix, where),
         "profiles": [_profiles(analysis, series, name, folder, suffix, where) for name in series.profiles],
     }
 
@@ -68,7 +69,7 @@ def _patterns(series: Series, folder: Path, suffix: str, where: str) -> tuple[Pi
     if not found:
         return None
     figure = figures.flow_patterns([one[0] for one in found])
-    shown = picture(figure, folder / f"patterns{suffix}", f"how the beds flow{where}", _PATTERNS)
+    shown = picture(figure, folder / f"patterns{suffix}", f"how the beds flow{where}", PATTERNS)
     return shown, outlet_tables.orifice_table([(one[0].result, pooled_means(one)) for one in found])
 
 
@@ -110,7 +111,7 @@ _FLOW = (
     "replicates); in it the pooled mean and its 95 % interval."
 )
 
-_PATTERNS = (
+PATTERNS = (
     "First recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window. "
     "Below: mean speed in the window with streamlines; hatched: stagnant, that is slower than "
     f"{SLOW:g} times the speed at which the section at that height sinks as a whole. More than {100 * FUNNEL:g} % of "

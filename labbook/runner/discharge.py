@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Crossing, Emptied, Ensemble, Event, Member, Probe, Sample, Table
+from labbook.backend import Contacts, Crossing, Emptied, Ensemble, Event, Member, Probe, Sample, Table, Zone
 from labbook.catalogue.finished import CHECKPOINT, RECORDING
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import load_packing
@@ -156,7 +156,7 @@ class DischargeJob(Job):
         if probe == self.film:
             self.keep(FILM_TABLE, frame_rows(table))
         if probe in self._measured:
-            self.keep(table_name(probe), table)
+            self.keep(table_name(probe), frame_rows(table) if isinstance(probe, Sample | Zone | Contacts) else table)
 
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
         """The stop rule."""

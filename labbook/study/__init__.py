@@ -2,7 +2,7 @@
 
 from labbook.study.load import load
 from labbook.study.problems import Problem, StudyError
-from labbook.study.schema import Accuracy, Fill, Record, Reference, ReferenceEntry, Stop, Window
+from labbook.study.schema import Accuracy, Fill, Record, Reference, ReferenceEntry, Statement, Stop, Window
 from labbook.study.study import Point, Study
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "Record",
     "Reference",
     "ReferenceEntry",
+    "Statement",
     "Stop",
     "Study",
     "StudyError",

@@ -9,12 +9,12 @@ from labbook.scene.quantities import parse
 from labbook.study.key import Key
 from labbook.study.keys import all_keys, find
 from labbook.study.problems import Problem, instead, shown
-from labbook.study.schema import Reference, ReferenceEntry
+from labbook.study.schema import FEATURES, TURNING, Reference, ReferenceEntry, Statement
 from labbook.study.source import Location, Source, dotted
 from labbook.study.study import Point
 
-_QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40})?")
-_ENTRY_KEYS = ("at", "value", "error")
+_QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40}){0,2}")
+_ENTRY_KEYS = ("at", "value", "error", "from", "to", "says")
 
 
 class ReferenceReader:
@@ -36,7 +36,7 @@ class ReferenceReader:
         source = raw.get("source")
         if not isinstance(source, str) or not source.strip():
             self._problem((*place, "source"), "the source is missing", "name the paper, for example Fan et al. 2023")
-        entries: list[ReferenceEntry] = []
+        entries: list[ReferenceEntry | Statement] = []
         for name, stated in raw.items():
             if name == "source" or not self._names_a_quantity(name, (*place, name)):
                 continue
@@ -49,21 +49,22 @@ class ReferenceReader:
                 entry = self._entry(name, item, where)
                 if entry is not None:
                     entries.append(entry)
-        return Reference(str(source), tuple(entries))
+        numbers = tuple(entry for entry in entries if isinstance(entry, ReferenceEntry))
+        return Reference(str(source), numbers, tuple(entry for entry in entries if isinstance(entry, Statement)))
 
     def _names_a_quantity(self, name: str, place: Location) -> bool:
         if not _QUANTITY.fullmatch(name):
             self._problem(place, "this does not name a quantity", "write law.parameter, for example beverloo.k")
             return False
         head = name.partition(".")[0]
-        known = self._known()
+        known = {*self._known(), TURNING}
         remedy = instead(head, known)
         if head not in known and remedy.startswith("did"):
             self._problem(place, f"no law or measurement is called {head}", remedy)
             return False
         return True
 
-    def _entry(self, name: str, raw: Any, place: Location) -> ReferenceEntry | None:
+    def _entry(self, name: str, raw: Any, place: Location) -> ReferenceEntry | Statement | None:
         before = len(self.problems)
         if not isinstance(raw, dict):
             self._problem(place, "a mapping of keys is needed", "write {at: {...}, value: ...}")
@@ -71,10 +72,24 @@ class ReferenceReader:
         for key in raw:
             if key not in _ENTRY_KEYS:
                 self._problem((*place, key), "unknown key", instead(key, _ENTRY_KEYS))
-        if "value" not in raw:
-            self._problem((*place, "value"), "this key is missing", "add the published number, with its unit")
+        stated = {"from", "to"} & set(raw)
+        head, *rest = name.split(".")
+        if head == TURNING and not stated:
+            self._problem(
+                place, "what turning does is stated, not given as a number", "write `from` and `to` and `says`"
+            )
+        if head == TURNING and len(rest) > 1 and rest[1] not in FEATURES:
+            self._problem(place, f"a curve has no {rest[1]}", instead(rest[1], FEATURES))
+        if "value" not in raw and not stated:
+            remedy = "add the published number, with its unit, or `from` and `to` of a statement"
+            self._problem((*place, "value"), "this key is missing", remedy)
+        for key in [key for key in ("value", "error") if key in raw and stated]:
+            self._problem(
+                (*place, key), "a statement has no value of its own", "leave it out, or leave out from and to"
+            )
         diameter = self._points[0].scene.grains.diameter if self._points else None
-        numbers = {key: self._number(raw[key], (*place, key), diameter) for key in ("value", "error") if key in raw}
+        keys = [key for key in ("value", "error", "from", "to") if key in raw]
+        numbers = {key: self._number(raw[key], (*place, key), diameter) for key in keys}
         at = self._at(raw.get("at", {}), (*place, "at"), diameter)
         if len(self.problems) > before:
             return None
@@ -82,7 +97,22 @@ class ReferenceReader:
         if error is not None and error < 0:
             self._problem((*place, "error"), "an error is not negative", "write the standard error")
             return None
+        if stated:
+            return self._statement(name, at, numbers, raw, place)
         return ReferenceEntry(name, at, numbers["value"] or 0.0, error)
+
+    def _statement(
+        self, name: str, at: dict[str, float | str], ends: dict[str, float | None], raw: Any, place: Location
+    ) -> Statement | None:
+        low, high, says = ends.get("from"), ends.get("to"), raw.get("says")
+        low, high = (-math.inf if low is None else low), (math.inf if high is None else high)
+        if not low < high:
+            self._problem((*place, "to"), "the statement allows no number", "use a `to` above `from`")
+        elif not isinstance(says, str) or not says.strip():
+            self._problem((*place, "says"), "this key is missing", "add what the paper says, in a few words")
+        else:
+            return Statement(name, at, low, high, says.strip())
+        return None
 
     def _number(self, raw: Any, place: Location, diameter: float | None) -> float | None:
         try:

@@ -127,12 +127,32 @@ class ReferenceEntry:
     error: float | None = None
 
 
+TURNING = "rotation"
+"""Statements on `rotation.QUANTITY` speak of the quantity over that with the bottom at rest."""
+FEATURES = ("drop", "minimum", "rise", "for_O_zz")
+"""What `rotation.QUANTITY.FEATURE` may be: 1 - smallest while turning/at rest; the frequency of the smallest; at the
+fastest over the smallest at slower ones; and, of O_rr, what it gains over what O_zz loses."""
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What a paper says without a number of its own: that `quantity` lies between `low` and `high` [SI] at the points
+    `at`; either end may be infinite. `says`: in its words."""
+
+    quantity: str
+    at: dict[str, float | str]
+    low: float
+    high: float
+    says: str
+
+
 @dataclass(frozen=True)
 class Reference:
-    """Published numbers, shown beside ours in every report."""
+    """Published numbers, shown beside ours in every report, and statements that ours are held against."""
 
     source: str
     entries: tuple[ReferenceEntry, ...]
+    statements: tuple[Statement, ...] = ()
 
 
 SCENE_KEYS = tuple(Scene.model_fields)

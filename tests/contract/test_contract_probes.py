@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from labbook.backend import Contacts, Crossing, Ledger, Sample, Slab
+from labbook.backend import Contacts, Crossing, Ledger, Sample, Slab, Zone
 from labbook.scene import Plane, Primitives, Spheres, Wall
 from labbook.verify.stand import Start, grains_at, identical, rows_of
 from labbook.verify.symmetry import DT, difference
@@ -13,7 +13,8 @@ from labbook.verify.symmetry import DT, difference
 BEATS = 12
 SAMPLE, CONTACTS = Sample(fields=("x", "v", "omega")), Contacts()
 SLAB = Slab(low=-0.0015, high=0.0015)
-EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, CONTACTS)
+ZONE = Zone(radius=0.012, low=-0.002, high=0.006, core=0.006, top=0.03)
+EVERYTHING = (Crossing(), Ledger(), SAMPLE, SLAB, ZONE, CONTACTS)
 
 
 def test_declaring_and_reading_them_changes_no_bit(silo):
@@ -47,6 +48,7 @@ COLUMNS = {
     "Crossing": "id time x y z vx vy vz wx wy wz",
     "Sample": "id x y z vx vy vz wx wy wz",
     "Slab": "id x y z vx vy vz",
+    "Zone": "id x y z vx vy vz",
     "Contacts": "i j wall fx fy fz bx by bz",
     "Ledger": "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz",
 }
@@ -89,12 +91,12 @@ def test_a_probe_that_saw_nothing_gives_an_empty_table_like_its_others(silo):
 
 
 def test_they_are_read_on_their_beats(silo):
-    probes = (Ledger(every=3), Sample(fields=("x",), every=2))
+    probes = (Ledger(every=3), Sample(fields=("x",), every=2), Zone(1.0, -1.0, 1.0, 1.0, 1.0, every=5, again=1))
     with silo.ensemble(probes=probes) as ensemble:
         silo.admit(ensemble)
         ensemble.advance(7)
         tables = ensemble.drain()
-    for probe, beats in zip(probes, ([3, 6], [2, 4, 6]), strict=True):
+    for probe, beats in zip(probes, ([3, 6], [2, 4, 6], [1, 5, 6]), strict=True):
         steps = np.array(beats) * silo.numerics().steps_per_beat
         assert np.array_equal(np.unique(tables[probe]["step"]), steps)
         assert np.allclose(np.unique(tables[probe]["time"]), steps * DT, rtol=1e-12)
@@ -135,6 +137,21 @@ def test_a_slab_has_the_rows_of_the_sample_between_its_heights(silo):
     assert 0 < inside.sum() < len(inside) / 4
     for name, column in slab.items():
         assert np.array_equal(column, sample[name][inside])
+
+
+def test_a_zone_has_the_rows_of_the_sample_around_and_above_the_outlet(silo):
+    with silo.ensemble(probes=EVERYTHING) as ensemble:
+        silo.admit(ensemble)
+        ensemble.advance(BEATS)
+        tables = ensemble.drain()
+    sample, zone = tables[SAMPLE], tables[ZONE]
+    off, z = np.hypot(sample["x"], sample["y"]), sample["z"]
+    around, above = (off <= 0.012) & (z >= -0.002) & (z <= 0.006), (off <= 0.006) & (z > 0.006) & (z <= 0.03)
+    assert around.any()
+    assert above.any()
+    assert (around | above).sum() < len(z) / 2
+    for name, column in zone.items():
+        assert np.array_equal(column, sample[name][around | above])
 
 
 def test_touching_and_overlap_of_the_ledger_are_those_of_the_contacts(silo):

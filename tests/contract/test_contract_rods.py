@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table, Unsupported, columns
+from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table, Unsupported, Zone, columns
 from labbook.numerics import Numerics
 from labbook.protocol import Packing, opened, place
 from labbook.protocol.segments import axes
@@ -16,7 +16,8 @@ from labbook.verify.symmetry import hopper
 DT, STEPS = 1e-5, 200
 ROD = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=60)
 SILO = CylinderSilo(diameter=60e-3, height=0.5, orifice=36e-3, rotation=1.0)
-PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS = Sample(fields=("x", "omega", "q")), Crossing(), Ledger(), Contacts()
+ZONE = Zone(radius=20e-3, low=-0.01, high=0.02, core=0.01, top=0.05)
+PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS, _ = Sample(("x", "omega", "q")), Crossing(), Ledger(), Contacts(), ZONE
 
 
 def silo() -> Scene:
@@ -75,6 +76,15 @@ def test_tables_of_rods_have_orientations(discharge):
     last = rows[SAMPLE]["step"] == rows[SAMPLE]["step"].max()
     q = np.stack([rows[SAMPLE][name][last] for name in ("qw", "qx", "qy", "qz")], axis=1)
     assert axes(q) == pytest.approx(axes(np.asarray(packing.q)), abs=1e-6)
+
+
+def test_a_zone_has_the_orientations_of_the_sample(discharge):
+    _, rows, _ = discharge
+    sample, zone = rows[SAMPLE], rows[ZONE]
+    inside = ZONE.holds(np.column_stack([sample[axis] for axis in "xyz"]))
+    assert 0 < inside.sum() < len(inside)
+    for name in ("step", "id", "x", "z", "qw", "qx", "qy", "qz"):
+        assert np.array_equal(zone[name], sample[name][inside])
 
 
 def test_a_crossing_that_saw_no_rod_has_the_columns_too(rods, bed):

@@ -139,10 +139,10 @@ def test_without_crossings_the_remedy_is_named():
 
 
 def test_probes_are_at_the_outlet():
-    assert MEASURES["flow_rate"].probes(SCENE) == (Crossing(0.0),)
+    assert MEASURES["flow_rate"].probes(SCENE, Numerics(dt=1e-6)) == (Crossing(0.0),)
     closed = SCENE.model_copy(update={"container": Box(width=0.1, depth=0.1, height=0.1)})
     with pytest.raises(MeasureError, match="needs an outlet"):
-        MEASURES["flow_rate"].probes(closed)
+        MEASURES["flow_rate"].probes(closed, Numerics(dt=1e-6))
 
 
 def test_series_holds_every_grain_once():

@@ -197,10 +197,10 @@ def test_too_few_grains_give_no_profile():
 
 
 def test_what_must_be_observed():
-    assert MEASURE.probes(scene_of(10)) == (Crossing(0.0), Slab(low=-RADIUS, high=RADIUS, every=1))
+    assert MEASURE.probes(scene_of(10), Numerics(dt=1e-6)) == (Crossing(0.0), Slab(low=-RADIUS, high=RADIUS, every=1))
     boxed = scene_of(10).model_copy(update={"container": Box(width=0.1, depth=0.1, height=0.1)})
     with pytest.raises(MeasureError, match="wedge-hopper"):
-        MEASURE.probes(boxed)
+        MEASURE.probes(boxed, Numerics(dt=1e-6))
     run = run_of(*passing(200, 9))
     unobserved = RunData(run.scene, NUMERICS, 1, run.start, "emptied", 1.0, {"crossing": run.tables["crossing"]})
     with pytest.raises(MeasureError, match="run it again"):

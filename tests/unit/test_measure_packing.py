@@ -113,7 +113,7 @@ def test_unknown_walls_are_refused():
 
 
 def test_packing_needs_no_probes():
-    assert MEASURES["packing"].probes(scene_of(HOPPER)) == ()
+    assert MEASURES["packing"].probes(scene_of(HOPPER), Numerics(dt=1e-6)) == ()
 
 
 def test_hexatic_of_random_points():

@@ -21,6 +21,7 @@ from labbook.runner.board import Board
 from labbook.runner.filling import FillJob
 from labbook.runner.job import Bench
 from labbook.runner.progress import counts
+from labbook.runner.recording import frame_rows
 from labbook.runner.watch import View
 from labbook.study import load
 
@@ -394,3 +395,19 @@ def test_lanes_leave_compiling_at_the_first_beat_to_one_of_them(tmp_path):
     assert outcomes(summary) == ["finished"] * 8
     assert len(engine.compiled) == 2
     assert engine.clashes == 0
+
+
+def test_frames_are_kept_in_single_precision_but_for_their_names_and_times():
+    rows = {"step": np.array([7], np.int64), "time": np.array([0.1]), "i": np.array([3]), "j": np.array([-1])}
+    kept = frame_rows({**rows, "wall": np.array([2]), "fx": np.array([1 / 3]), "id": np.array([9])})
+    assert {name: column.dtype for name, column in kept.items()} == {
+        "step": np.int64,
+        "time": np.float64,
+        "i": np.int32,
+        "j": np.int32,
+        "wall": np.int16,
+        "fx": np.float32,
+        "id": np.int32,
+    }
+    assert abs(kept["fx"][0] - 1 / 3) < 1e-7 / 3
+    assert kept["time"][0] == 0.1

@@ -50,7 +50,7 @@ def test_fan_studies_have_the_parameters_of_table_1(name):
         assert point.numerics.dt <= 2.6e-6
 
 
-@pytest.mark.parametrize("name", ["rotation-frequency", "orifice", "aspect-ratio"])
+@pytest.mark.parametrize("name", ["rotation-frequency", "orifice", "aspect-ratio", "fields"])
 def test_pongo_studies_have_the_parameters_of_the_paper(name):
     study = load(STUDIES / f"pongo2022-{name}.yaml")
     assert study.replicates == 3

@@ -123,6 +123,8 @@ sweep: {container.orifice: "[18, 30] mm"}
 reference:
   source: Someone 2020
   beverloo.k: {value: 1.55, error: 0.1}
+  beverloo.C: {from: 50 %, says: C is large}
+  rotation.grain_rate.minimum: {at: {container.orifice: 18 mm}, from: 160 mHz, to: 0.32 Hz, says: slow}
   flow_rate:
     - {at: {container.orifice: 6 d}, value: 22 g/s, error: 1 g/s}
     - {at: {container.orifice: 3 cm, contact.law: hertz-mindlin, grains.count: 3000}, value: 57 g/s}
@@ -130,6 +132,9 @@ reference:
     reference = study(tmp_path, text).reference
     assert reference is not None
     assert reference.source == "Someone 2020"
+    large, slow = reference.statements
+    assert (large.quantity, large.low, large.high, large.says) == ("beverloo.C", 0.5, math.inf, "C is large")
+    assert (slow.at, slow.low, slow.high) == ({"container.orifice": 0.018}, 0.16, 0.32)
     k, first, second = reference.entries
     assert (k.quantity, k.at, k.value, k.error) == ("beverloo.k", {}, 1.55, 0.1)
     assert (first.quantity, first.at, first.value, first.error) == (

@@ -219,6 +219,13 @@ def test_problems_of_sweeps(tmp_path, text, line, key, message, remedy):
         ("flow_rate: {value: 1, at: {gravitas: 1}}", "flow_rate.at.gravitas", "no such", "gravity?"),
         ("flow_rate: {value: 1, at: {gravity: 1 m/s^2}}", "flow_rate.at", "no point", "sweeps"),
         ("flow_rate: {value: 1, at: {gravity: 1}}", "flow_rate.at.gravity", "unit", "m/s^2"),
+        ("flow_rate: {from: 1, value: 1, says: it}", "flow_rate.value", "no value of its own", "leave it out"),
+        ("flow_rate: {from: 2, to: 1, says: it}", "flow_rate.to", "allows no number", "above `from`"),
+        ("flow_rate: {from: 2}", "flow_rate.says", "missing", "what the paper says"),
+        ("flow_rate: {from: 2 foo, says: it}", "flow_rate.from", "unknown unit", "unit"),
+        ("rotation.grain_rate: {value: 2}", "rotation.grain_rate", "not given as a number", "`says`"),
+        ("rotation.grain_rate.fall: {to: 2, says: it}", "rotation.grain_rate.fall", "a curve has no fall", "drop"),
+        ("rotatio.grain_rate: {to: 2, says: it}", "rotatio.grain_rate", "no law", "rotation?"),
     ],
 )
 def test_problems_of_references(tmp_path, text, key, message, remedy):

@@ -2,6 +2,7 @@
 
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.flow import flow_against_time
+from labbook.report.figures.maps import packing_maps, pressure_maps, speed_maps
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.outlets import outlets_of_all
 from labbook.report.figures.parameters import parameters_against
@@ -9,18 +10,33 @@ from labbook.report.figures.pattern import flow_patterns
 from labbook.report.figures.position import shape_against_position
 from labbook.report.figures.profiles import outlet_middles, outlet_profiles
 from labbook.report.figures.ratios import flow_against_angle, flow_against_position
+from labbook.report.figures.rotation import (
+    above_orifice,
+    acceleration_against_rotation,
+    drop_and_rise,
+    flow_against_rotation,
+)
+from labbook.report.figures.scaling import flow_scaling
 
 __all__ = [
+    "above_orifice",
     "acceleration_against_height",
+    "acceleration_against_rotation",
+    "drop_and_rise",
     "flow_against_angle",
     "flow_against_orifice",
     "flow_against_position",
+    "flow_against_rotation",
     "flow_against_time",
     "flow_patterns",
+    "flow_scaling",
     "outlet_middles",
     "outlet_profiles",
     "outlets_of_all",
     "overview",
+    "packing_maps",
     "parameters_against",
+    "pressure_maps",
     "shape_against_position",
+    "speed_maps",
 ]

@@ -20,10 +20,10 @@ _COLUMNS = 4
 _HEIGHT = 1.6  # widths of the hopper that are shown
 
 
-def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
+def flow_patterns(patterns: Sequence["FlowPattern"], titles: Sequence[str] = ()) -> "Figure":
     """Two rows a point: velocities of the grains at one moment; mean speed, streamlines and, hatched, what stands.
 
-    Speeds have one scale of colours for all, that of a square root.
+    `titles`: of the points, if not their labels. Speeds have one scale of colours for all, that of a square root.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import PowerNorm
@@ -32,27 +32,31 @@ def flow_patterns(patterns: Sequence["FlowPattern"]) -> "Figure":
     columns = min(_COLUMNS, len(patterns))
     rows = math.ceil(len(patterns) / columns)
     sections = [one.section() for one in patterns]
-    highest = max(float(np.nanpercentile(_speed(section), 99.5)) for section in sections)
+    highest = max(float(np.nanpercentile(speed_of(section), 99.5)) for section in sections)
+    top = top_of(patterns)
     norm = PowerNorm(0.5, 0.0, highest)
     with house():
-        figure = Figure(figsize=(PAGE * max(columns, 2) / _COLUMNS, (12 + 120 * rows) * MILLIMETRE))
+        figure = Figure(
+            figsize=(PAGE * max(columns, 2) / _COLUMNS, (12 + 2 * rows * row_height(patterns, top)) * MILLIMETRE)
+        )
         axes = figure.subplots(2 * rows, columns, squeeze=False)
         for ax in axes.flat:
             ax.set_axis_off()
         for k, one in enumerate(patterns):
             above, below = axes[2 * (k // columns), k % columns], axes[2 * (k // columns) + 1, k % columns]
             _vectors(above, one, norm)
-            _means(below, sections[k], norm)
-            above.set_title(one.result.label)
+            draw_means(below, sections[k], norm)
+            above.set_title(titles[k] if titles else one.result.label)
             below.set_title(f"{one.pattern.kind}, {100 * one.pattern.fraction:.2g} % stagnant")
             for ax in (above, below):
-                _walls(ax, one)
+                draw_walls(ax, one, top)
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.5, aspect=40)
         bar.set_label("speed [m/s]")
     return figure
 
 
-def _speed(section: "Section") -> np.ndarray:
+def speed_of(section: "Section") -> np.ndarray:
+    """Speed in the plane [m/s]; NaN beyond the bed."""
     return np.where(section.bed, np.hypot(section.u, section.w), np.nan)
 
 
@@ -74,9 +78,10 @@ def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
     )
 
 
-def _means(ax: "Axes", section: "Section", norm) -> None:
-    x, z = _even(section.x) * 1e3, _even(section.z) * 1e3
-    ax.pcolormesh(x, z, _speed(section), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
+def draw_means(ax: "Axes", section: "Section", norm) -> None:
+    """Mean speed with streamlines; what stands is hatched."""
+    x, z = even(section.x) * 1e3, even(section.z) * 1e3
+    ax.pcolormesh(x, z, speed_of(section), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
     u, w = (np.where(section.bed & ~section.stagnant, v, np.nan) for v in (section.u, section.w))
     ax.streamplot(x, z, u, w, density=0.7, linewidth=0.5, arrowsize=0.5, color="white")
     if section.stagnant.any():
@@ -85,13 +90,34 @@ def _means(ax: "Axes", section: "Section", norm) -> None:
         ax.contour(x, z, section.stagnant.astype(float), levels=[0.5], colors=[COLOURS[1]], linewidths=0.8)
 
 
-def _even(points: np.ndarray) -> np.ndarray:
+def even(points: np.ndarray) -> np.ndarray:
     """Equal distances to the last digit, as streamlines ask for."""
     return np.linspace(points[0], points[-1], len(points))
 
 
-def _walls(ax: "Axes", one: "FlowPattern") -> None:
-    half = one.fields.grid.radius if isinstance(one.fields.grid, Ring) else one.container.width / 2
+def top_of(patterns: Sequence["FlowPattern"]) -> float:
+    """Height [m] up to which beds are shown: a little above the highest, and no more than 1.6 widths."""
+    beds = []
+    for one in patterns:
+        grid = one.fields.grid
+        z_axis = grid.axes.index("z")
+        filled = one.pattern.bed.any(axis=tuple(k for k in range(len(grid.axes)) if k != z_axis))
+        beds.append(float(grid.points[z_axis][filled].max()))
+    return min(1.08 * max(beds), 2 * _HEIGHT * _half_width(patterns[0]))
+
+
+def row_height(patterns: Sequence["FlowPattern"], top: float) -> float:
+    """Height [mm] of a panel that is a quarter of a page wide, with its title."""
+    return 8 + 34 * (top / (2 * _half_width(patterns[0])) + 0.1)
+
+
+def _half_width(one: "FlowPattern") -> float:
+    return one.fields.grid.radius if isinstance(one.fields.grid, Ring) else one.container.width / 2
+
+
+def draw_walls(ax: "Axes", one: "FlowPattern", top: float) -> None:
+    """Walls in the plane of the map, up to the height `top` [m], and the limits of its axes."""
+    half = _half_width(one)
     for wall in one.container.walls():
         if hasattr(wall.shape, "lower"):  # a frustum: in a plane through the axis, a line on either side
             (r0, z0), (r1, z1) = wall.shape.lower, wall.shape.upper
@@ -103,9 +129,8 @@ def _walls(ax: "Axes", one: "FlowPattern") -> None:
         for (x0, z0), (x1, z1) in ends:
             ax.plot([x0 * 1e3, x1 * 1e3], [z0 * 1e3, z1 * 1e3], color=INK, linewidth=1.2, zorder=4)
     half *= 1e3
-    top = 2 * half * _HEIGHT
     for side in (-half, half):
         ax.axvline(side, color=FAINT, linewidth=0.6, zorder=0)
     ax.set_xlim(-1.04 * half, 1.04 * half)
-    ax.set_ylim(-0.15 * half, top)
+    ax.set_ylim(-0.15 * half, top * 1e3)
     ax.set_aspect("equal")

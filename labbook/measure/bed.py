@@ -1,0 +1,46 @@
+"""How finely the fields of a bed are computed, and where."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from labbook.fields import Grains, Grid, Layer, Ring, grains_of
+from labbook.scene import Scene, WedgeHopper
+
+OMEGA = 0.5
+"""Width of the coarse-graining function in diameters of the grains, or of spheres of their volume."""
+
+
+def omega_of(scene: Scene) -> float:
+    """Width of the coarse-graining function [m] (Pongo et al. 2022: half the equivalent diameter)."""
+    return OMEGA * scene.grains.equivalent_diameter
+
+
+def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> Grains:
+    """Grains of the frames with begin <= time <= end [s]; rods without length are spheres and have no axes.
+
+    Raises ValueError if there is no frame.
+    """
+    own = scene.grains
+    if not getattr(own, "half_length", 0.0) > 0:
+        frames = {name: column for name, column in frames.items() if name not in ("qw", "qx", "qy", "qz")}
+    return grains_of(frames, own.mass, own.volume, begin, end)
+
+
+def bed_grid(scene: Scene, omega: float, x: np.ndarray, *, coarse: bool = False) -> Grid:
+    """From below the outlet to above the highest of the grains at x [m], shape [n, 3]; cells as wide as omega, about an
+    axis half of that unless `coarse`. Of a quasi-2D hopper or a silo about the axis.
+    """
+    container: Any = scene.container
+    low, high = -4 * omega, float(x[:, 2].max()) + 2 * omega
+    if isinstance(container, WedgeHopper):
+        half = container.width / 2
+        return Layer((-half, half), (low, high), cells(2 * half, omega), cells(high - low, omega), container.thickness)
+    radius, cell = container.diameter / 2, omega if coarse else omega / 2
+    return Ring(radius, (low, high), cells(radius, cell), cells(high - low, cell))
+
+
+def cells(length: float, width: float) -> int:
+    """How many cells of about this `width` a `length` has."""
+    return max(1, round(length / width))

@@ -1,0 +1,32 @@
+"""What an outflow will be, before anything was measured: for planning only."""
+
+import math
+
+from labbook.numerics import Numerics
+from labbook.scene import Scene, Silo, WedgeHopper
+
+FLOW = (0.58, 1.5)
+"""C (normalised by the density of the grains) and k of W = C rho sqrt(g) (D - k d)^{3/2} Z (Fan et al.
+2023)."""
+
+
+def mass_flow(scene: Scene) -> float:
+    """Expected flow [kg/s] through the slot or the round outlet of a silo; 0 where none can be told."""
+    silo, (c, k) = scene.container, FLOW
+    if not isinstance(silo, Silo):
+        return 0.0
+    free = max(0.0, silo.orifice - k * scene.grains.equivalent_diameter)
+    area = free**1.5 * silo.thickness if isinstance(silo, WedgeHopper) else free**2.5
+    return c * scene.grains.mean_density * math.sqrt(scene.gravity) * area
+
+
+def window_time(scene: Scene) -> float:
+    """Expected time [s] of a window of usual width, 0.45 of the mass; infinite where nothing can be told."""
+    flow = mass_flow(scene)
+    return 0.45 * scene.grains.count * scene.grains.mass / flow if flow > 0 else math.inf
+
+
+def beats_of(time: float, numerics: Numerics, digits: int = 2) -> int:
+    """Whole beats in `time` [s] rounded to so many digits, at least one: scenes that are nearly alike are then observed
+    on the same beats, and can share an ensemble."""
+    return max(1, round(float(f"{time:.{digits}g}") / numerics.beat))

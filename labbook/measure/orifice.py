@@ -1,0 +1,153 @@
+"""Means over the first centimetre above a round outlet, and how far up grains fall freely (Pongo et al. 2022)."""
+
+import math
+
+import numpy as np
+
+from labbook.backend import Crossing, Probe, Zone
+from labbook.fields import Ring, coarse_grain, orifice_means
+from labbook.fields.kernel import CUTOFF
+from labbook.fields.orifice import HEIGHT
+from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
+from labbook.measure.bed import cells, grains_between, omega_of
+from labbook.measure.data import RunData
+from labbook.measure.expected import beats_of, window_time
+from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.series import crossings
+from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
+from labbook.numerics import Numerics
+from labbook.scene import ConicalSilo, CylinderSilo, Scene
+from labbook.stats import Measured
+
+INTERVAL = 0.05
+"""Time [s] between two velocities whose difference is taken for an acceleration (Pongo et al. 2022)."""
+BINS, UP_TO = 16, 2.0
+"""Bins of height for accelerations, and the height that they reach in widths of the outlet."""
+_PAIRS = 16
+"""Pairs of frames within the window, if the outflow is as expected; slower flows have more."""
+_STEP = 5e-3
+"""Sizes of the zone are multiples of this [m], so that rods of similar size share an ensemble."""
+_FEWEST = 8
+"""Frames below which there are no means."""
+_UNITS = {"v_z": "m/s", "kinetic_pressure": "Pa"}
+
+
+class OrificeMeans(Measure):
+    """Means above the orifice, <X> = int X phi dV / int phi dV over a cylinder 1 cm high, and the free fall above it.
+
+    Quantities: `orifice_packing_fraction`, `orifice_v_z` [m/s], `orifice_kinetic_pressure` [Pa] and, of rods,
+    `orifice_O_zz`, `orifice_O_rr`, `orifice_O_tt` and `orifice_S` (see `labbook.fields.orifice_means`), from frames
+    within the window of the flow rate, gaps without flow left out; `free_fall_height` [m], the area under a_eff/g up to
+    two widths of the outlet, in the middle of it. Those of a run that clogged end in `_flowing` and are kept apart, as
+    its flow rate is.
+
+    The frames, in single precision, are of the grains that reach into that cylinder and of a column above the middle:
+    some hundred grains instead of the whole bed. Frames come in pairs 50 ms apart, or evenly where pairs would be too
+    close.
+    """
+
+    name = "orifice"
+    version = 1
+
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        silo = _silo(scene)
+        reach = _rounded_up(CUTOFF * omega_of(scene))
+        R, plane = silo.orifice / 2, silo.outlet_plane
+        core = min(R + reach, _rounded_up(R / 2 + scene.grains.equivalent_diameter))
+        low, high = plane - reach, plane + HEIGHT + reach
+        every, again = _beats(scene, numerics)
+        top = max(high, plane + UP_TO * silo.orifice)
+        return (Crossing(plane), Zone(R + reach, low, high, core, top, every, again))
+
+    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
+        _silo(run.scene)
+        flow, times = _steady(run, window)
+        where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
+        frames = {} if flow is None else frames_of(run, flow, times)
+        count = len(np.unique(frames["step"])) if frames else 0
+        suffix = "_flowing" if run.outcome == "clogged" else ""
+        if flow is None or count < _FEWEST:
+            note = f"only {count} frames while grains flowed within the window, fewer than {_FEWEST}"
+            return (
+                Measured(f"orifice_v_z{suffix}", math.nan, math.nan, 0, where, "coarse-grained frames", "m/s", note),
+            )
+        how = f"{count} frames, coarse-grained; error from seeds only"
+        means = _means(run.scene, frames)
+        numbers = [
+            Measured(f"orifice_{name}{suffix}", value, math.nan, count, where, how, _UNITS.get(name, ""))
+            for name, value in means.items()
+        ]
+        profile = _profile(run.scene, frames)
+        if profile is not None:
+            height = profile.free_fall_height(run.scene.gravity)
+            how = f"changes of velocity within {profile.interval * 1e3:.3g} ms"
+            numbers.append(Measured(f"free_fall_height{suffix}", height, math.nan, count, where, how, "m"))
+        return tuple(numbers)
+
+
+def acceleration_of(run: RunData, window: Window) -> AccelerationProfile | None:
+    """Acceleration against height above the middle of the outlet within the window of the flow rate; None if the run
+    clogged, has no frames of it, or none as far apart as it takes."""
+    if "zone" not in run.tables or run.outcome == "clogged":
+        return None
+    flow, times = _steady(run, window)
+    frames = {} if flow is None else frames_of(run, flow, times)
+    return _profile(run.scene, frames) if frames and len(frames["time"]) else None
+
+
+def frames_of(run: RunData, flow: SteadyFlow, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Rows of the grains at the outlet while grains flowed within the window. Raises MeasureError without any."""
+    if "zone" not in run.tables:
+        raise MeasureError("orifice: the run recorded no grains around the outlet; run it again with this measure")
+    rows = run.tables["zone"]
+    time = np.asarray(rows["time"], float)
+    seen = (time >= flow.begin) & (time <= flow.end) & ~in_gap(time, times, flow)
+    return {name: np.asarray(column)[seen] for name, column in rows.items()}
+
+
+def _steady(run: RunData, window: Window) -> tuple[SteadyFlow | None, np.ndarray]:
+    times, weights = crossings(run)
+    return steady_flow(times, len(run.start), window, weights), times
+
+
+def _means(scene: Scene, frames: dict[str, np.ndarray]) -> dict[str, float]:
+    silo, omega = _silo(scene), omega_of(scene)
+    grains = grains_between(scene, frames, -math.inf, math.inf)
+    R, bottom = silo.orifice / 2, silo.outlet_plane
+    grid = Ring(R, (bottom, bottom + HEIGHT), cells(R, omega / 2), max(4, cells(HEIGHT, omega / 2)))
+    try:
+        fields = coarse_grain(grid, omega, grains)
+    except ImportError as missing:
+        raise MeasureError(f"orifice: {missing}") from missing
+    return dict(orifice_means(fields, silo.orifice, bottom=bottom))
+
+
+def _profile(scene: Scene, frames: dict[str, np.ndarray]) -> AccelerationProfile | None:
+    D, plane = _silo(scene).orifice, _silo(scene).outlet_plane
+    edges = plane + np.linspace(0.0, UP_TO * D, BINS + 1)
+    try:
+        return acceleration_profile(frames, interval=INTERVAL, radius=D / 4, edges=edges, gravity=scene.gravity)
+    except ValueError:
+        return None
+
+
+def _beats(scene: Scene, numerics: Numerics) -> tuple[int, int]:
+    """Beats between pairs of frames and within a pair; within is 0 where frames follow each other evenly."""
+    between = min(window_time(scene) / _PAIRS, 10 * INTERVAL)
+    if between < 2 * INTERVAL:
+        return beats_of(min(between / 2, INTERVAL), numerics), 0
+    every, again = beats_of(between, numerics), beats_of(INTERVAL, numerics)
+    return every, again if again < every else 0
+
+
+def _rounded_up(length: float) -> float:
+    return math.ceil(length / _STEP - 1e-9) * _STEP
+
+
+def _silo(scene: Scene) -> CylinderSilo | ConicalSilo:
+    if not isinstance(scene.container, CylinderSilo | ConicalSilo):
+        kind = scene.container.kind
+        raise MeasureError(f"measure: orifice needs the round outlet of a cylinder-silo or conical-silo, not a {kind}")
+    if scene.grains.varied:
+        raise MeasureError("measure: orifice needs equal grains; leave out sizes and kinds")
+    return scene.container

@@ -1,0 +1,114 @@
+"""Maps in a plane through the axis of a silo: packing fraction and speed at several instants, contact pressure."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from labbook.fields import Ring, pattern_of
+from labbook.measure.stress import contact_pressure
+from labbook.report.figures.pattern import draw_means, draw_walls, even, row_height, speed_of, top_of
+from labbook.report.pattern import across, both
+from labbook.report.rotation import turning_at
+from labbook.report.style import MILLIMETRE, PAGE, house
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from labbook.fields import Fields
+    from labbook.report.pattern import FlowPattern
+
+_COLUMNS = 4
+Map = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""x and z [mm], and values, shape [z, x]."""
+
+
+def packing_maps(rows: Sequence[Sequence["FlowPattern"]]) -> "Figure":
+    """Packing fraction, a row a point, a column an instant."""
+    from matplotlib.colors import Normalize
+
+    maps = {id(one): _mirrored(one.fields, one.fields.packing_fraction, one.pattern.bed) for row in rows for one in row}
+    norm = Normalize(*_range(maps.values()))
+
+    def draw(ax: "Axes", one: "FlowPattern") -> None:
+        _mesh(ax, maps[id(one)], norm)
+
+    return _instants(rows, draw, norm, r"packing fraction $\phi$")
+
+
+def speed_maps(rows: Sequence[Sequence["FlowPattern"]]) -> "Figure":
+    """Speed in the plane with streamlines, a row a point, a column an instant; hatched: what stands."""
+    from matplotlib.colors import PowerNorm
+
+    sections = {id(one): one.section() for row in rows for one in row}
+    highest = max(float(np.nanpercentile(speed_of(section), 99.5)) for section in sections.values())
+    norm = PowerNorm(0.5, 0.0, highest)
+
+    def draw(ax: "Axes", one: "FlowPattern") -> None:
+        draw_means(ax, sections[id(one)], norm)
+
+    return _instants(rows, draw, norm, "speed [m/s]")
+
+
+def pressure_maps(found: Sequence[tuple["FlowPattern", "Fields"]]) -> "Figure":
+    """A third of the trace of the contact stress, a column a point."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    found = found[:_COLUMNS]
+    maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in found]
+    norm, top = Normalize(*_range(maps)), top_of([one for one, _ in found])
+    with house():
+        height = 8 + row_height([one for one, _ in found], top)
+        figure = Figure(figsize=(PAGE * max(len(found), 2) / _COLUMNS, height * MILLIMETRE))
+        axes = figure.subplots(1, len(found), squeeze=False)
+        for ax, (one, _), each in zip(axes[0], found, maps, strict=True):
+            ax.set_axis_off()
+            ax.set_title(turning_at(one.result))
+            _mesh(ax, each, norm)
+            draw_walls(ax, one, top)
+        figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.9).set_label("contact pressure [Pa]")
+    return figure
+
+
+def _instants(
+    rows: Sequence[Sequence["FlowPattern"]], draw: Callable[["Axes", "FlowPattern"], None], norm, text: str
+) -> "Figure":
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+
+    patterns = [one for row in rows for one in row]
+    top, columns = top_of(patterns), max(map(len, rows))
+    with house():
+        height = 8 + len(rows) * row_height(patterns, top)
+        figure = Figure(figsize=(PAGE * (columns + 0.4) / _COLUMNS, height * MILLIMETRE))
+        axes = figure.subplots(len(rows), columns, squeeze=False)
+        for ax in axes.flat:
+            ax.set_axis_off()
+        for line, row in zip(axes, rows, strict=True):
+            for ax, one in zip(line, row, strict=False):
+                draw(ax, one)
+                draw_walls(ax, one, top)
+                begin, end = one.window
+                ax.set_title(f"{turning_at(one.result)}, t = {begin:.3g} to {end:.3g} s", fontsize=6)
+        bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.6, aspect=40)
+        bar.set_label(text)
+    return figure
+
+
+def _mirrored(fields: "Fields", values: np.ndarray, bed: np.ndarray) -> Map:
+    assert isinstance(fields.grid, Ring)
+    x, z = across(fields.grid)
+    return even(x) * 1e3, even(z) * 1e3, both(np.where(bed, values, np.nan))
+
+
+def _range(maps) -> tuple[float, float]:
+    known = np.concatenate([values[np.isfinite(values)] for _, _, values in maps])
+    low, high = np.quantile(known, [0.005, 0.995])
+    return float(low), float(high)
+
+
+def _mesh(ax: "Axes", each: Map, norm) -> None:
+    ax.pcolormesh(*each, cmap="viridis", norm=norm, shading="nearest", rasterized=True)

@@ -1,0 +1,177 @@
+"""What a paper says in words, held against our numbers: it holds, it does not, or ours do not decide."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from labbook.report import display
+from labbook.report.analysis import PointResult
+from labbook.report.comparison import Comparison, entry_of, matches
+from labbook.report.rotation import CONFIDENCE, FLOW, ROTATION, Rotation, by_seed
+from labbook.report.tables import Table
+from labbook.stats import Pooled
+from labbook.stats.ratio import paired_ratio
+from labbook.study.schema import TURNING
+
+if TYPE_CHECKING:
+    from labbook.report.series import Series
+    from labbook.study import Reference, Statement
+
+Verdict = Literal["holds", "does not hold", "undecided"]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A statement and ours, in SI. `ours` is None where we have none; `why` then says so."""
+
+    statement: "Statement"
+    label: str
+    ours: float | None
+    error: float = math.nan
+    low: float = -math.inf
+    high: float = math.inf
+    why: str = ""
+    pairs: int = 0
+    """Seeds that the number rests on, where it is made of pairs."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """`holds` if our interval lies within what is stated, `does not hold` if outside, else `undecided`."""
+        if self.ours is None or math.isinf(self.high - self.low):
+            return "undecided"
+        stated = self.statement
+        if stated.low <= self.low and self.high <= stated.high:
+            return "holds"
+        return "does not hold" if self.high < stated.low or self.low > stated.high else "undecided"
+
+
+def judge(
+    reference: "Reference | None",
+    points: Sequence[PointResult],
+    series: Sequence["Series"],
+    turning: Sequence[Rotation],
+) -> tuple[Judged, ...]:
+    """Every statement of the reference, for each curve, series or point that it speaks of."""
+    if reference is None:
+        return ()
+    return tuple(one for statement in reference.statements for one in _judge(statement, points, series, turning))
+
+
+def summed_up(judged: Sequence[Judged], source: str) -> str:
+    """How many of the statements hold, in a sentence."""
+    counts = {verdict: sum(one.verdict == verdict for one in judged) for verdict in ("holds", "does not hold")}
+    open_ones = len(judged) - sum(counts.values())
+    fails = counts["does not hold"]
+    return (
+        f"Of {len(judged)} statements of {source}, {counts['holds']} hold{'s' if counts['holds'] == 1 else ''}, "
+        f"{fails} do{'es' if fails == 1 else ''} not, and {open_ones} {'is' if open_ones == 1 else 'are'} undecided."
+    )
+
+
+def _judge(
+    statement: "Statement", points: Sequence[PointResult], series: Sequence["Series"], turning: Sequence[Rotation]
+) -> Iterator[Judged]:
+    head, _, quantity = statement.quantity.partition(".")
+    if head == TURNING:
+        found = [one for curve in turning for one in _turning(statement, quantity or FLOW, curve)]
+    else:
+        found = [_other(statement, one) for one in entry_of(statement.quantity, statement.at, points, series)]
+    nothing = "run points with the bottom at rest and turning" if head == TURNING else "no finished point is there"
+    yield from found or [Judged(statement, display.label(statement.at), None, why=nothing)]
+
+
+def _other(statement: "Statement", one: Comparison) -> Judged:
+    return Judged(statement, one.label, one.ours, one.error, one.low, one.high, one.why)
+
+
+def _turning(statement: "Statement", name: str, curve: Rotation) -> Iterator[Judged]:
+    """`QUANTITY`: over that at rest, at each frequency; `QUANTITY.FEATURE`: see `labbook.study.schema.FEATURES`."""
+    asked = {key: value for key, value in statement.at.items() if key != ROTATION}
+    if not matches(asked, curve.points[0].point):
+        return
+    quantity, _, feature = name.partition(".")
+    where = ", ".join(filter(None, (curve.shape, curve.label)))
+    if not curve.has(quantity):
+        yield Judged(statement, where, None, why=f"{quantity} was not measured at two frequencies")
+        return
+    if feature in ("", "for_O_zz"):
+        for k, result in enumerate(curve.points):
+            if k and matches(statement.at, result.point):
+                ratio = curve.ratio(quantity, k) if not feature else _exchange(curve, k)
+                yield _of_ratio(statement, f"{where}, f = {curve.frequencies[k]:g} Hz", ratio)
+        return
+    lowest = curve.lowest(quantity)
+    if lowest is None:
+        yield Judged(statement, where, None, why="a minimum needs three frequencies")
+    elif feature == "minimum":
+        extreme = curve.minimum(quantity)
+        if extreme is None:
+            yield Judged(statement, where, float(curve.frequencies[lowest]), why="its interval needs two seeds")
+        else:
+            yield Judged(statement, where, extreme.frequency, low=extreme.low, high=extreme.high)
+    elif feature == "rise":
+        slowest = curve.lowest(quantity, first=1, before_last=True)
+        assert slowest is not None
+        yield _of_ratio(statement, where, curve.ratio(quantity, len(curve.points) - 1, slowest))
+    else:
+        slowest = curve.lowest(quantity, first=1)
+        assert slowest is not None
+        one = curve.ratio(quantity, slowest)
+        drop = one and Pooled(1 - one.value, one.error, one.half_width, one.n, one.confidence)
+        yield _of_ratio(statement, where, drop)
+
+
+def _exchange(curve: Rotation, k: int) -> Pooled | None:
+    values = [by_seed(curve.points[i], f"orifice_O_{c}{c}") for i in (0, k) for c in "rz"]
+    seeds = sorted(set.intersection(*map(set, values)))
+    if not seeds:
+        return None
+    r0, z0, r, z = ([one[s] for s in seeds] for one in values)
+    gained, lost = [b - a for a, b in zip(r0, r, strict=True)], [a - b for a, b in zip(z0, z, strict=True)]
+    return paired_ratio(gained, lost, CONFIDENCE)
+
+
+def _of_ratio(statement: "Statement", where: str, ratio: Pooled | None) -> Judged:
+    if ratio is None:
+        return Judged(statement, where, None, why="no seed has both runs")
+    return Judged(statement, where, ratio.value, ratio.error, ratio.low, ratio.high, pairs=ratio.n)
+
+
+def statement_table(judged: Sequence[Judged]) -> Table:
+    """Every statement with ours, its interval, what it asks, and the verdict; those that do not hold are marked."""
+    rows, marked, reasons = [], set(), []
+    for place, one in enumerate(judged):
+        stated, (scale, unit) = one.statement, _shown(one.statement.quantity)
+        ends = [display.number(end, None, scale) for end in (stated.low, stated.high)]
+        asked = f"{ends[0]} to {ends[1]}{unit}"
+        if math.isinf(stated.low) or math.isinf(stated.high):
+            asked = f"at most {ends[1]}{unit}" if math.isinf(stated.low) else f"at least {ends[0]}{unit}"
+        if one.ours is None:
+            rows.append((stated.says, one.label, asked, "–", "–", one.verdict))
+            reasons.append(f"{stated.says} ({one.label}): {one.why}." if one.label else f"{stated.says}: {one.why}.")
+            continue
+        error = None if math.isnan(one.error) else one.error
+        interval = " to ".join(display.number(end, error, scale) for end in (one.low, one.high))
+        rows.append(
+            (stated.says, one.label, asked, display.with_error(one.ours, one.error, scale), interval, one.verdict)
+        )
+        if one.verdict == "does not hold":
+            marked.add(place)
+    note = (
+        "A statement holds if our interval lies within what it says, does not hold if it lies outside (bold), and is "
+        "undecided otherwise or where nothing was measured. Ratios to the bottom at rest are of means over the seeds "
+        "that both have, with 90 % intervals; so is the frequency of a minimum, from curves drawn from the scatter "
+        "between seeds; other numbers have 95 % intervals. The smallest of several means is a little too small by "
+        "being chosen."
+    )
+    headings = ("statement", "at", "asks for", "ours", "interval", "verdict")
+    return Table(headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *dict.fromkeys(reasons)))
+
+
+def _shown(quantity: str) -> tuple[float, str]:
+    """Factor from SI to the unit that is shown, and that unit after a space; ratios have none."""
+    if quantity.partition(".")[0] == TURNING:
+        return 1.0, " Hz" if quantity.endswith(".minimum") else ""
+    shown = display.quantity(quantity)
+    return shown.scale, f" {shown.unit}" if shown.unit else ""

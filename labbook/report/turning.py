@@ -1,0 +1,195 @@
+"""What the page shows of a bottom that turns: figures in the order of Pongo et al. (2022), and what they lack."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labbook.report import figures
+from labbook.report.analysis import Analysis, PointResult
+from labbook.report.pattern import INTERVAL, FlowPattern, acceleration, flow_patterns, moments
+from labbook.report.rotation import FLOW, Rotation, aspect_ratio, turning_at
+from labbook.report.sections import PATTERNS, Picture, picture
+
+if TYPE_CHECKING:
+    from labbook.fields import Fields
+
+_MEANS = ("orifice_v_z", "orifice_packing_fraction")
+_FEW = 3
+
+
+def turning_section(analysis: Analysis, folder: Path) -> dict | None:
+    """Sentences, pictures and what is lacking, as the template takes them; None if the rotation was not swept."""
+    curves = analysis.turning
+    if not curves:
+        return None
+    pictures, lacking = [_flow(curves, folder)], []
+    if len({aspect_ratio(one.points[0]) for one in curves if one.lowest() is not None}) > 1:
+        pictures.append(picture(figures.drop_and_rise(curves), folder / "rotation-shapes", _SHAPES_ALT, _SHAPES))
+    else:
+        lacking.append(
+            "The drop against the aspect ratio needs three frequencies of grains of several L/d: sweep them."
+        )
+    against = scaling(analysis, folder)
+    if against is None:
+        lacking.append("Q against D needs several outlets, and `fit: [power, exponential]`: sweep container.orifice.")
+    else:
+        pictures.append(against)
+    try:
+        shown, without = _maps(curves, folder)
+    except ImportError as missing:
+        shown, without = [], [f"Maps are not shown: {missing}."]
+    pictures, lacking = pictures + shown, lacking + without
+    if any(one.has(name) for one in curves for name in _MEANS):
+        figure = figures.above_orifice([one for one in curves if any(map(one.has, _MEANS))])
+        pictures.append(picture(figure, folder / "rotation-orifice", "means above the orifice against f", _ORIFICE))
+    else:
+        lacking.append("Means above the orifice need `orifice` among the measures.")
+    fallen = _falls(curves)
+    if fallen:
+        figure = figures.acceleration_against_rotation(fallen, curves[0].points[0].point.scene.gravity)
+        pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", _FALL))
+    else:
+        lacking.append("Accelerations need `orifice` among the measures.")
+    return {
+        "sentences": [text[:1].upper() + text[1:] for one in curves if (text := sentence(one))],
+        "pictures": pictures,
+        "lacking": lacking,
+    }
+
+
+def scaling(analysis: Analysis, folder: Path) -> Picture | None:
+    """Q(D) of holes on logarithmic axes, where the laws of that name are fitted."""
+    fitted = [one for one in analysis.series if {"power", "exponential"} & set(one.fits)]
+    if not fitted:
+        return None
+    return picture(figures.flow_scaling(fitted), folder / "scaling", "flow rate against orifice, logarithmic", _SCALING)
+
+
+def sentence(curve: Rotation) -> str:
+    """What turning does to the flow of one shape and outlet, in plain words; empty without ratios."""
+    who = ", ".join(filter(None, (curve.shape, curve.label)))
+    lowest = curve.lowest()
+    if lowest is None:
+        ratio = curve.ratio(FLOW, len(curve.points) - 1)
+        return (
+            "" if ratio is None else f"{who}: Q at {curve.frequencies[-1]:g} Hz is {_percent(ratio)} of that at rest."
+        )
+    if lowest == 0:
+        changes = [ratio for k in range(1, len(curve.points)) if (ratio := curve.ratio(FLOW, k)) is not None]
+        if not changes:
+            return ""
+        largest = max(changes, key=lambda ratio: abs(ratio.value - 1))
+        return f"{who}: Q is smallest at rest and reaches {_percent(largest)} of that when the bottom turns."
+    drop, rise = curve.ratio(FLOW, lowest), curve.ratio(FLOW, len(curve.points) - 1, lowest)
+    if drop is None:
+        return ""
+    found = curve.minimum()
+    between = f" (90 % interval {found.low:g} to {found.high:g} Hz)" if found is not None else ""
+    at = f"{curve.frequencies[lowest]:g} Hz{between}"
+    text = f"{who}: Q falls to {_percent(drop)} of that at rest, its smallest, at {at}"
+    last = len(curve.points) - 1
+    if rise is None or lowest == last:
+        return f"{text}."
+    return f"{text}, and at {curve.frequencies[last]:g} Hz is {_percent(rise)} of the smallest."
+
+
+def _percent(ratio) -> str:
+    if not math.isfinite(ratio.error):
+        return f"{100 * ratio.value:.0f} %"
+    digits = 0 if 100 * ratio.error >= 1 else 1
+    return f"{100 * ratio.value:.{digits}f} ± {100 * ratio.error:.{digits}f} %"
+
+
+def _flow(curves: Sequence[Rotation], folder: Path) -> Picture:
+    return picture(figures.flow_against_rotation(curves), folder / "rotation-flow", "flow rate against f", _FLOW)
+
+
+def _maps(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list[str]]:
+    pictures: list[Picture] = []
+    for number, curve in enumerate(curves, start=1):
+        chosen = [curve.points[k] for k in _chosen(curve, [k for k, one in enumerate(curve.points) if _filmed(one)])]
+        suffix = f"-{number}" if len(curves) > 1 else ""
+        where = ", ".join(filter(None, (curve.shape, curve.label)))
+
+        def add(figure, name: str, alt: str, caption: str, where=where, suffix=suffix) -> None:
+            whole = f"{where[:1].upper()}{where[1:]}. {caption}"
+            pictures.append(picture(figure, folder / f"rotation-{name}{suffix}", f"{alt}, {where}", whole))
+
+        if rows := [found for result in chosen if (found := moments(result))]:
+            add(figures.packing_maps(rows), "packing", "packing fraction", _PACKING)
+            add(figures.speed_maps(rows), "speed", "speed", _SPEED)
+        if patterns := [found[0] for result in chosen if (found := flow_patterns(result))]:
+            add(
+                figures.flow_patterns(patterns, [turning_at(one.result) for one in patterns]),
+                "patterns",
+                "how the beds flow",
+                PATTERNS,
+            )
+            if pressed := [(one, stress) for one in patterns if (stress := _stress(one)) is not None]:
+                add(figures.pressure_maps(pressed), "pressure", "contact pressure", _PRESSURE)
+    return pictures, [] if pictures else ["Maps need recorded runs: add `record: {every: 100 ms, replicates: 1}`."]
+
+
+def _filmed(result: PointResult) -> bool:
+    return any(run.frames() is not None for run in result.runs)
+
+
+def _chosen(curve: Rotation, known: Sequence[int]) -> list[int]:
+    """Of known points the one at rest, the one of the smallest flow and the fastest; all, if they are no more."""
+    if len(known) <= _FEW:
+        return list(known)
+    return sorted({known[0], next((k for k in known[1:] if k == curve.lowest()), known[1]), known[-1]})
+
+
+def _stress(pattern: FlowPattern) -> "Fields | None":
+    """Fields with the contact stress of the first run of a point that has them."""
+    found = next((one for run in pattern.result.runs if (one := run.stress()) is not None), None)
+    return None if found is None else found[0]
+
+
+def _falls(curves: Sequence[Rotation]):
+    """Accelerations of each curve: at rest, where the flow is smallest, and with the fastest rotation."""
+    fallen = []
+    for curve in curves:
+        wanted = _chosen(curve, range(len(curve.points)))
+        profiles = [(float(curve.frequencies[k]), acceleration(curve.points[k])) for k in wanted]
+        known = [(f, profile) for f, profile in profiles if profile is not None]
+        if known:
+            fallen.append((curve, known))
+    return fallen
+
+
+_FLOW = (
+    "Q and Q(f)/Q(0) (Pongó et al. 2022, Fig. 2). Above: means with one standard error, dots: seeds. Below: ratios of "
+    "the means over the seeds that both have, with 90 % intervals from their pairs."
+)
+_SHAPES_ALT = "drop and rise of the flow rate against the aspect ratio"
+_SHAPES = (
+    "The smallest flow over that at rest, and that with the fastest rotation over the smallest (Pongó et al. 2022, "
+    "Fig. 3), with 90 % intervals from pairs of seeds. Dashed: the same D; full: the same D/d*."
+)
+_SCALING = (
+    "Q against D (Pongó et al. 2022, Figs 4 and 5); bars: one standard error. Above: both axes logarithmic, with "
+    "fitted powers and, grey, the slope 5/2; below: only Q, with fitted exponentials."
+)
+_PACKING = (
+    "Packing fraction in a plane through the axis, mean over the azimuth and 1 s (or a third of the window of the flow "
+    "rate, if that is shorter) about three instants, of the first recorded run (Pongó et al. 2022, Fig. 6)."
+)
+_SPEED = (
+    "Speed in that plane at the same instants, with streamlines (Pongó et al. 2022, Fig. 7); hatched: stagnant, as in "
+    "the next figure."
+)
+_PRESSURE = "Contact pressure, a third of the trace of the contact stress, mean over the azimuth and the window."
+_ORIFICE = (
+    "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window (Pongó et al. "
+    "2022, Figs 8 and 9); p_k is the trace of the kinetic stress of the fluctuations about the mean over azimuth and "
+    "window, the free-fall height the area under a_eff/g up to two widths of the outlet. Bars: one standard error over "
+    "seeds."
+)
+_FALL = (
+    f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms of grains that start at this height within D/4 "
+    "of the axis (Pongó et al. 2022, Fig. 10); 1 is free fall. Grains that leave meanwhile are continued by free fall. "
+    "Bars: one standard error over seeds, of one run over its grains."
+)

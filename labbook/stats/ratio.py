@@ -1,0 +1,31 @@
+"""Ratio of the means of two quantities that were measured of the same replicates."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from labbook.stats.pooling import Pooled, student
+
+
+def paired_ratio(
+    above: Sequence[float] | np.ndarray, below: Sequence[float] | np.ndarray, confidence: float = 0.95
+) -> Pooled:
+    """R = mean(above) / mean(below); above[i] and below[i] share a seed.
+
+    The error is that of the mean of above[i] - R below[i], over mean(below), with Student's t on n - 1 degrees of
+    freedom (Cochran, Sampling Techniques, 3rd ed., section 6.3): what a seed does to both divides out. The mean of the
+    single ratios would be biased where `below` scatters. Raises ValueError for samples of unequal length or without any
+    value, or a denominator of zero.
+    """
+    x, y = np.asarray(above, float), np.asarray(below, float)
+    if len(x) != len(y) or not len(x):
+        raise ValueError(f"a ratio of pairs needs as many values above as below, not {len(x)} and {len(y)}")
+    middle = float(y.mean())
+    if middle == 0:
+        raise ValueError("a ratio needs a denominator that is not zero")
+    ratio, n = float(x.mean()) / middle, len(x)
+    if n == 1:
+        return Pooled(ratio, math.nan, math.inf, 1, confidence)
+    error = float(np.std(x - ratio * y, ddof=1)) / math.sqrt(n) / abs(middle)
+    return Pooled(ratio, error, student(confidence, n - 1) * error, n, confidence)

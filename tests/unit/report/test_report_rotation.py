@@ -1,0 +1,316 @@
+"""Flow against the rotation of the bottom, and statements of a paper, from made-up runs with known answers."""
+
+import math
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from labbook.export.numbers import frames
+from labbook.measure import RunData
+from labbook.numerics import Numerics
+from labbook.protocol.packing import Packing
+from labbook.report import figures, page
+from labbook.report.analysis import analyse
+from labbook.report.pattern import moments
+from labbook.report.plain import plain
+from labbook.report.statements import Judged, statement_table, summed_up
+from labbook.report.turning import sentence
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
+from labbook.study.schema import Fill, Reference, Statement
+from labbook.study.study import Point
+
+F = (0.0, 0.16, 0.32, 1.28)
+RODS = dict(zip(F, (600.0, 330.0, 300.0, 390.0), strict=True))  # a drop by half at 0.32 Hz, then up by 30 %
+SPHERES = dict(zip(F, (800.0, 808.0, 812.0, 824.0), strict=True))  # within 3 %
+SINKING = 0.03  # m/s
+COMMON, OWN = 0.10, 0.01
+"""Scatter of a seed at all frequencies, and of each of its runs."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run of 2000 grains that leave at a steady rate."""
+
+    point: Point
+    seed: int
+    outcome: str = "finished"
+    filmed: bool = False
+
+    @property
+    def run_key(self):
+        return f"{self.point.index:04x}{self.seed:04x}" * 4
+
+    @property
+    def provenance(self):
+        return {"engine": "double"}
+
+    def recording(self):
+        """A column of grains that sinks at 30 mm/s, frames 40 ms apart."""
+        if not self.filmed:
+            return None
+        side = np.arange(-0.085, 0.09, 0.01)
+        x = np.array([(a, b, c) for a in side for b in side for c in np.arange(0.005, 0.3, 0.01)])
+        x = x[np.hypot(x[:, 0], x[:, 1]) < 0.085]
+        times, n, zero = np.arange(0, 6, 0.04), len(x), np.zeros(len(x))
+        once = {"id": np.arange(n), "x": x[:, 0], "y": x[:, 1], "vx": zero, "vy": zero, "vz": zero - SINKING}
+        table = {name: np.tile(column, len(times)) for name, column in once.items()}
+        z = np.concatenate([x[:, 2] - SINKING * t for t in times])
+        table |= {"z": z, "time": np.repeat(times, n), "step": np.repeat(np.arange(len(times)), n)}
+        return {name: column[z > 0] for name, column in table.items()}
+
+    def data(self):
+        grains, f = self.point.scene.grains, float(self.point.at["container.rotation"])
+        rate = (SPHERES if grains.length == grains.diameter else RODS)[f]  # pyright: ignore[reportAttributeAccessIssue]
+        rate *= (self.point.scene.container.orifice / 0.06) ** 3  # pyright: ignore[reportAttributeAccessIssue]
+        rate *= 1 + COMMON * np.random.default_rng(self.seed).standard_normal()
+        rate *= 1 + OWN * np.random.default_rng([self.seed, self.point.index]).standard_normal()
+        waits = np.random.default_rng([self.point.index, self.seed, 1]).gamma(25, 1 / 25, 1300) / rate
+        times = np.cumsum(waits)
+        zero = np.zeros((grains.count, 3))
+        left = {"time": times, "id": np.arange(len(times)), "step": np.arange(len(times))}
+        start = Packing(x=zero, v=zero, omega=zero)
+        return RunData(
+            self.point.scene, Numerics(dt=1e-6), self.seed, start, self.outcome, times[-1], {"crossing": left}
+        )
+
+
+def point(index: int, f: float, size: tuple[float, float] = (6e-3, 20e-3), D: float = 0.06) -> Point:
+    grains = Spherocylinders(diameter=size[0], length=size[1], density=620, count=2000)
+    law = LinearSpringDashpot(normal_stiffness=1e5, friction=0.5, restitution=0.9)
+    silo = CylinderSilo(diameter=0.19, height=0.5, orifice=D, rotation=f)
+    at: dict[str, float | str] = {"grains.diameter": size[0], "grains.length": size[1], "container.rotation": f}
+    at["container.orifice"] = D
+    scene = Scene(grains=grains, contact=law, container=silo, gravity=9.8)
+    return Point(index, scene, Fill(), Numerics(dt=1e-6), at, f"rotation {f:g} Hz")
+
+
+ROD, SPHERE = (6e-3, 20e-3), (9.9e-3, 9.9e-3)
+LENGTH, ROUND = {"grains.length": 20e-3}, {"grains.length": 9.9e-3}
+
+
+def state(quantity, low=-math.inf, high=math.inf, says="so it is", **at):
+    return Statement(quantity, at, low, high, says)
+
+
+STATED = (
+    replace(state("rotation.grain_rate.drop", 0, 0.7), at=LENGTH),
+    replace(state("rotation.grain_rate.minimum", 0.16, 0.32), at=LENGTH),
+    replace(state("rotation.grain_rate.rise", 1), at=LENGTH),
+    replace(state("rotation.grain_rate", 0.95, 1.05), at=ROUND),
+    replace(state("rotation.grain_rate.drop", 0.6, 0.7), at=LENGTH),
+    replace(state("rotation.orifice_O_zz", high=1), at=LENGTH),
+)
+
+
+@pytest.fixture(scope="module")
+def analysis(synthetic):
+    places = product((ROD, SPHERE), (0.05, 0.06), F)
+    points = [point(k, f, size, D) for k, (size, D, f) in enumerate(places)]
+    study = synthetic.study_of(
+        points, fit=("power", "exponential"), reference=Reference("Pongó et al. 2022", (), STATED), name="turning"
+    )
+    return analyse(study, [Run(p, seed) for p in points for seed in range(1, 9)])
+
+
+def curve(analysis, shape, D):
+    return next(one for one in analysis.turning if one.shape.startswith(shape) and one.orifice == D)
+
+
+def test_points_are_grouped_by_shape_and_outlet_spheres_first(analysis):
+    found = [(one.shape, one.label, tuple(one.frequencies)) for one in analysis.turning]
+    assert found == [
+        (shape, label, F) for shape in ("spheres", "rods, L/d = 3.33") for label in ("D = 50 mm", "D = 60 mm")
+    ]
+
+
+def test_ratios_are_those_of_equal_seeds_and_far_better_known_than_means(analysis):
+    rods = curve(analysis, "rods", 0.06)
+    for k, f in enumerate(F):
+        ratio = rods.ratio("grain_rate", k)
+        assert abs(ratio.value - RODS[f] / 600) < 4 * max(ratio.error, 1e-12)
+    means = rods.points[2].pooled["grain_rate"]
+    ratio = rods.ratio("grain_rate", 2)
+    assert (ratio.n, ratio.confidence) == (8, 0.9)
+    assert ratio.error / ratio.value < 0.3 * means.error / means.value
+    spheres = curve(analysis, "spheres", 0.06).ratio("grain_rate", 3)
+    assert abs(spheres.value - 1.03) < 4 * spheres.error
+
+
+def test_the_minimum_is_found_and_its_interval_is_as_wide_as_the_doubt(analysis):
+    rods = curve(analysis, "rods", 0.06)
+    assert rods.lowest() == 2
+    found = rods.minimum()
+    assert (found.frequency, found.low, found.high) == (0.32, 0.32, 0.32)
+    # two frequencies of the same rate cannot be told apart
+    level = replace(rods, points=(rods.points[0], rods.points[2], replace_rate(rods.points[2], 0.64)))
+    assert (level.minimum().low, level.minimum().high) == (0.32, 0.64)
+
+
+def replace_rate(result, f):
+    """The point with the flow rates of its seeds in another order, as if measured at f."""
+    order = [run.seed for run in result.runs]
+    runs = tuple(replace(run, seed=seed) for run, seed in zip(result.runs, order[1:] + order[:1], strict=True))
+    return replace(result, at={**result.at, "container.rotation": f}, runs=runs)
+
+
+def test_clogged_and_diverged_runs_take_no_part(synthetic):
+    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
+    how = {(1, 2): "clogged", (1, 3): "diverged"}
+    runs = [Run(p, seed, how.get((p.index, seed), "finished")) for p in points for seed in (1, 2, 3, 4, 5)]
+    (found,) = analyse(synthetic.study_of(points, fit=(), reference=None), runs).turning
+    ratio = found.ratio("grain_rate", 1)
+    assert ratio is not None
+    assert ratio.n == 3
+    assert found.lowest() is None
+    assert "of that at rest" in sentence(found)
+
+
+def test_statements_hold_fail_or_stay_open(analysis):
+    found = {(one.statement.quantity, one.statement.low, one.label): one for one in analysis.judged}
+    where = "rods, L/d = 3.33, D = 60 mm"
+    assert found["rotation.grain_rate.drop", 0, where].verdict == "holds"
+    assert found["rotation.grain_rate.drop", 0, where].ours == pytest.approx(0.5, abs=0.02)
+    assert found["rotation.grain_rate.minimum", 0.16, where].verdict == "holds"
+    assert found["rotation.grain_rate.rise", 1, where].verdict == "holds"
+    assert found["rotation.grain_rate.rise", 1, where].ours == pytest.approx(1.3, abs=0.05)
+    assert found["rotation.grain_rate.drop", 0.6, where].verdict == "does not hold"
+    for f in F[1:]:
+        assert found["rotation.grain_rate", 0.95, f"spheres, D = 60 mm, f = {f:g} Hz"].verdict == "holds"
+    missing = found["rotation.orifice_O_zz", -math.inf, where]
+    assert (missing.verdict, missing.ours) == ("undecided", None)
+    assert "not measured" in missing.why
+    table = statement_table(analysis.judged)
+    assert len(table.rows) == len(analysis.judged) == 2 * 5 + 6
+    assert table.rows[2][2] == "0.16 to 0.32 Hz"
+    assert [table.rows[k][-1] for k in table.marked] == ["does not hold"] * 2
+    assert summed_up(analysis.judged, "Them").startswith("Of 16 statements of Them, 12 hold, 2 do not, and 2 are")
+
+
+def test_a_flow_that_only_grows_neither_drops_nor_has_its_minimum_where_stated(synthetic):
+    """Spheres, held against what is said of rods."""
+    stated = [replace(one, at=ROUND) for one in STATED[:3]]
+    points = [point(k, f, SPHERE) for k, f in enumerate(F)]
+    reference = Reference("Them", (), tuple(stated))
+    analysis = analyse(
+        synthetic.study_of(points, fit=(), reference=reference), [Run(p, seed) for p in points for seed in range(1, 9)]
+    )
+    drop, minimum, rise = analysis.judged
+    assert drop.ours is not None
+    assert drop.ours < 0
+    assert drop.verdict != "holds"
+    assert minimum.ours == 0
+    assert minimum.verdict != "holds"
+    assert rise.ours == pytest.approx(1.03 / 1.01, abs=0.02)
+
+
+def test_a_verdict_needs_the_whole_interval_on_one_side():
+    stated = state("rotation.grain_rate", 0.95, 1.05)
+    for low, high, verdict in ((0.96, 1.04, "holds"), (0.9, 1.0, "undecided"), (1.06, 1.2, "does not hold")):
+        assert Judged(stated, "", (low + high) / 2, 0.01, low, high).verdict == verdict
+    assert Judged(stated, "", 1.0).verdict == "undecided"
+
+
+def test_rods_that_turn_upright_to_radial_exchange_one_for_the_other(synthetic):
+    points = [point(k, f) for k, f in enumerate((0.0, 0.16))]
+    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), [Run(p, s) for p in points for s in (1, 2)])
+    (found,) = analysis.turning
+
+    def oriented(result, zz, rr):
+        runs = []
+        for run in result.runs:
+            shift = 0.01 * run.seed
+            like = run.measured["grain_rate"]
+            more = {
+                "orifice_O_zz": replace(like, value=zz + shift),
+                "orifice_O_rr": replace(like, value=rr - shift / 2),
+            }
+            runs.append(replace(run, measured={**run.measured, **more}))
+        pooled = {name: result.pooled["grain_rate"] for name in ("orifice_O_zz", "orifice_O_rr", "grain_rate")}
+        return replace(result, runs=tuple(runs), pooled=pooled)
+
+    turned = replace(found, points=(oriented(found.points[0], 0.5, 0.3), oriented(found.points[1], 0.4, 0.38)))
+    from labbook.report.statements import judge
+
+    stated = state("rotation.orifice_O_rr.for_O_zz", 0.5, 2)
+    (one,) = judge(Reference("", (), (stated,)), turned.points, (), (turned,))
+    assert one.ours == pytest.approx(0.8)
+    assert one.verdict == "holds"
+
+
+def test_figures_show_every_curve(analysis):
+    flow = figures.flow_against_rotation(analysis.turning)
+    assert [ax.get_title(loc="left") for ax in flow.axes[:2]] == ["spheres", "rods, L/d = 3.33"]
+    ratios = flow.axes[3].containers[1][0]
+    np.testing.assert_allclose(np.asarray(ratios.get_xdata(), float), F)
+    np.testing.assert_allclose(np.asarray(ratios.get_ydata(), float), [RODS[f] / 600 for f in F], atol=0.02)
+    shapes = figures.drop_and_rise(analysis.turning)
+    assert [text.get_text() for text in shapes.legends[0].get_texts()] == ["D = 50 mm", "D = 60 mm"]
+    first = shapes.axes[0].containers[1][0]
+    np.testing.assert_allclose(np.asarray(first.get_xdata(), float), [1, 20 / 6])
+    np.testing.assert_allclose(np.asarray(first.get_ydata(), float), [1, 0.5], atol=0.03)
+    scaling = figures.flow_scaling([one for one in analysis.series if one.used])
+    assert [ax.get_title(loc="left") for ax in scaling.axes[:4]] == [f"f = {f:g} Hz" for f in F]
+    assert [text.get_text() for text in scaling.legends[0].get_texts()] == ["rods, L/d = 3.33", "spheres", "slope 5/2"]
+
+
+def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
+    text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
+    assert "Against the rotation of the bottom" in text
+    assert "What Pongó et al. 2022 state" in text
+    assert "does not hold" in text
+    for lacking in ("add `record:", "need `orifice` among the measures", "Q against D needs several outlets"):
+        assert lacking in text
+    assert (tmp_path / "rotation-flow.pdf").exists()
+    assert (tmp_path / "rotation-shapes.svg").exists()
+    stated = plain(analysis)["statements"]
+    assert stated[0]["verdict"] == "holds"
+    assert (stated[2]["to"], stated[0]["to"]) == (0.32, 0.7)
+
+
+def test_exports_hold_ratios_and_statements(analysis):
+    tables = frames(analysis)
+    rows = tables["rotation"]
+    rows = rows[(rows["quantity"] == "grain_rate") & (rows["container.orifice"] == 0.06) & (rows["shape"] != "spheres")]
+    np.testing.assert_allclose(rows["ratio"], [RODS[f] / 600 for f in F[1:]], atol=0.02)
+    assert set(rows["pairs"]) == {8}
+    assert list(tables["statements"]["verdict"]).count("does not hold") == 2
+    assert "accelerations" not in tables
+
+
+def test_maps_are_of_three_instants_of_the_window(synthetic, tmp_path):
+    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
+    runs = [Run(p, seed, filmed=seed == 1) for p in points for seed in (1, 2)]
+    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), runs)
+    result = analysis.points[1]
+    trace = result.runs[0].trace
+    assert trace is not None
+    assert trace.window is not None
+    begin, end = trace.window
+    found = moments(result)
+    middles = [sum(one.window) / 2 for one in found]
+    assert middles == pytest.approx([begin + (end - begin) * part for part in (1 / 6, 1 / 2, 5 / 6)])
+    assert all(one.window[1] - one.window[0] <= 1 for one in found)
+    for one, t in zip(found, middles, strict=True):
+        r, z = one.fields.grid.points
+        inside = np.ix_(r < 0.05, (z > 0.03) & (z < 0.1))
+        assert one.fields.velocity[2][inside] == pytest.approx(-SINKING)
+        assert np.nanmax(z[one.pattern.bed.any(axis=0)]) == pytest.approx(0.3 - SINKING * t, abs=0.015)
+        assert one.pattern.kind == "mass flow"
+    speed = figures.speed_maps([moments(one) for one in analysis.points])
+    titles = [ax.get_title(loc="left") for ax in speed.axes[:6]]
+    assert [title.split(",")[0] for title in titles] == ["f = 0 Hz"] * 3 + ["f = 0.32 Hz"] * 3
+    text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
+    assert "(Pongó et al. 2022, Fig. 6)" in text
+    assert "add `record:" not in text
+    assert {"rotation-packing.svg", "rotation-speed.svg", "rotation-patterns.svg"} <= {
+        p.name for p in tmp_path.iterdir()
+    }
+
+
+def test_sentences_say_what_turning_does(analysis):
+    text = sentence(curve(analysis, "rods", 0.06))
+    assert text.startswith("rods, L/d = 3.33, D = 60 mm: Q falls to ")
+    assert "at 0.32 Hz (90 % interval 0.32 to 0.32 Hz)" in text
+    assert "Q is smallest at rest and reaches" in sentence(curve(analysis, "spheres", 0.06))
