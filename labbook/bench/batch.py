@@ -19,7 +19,7 @@ from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place
 from labbook.scene import Scene
 
-SETTLED = 1e-5  # kinetic energy per grain [m g d] of the beds that are opened
+SETTLED = 1e-4  # kinetic energy per grain [m g d] of the beds that are opened
 OUTFLOW = 0.1  # s of discharge before it is timed
 SILO_STEP = Numerics(dt=2e-6, skin=0.1)
 CYLINDER_STEP = Numerics(dt=1e-6)
