@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 from labbook.fit import Context, FitError
-from labbook.fit.outlet import Outlet, dome, fit_approach, fit_profiles, fit_saturation
+from labbook.fit.outlet import Outlet, dome, fit_approach, fit_profiles, fit_saturation, joint
 from labbook.fit.outlet.flow import centred_flow, eccentric_flow
 
 FAN = Context(d=3e-3, rho_p=2500, rho_b=None, Z=3.03e-3, g=9.81)
@@ -145,8 +145,12 @@ def test_one_replicate_has_no_interval_and_few_outlets_no_saturation():
 
 
 @pytest.mark.slow
-def test_intervals_over_seeds_cover():
-    """Three seeds at four outlets: 95 % intervals of 250 sets cover, within the scatter of such a count."""
+def test_intervals_over_seeds_cover(monkeypatch):
+    """Three seeds at four outlets: 95 % intervals of 250 sets cover, within the scatter of such a count.
+
+    Errors are standard deviations over draws: of 100 draws known to 7 %, which changes the coverage by 0.2 %.
+    """
+    monkeypatch.setattr(joint, "_DRAWS", 100)
     rng = np.random.default_rng(1)
     exact = [made(D / 2, (-0.05, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in WIDTHS]
     truth = {name: p.value for name, p in fit_profiles([[one] for one in exact], FAN).parameters.items()}
