@@ -4,7 +4,7 @@
 VENV ?= .venv
 STUDY ?= studies/quickstart.yaml
 LAB ?= lab
-PYTEST_ARGS ?= -n auto --dist loadgroup
+PYTEST_ARGS ?= -n auto
 
 # The first interpreter that is new enough, unless PYTHON names one.
 PYTHON ?= $(shell for python in python3 python3.14 python3.13 python3.12 python3.11 python; do \

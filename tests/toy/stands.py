@@ -29,10 +29,6 @@ def second(stand: Stand) -> bool:
 
 
 def where(stand: Stand):
-    """The stand as a parameter; skipped where its device is missing.
-
-    Tests of one stand share kernels: in one process none is compiled twice.
-    """
+    """The stand as a parameter; skipped where its device is missing."""
     name, reason = f"{stand.engine.capabilities.name}-{stand.precision}-{stand.device}", stand.missing()
-    marks = [pytest.mark.xdist_group(name), *([pytest.mark.skip(reason=reason)] if reason else [])]
-    return pytest.param(stand, id=name, marks=marks)
+    return pytest.param(stand, id=name, marks=[pytest.mark.skip(reason=reason)] if reason else [])

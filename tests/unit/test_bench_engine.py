@@ -7,8 +7,6 @@ from labbook.bench import engine
 from labbook.bench.savings import STILL
 from labbook.bench.scenes import fan, variants
 
-pytestmark = pytest.mark.xdist_group("kernels of studies")  # compiled once for all of these files
-
 
 @pytest.mark.slow
 def test_rates_are_of_the_settled_and_the_flowing_hopper():

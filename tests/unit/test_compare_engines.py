@@ -9,8 +9,6 @@ from labbook.compare.compare import compare
 from labbook.compare.pair import pair
 from labbook.study import load
 
-pytestmark = pytest.mark.xdist_group("kernels of studies")  # compiled once for all of these files
-
 STUDY = """
 name: tiny
 grains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 150}

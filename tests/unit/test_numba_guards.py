@@ -19,7 +19,6 @@ APART = Scene(
 NUMERICS = Numerics(dt=1e-5, steps_per_beat=50)
 
 
-@pytest.mark.xdist_group("numba-double-cpu")
 def test_a_spin_that_is_no_number_is_caught_although_its_grain_touches_nothing():
     engine = load("numba")
     ensemble = engine.open(engine.specialise(APART, NUMERICS, [Crossing(), Ledger()]), 1)

@@ -15,8 +15,6 @@ from labbook.scene import Scene
 from labbook.verify.stand import identical
 from labbook.verify.symmetry import DT, hopper
 
-pytestmark = pytest.mark.xdist_group("kernels of studies")  # compiled once for all of these files
-
 GRAINS = 400
 BEATS = 16
 PROBES = (Crossing(), Sample(), Contacts(every=4))

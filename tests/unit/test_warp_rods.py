@@ -34,8 +34,6 @@ from labbook.scene import (
 )
 from labbook.verify.stand import identical
 
-pytestmark = pytest.mark.xdist_group("warp-double-cpu")  # kernels are those of the contract, as far as may be
-
 D, DENSITY = 6e-3, 620.0
 PRECISIONS = ["double", "mixed"]
 ROUNDING = {"double": 1e-9, "mixed": 1e-3}
