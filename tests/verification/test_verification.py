@@ -17,16 +17,18 @@ IN_ONE = {
     "unlike-restitution-linear",
     "unlike-impact-hertz-mindlin",
     "unlike-stack-hertz-mindlin",
+    "unlike-momenta-hertz-mindlin",
     "unlike-momenta-linear",
-    # of the walls at others: turntable-round; the hopper and rim-without-slip; rods of the contract; rod-landing
+    # of the walls at others: turntable-round; the hopper and rim-without-slip; rods of the contract
     "turntable",
     "edge-roll-off",
     "edge-without-slip",
     "rolling-round-a-cylinder",
+    "rod-landing",
     "rod-over-rim",
     "rod-on-turntable",
     "rod-without-length",
-    # of mixtures at unlike-impact-linear, unlike-stack-linear and unlike-momenta-hertz-mindlin
+    # of mixtures at unlike-impact-linear and unlike-stack-linear
     "renumbering-mixture",
     # long runs of what renumbering, mirror, scale-invariance, resting-bed and rods of the contract see in both
     "resting-mixture",
