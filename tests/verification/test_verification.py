@@ -59,7 +59,7 @@ def checks():
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
 
-@pytest.mark.parametrize(("case", "stand"), checks())
+@pytest.mark.parametrize(("case", "stand"), list(checks()))
 def test_case(case, stand):
     bad = [
         f"{v.measure}: {v.note or f'{v.error:.3g} > {v.limit:.3g} {v.unit}'}"
