@@ -39,9 +39,9 @@ IN_ONE = {
 }
 """Cases that an engine takes in its first precision only, on a processor: they need kernels that no other case needs,
 or they are long. Each feature is there in the other precision as well, in the cases that are named."""
-ON_A_GPU = {"flow-outlet", "flow-friction"}
-"""Of the GPU engine only where it is quick: on a processor it takes one flow, flow-height, and test_compare_engines has
-it beside the CPU engine, which takes all of them."""
+ON_A_GPU = {"flow-outlet", "flow-friction", "turntable"}
+"""Of the GPU engine only where it is quick. On a processor it takes flow-height, and test_compare_engines has it beside
+the CPU engine, which takes all flows; of the turntables, two million launches for one grain, it takes the round one."""
 
 
 def left_out(case: Case, stand: Stand) -> bool:
