@@ -7,19 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stands import stands, where
 
-from labbook.backend import (
-    BackendMissing,
-    Checkpoint,
-    Crossing,
-    Ensemble,
-    Ledger,
-    Member,
-    Probe,
-    Table,
-    installed,
-    load,
-)
+from labbook.backend import Checkpoint, Crossing, Ensemble, Ledger, Member, Probe, Table
 from labbook.numerics import Numerics
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
@@ -28,27 +18,8 @@ from labbook.scene import Scene
 from labbook.verify.stand import Stand, rows_of
 from labbook.verify.symmetry import DT, hopper
 
-BUNDLED = ("numba", "warp")
 STEPS = 250
 """Steps per beat of these tests."""
-
-
-def stands() -> list[Stand]:
-    found = []
-    for name in sorted(set(installed()).intersection(BUNDLED)):
-        try:
-            engine = load(name)
-        except BackendMissing:
-            continue
-        can = engine.capabilities
-        found += [Stand(engine, precision, device) for precision in sorted(can.precisions) for device in can.devices]
-    return found
-
-
-def where(stand: Stand):
-    """The stand as a parameter; skipped where its device is missing."""
-    name, reason = f"{stand.engine.capabilities.name}-{stand.precision}-{stand.device}", stand.missing()
-    return pytest.param(stand, id=name, marks=[pytest.mark.skip(reason=reason)] if reason else [])
 
 
 @pytest.fixture(scope="session", params=[where(stand) for stand in stands()])

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from stands import second
 
 from labbook.backend import Crossing, Ledger
 from labbook.protocol import Bodies, opened, place
@@ -18,7 +19,9 @@ from labbook.verify.stand import identical, rows_of
 
 @pytest.fixture(scope="module")
 def flowing(stand):
-    """A mixture that is about to flow out, and its ensemble."""
+    """A mixture that is about to flow out, and its ensemble. Who is who does not depend on the precision of forces."""
+    if second(stand):
+        pytest.skip("mixtures are checked in one precision of an engine on a processor")
     scene, numerics = graded_hopper(80), stand.numerics(DT / 2, steps_per_beat=500)
     closed = scene.close()
     spec = stand.engine.specialise(closed, numerics, [Ledger()])

@@ -6,8 +6,10 @@ import sys
 from pathlib import Path
 
 import labbook_toy
+from typer.testing import CliRunner
 
 from labbook.catalogue import Lab
+from labbook.cli import build
 from labbook.runner.runner import Runner, Summary
 from labbook.study import Study, load
 
@@ -45,13 +47,12 @@ def carry_out(asked: Study, lab: Path, **options) -> Summary:
     return Runner(asked, Lab(lab), engine, **options).run()
 
 
-def labbook(*words: object, delay: float = 0.0, check: bool = True, **environment: str) -> subprocess.CompletedProcess:
-    """`labbook WORDS` in a process of its own, to its end."""
-    process = start(*words, delay=delay, **environment)
-    out, err = process.communicate(timeout=120)
-    if check and process.returncode:
-        raise AssertionError(f"labbook {' '.join(map(str, words))} ended with {process.returncode}:\n{out}\n{err}")
-    return subprocess.CompletedProcess(list(map(str, words)), process.returncode, out, err)
+def labbook(*words: object, check: bool = True, **environment: str):
+    """`labbook WORDS` in this process, to its end; what it does not expect is raised."""
+    ended = CliRunner().invoke(build(), list(map(str, words)), env=environment, catch_exceptions=False)
+    if check and ended.exit_code:
+        raise AssertionError(f"labbook {' '.join(map(str, words))} ended with {ended.exit_code}:\n{ended.output}")
+    return ended
 
 
 def start(*words: object, delay: float = 0.0, **environment: str) -> subprocess.Popen:

@@ -65,9 +65,9 @@ def test_beverloo_agrees_with_a_weighted_straight_line():
         ("beverloo", 2000),
         ("power", 2000),
         ("exponential", 2000),
-        pytest.param("janda", 2000, marks=pytest.mark.slow),
+        pytest.param("janda", 600, marks=pytest.mark.slow),
         pytest.param("beverloo_3d", 2000, marks=pytest.mark.slow),
-        pytest.param("janda_3d", 2000, marks=pytest.mark.slow),
+        pytest.param("janda_3d", 600, marks=pytest.mark.slow),
     ],
 )
 def test_intervals_cover(name, draws):

@@ -68,6 +68,7 @@ def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
     first = collide(sources, cache)
     assert first["misses"] > 0
     assert Path(first["file"]).is_relative_to(cache)
+    assert first["v"] == pytest.approx(0.5 * 0.1, rel=0.02), "a seventieth of a collision is a long step"
 
     second = collide(sources, cache)
     assert second["hits"] > 0

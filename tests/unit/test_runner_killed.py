@@ -58,13 +58,16 @@ def saved(lab: Path) -> dict[str, int]:
 
 
 @pytest.mark.parametrize(
-    ("engine", "count", "delay"),
-    [("toy", 300, 0.004), pytest.param("numba", 200, 0.0, marks=pytest.mark.slow)],
+    ("engine", "count", "replicates", "delay"),
+    [
+        ("toy", 300, 2, 0.004),
+        pytest.param("numba", 200, 1, 0.0, marks=pytest.mark.slow),
+    ],
 )
-def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path, engine, count, delay):
-    more = ("record: {every: 4 ms, replicates: 1}",)
-    path, lab, whole = study_file(tmp_path, *more, count=count), tmp_path / "lab", tmp_path / "whole"
-    carry_out(study(tmp_path, *more, count=count), whole, engine=load(engine))
+def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path, engine, count, replicates, delay):
+    more, sizes = ("record: {every: 4 ms, replicates: 1}",), {"count": count, "replicates": replicates}
+    path, lab, whole = study_file(tmp_path, *more, **sizes), tmp_path / "lab", tmp_path / "whole"
+    carry_out(study(tmp_path, *more, **sizes), whole, engine=load(engine))
     words = ("run", path, "--lab", lab, "--backend", engine, "--checkpoint-every", 0.05)
     chance = random.Random(7)
     kills, cut = 0, set()
@@ -90,7 +93,7 @@ def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path, eng
         assert len(record.sessions) > 1
         for earlier, later in zip(record.sessions, record.sessions[1:], strict=False):
             assert later.from_step == earlier.to_step > 0, "it went on from its checkpoint"
-    assert len(Catalogue(lab).runs()) == 4
+    assert len(Catalogue(lab).runs()) == 2 * replicates
     assert not list((lab / "work").iterdir()), "nothing unfinished is left"
 
 

@@ -1,34 +1,7 @@
 """Studies that are wrong: line, key, message and remedy of each problem."""
 
-from pathlib import Path
-
 import pytest
-
-from labbook.study import Problem, StudyError, load
-
-BASE = """name: base
-grains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 3000}
-contact: {law: hertz-mindlin, shear_modulus: 100 MPa, poisson_ratio: 0.25, friction: 0.5, restitution: 0.2}
-container:
-  kind: wedge-hopper
-  width: 100 mm
-  height: 400 mm
-  thickness: 1.01 d
-  angle: 90 deg
-  orifice: 30 mm
-"""
-
-
-def problems(tmp_path: Path, text: str) -> tuple[Problem, ...]:
-    file = tmp_path / "study.yaml"
-    file.write_text(text)
-    with pytest.raises(StudyError) as caught:
-        load(file)
-    for problem in caught.value.problems:
-        assert problem.file == file
-        assert problem.message
-        assert problem.remedy
-    return caught.value.problems
+from wrong_study import BASE, problems
 
 
 @pytest.mark.parametrize(
@@ -172,41 +145,6 @@ def test_each_problem_is_told(tmp_path, old, new, line, key, message, remedy):
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "key", "message", "remedy"),
-    [
-        ("sweep: {container.orifise: [1 mm]}", 11, "sweep.container.orifise", "no such key", "container.orifice?"),
-        ("sweep: {container.orifice: []}", 11, "sweep.container.orifice", "empty", "leave the key out"),
-        ('sweep: {container.orifice: "[] mm"}', 11, "sweep.container.orifice", "empty", "leave the key out"),
-        ("sweep: {}", 11, "sweep", "empty", "leave it out"),
-        ("sweep: [1]", 11, "sweep", "a mapping of keys", "container.orifice"),
-        ("sweep: {container.orifice: 20 mm}", 11, "sweep.container.orifice", "a list of values", "in quotes"),
-        ("sweep: {container: [{}]}", 11, "sweep.container", "no such key", "container."),
-        ("sweep: {replicates: [1, 2]}", 11, "sweep.replicates", "cannot vary", "two studies"),
-        ("sweep: {container.orifice: [1 cm, 1 cm]}", 11, "sweep.container.orifice", "listed twice", "once"),
-        ("sweep:\n  container.orifice:\n  - 20 mm\n  - 2 cm", 14, "container.orifice", "repeats the point", "leave"),
-        ("sweep:\n  container.orifice:\n  - 20 mm\n  - 90", 14, "container.orifice", "unit is missing", "30 mm"),
-        ("sweep:\n  container.orifice:\n  - 20 mm\n  - 1 m", 14, "container.orifice", "(at orifice 1 m)", "smaller"),
-        ("sweep:\n  container.orifice: [[1 mm]]", 12, "sweep.container.orifice[0]", "a single value", "quantity"),
-        ("sweep:\n  zip: {gravity: [1 m/s^2], grains.count: [1, 2]}", 12, "sweep.zip", "differ in length", "same"),
-        ("sweep:\n  gravity: [1 m/s^2]\n  zip: {gravity: [2 m/s^2]}", 12, "sweep.gravity", "swept twice", "one"),
-        ("points: []", 11, "points", "empty", "container.orifice"),
-        ("points: [{}]", 11, "points[0]", "empty", "container.orifice"),
-        ("points: [3]", 11, "points[0]", "a mapping of keys", "container.orifice"),
-        ("points:\n- {gravity: 1 m/s^2}\n- {gravity: 1 m/s^2}", 13, "gravity", "repeats the point", "leave one"),
-        ("points: [{gravity: 1 m/s^2}]\nsweep: {gravity: [2 m/s^2]}", 12, "sweep.gravity", "listed in points", "one"),
-        ("points: [{gravitas: 1}]", 11, "points[0].gravitas", "no such key", "gravity?"),
-        ("reference: 3", 11, "reference", "a mapping of keys", "source"),
-        ("reference: {beverloo.k: {value: 1}}", 11, "reference.source", "missing", "paper"),
-    ],
-)
-def test_problems_of_sweeps(tmp_path, text, line, key, message, remedy):
-    (problem,) = problems(tmp_path, BASE + text + "\n")
-    assert (problem.line, problem.key) == (line, key)
-    assert message in problem.message
-    assert remedy in problem.remedy
-
-
-@pytest.mark.parametrize(
     ("text", "key", "message", "remedy"),
     [
         ("beverlo.k: {value: 1}", "beverlo.k", "no law", "beverloo?"),
@@ -250,62 +188,8 @@ def test_all_problems_are_told_together(tmp_path):
     assert "container.angle" in {problem.key for problem in right_grains}
 
 
-def test_a_problem_of_many_points_is_told_once(tmp_path):
-    (problem,) = problems(tmp_path, BASE.replace("90 deg", "99 deg") + 'sweep: {container.orifice: "[20, 30] mm"}\n')
-    assert "(at orifice 20 mm and 1 other points)" in problem.message
-
-
-def test_a_huge_sweep_is_refused_at_once(tmp_path):
-    values = ", ".join(f"{n} mm" for n in range(10, 60))
-    keys = ("container.orifice", "container.gap", "container.thickness", "grains.diameter")
-    text = "sweep:\n" + "".join(f"  {key}: [{values}]\n" for key in keys)
-    (problem, *_) = [p for p in problems(tmp_path, BASE + text) if p.key == "sweep"]
-    assert "6250000 points are more than 100000" in problem.message
-
-
 def test_outlets_are_needed_for_flow(tmp_path):
     text = BASE.partition("container:")[0] + "container: {kind: box, width: 1 m, depth: 1 m, height: 1 m}\n"
     (problem,) = problems(tmp_path, text)
     assert (problem.line, problem.key) == (4, "container")
     assert "no outlet" in problem.message
-
-
-@pytest.mark.parametrize(
-    ("raw", "message"),
-    [
-        (b"", "empty"),
-        (b"- a\n- b\n", "a mapping of keys"),
-        (b"just words", "a mapping of keys"),
-        (b"name: \xff\xfe", "UTF-8"),
-        (b"name: [", "not valid YAML"),
-        (b"name: 'x", "not valid YAML"),
-        (b"name: *nothing", "not valid YAML"),
-        (b"a: 1\n---\nb: 1\n", "not valid YAML"),
-        (b"name: !!python/object:os.system x", "the tag"),
-        (b"? [a, b]\n: 1\n", "a key is a word"),
-        (b"a: &a [*a]", "nested too deeply"),
-        (b"a: " + b"[" * 1000, "nested too deeply"),
-        (b"a: " + b"[" * 100 + b"]" * 100, "nested too deeply"),
-        (b"x" * 2_000_001, "larger than 2 MB"),
-    ],
-)
-def test_files_that_are_no_studies(tmp_path, raw, message):
-    file = tmp_path / "study.yaml"
-    file.write_bytes(raw)
-    with pytest.raises(StudyError) as caught:
-        load(file)
-    assert message in caught.value.problems[0].message
-    assert caught.value.problems[0].remedy
-
-
-def test_alias_bombs_do_not_explode(tmp_path):
-    bomb = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n"
-    bomb += "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 9))
-    (problem,) = problems(tmp_path, bomb)
-    assert "too many values" in problem.message
-
-
-@pytest.mark.parametrize("name", ["nothing.yaml", ".", "nothing.yaml/below", "null\0"])
-def test_files_that_are_not_there(tmp_path, name):
-    with pytest.raises(StudyError, match="cannot be read"):
-        load(tmp_path / name)

@@ -1,0 +1,40 @@
+"""How tests are shared out among processes: those that need the same compiled kernels go to one of them.
+
+Each kernel is compiled once then; two processes that need it at the same time would both compile it. (Marks for
+pytest-xdist's own `--dist loadgroup` do nothing with pytest 9.2.)
+"""
+
+import re
+
+import pytest
+
+STAND = re.compile(r"(numba|warp)-(double|mixed)-(cpu|cuda:\d+)")
+"""In the name of a test that is repeated for every stand."""
+FILES = {
+    "numba-double-cpu": ("test_numba_guards",),
+    "warp-double-cpu": ("test_warp_rods",),
+    "studies": ("test_bench_engine", "test_compare_engines", "test_numba_plain", "test_numba_threads"),
+}
+"""Further files that share kernels with one another, or with tests of a stand."""
+
+
+def group(test: str) -> str:
+    """Name of the group that a test belongs to; of most, their own name."""
+    if found := STAND.search(test):
+        return found[0]
+    for name, files in FILES.items():
+        if any(f"/{file}.py" in test for file in files):
+            return name
+    return test
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Large groups first, then single tests, each to whoever is free."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByKernels(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return group(nodeid)
+
+    return ByKernels(config, log) if config.getoption("dist") == "load" else None

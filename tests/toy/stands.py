@@ -1,0 +1,34 @@
+"""The stands of the bundled engines, for tests that take every one of them."""
+
+import pytest
+
+from labbook.backend import BackendMissing, installed, load
+from labbook.verify.stand import Stand
+
+BUNDLED = ("numba", "warp")
+FIRST = {"numba": "double", "warp": "mixed"}
+"""The precision in which an engine takes every check; those that say so it takes in no other on a processor."""
+
+
+def stands() -> list[Stand]:
+    """One for each bundled engine that is there, in each of its precisions, on each of its devices."""
+    found = []
+    for name in sorted(set(installed()).intersection(BUNDLED)):
+        try:
+            engine = load(name)
+        except BackendMissing:
+            continue
+        can = engine.capabilities
+        found += [Stand(engine, precision, device) for precision in sorted(can.precisions) for device in can.devices]
+    return found
+
+
+def second(stand: Stand) -> bool:
+    """Whether a stand is the engine in its other precision, on a processor."""
+    return stand.device == "cpu" and stand.precision != FIRST[stand.engine.capabilities.name]
+
+
+def where(stand: Stand):
+    """The stand as a parameter; skipped where its device is missing."""
+    name, reason = f"{stand.engine.capabilities.name}-{stand.precision}-{stand.device}", stand.missing()
+    return pytest.param(stand, id=name, marks=[pytest.mark.skip(reason=reason)] if reason else [])

@@ -1,0 +1,42 @@
+"""Comparing the toy with its twin on a small study."""
+
+from labbook_toy import Backend, Twin
+from toy_lab import study as toy_study
+from toy_lab import study_file as toy_study_file
+
+from labbook.catalogue import Lab, RunRecord
+from labbook.compare.compare import compare
+from labbook.compare.pair import Contestant
+
+GRAINS = 400  # enough for a bulk to measure the packing fraction in
+
+
+def study(folder, *more, **changes):
+    return toy_study(folder, *more, count=GRAINS, **changes)
+
+
+def study_file(folder):
+    return toy_study_file(folder, count=GRAINS)
+
+
+def contestants(first=None, second=None):
+    return Contestant(first or Backend(), "cpu"), Contestant(second or Twin(), "cpu")
+
+
+def compared(asked, lab, second=None, margin=0.03):
+    verdict, failed = compare(asked, Lab(lab), contestants(second=second), margin)
+    assert not failed
+    return verdict
+
+
+def stamps(lab):
+    return {path.name: path.stat().st_mtime_ns for kind in ("runs", "packings") for path in (lab / kind).iterdir()}
+
+
+def records(lab, engine):
+    found = map(RunRecord.read, (lab / "runs").iterdir())
+    return {(one.label, one.seed): one for one in found if one.engine == engine}
+
+
+def stamps_of_packings(lab):
+    return {path.name: path.stat().st_mtime_ns for path in (lab / "packings").iterdir()}

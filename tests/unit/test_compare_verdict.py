@@ -1,0 +1,115 @@
+"""What a comparison finds, what it refuses, and when its verdict is stale."""
+
+import pytest
+from labbook_toy import Backend, Twin
+from toy_pair import compared, study
+
+from labbook.backend import Unsupported
+from labbook.catalogue import Lab
+from labbook.compare.compare import CannotCompare, compare, narrowed
+from labbook.compare.pair import Contestant, WrongPair, pair
+from labbook.compare.stale import stale
+from labbook.compare.verdict import NoVerdict, Verdict, folder_of
+from labbook.measure import MEASURES
+
+BIAS = 0.07
+
+
+# what a comparison finds
+
+
+def test_equal_engines_are_equivalent(tmp_path):
+    verdict = compared(study(tmp_path), tmp_path / "lab")
+    assert verdict.finding == "equivalent"
+    for point in verdict.points:
+        flow, packing = point.contrasts
+        assert (flow.paired, packing.paired) == (True, False)
+        assert flow.first == flow.second
+        assert flow.difference == packing.difference == 0
+
+
+def test_a_bias_is_found_as_large_as_it_is(tmp_path):
+    asked, lab = study(tmp_path, replicates=4), tmp_path / "lab"
+    verdict = compared(asked, lab, Twin(bias=BIAS))
+    assert verdict.finding == "different"
+    for point in verdict.points:
+        flow, packing = point.contrasts
+        assert flow.difference == pytest.approx(BIAS, rel=1e-9)
+        assert flow.finding == "different"
+        assert flow.low is not None
+        assert 0.03 < flow.low < BIAS
+        assert packing.difference == 0, "it does not hang on the outlet"
+    wide = compared(asked, lab, Twin(bias=BIAS), margin=0.1)
+    assert [point.contrasts[0].finding for point in wide.points] == ["equivalent"] * 2
+
+
+def test_too_few_numbers_leave_a_point_untested(tmp_path):
+    """An outlet of less than three diameters clogs: its runs have no flow rate."""
+    verdict = compared(study(tmp_path, "stop: {stall: 0.5 s}", orifices="[8, 24]"), tmp_path / "lab")
+    clogged, flowing = (point.contrasts[0] for point in verdict.points)
+    assert (clogged.finding, flowing.finding) == ("untested", "equivalent")
+    assert "4 without a number" in clogged.note
+    assert "clogged" in clogged.note
+    assert verdict.finding == "undecided"
+
+
+def test_runs_that_a_guard_stopped_have_no_number(tmp_path):
+    asked = study(tmp_path, replicates=3, orifices="[24]")
+    flow, packing = compared(asked, tmp_path / "lab", Twin(fails=24)).points[0].contrasts
+    assert (flow.finding, flow.note) == ("untested", "3 without a number: diverged")
+    assert packing.seeds == (1, 2, 3)
+
+
+# what is refused
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path):
+    asked = study(tmp_path, replicates=1)
+    with pytest.raises(CannotCompare, match="--replicates"):
+        narrowed(asked)
+    with pytest.raises(CannotCompare, match="--point 3"):
+        narrowed(asked, (2,), 2)
+    for backends, devices in (("toy", "cpu,cpu"), ("toy,toy", "cpu,cpu"), ("toy,twin", "cpu")):
+        with pytest.raises(WrongPair):
+            pair(backends, devices)
+
+
+def test_a_device_that_is_not_there_is_said_before_anything_runs(tmp_path):
+    two = (Contestant(Backend(), "cpu"), Contestant(Twin(), "cuda:0"))
+    with pytest.raises(Unsupported, match="cpu only"):
+        compare(study(tmp_path), Lab(tmp_path / "lab"), two, 0.03)
+    assert not (tmp_path / "lab").exists()
+
+
+# the stored verdict
+
+
+def test_a_verdict_is_stale_when_what_it_rests_on_has_changed(tmp_path, monkeypatch):
+    asked, lab = study(tmp_path), tmp_path / "lab"
+    verdict = compared(asked, lab)
+    assert stale(verdict, asked) == []
+    monkeypatch.setenv("LABBOOK_TWIN_VERSION", "2")
+    assert stale(verdict, asked) == ["twin was at version 1 and is at 2"]
+    monkeypatch.delenv("LABBOOK_TWIN_VERSION")
+    other = study(tmp_path, orifices="[18, 27]")
+    assert stale(verdict, other) == ["the study has changed at orifice 24 mm"]
+    flow = MEASURES["flow_rate"]
+    monkeypatch.setattr(type(flow), "version", flow.version + 1)
+    assert any("the measure flow_rate" in reason for reason in stale(verdict, asked))
+    gone = verdict.model_copy(
+        update={"entrants": (verdict.entrants[0], verdict.entrants[1].model_copy(update={"name": "nobody"}))}
+    )
+    assert any("nobody" in reason for reason in stale(gone, asked))
+
+
+def test_a_verdict_is_read_as_it_was_written(tmp_path):
+    asked, lab = study(tmp_path), tmp_path / "lab"
+    verdict = compared(asked, lab)
+    path = folder_of(Lab(lab), asked.name) / "toy-twin.json"
+    assert Verdict.read(path) == verdict
+    path.write_text("{}")
+    with pytest.raises(NoVerdict, match="cannot be read"):
+        Verdict.read(path)
+    again = compared(asked, lab)
+    assert Verdict.read(path) == again
+    assert [point.contrasts for point in again.points] == [point.contrasts for point in verdict.points]

@@ -1,0 +1,108 @@
+"""Lanes share the work of a study, and progress tells how far it is."""
+
+import time
+from dataclasses import replace
+
+from labbook_toy import Backend, Ensemble
+from toy_lab import arrays, carry_out, study, study_file
+from toy_records import outcomes
+
+from labbook.backend import Spec
+from labbook.catalogue import Catalogue, Lab
+from labbook.catalogue.index import Index
+from labbook.catalogue.record import Observe
+from labbook.plan.plan import Planner
+from labbook.runner.board import Board
+from labbook.runner.filling import FillJob
+from labbook.runner.job import Bench
+from labbook.runner.progress import counts
+from labbook.runner.watch import View
+from labbook.study import load
+
+
+def test_lanes_do_not_change_a_bit(tmp_path):
+    asked = study(tmp_path, "record: {every: 4 ms, replicates: 1}")
+    for lanes in (1, 3):
+        carry_out(asked, tmp_path / str(lanes), lanes=lanes, checkpoint_every=0.03 if lanes == 1 else 1e9)
+    for folder in ("runs", "packings"):
+        keys = sorted(path.name for path in (tmp_path / "1" / folder).iterdir())
+        assert keys == sorted(path.name for path in (tmp_path / "3" / folder).iterdir())
+        for key in keys:
+            assert arrays(tmp_path / "1" / folder / key) == arrays(tmp_path / "3" / folder / key)
+
+
+def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, monkeypatch):
+    begun = []
+    begin = FillJob.begin
+    monkeypatch.setattr(FillJob, "begin", lambda job: begun.append(job.key) or begin(job))
+    asked, engine, lab = study(tmp_path), Backend(), Lab(tmp_path / "lab")
+    catalogue, index = Catalogue(lab), Index(lab)
+    try:
+        planner = Planner(asked, catalogue, engine.capabilities)
+        board = Board(Bench(lab, engine, "cpu"), planner, index, Observe(measure=asked.measure, start=0, end=1))
+        board.pin(planner.plan())
+        other = Spec(engine="toy", features=(), steps_per_beat=7)
+        assert [board.next(other) for _ in range(5)] == [None] * 5
+        assert len(begun) == len(set(begun)) == 2, "two packings"
+        started = board.next()
+        assert started is not None
+        assert started.spec != other
+        board.dropped(started.job)
+    finally:
+        catalogue.close()
+        index.close()
+
+
+def test_progress_tells_runs_from_packings(tmp_path):
+    seen = []
+
+    class Watch:
+        def show(self, view: View) -> None:
+            made = [len(list((tmp_path / "lab" / name).glob("*"))) for name in ("packings", "runs")]
+            seen.append((view.fillings_left, view.runs_done, *made))
+
+    carry_out(study(tmp_path), tmp_path / "lab", engine=Backend(delay=0.1), watcher=Watch(), lanes=1)
+    assert len({left for left, *_ in seen}) > 1, "it was looked at while packings were being made, and later"
+    for left, done, packings, runs in seen:
+        assert (left, done) == (2 - packings, runs)
+
+
+def test_progress_in_words():
+    view = View(0, 12, 2, going=(), elsewhere=0, work_done=0.0, work_left=1.0, rate=0.0)
+    assert counts(view) == "0/12 runs, 2 packings first"
+    assert counts(replace(view, fillings_left=1)) == "0/12 runs, 1 packing first"
+    assert counts(replace(view, runs_done=3, fillings_left=0)) == "3/12 runs"
+
+
+class Compiling(Backend):
+    """Compiles at the first beat of a Spec, which must not happen twice at once."""
+
+    def __init__(self):
+        super().__init__()
+        self.compiled, self.compiling, self.clashes = set(), 0, 0
+
+    def open(self, spec, slots=None, device="cpu"):
+        return CompilingEnsemble(self, spec, slots)
+
+
+class CompilingEnsemble(Ensemble):
+    def advance(self, beats=1):
+        engine = self._backend
+        if self._spec not in engine.compiled:
+            engine.clashes += engine.compiling > 0
+            engine.compiling += 1
+            time.sleep(0.1)
+            engine.compiling -= 1
+            engine.compiled.add(self._spec)
+        return super().advance(beats)
+
+
+def test_lanes_leave_compiling_at_the_first_beat_to_one_of_them(tmp_path):
+    engine = Compiling()
+    # a number of steps that no other test has: what was used before in this process is known
+    asked = study_file(tmp_path, replicates=4)
+    asked.write_text(asked.read_text().replace("steps_per_beat: 200", "steps_per_beat: 187"))
+    summary = carry_out(load(asked), tmp_path / "lab", engine=engine, lanes=4)
+    assert outcomes(summary) == ["finished"] * 8
+    assert len(engine.compiled) == 2
+    assert engine.clashes == 0
