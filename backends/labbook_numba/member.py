@@ -10,8 +10,9 @@ from labbook_dem.ledger import kinetic, status
 from labbook_dem.rotation import axes, momenta
 from labbook_dem.springs import places
 
-from labbook.backend import Capabilities, Checkpoint, Crossing, Status
+from labbook.backend import Capabilities, Checkpoint, Status
 from labbook.numerics import Numerics
+from labbook.probes import Crossing
 from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
 from labbook_numba import state as S
@@ -215,7 +216,7 @@ class Run:
         return v, w
 
     def contacts(self) -> np.ndarray:
-        """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as in `labbook.backend.Contacts`."""
+        """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as in `labbook.probes.Contacts`."""
         self._fresh_lists()
         out = np.zeros((int(self.state.count[S.PAIRS] + self.state.wall_first[-1] * self.layout.WALL_PARTS), 9))
         return out[: self.kernels.contact_rows(self.state, self.params, out)]

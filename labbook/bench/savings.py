@@ -4,8 +4,9 @@ import statistics
 import time
 from dataclasses import dataclass
 
-from labbook.backend import Backend, Ledger
+from labbook.backend import Backend
 from labbook.bench.scenes import FAN_STEP, variants
+from labbook.probes import Ledger
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 

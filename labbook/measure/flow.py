@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from labbook.backend import Crossing, Probe
 from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
+from labbook.probes import Crossing, Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
 

@@ -3,8 +3,8 @@
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
-from labbook.backend import Probe
 from labbook.measure.data import RunData
+from labbook.probes import Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
 

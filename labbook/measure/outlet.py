@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.backend import Crossing, Probe, Slab
 from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import GAP, SteadyFlow, steady_flow
+from labbook.probes import Crossing, Probe, Slab
 from labbook.protocol.bodies import Bodies
 from labbook.scene import Scene, WedgeHopper
 from labbook.stats import Measured

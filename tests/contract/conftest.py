@@ -8,19 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labbook.backend import (
-    BackendMissing,
-    Checkpoint,
-    Crossing,
-    Ensemble,
-    Ledger,
-    Member,
-    Probe,
-    Table,
-    installed,
-    load,
-)
+from labbook.backend import BackendMissing, Checkpoint, Ensemble, Member, installed, load
 from labbook.numerics import Numerics
+from labbook.probes import Crossing, Ledger, Probe, Table
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from labbook.backend import Contacts, Crossing, Ledger, Sample, Slab
+from labbook.probes import Contacts, Crossing, Ledger, Sample, Slab
 from labbook.scene import Plane, Primitives, Spheres, Wall
 from labbook.verify.stand import Start, grains_at, identical, rows_of
 from labbook.verify.symmetry import DT, difference

@@ -2,10 +2,11 @@
 
 import pytest
 
-from labbook.backend import Contacts, load
+from labbook.backend import load
 from labbook.bench import engine
 from labbook.bench.savings import STILL
 from labbook.bench.scenes import fan, variants
+from labbook.probes import Contacts
 
 
 @pytest.mark.slow

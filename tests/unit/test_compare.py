@@ -13,7 +13,7 @@ from toy_lab import carry_out, labbook, start
 from toy_lab import study as toy_study
 from toy_lab import study_file as toy_study_file
 
-from labbook.backend import Sample, Unsupported
+from labbook.backend import Unsupported
 from labbook.catalogue import Catalogue, Lab, RunRecord
 from labbook.compare.compare import CannotCompare, compare, demands, narrowed
 from labbook.compare.divergence import AGREE, divergence
@@ -23,6 +23,7 @@ from labbook.compare.stale import stale
 from labbook.compare.verdict import NoVerdict, Verdict, folder_of
 from labbook.measure import MEASURES
 from labbook.plan.demand import PackingsOf
+from labbook.probes import Sample
 from labbook.protocol.placing import place
 from labbook.runner.runner import Runner
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from labbook_numba.state import W
 
-from labbook.backend import Checkpoint, Failed, Ledger, load
+from labbook.backend import Checkpoint, Failed, load
 from labbook.numerics import Numerics
+from labbook.probes import Ledger
 from labbook.scene import Primitives, Scene, Spheres
 from labbook.verify.stand import grains_at
 from labbook.verify.symmetry import hopper

@@ -7,8 +7,9 @@ pytest.importorskip("numba")
 
 from labbook_numba import Backend, parts
 
-from labbook.backend import Contacts, Crossing, Failed, Sample
+from labbook.backend import Failed
 from labbook.numerics import Numerics
+from labbook.probes import Contacts, Crossing, Sample
 from labbook.protocol.opening import opened
 from labbook.protocol.placing import place
 from labbook.scene import Scene
