@@ -27,7 +27,6 @@ from labbook.stats import Measured
 
 BINS = 24
 """Bins of x* = (x - e)/R from -1 to 1: as many for every outlet, so that profiles can be laid over each other."""
-_EVERY = 1
 _FEWEST = 12
 """Frames below which there is no profile."""
 
@@ -81,7 +80,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     slab, frames = run.tables["slab"], _frames(run, steady, times)
     if len(frames) < _FEWEST:
         return None
-    number = np.asarray(slab["step"]) // (_EVERY * run.numerics.steps_per_beat)
+    number = np.asarray(slab["step"]) // run.numerics.steps_per_beat
     frame = np.minimum(np.searchsorted(frames, number), len(frames) - 1)
     seen = frames[frame] == number
     edges, R = np.linspace(-1, 1, bins + 1), hopper.orifice / 2
@@ -121,7 +120,7 @@ class OutletProfiles(Measure):
 
     def probes(self, scene: Scene) -> tuple[Probe, ...]:
         plane, radius = _hopper(scene).outlet_plane, scene.grains.radius
-        return (Crossing(plane), Slab(low=plane - radius, high=plane + radius, every=_EVERY))
+        return (Crossing(plane), Slab(low=plane - radius, high=plane + radius))
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
         profile = outlet_profile(run, window)
@@ -152,7 +151,7 @@ def _hopper(scene: Scene) -> WedgeHopper:
 
 def _frames(run: RunData, flow: SteadyFlow, times: np.ndarray) -> np.ndarray:
     """Numbers of the frames within the window, also of those without a grain; none from gaps without flow."""
-    between = _EVERY * run.numerics.beat
+    between = run.numerics.beat
     number = np.arange(math.ceil(flow.begin / between), math.floor(min(flow.end, run.duration) / between) + 1)
     inside = times[(times >= flow.begin) & (times <= flow.end)]
     start, stop = inside[:-1], inside[1:]
