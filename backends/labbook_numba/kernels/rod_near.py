@@ -5,7 +5,7 @@ from labbook_dem.words import dot, wide
 
 from labbook_numba.kernels.cells import fill_cells
 from labbook_numba.kernels.features import GRAINS, PAD, WALL_PARTS, A, X, kernel
-from labbook_numba.kernels.rod_walls import wall_part
+from labbook_numba.kernels.rod_walls import edges, wall_part
 from labbook_numba.kernels.single import load
 from labbook_numba.state import Params, State
 
@@ -54,9 +54,10 @@ def near_walls(st: State, p: Params, first, grain):
         for i in range(n):
             x = load(grains, i, X)
             a = load(grains, i, A)
+            found_edges = edges(p.wall_shape, p.wall_kind, w, x, a, p.half, reach)
             near = False
             for part in range(WALL_PARTS):
-                distance, _, _ = wall_part(p.wall_shape, p.wall_kind, w, x, a, p.half, reach, part)
+                distance, _, _ = wall_part(p.wall_shape, p.wall_kind, w, x, a, p.half, reach, part, found_edges)
                 near = near or distance < reach
             if near:
                 if found < len(grain) - PAD:

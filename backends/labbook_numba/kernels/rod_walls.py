@@ -3,7 +3,7 @@
 from labbook_dem.contact import rolling_rate
 from labbook_dem.parts import has, heir
 from labbook_dem.rods import rod_on_wall
-from labbook_dem.walls.frustum import frustum_rod
+from labbook_dem.walls.frustum import frustum_distance, frustum_rims, frustum_rod
 from labbook_dem.walls.plane import plane_rod
 from labbook_dem.walls.strip import strip_rod
 from labbook_dem.words import func, narrow, real, vec3, wide, wide3
@@ -37,11 +37,25 @@ from labbook_numba.state import Params, State
 
 
 @func
-def wall_part(shape, kind, w, x, a, half, radius, part):
-    """Distance [m] of a part of a rod from wall w, unit normal, and where on the segment it is [m]."""
+def edges(shape, kind, w, x, a, half, radius):
+    """`frustum_rims` of wall w; no edges if it is none, or far: most rods at a wall are far from its rim."""
+    none = wide(1e9)
+    zero = wide(0.0)
     if FRUSTUMS and (kind[w] == 2 or not (PLANES or STRIPS)):
         rim, along = section_of(shape, w)
-        return frustum_rod(rim, along, shape[w, 4], x, a, half, radius, part)
+        centre, _ = frustum_distance(rim, along, zero, x)
+        if centre <= half + radius:
+            return frustum_rims(rim, along, shape[w, 4], x, a, half, radius)
+    return none, zero, none, zero
+
+
+@func
+def wall_part(shape, kind, w, x, a, half, radius, part, found):
+    """Distance [m] of a part of a rod from wall w, unit normal, and where on the segment it is [m]; `found`: `edges`."""
+    if FRUSTUMS and (kind[w] == 2 or not (PLANES or STRIPS)):
+        rim, along = section_of(shape, w)
+        met, on, other, back = found
+        return frustum_rod(rim, along, shape[w, 4], x, a, half, part, met, on, other, back)
     if STRIPS and (kind[w] == 1 or not PLANES):
         start, along = section_of(shape, w)
         return strip_rod(start, along, shape[w, 4], x, a, half, radius, part)
@@ -56,9 +70,10 @@ def measure_rod(st: State, p: Params, w, i):
     """Distance, unit normal and place of each part of rod i at wall w, to State.near; which touch, as bits."""
     x = load(st.grains, i, X)
     a = load(st.grains, i, A)
+    found = edges(p.wall_shape, p.wall_kind, w, x, a, p.half, p.radius)
     now = 0
     for part in range(WALL_PARTS):
-        distance, normal, s = wall_part(p.wall_shape, p.wall_kind, w, x, a, p.half, p.radius, part)
+        distance, normal, s = wall_part(p.wall_shape, p.wall_kind, w, x, a, p.half, p.radius, part, found)
         if distance < p.radius:
             now |= 1 << part
             st.near[part * 5] = distance
