@@ -120,14 +120,18 @@ class Run:
     def beat(self, threads: int = 1) -> None:
         """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat.
 
-        No bit depends on the number of threads.
+        No bit depends on the number of threads. If a thread raises, so does this, with the state before the beat.
         """
         before = self.checkpoint()
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         if self.state.count[S.LEAVING] > 0:  # so that grains far below the outlet go, even when nothing else moves
             self._rebuild()
-        while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.REBUILD:
-            self._rebuild()
+        try:
+            while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.REBUILD:
+                self._rebuild()
+        except BaseException:
+            self.restore(before)
+            raise
         st = self.state
         if code != self.kernels.DONE:
             grain = int(st.count[S.FAIL_GRAIN])

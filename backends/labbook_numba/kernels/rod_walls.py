@@ -51,7 +51,7 @@ def edges(shape, kind, w, x, a, half, radius):
 
 @func
 def wall_part(shape, kind, w, x, a, half, radius, part, found):
-    """Distance [m] of a part of a rod from wall w, unit normal, and where on the segment it is [m]; `found`: `edges`."""
+    """Distance [m] of a part of a rod from wall w, unit normal, where on the segment it is [m]; `found`: by `edges`."""
     if FRUSTUMS and (kind[w] == 2 or not (PLANES or STRIPS)):
         rim, along = section_of(shape, w)
         met, on, other, back = found
