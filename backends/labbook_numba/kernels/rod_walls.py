@@ -9,6 +9,7 @@ from labbook_dem.walls.strip import strip_rod
 from labbook_dem.words import func, narrow, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals
+from labbook_numba.kernels.bodies import rolling_inertia
 from labbook_numba.kernels.features import (
     FAIL_GRAIN,
     FRICTION,
@@ -30,7 +31,6 @@ from labbook_numba.kernels.features import (
     X,
     kernel,
 )
-from labbook_numba.kernels.rod_blocks import rolling_inertia
 from labbook_numba.kernels.single import load
 from labbook_numba.kernels.surfaces import plane_of, section_of, wall_velocity
 from labbook_numba.state import Params, State
