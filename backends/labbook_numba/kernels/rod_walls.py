@@ -65,22 +65,22 @@ def wall_part(shape, kind, w, x, a, half, radius, part, found):
     return plane_rod(point, normal, x, a, half, part)
 
 
-@func
-def measure_rod(st: State, p: Params, w, i):
-    """Distance, unit normal and place of each part of rod i at wall w, to State.near; which touch, as bits."""
-    x = load(st.grains, i, X)
-    a = load(st.grains, i, A)
-    found = edges(p.wall_shape, p.wall_kind, w, x, a, p.half, p.radius)
+@kernel
+def measure_rod(grains, near, shape, kind, w, i, half, radius):
+    """Distance, unit normal and place of each part of rod i at wall w, to `near`; which touch, as bits."""
+    x = load(grains, i, X)
+    a = load(grains, i, A)
+    found = edges(shape, kind, w, x, a, half, radius)
     now = 0
     for part in range(WALL_PARTS):
-        distance, normal, s = wall_part(p.wall_shape, p.wall_kind, w, x, a, p.half, p.radius, part, found)
-        if distance < p.radius:
+        distance, normal, s = wall_part(shape, kind, w, x, a, half, radius, part, found)
+        if distance < radius:
             now |= 1 << part
-            st.near[part * 5] = distance
-            st.near[part * 5 + 1] = normal.x
-            st.near[part * 5 + 2] = normal.y
-            st.near[part * 5 + 3] = normal.z
-            st.near[part * 5 + 4] = s
+            near[part * 5] = distance
+            near[part * 5 + 1] = normal.x
+            near[part * 5 + 2] = normal.y
+            near[part * 5 + 3] = normal.z
+            near[part * 5 + 4] = s
     return now
 
 
@@ -127,7 +127,7 @@ def wall_forces(st: State, p: Params):
     for w in range(len(p.wall_kind)):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
-            now = measure_rod(st, p, w, i)
+            now = measure_rod(st.grains, st.near, p.wall_shape, p.wall_kind, w, i, p.half, p.radius)
             was = int(st.wall_held[k])
             if FRICTION:
                 st.wall_held[k] = now
