@@ -14,11 +14,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from labbook.numerics import Numerics
+from labbook.probes import Probe, Table
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
-
-Table = Mapping[str, np.ndarray]
-"""Columns of equal length by name; `member`, `step` and `time` [s] are always among them."""
 
 
 @dataclass(frozen=True)
@@ -36,131 +34,6 @@ class Capabilities:
     """Whether grains of one scene may differ in size and material."""
     single_velocities: bool = False
     """Whether `mixed` keeps velocities and spins in single precision too, and not the contact law only."""
-
-
-# Probes: compiled in only if declared; reading them never changes the motion.
-
-
-@dataclass(frozen=True)
-class Crossing:
-    """First passage of each grain's centre downwards through z = `plane` [m].
-
-    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz, and for rods qw, qx, qy, qz:
-    positions and orientations at the end of that step, velocities half a step before.
-    """
-
-    plane: float = 0.0
-
-
-@dataclass(frozen=True)
-class Sample:
-    """State of all grains every `every` beats. `fields` from x, v, omega and, for rods, q (unit quaternions, whose
-    rotation takes the z axis to the rod's); columns id, x, y, z, vx, ..., wx, ..., qw, qx, qy, qz."""
-
-    fields: tuple[str, ...] = ("x", "v")
-    every: int = 1
-
-
-@dataclass(frozen=True)
-class Slab:
-    """State of the grains whose centres lie at `low` <= z <= `high` [m], every `every` beats.
-
-    What happens at an outlet needs many frames but few grains. Columns id, x, y, z, vx, vy, vz.
-    """
-
-    low: float
-    high: float
-    every: int = 1
-
-    def holds(self, z: np.ndarray) -> np.ndarray:
-        """Which of the heights z [m] lie within."""
-        return (z >= self.low) & (z <= self.high)
-
-
-@dataclass(frozen=True)
-class Zone:
-    """State of the grains around and above an outlet about the z axis, every `every` beats and, unless `again` is 0,
-    `again` beats after each of these: two frames shortly after one another tell accelerations.
-
-    Around: centres within `radius` [m] of the axis at `low` <= z <= `high`; above: within `core` of it at `high` < z <=
-    `top`. Columns id, x, y, z, vx, vy, vz and, of rods, qw, qx, qy, qz.
-    """
-
-    radius: float
-    low: float
-    high: float
-    core: float
-    top: float
-    every: int = 1
-    again: int = 0
-
-    def holds(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie within."""
-        off, z = np.hypot(x[:, 0], x[:, 1]), x[:, 2]
-        around = (off <= self.radius) & (z >= self.low) & (z <= self.high)
-        return around | ((off <= self.core) & (z > self.high) & (z <= self.top))
-
-
-@dataclass(frozen=True)
-class Contacts:
-    """Every touching contact every `every` beats; a rod may touch a wall at several points, each a row.
-
-    Columns: i, j (ids; j = -1 at a wall), wall (index into the scene's walls, -1 for a pair), fx, fy, fz [N] on i,
-    bx, by, bz [m]: branch vector, from the centre of i to that of j or to the point of contact with the wall.
-    """
-
-    every: int = 1
-
-
-@dataclass(frozen=True)
-class Ledger:
-    """Totals every `every` beats.
-
-    Columns: grains, kinetic, potential [J], contact_work [J] (work done by contacts since the start), mass [kg],
-    max_overlap [m], touching (contacts), rebuilds, px, py, pz [kg m/s], lx, ly, lz [kg m^2/s] about the origin.
-    """
-
-    every: int = 1
-
-
-Probe = Crossing | Sample | Slab | Zone | Contacts | Ledger
-
-
-def due(probe: Probe, beat: int) -> bool:
-    """Whether a probe is read on this beat."""
-    if isinstance(probe, Crossing):
-        return True
-    return beat % probe.every == 0 or (isinstance(probe, Zone) and beat % probe.every == probe.again)
-
-
-_VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz", "q": "qw qx qy qz"}
-_WHOLE = frozenset(["member", "step", "id", "i", "j", "wall", "grains", "touching", "rebuilds"])
-
-
-def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
-    """Names of the columns of a probe's table, and whether each holds whole or real numbers (int64, float64).
-
-    rods: whether the grains have an orientation.
-    """
-    match probe:
-        case Crossing():
-            names = "id x y z vx vy vz wx wy wz" + (" qw qx qy qz" if rods else "")
-        case Sample(fields=fields):
-            names = " ".join(["id", *(_VECTORS[name] for name in fields)])
-        case Slab():
-            names = f"id {_VECTORS['x']} {_VECTORS['v']}"
-        case Zone():
-            names = f"id {_VECTORS['x']} {_VECTORS['v']}" + (f" {_VECTORS['q']}" if rods else "")
-        case Contacts():
-            names = "i j wall fx fy fz bx by bz"
-        case Ledger():
-            names = "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz"
-    return {name: np.int64 if name in _WHOLE else np.float64 for name in ["member", "step", "time", *names.split()]}
-
-
-def empty_table(probe: Probe, rods: bool = False) -> Table:
-    """The table of a probe that saw nothing; `rods` as in `columns`."""
-    return {name: np.zeros(0, kind) for name, kind in columns(probe, rods).items()}
 
 
 @dataclass(frozen=True)

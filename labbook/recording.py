@@ -76,7 +76,7 @@ def of_run(folder: Path, lab: Path) -> Path:
 def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *, name: str, run_key: str) -> Path:
     """Write the recording of one run to `path` (.rrd), in place by one rename. `name` is shown in the viewer.
 
-    `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as `labbook.backend.Sample` lists them.
+    `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as `labbook.probes.Sample` lists them.
     Raises ViewerMissing, or NotRecorded if there are none.
     """
     shown = frames_of(sample)

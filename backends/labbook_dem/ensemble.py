@@ -8,21 +8,9 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from labbook.backend import (
-    Capabilities,
-    Checkpoint,
-    Emptied,
-    Event,
-    Failed,
-    Member,
-    Probe,
-    Settled,
-    Spec,
-    Status,
-    Table,
-    empty_table,
-)
+from labbook.backend import Capabilities, Checkpoint, Emptied, Event, Failed, Member, Settled, Spec, Status
 from labbook.numerics import Numerics
+from labbook.probes import Probe, Table, empty_table
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 

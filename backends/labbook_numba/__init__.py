@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Probe, Spec, Unsupported
+from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.numerics import Numerics
+from labbook.probes import Probe
 from labbook.scene import Scene
 
-CACHE_VERSION = 3
+CACHE_VERSION = 4
 
 
 class Backend:

@@ -27,9 +27,8 @@ from labbook_numba.kernels import (
     move,
     near,
     neighbours,
-    observe,
+    pack,
     pairs,
-    rod_blocks,
     rod_move,
     rod_near,
     rod_observe,
@@ -37,10 +36,14 @@ from labbook_numba.kernels import (
     rod_walls,
     search,
     single,
+    sphere_move,
+    sphere_near,
+    sphere_observe,
+    sphere_pairs,
+    sphere_walls,
     step,
     surfaces,
     transfer,
-    walls,
 )
 from labbook_numba.kernels import features as vocabulary
 
@@ -64,10 +67,25 @@ SWITCHES = (
 
 PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
-SHARED = [contact, motion, plane, strip, frustum, spheres, single, cells, surfaces, blocks, bodies, transfer, search]
-OF_SPHERES = [pairs, walls, near, move, observe]
-OF_RODS = [segments, rotation, parts, rods, rod_blocks, rod_pairs, rod_walls, rod_near, rod_move, rod_observe]
-OF_ALL = [neighbours, meet, step]
+SHARED = [
+    contact,
+    motion,
+    plane,
+    strip,
+    frustum,
+    spheres,
+    single,
+    cells,
+    surfaces,
+    blocks,
+    bodies,
+    transfer,
+    pack,
+    search,
+]
+OF_SPHERES = [sphere_pairs, sphere_walls, sphere_near, sphere_move, sphere_observe]
+OF_RODS = [segments, rotation, parts, rods, rod_pairs, rod_walls, rod_near, rod_move, rod_observe]
+OF_ALL = [pairs, near, move, neighbours, meet, step]
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX

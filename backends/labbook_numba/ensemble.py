@@ -8,8 +8,9 @@ from labbook_dem import ensemble
 from labbook_dem.features import specialise
 from labbook_dem.reading import read
 
-from labbook.backend import Capabilities, Checkpoint, Event, Member, Probe, Spec, Status, Table
+from labbook.backend import Capabilities, Checkpoint, Event, Member, Spec, Status
 from labbook.numerics import Numerics
+from labbook.probes import Probe, Table
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_numba.member import Run

@@ -10,8 +10,9 @@ from labbook_dem.ledger import kinetic, status
 from labbook_dem.rotation import axes, momenta
 from labbook_dem.springs import places
 
-from labbook.backend import Capabilities, Checkpoint, Crossing, Status
+from labbook.backend import Capabilities, Checkpoint, Status
 from labbook.numerics import Numerics
+from labbook.probes import Crossing
 from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
 from labbook_numba import state as S
@@ -119,14 +120,18 @@ class Run:
     def beat(self, threads: int = 1) -> None:
         """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat.
 
-        No bit depends on the number of threads.
+        No bit depends on the number of threads. If a thread raises, so does this, with the state before the beat.
         """
         before = self.checkpoint()
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         if self.state.count[S.LEAVING] > 0:  # so that grains far below the outlet go, even when nothing else moves
             self._rebuild()
-        while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.REBUILD:
-            self._rebuild()
+        try:
+            while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.REBUILD:
+                self._rebuild()
+        except BaseException:
+            self.restore(before)
+            raise
         st = self.state
         if code != self.kernels.DONE:
             grain = int(st.count[S.FAIL_GRAIN])
@@ -215,7 +220,7 @@ class Run:
         return v, w
 
     def contacts(self) -> np.ndarray:
-        """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as in `labbook.backend.Contacts`."""
+        """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as in `labbook.probes.Contacts`."""
         self._fresh_lists()
         out = np.zeros((int(self.state.count[S.PAIRS] + self.state.wall_first[-1] * self.layout.WALL_PARTS), 9))
         return out[: self.kernels.contact_rows(self.state, self.params, out)]

@@ -62,15 +62,26 @@ def threads_for(grains: int, most: int) -> Iterator[int]:
 
 
 def advance(kernels: ModuleType, state: State, params: Params, target: int, threads: int = 1) -> int:
-    """Take steps up to `target` with so many threads; the code that `advance` of the kernels gives."""
+    """Take steps up to `target` with so many threads; the code that `advance` of the kernels gives.
+
+    If a part raises, the others stop waiting for it, and what it raised is raised here; the state is then of no step.
+    """
     if threads == 1:
         state.part[:] = 0, 1, 0, state.count[S.GRAINS], 0, state.count[S.PAIRS], 0
         return kernels.advance(state, params, target)
     parts = _split(state, params, threads)
     with ThreadPoolExecutor(threads, thread_name_prefix="labbook-part") as pool:
-        codes = list(pool.map(lambda part: kernels.advance(part, params, target), parts))
+        codes = list(pool.map(lambda part: _advance(kernels, part, params, target), parts))
     _join(state, parts, codes[0] == kernels.BAD_OVERLAP)
     return codes[0]
+
+
+def _advance(kernels: ModuleType, part: State, params: Params, target: int) -> int:
+    try:
+        return kernels.advance(part, params, target)
+    except BaseException:
+        part.meetings[0] = S.BROKEN
+        raise
 
 
 def _split(state: State, params: Params, threads: int) -> list[State]:

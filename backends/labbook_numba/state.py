@@ -17,6 +17,7 @@ NUMBER, PARTS, FIRST, LAST, FIRST_PAIR, LAST_PAIR, BORROWED = range(7)
 # what parts tell each other, columns of State.told
 OVERLAP, SPEED = range(2)
 TOLD = 8  # a cache line
+BROKEN = 1 << 62  # arrivals at meetings, from which on no part waits: one has failed
 BLOCK = 384  # contacts that a law works on at a time
 CELLS, SPARE_CELLS = 4, 64  # a grid has at most so many cells a grain, and so many besides
 PAD = 8  # spare places behind lists, which are read eight at a time

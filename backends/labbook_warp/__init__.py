@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Probe, Spec, Survey
+from labbook.backend import Capabilities, Spec, Survey
 from labbook.numerics import Numerics
+from labbook.probes import Probe
 from labbook.scene import Scene
 
 CACHE_VERSION = 2

@@ -8,8 +8,9 @@ from labbook_dem.features import is_rod
 from labbook_dem.guards import explain, finest
 from labbook_dem.reading import read
 
-from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Probe, Spec, Status, Table
+from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Spec, Status
 from labbook.numerics import Numerics
+from labbook.probes import Probe, Table
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_warp.kernels.words import NO_FAILURE

@@ -10,8 +10,9 @@ from labbook_dem.features import is_rod
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.rotation import momenta
 
-from labbook.backend import Checkpoint, Probe, Status
+from labbook.backend import Checkpoint, Status
 from labbook.numerics import Numerics
+from labbook.probes import Probe
 from labbook.protocol import Bodies, Packing
 from labbook.scene import Scene
 from labbook_warp.build import REACH

@@ -11,9 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from labbook import backend
-from labbook.backend import Backend, Crossing, Failed, Load, Settled, Weighed
+from labbook.backend import Backend, Failed, Load, Settled, Weighed
 from labbook.bench.scenes import FAN_STEP, cylinder, fan, silo
 from labbook.numerics import Numerics
+from labbook.probes import Crossing
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place

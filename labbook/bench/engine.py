@@ -14,11 +14,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from labbook import backend
-from labbook.backend import Crossing, Ensemble, Failed, Member, Probe, Settled
+from labbook.backend import Ensemble, Failed, Member, Settled
 from labbook.bench.savings import Saving, savings
 from labbook.bench.scenes import BOX_STEP, FAN_STEP, box, fan
 from labbook.bench.starting import Starting, starting
 from labbook.numerics import Numerics
+from labbook.probes import Crossing, Probe
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place

@@ -10,6 +10,7 @@ from labbook.scene import (
     Box,
     CylinderSilo,
     HertzMindlin,
+    Kind,
     LinearSpringDashpot,
     Plane,
     Primitives,
@@ -17,6 +18,7 @@ from labbook.scene import (
     Spheres,
     Spherocylinders,
     Strip,
+    Uniform,
     Wall,
     WedgeHopper,
 )
@@ -38,10 +40,14 @@ def fan(orifice: float = 0.03, grains: int = 3000) -> Scene:
 
 
 def variants(scene: Scene) -> dict[str, Scene]:
-    """The scene without one thing after another that an engine need not compute then."""
+    """The scene without one thing after another that an engine need not compute then; and with grains that may differ,
+    though those of a packing without sizes are all alike, and those of both kinds of one material."""
 
     def law(**changes: float) -> Scene:
         return scene.model_copy(update={"contact": scene.contact.model_copy(update=changes)})
+
+    def grains(**changes: object) -> Scene:
+        return scene.model_copy(update={"grains": scene.grains.model_copy(update=changes)})
 
     sides = tuple(wall for wall in scene.container.walls() if wall.name not in ("front", "back"))
     return {
@@ -58,6 +64,8 @@ def variants(scene: Scene) -> dict[str, Scene]:
                 )
             }
         ),
+        "with several sizes": grains(sizes=Uniform(smallest=scene.grains.diameter / 2)),
+        "with two kinds": grains(kinds=tuple(Kind(name=name, share=0.5) for name in ("one", "other"))),
     }
 
 

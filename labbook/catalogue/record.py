@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
 from labbook.catalogue.parts import Part, Record
 from labbook.keys import canonical
 from labbook.numerics import Numerics
+from labbook.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
 from labbook.scene import Scene
 
 Outcome = Literal["finished", "precise", "emptied", "clogged", "diverged", "interrupted"]

@@ -8,8 +8,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from labbook.backend import Checkpoint, Table
+from labbook.backend import Checkpoint
 from labbook.catalogue.lab import write_bytes
+from labbook.probes import Table
 
 _META = "_meta"
 

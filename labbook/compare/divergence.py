@@ -9,7 +9,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.backend import Sample
 from labbook.catalogue.lab import Lab
 from labbook.catalogue.packings import load_packing
 from labbook.compare.lockstep import Frame, side_by_side
@@ -17,6 +16,7 @@ from labbook.compare.pair import Pair
 from labbook.compare.verdict import Divergence
 from labbook.keys import digest
 from labbook.plan.demand import Demand
+from labbook.probes import Sample
 from labbook.protocol import opened
 
 AGREE = 1e-3

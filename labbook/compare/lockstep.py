@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.backend import Ensemble, Failed, Member, Sample, Table
+from labbook.backend import Ensemble, Failed, Member
 from labbook.compare.pair import Contestant, Pair
 from labbook.numerics import Numerics
+from labbook.probes import Sample, Table
 from labbook.protocol import Packing
 from labbook.scene import Scene
 

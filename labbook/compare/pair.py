@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
 
-from labbook.backend import Backend, Capabilities, Probe, load
+from labbook.backend import Backend, Capabilities, load
 from labbook.numerics import Numerics, Precision
 from labbook.plan.demand import PackingsOf, PointDemand
+from labbook.probes import Probe
 from labbook.study import Point, Study
 
 

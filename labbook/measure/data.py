@@ -15,7 +15,7 @@ class RunData:
     """A discharge as it was observed.
 
     `tables`: rows of the probes by their lower-case names (`crossing`, `sample`, `slab`, `zone`, `contacts`, `ledger`),
-    columns as `labbook.backend` lists them. `duration`: simulated time covered since the opening [s].
+    columns as `labbook.probes` lists them. `duration`: simulated time covered since the opening [s].
     `outcome`: how it ended (finished, precise, emptied, clogged, diverged, interrupted).
     """
 

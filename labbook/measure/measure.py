@@ -3,9 +3,9 @@
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
-from labbook.backend import Probe
 from labbook.measure.data import RunData
 from labbook.numerics import Numerics
+from labbook.probes import Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
 

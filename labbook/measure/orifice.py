@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from labbook.backend import Crossing, Probe, Zone
 from labbook.fields import Ring, coarse_grain, orifice_means
 from labbook.fields.kernel import CUTOFF
 from labbook.fields.orifice import HEIGHT
@@ -16,6 +15,7 @@ from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
 from labbook.numerics import Numerics
+from labbook.probes import Crossing, Probe, Zone
 from labbook.scene import ConicalSilo, CylinderSilo, Scene
 from labbook.stats import Measured
 

@@ -17,19 +17,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.backend import Crossing, Probe, Slab
 from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
 from labbook.numerics import Numerics
+from labbook.probes import Crossing, Probe, Slab
 from labbook.protocol.bodies import Bodies
 from labbook.scene import Scene, WedgeHopper
 from labbook.stats import Measured
 
 BINS = 24
 """Bins of x* = (x - e)/R from -1 to 1: as many for every outlet, so that profiles can be laid over each other."""
-_EVERY = 1
 _FEWEST = 12
 """Frames below which there is no profile."""
 
@@ -91,7 +90,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     slab, frames = run.tables["slab"], _frames(run, steady, times)
     if len(frames) < _FEWEST:
         return None
-    number = np.asarray(slab["step"]) // (_EVERY * run.numerics.steps_per_beat)
+    number = np.asarray(slab["step"]) // run.numerics.steps_per_beat
     frame = np.minimum(np.searchsorted(frames, number), len(frames) - 1)
     seen = frames[frame] == number
     edges, R = np.linspace(-1, 1, bins + 1), hopper.orifice / 2
@@ -133,7 +132,7 @@ class OutletProfiles(Measure):
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         plane, radius = _hopper(scene).outlet_plane, scene.grains.radius
-        return (Crossing(plane), Slab(low=plane - radius, high=plane + radius, every=_EVERY))
+        return (Crossing(plane), Slab(low=plane - radius, high=plane + radius))
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
         profile = outlet_profile(run, window)
@@ -164,7 +163,7 @@ def _hopper(scene: Scene) -> WedgeHopper:
 
 def _frames(run: RunData, flow: SteadyFlow, times: np.ndarray) -> np.ndarray:
     """Numbers of the frames within the window, also of those without a grain; none from gaps without flow."""
-    between = _EVERY * run.numerics.beat
+    between = run.numerics.beat
     number = np.arange(math.ceil(flow.begin / between), math.floor(min(flow.end, run.duration) / between) + 1)
     return number[~in_gap(number * between, times, flow)]
 

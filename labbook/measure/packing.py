@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from labbook.backend import Probe
 from labbook.measure.clipped import disc_in_rectangle, sphere_in_box
 from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, Window
 from labbook.measure.order import hexatic
 from labbook.measure.region import MARGIN, Region, bulk
 from labbook.numerics import Numerics
+from labbook.probes import Probe
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook.stats import Measured

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.backend import Contacts, Crossing, Probe, Sample
 from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
 from labbook.measure.bed import bed_grid, grains_between, omega_of
 from labbook.measure.data import RunData
@@ -14,6 +13,7 @@ from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
 from labbook.numerics import Numerics
+from labbook.probes import Contacts, Crossing, Probe, Sample
 from labbook.scene import ConicalSilo, CylinderSilo, Scene
 from labbook.stats import Measured
 

@@ -6,10 +6,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from labbook import keys
-from labbook.backend import Capabilities, Crossing, Probe, Sample
+from labbook.backend import Capabilities
 from labbook.catalogue.record import StopRule, describe_probe, table_name
 from labbook.keys import Filling, Keys, Maker
 from labbook.numerics import Numerics, Precision
+from labbook.probes import Crossing, Probe, Sample
 from labbook.protocol import placing
 from labbook.scene import Grains, Scene, Spheres
 

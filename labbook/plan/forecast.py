@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass
 from statistics import median
 
-from labbook.backend import Contacts, Probe, Sample, Zone
 from labbook.catalogue.catalogue import Catalogue
 from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Plan
+from labbook.probes import Contacts, Probe, Sample, Zone
 from labbook.protocol import placing
 
 DEFAULT_SPEED = 5e6

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Contacts, Crossing, Emptied, Ensemble, Event, Member, Probe, Sample, Table, Zone
+from labbook.backend import Emptied, Ensemble, Event, Member
 from labbook.catalogue.finished import CHECKPOINT, RECORDING
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import load_packing
@@ -26,6 +26,7 @@ from labbook.catalogue.record import (
 from labbook.catalogue.tables import write_checkpoint, write_table
 from labbook.keys import Keys
 from labbook.plan.demand import Demand, film_probe
+from labbook.probes import Contacts, Crossing, Probe, Sample, Table, Zone
 from labbook.protocol import Bodies, Packing, opened
 from labbook.runner.earlier import at_its_end
 from labbook.runner.job import Bench, Job, JobFailed, failure

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from labbook.backend import Table
 from labbook.catalogue.finished import CHECKPOINT
 from labbook.catalogue.record import RunRecord, describe_probe
 from labbook.catalogue.tables import read_checkpoint, read_table
 from labbook.plan.demand import film_probe
+from labbook.probes import Table
 from labbook.runner.journal import Saved
 
 

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from labbook.backend import Checkpoint, Ensemble, Event, Member, Probe, Settled, Table
+from labbook.backend import Checkpoint, Ensemble, Event, Member, Settled
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import ARRAYS, PackingRecord
 from labbook.keys import Keys, Maker
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import fill_time
+from labbook.probes import Probe, Table
 from labbook.protocol import Packing, PlacingError, place
 from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Saved

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Probe, Status, Table
+from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status
 from labbook.catalogue.lab import Claim, Lab, room
 from labbook.catalogue.parts import Session
 from labbook.keys import Keys
 from labbook.numerics import Numerics
 from labbook.plan.demand import Demand
+from labbook.probes import Probe, Table
 from labbook.protocol.packing import Packing
 from labbook.runner.journal import Journal, Saved
 from labbook.runner.provenance import now, provenance

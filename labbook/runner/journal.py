@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Checkpoint, Table
+from labbook.backend import Checkpoint
 from labbook.catalogue.lab import room, sync_folder, write_bytes
 from labbook.catalogue.parts import Session
 from labbook.catalogue.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
+from labbook.probes import Table
 
 PROGRESS = "progress.json"
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from labbook.backend import Backend, Ensemble, Event, Member, Probe, Spec, Table
+from labbook.backend import Backend, Ensemble, Event, Member, Spec
+from labbook.probes import Probe, Table
 from labbook.runner.board import Started
 from labbook.runner.job import Job
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from labbook.backend import Table
+from labbook.probes import Table
 
 MOST_FRAMES = 200
 

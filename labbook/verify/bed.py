@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.backend import Contacts, Ledger, Sample
+from labbook.probes import Contacts, Ledger, Sample
 from labbook.protocol.placing import place
 from labbook.scene import Box, Primitives, Scene, WedgeHopper
 from labbook.verify.case import Case, limited

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from labbook.backend import Ledger, Sample
+from labbook.probes import Ledger, Sample
 from labbook.protocol.packing import Packing
 from labbook.scene import LinearSpringDashpot, Scene
 from labbook.scene.timescales import effective_modulus

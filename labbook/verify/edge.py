@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from labbook.backend import Crossing, Sample
+from labbook.probes import Crossing, Sample
 from labbook.protocol.packing import Packing
 from labbook.scene import CylinderSilo, Scene, Surface, WedgeHopper
 from labbook.verify.case import Case, limited

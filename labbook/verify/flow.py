@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from labbook.backend import Crossing
+from labbook.probes import Crossing
 from labbook.protocol.opening import opened
 from labbook.protocol.placing import place
 from labbook.scene import Scene, WedgeHopper

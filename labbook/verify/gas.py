@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.backend import Contacts, Ledger
+from labbook.probes import Contacts, Ledger
 from labbook.protocol.packing import Packing
 from labbook.scene import HertzMindlin, Scene
 from labbook.scene.timescales import effective_modulus

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Contacts, Ledger
+from labbook.probes import Contacts, Ledger
 from labbook.protocol import Bodies, Packing, opened, place
 from labbook.scene import (
     Between,

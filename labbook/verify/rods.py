@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from labbook.backend import Ledger, Sample
+from labbook.probes import Ledger, Sample
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place
 from labbook.protocol.segments import axes

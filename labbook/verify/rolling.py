@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.backend import Sample
+from labbook.probes import Sample
 from labbook.protocol.packing import Packing
 from labbook.scene import HertzMindlin, Primitives, Scene, Surface
 from labbook.scene.timescales import effective_modulus

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Backend, Event, Failed, Ledger, Member, Probe, Status, Table, Unsupported
+from labbook.backend import Backend, Event, Failed, Member, Status, Unsupported
 from labbook.numerics import Numerics
+from labbook.probes import Ledger, Probe, Table
 from labbook.protocol.packing import Packing
 from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from labbook.backend import Crossing
+from labbook.probes import Crossing
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place

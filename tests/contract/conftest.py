@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from stands import stands, where
 
-from labbook.backend import Checkpoint, Crossing, Ensemble, Ledger, Member, Probe, Table
+from labbook.backend import Checkpoint, Ensemble, Member
 from labbook.numerics import Numerics
+from labbook.probes import Crossing, Ledger, Probe, Table
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place

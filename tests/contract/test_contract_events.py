@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from labbook.backend import Emptied, Failed, Ledger, Settled, Unsupported
+from labbook.backend import Emptied, Failed, Settled, Unsupported
+from labbook.probes import Ledger
 from labbook.protocol.packing import Packing
 from labbook.scene import Plane, Primitives, SurfaceMotion, Wall
 from labbook.verify.stand import grains_at, identical

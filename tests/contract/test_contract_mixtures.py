@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from stands import second
 
-from labbook.backend import Crossing, Ledger
+from labbook.probes import Crossing, Ledger
 from labbook.protocol import Bodies, opened, place
 from labbook.verify.bed import DT
 from labbook.verify.mixture import graded_hopper

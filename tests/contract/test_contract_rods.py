@@ -5,8 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from labbook.backend import Contacts, Crossing, Ledger, Probe, Sample, Table, Unsupported, Zone, columns
+from labbook.backend import Unsupported
 from labbook.numerics import Numerics
+from labbook.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Zone, columns
 from labbook.protocol import Packing, opened, place
 from labbook.protocol.segments import axes
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders

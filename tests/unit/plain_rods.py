@@ -33,9 +33,11 @@ def part_of_wall(shape, x: vec3, a: vec3, half: float, radius: float, part: int)
         return (
             plane.plane_rod(vec3(*p[:3]), vec3(*p[3:]), x, a, half, part) if part < 2 else (1e9, NONE, 0.0)
         )  # fmt: skip
-    module = {"strip": strip.strip_rod, "frustum": frustum.frustum_rod}[shape.kind]
     p = {"strip": strip, "frustum": frustum}[shape.kind].parameters(shape)
-    return module(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half, radius, part)
+    place = vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half
+    if shape.kind == "strip":
+        return strip.strip_rod(*place, radius, part)
+    return frustum.frustum_rod(*place, part, *frustum.frustum_rims(*place, radius))
 
 
 class PlainRods:

@@ -122,9 +122,8 @@ def rod_at(kind: str, x, a, half, radius, part):
         p = strip.parameters(Strip(start=(-1.0, 0.2), end=(0.5, -0.1)))
         return strip.strip_rod(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half, radius, part)
     p = frustum.parameters(Frustum(lower=FRUSTUMS[kind][0], upper=FRUSTUMS[kind][1]))
-    if part >= 2:  # from afar, too, where `frustum_rod` does not look
-        return frustum.frustum_rim(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half, radius, part)
-    return frustum.frustum_rod(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half, radius, part)
+    place = vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half
+    return frustum.frustum_rod(*place, part, *frustum.frustum_rims(*place, radius))
 
 
 def bare(kind: str, points: np.ndarray) -> np.ndarray:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from labbook.backend import Crossing, Slab
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.outlet import BINS, outlet_profile
 from labbook.numerics import Numerics
+from labbook.probes import Crossing, Slab
 from labbook.protocol.packing import Packing
 from labbook.scene import Box, HertzMindlin, Scene, Spheres, WedgeHopper
 

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 COLLISION = """
 import json, sys
 import numpy as np
-from labbook.backend import Ledger
+from labbook.probes import Ledger
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import HertzMindlin, Primitives, Scene, Spheres

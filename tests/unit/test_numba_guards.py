@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from labbook_numba.state import W
 
-from labbook.backend import Checkpoint, Crossing, Failed, Ledger, load
+from labbook.backend import Checkpoint, Failed, load
 from labbook.numerics import Numerics
+from labbook.probes import Crossing, Ledger
 from labbook.scene import Scene, Spheres
 from labbook.verify.stand import grains_at
 from labbook.verify.symmetry import hopper

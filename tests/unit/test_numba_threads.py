@@ -1,5 +1,9 @@
 """A large scene may be stepped by several threads; how many there are changes no bit of anything."""
 
+import threading
+import time
+from types import ModuleType
+
 import numpy as np
 import pytest
 
@@ -7,8 +11,9 @@ pytest.importorskip("numba")
 
 from labbook_numba import Backend, parts
 
-from labbook.backend import Contacts, Crossing, Failed, Sample
+from labbook.backend import Failed
 from labbook.numerics import Numerics
+from labbook.probes import Contacts, Crossing, Sample
 from labbook.protocol.opening import opened
 from labbook.protocol.placing import place
 from labbook.scene import Scene
@@ -111,3 +116,49 @@ def test_large_scenes_are_put_in_layers():
     sorted_ = parts.in_layers(gas, grains.diameter)
     assert (np.diff(np.floor(sorted_.x[:, 2] / grains.diameter)) >= 0).all()
     assert np.array_equal(sorted_.x, gas.x[sorted_.ids])
+
+
+class Broken(Exception):
+    pass
+
+
+def test_a_part_that_fails_does_not_keep_the_others_waiting(start):
+    """All parts leave and the caller is told why, the member as it was; were they to wait, the test lets them go."""
+    engine = Backend(threads=3)
+    ensemble = engine.open(engine.specialise(silo(), numerics("double"), PROBES), 1)
+    member = ensemble.admit(silo(), numerics("double"), start)
+    run, before = ensemble._runs[member], ensemble.checkpoint(member)
+    states, left, raised = [], [], []
+
+    def advance(part, params, target):
+        states.append(part)
+        if part.part[parts.S.NUMBER] != 1:
+            left.append(kernels.advance(part, params, target))
+            return left[-1]
+        kernels.advance(part, params, 10)  # the others go on to their next meeting
+        time.sleep(0.1)
+        raise Broken
+
+    kernels = run.kernels
+    run.kernels = ModuleType("failing")
+    vars(run.kernels).update(vars(kernels) | {"advance": advance})
+
+    def beat():
+        try:
+            ensemble.advance(1)
+        except Broken as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=beat)
+    thread.start()
+    thread.join(60)
+    waits = thread.is_alive()
+    for part in states:
+        part.meetings[0] = 1 << 62
+    thread.join()
+    after = ensemble.checkpoint(member)
+    ensemble.close()
+    assert not waits
+    assert len(left) == 2
+    assert len(raised) == 1
+    assert [name for name, array in before.arrays.items() if not np.array_equal(array, after.arrays[name])] == []

@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from labbook_warp import Backend, room
 from plain_rods import PlainRods
 
-from labbook.backend import Contacts, Crossing, Ledger, Sample
 from labbook.numerics import Numerics
+from labbook.probes import Contacts, Crossing, Ledger, Sample
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place

@@ -8,8 +8,8 @@ from labbook_warp import Backend, devices, room  # noqa: E402
 from labbook_warp.arrays import Arrays  # noqa: E402
 from labbook_warp.layout import memory  # noqa: E402
 
-from labbook.backend import Contacts, Crossing  # noqa: E402
 from labbook.bench.scenes import FAN_STEP, fan  # noqa: E402
+from labbook.probes import Contacts, Crossing  # noqa: E402
 from labbook.protocol.placing import place  # noqa: E402
 
 GIB = 1 << 30

@@ -162,32 +162,20 @@ def frustum_rims(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, hal
 
 
 @func
-def frustum_rim(
-    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
-):  # fmt: skip
-    """Part 2 or 3 of `frustum_rims`: distance [m], unit normal, and where on the segment it is."""
-    met, s, other, back = frustum_rims(rim, along, length, x, a, half, radius)
-    at = s if part == 2 else back
-    _, normal = frustum_distance(rim, along, length, x + a * at)
-    return (met if part == 2 else other), normal, at
-
-
-@func
 def frustum_rod(
-    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
+    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, part: int, met: wide, on: wide,
+    other: wide, back: wide,
 ):  # fmt: skip
     """Distance [m] of a part of a rod from the plate, unit normal, and where on the segment it is; see `walls`.
 
-    x: centre [m]; a: unit axis; half: half the length of the segment [m].
+    x: centre [m]; a: unit axis; half: half the length of the segment [m]. met, on, other, back: both edges, as
+    `frustum_rims` gives them.
     """
     if part < 2:
         return frustum_end(rim, along, length, x, a, half, part)
-    dr = sqrt(x.x * x.x + x.y * x.y) - rim.x
-    dz = x.z - rim.z
-    reach = half + radius
-    if dr * dr + dz * dz > reach * reach:  # most rods at a wall are far from its rim
-        return wide(1e9), along, wide(0.0)
-    return frustum_rim(rim, along, length, x, a, half, radius, part)
+    s = on if part == 2 else back
+    _, normal = frustum_distance(rim, along, length, x + a * s)
+    return (met if part == 2 else other), normal, s
 
 
 def parameters(shape: Frustum) -> tuple[float, ...]:

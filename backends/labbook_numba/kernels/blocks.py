@@ -6,12 +6,11 @@ undo the vectorisation of the law loop: signed indices (hence uint64 throughout)
 offsets unknown to the compiler (hence one buffer, constant offsets), and a law that is not inlined.
 """
 
-from labbook_dem.contact import rolling_rate
-from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import FRICTION, VARIED, func, real, vec3, wide
+from labbook_dem.words import FRICTION, func, real, vec3, wide
 
-from labbook_numba.kernels.features import COEFFICIENTS, KINDS, LANES, STRIDE, kernel, uint64
+from labbook_numba.kernels.features import COEFFICIENTS, KINDS, LANES, RODS, STRIDE, kernel, uint64
 from labbook_numba.state import MIXTURES, SPHERES
+from labbook_numba.state import RODS as LAYOUT_OF_RODS
 
 # columns; in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
 # out, in the places of the velocities, spins and spring: force, torque on i and on j, spring
@@ -21,6 +20,10 @@ from labbook_numba.state import MIXTURES, SPHERES
 # where grains differ: radius, mass and moment of inertia of i and j; and where kinds do, coefficients from C0 on
 (RI, RJ, MI, MJ, TI, TJ, C0) = (
     uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS, MIXTURES.BLOCK_COLUMNS - COEFFICIENTS + 1)
+)
+# of rods: levers of i and j, spins of i and j predicted for now
+(IX, IY, IZ, JX, JY, JZ, PX, PY, PZ, OX, OY, OZ) = (
+    uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS, LAYOUT_OF_RODS.BLOCK_COLUMNS)
 )
 HELD = DT  # 1 for a contact that has a spring; becomes DT
 
@@ -57,72 +60,28 @@ def coefficients_at(b, t, c):
     return c
 
 
-@kernel
-def pair_law(b, count, coefficients, radius, mass, inertia, dt):
-    """Law stage of grain on grain. Branch in NX.., (r_i + r_j)^2 - r^2 in GAP; velocities relative, spins own.
-
-    radius, mass, inertia: of all, if they are alike. dt: step [s].
-    """
-    c = reals(coefficients)
-    rate = rolling_rate(inertia, dt)
-    ri = rj = radius
-    mi = mj = mass
-    rate_i = rate_j = rate
-    for t in range(whole(count)):
-        if VARIED:
-            ri, rj = b[RI + t], b[RJ + t]
-            mi, mj = b[MI + t], b[MJ + t]
-            rate_i, rate_j = rolling_rate(b[TI + t], dt), rolling_rate(b[TJ + t], dt)
-        force, torque, other, kept, delta = sphere_on_sphere(
-            coefficients_at(b, t, c), ri, rj, mi, mj, vec3(b[NX + t], b[NY + t], b[NZ + t]), b[GAP + t],
-            vec3(b[UX + t], b[UY + t], b[UZ + t]), vec3(b[VX + t], b[VY + t], b[VZ + t]),
-            vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(b[BX + t], b[BY + t], b[BZ + t]),
-            vec3(b[SX + t], b[SY + t], b[SZ + t]), b[DT + t], rate_i, rate_j,
-        )  # fmt: skip
-        b[UX + t] = force.x
-        b[UY + t] = force.y
-        b[UZ + t] = force.z
-        if FRICTION:
-            b[AX + t] = torque.x
-            b[AY + t] = torque.y
-            b[AZ + t] = torque.z
-            b[BX + t] = other.x
-            b[BY + t] = other.y
-            b[BZ + t] = other.z
-            b[SX + t] = kept.x
-            b[SY + t] = kept.y
-            b[SZ + t] = kept.z
-        b[GAP + t] = delta
+@func
+def vector_at(b, place):
+    """The vector of a contact, from a column and the two behind it."""
+    return vec3(b[place], b[place + STRIDE], b[place + STRIDE + STRIDE])
 
 
-@kernel
-def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin):
-    """Law stage of grain on wall. Unit normal in NX.., overlap in GAP; the wall turns with `spin` [rad/s] about z.
+@func
+def put_vector(b, place, v):
+    """Write the vector of a contact to a column and the two behind it."""
+    b[place] = v.x
+    b[place + STRIDE] = v.y
+    b[place + STRIDE + STRIDE] = v.z
 
-    radius, mass, inertia: of all, if they are alike. dt: step [s].
-    """
-    c = reals(coefficients)
-    rate = rolling_rate(inertia, dt)
-    zero = real(0.0)
-    for t in range(whole(count)):
-        if VARIED:
-            radius, mass, rate = b[RI + t], b[MI + t], rolling_rate(b[TI + t], dt)
-        force, torque, kept = sphere_on_wall(
-            coefficients_at(b, t, c), radius, mass, b[GAP + t], vec3(b[NX + t], b[NY + t], b[NZ + t]),
-            vec3(b[UX + t], b[UY + t], b[UZ + t]), vec3(b[VX + t], b[VY + t], b[VZ + t]),
-            vec3(b[AX + t], b[AY + t], b[AZ + t]), vec3(zero, zero, spin),
-            vec3(b[SX + t], b[SY + t], b[SZ + t]), b[DT + t], rate,
-        )  # fmt: skip
-        b[UX + t] = force.x
-        b[UY + t] = force.y
-        b[UZ + t] = force.z
-        if FRICTION:
-            b[AX + t] = torque.x
-            b[AY + t] = torque.y
-            b[AZ + t] = torque.z
-            b[SX + t] = kept.x
-            b[SY + t] = kept.y
-            b[SZ + t] = kept.z
+
+@func
+def put_forces(b, t, force, torque, spring):
+    """What a law gives of contact t, in the places of velocities, spins and springs."""
+    put_vector(b, UX + t, force)
+    if FRICTION or RODS:
+        put_vector(b, AX + t, torque)
+    if FRICTION:
+        put_vector(b, SX + t, spring)
 
 
 @kernel

@@ -1,6 +1,6 @@
 """What the grains are: all alike, by a parameter, or each by its row of State.body: radius, mass, inertia and kind."""
 
-from labbook_dem.words import VARIED, func, real
+from labbook_dem.words import VARIED, func, real, wide
 
 from labbook_numba.kernels.blocks import C0, MI, MJ, RI, RJ, TI, TJ
 from labbook_numba.kernels.features import BODY, COEFFICIENTS, KINDS, STRIDE, int64, kernel, uint64
@@ -24,6 +24,12 @@ def mass_of(body, i, mass):
 def inertia_of(body, i, inertia):
     """Moment of inertia of grain i [kg m^2]; `inertia` where all are alike."""
     return body[i, 2] if VARIED else inertia
+
+
+@func
+def rolling_inertia(inertia, slender):
+    """The smallest moment of inertia [kg m^2], by which rolling resistance is limited: of rods, that about the axis."""
+    return real(inertia / (wide(1.0) + slender))
 
 
 @func

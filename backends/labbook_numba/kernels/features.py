@@ -9,6 +9,7 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     BLOCK,
     BODY,
     BORROWED,
+    BROKEN,
     CELLS,
     COEFFICIENTS,
     CROSSED,

@@ -1,9 +1,13 @@
-"""Forces of grains on grains, a block of touching pairs at a time: pack, gather, law, scatter."""
+"""Forces of grains on grains, a block of touching pairs at a time: pack, gather, law, scatter.
 
+What the shape of the grains decides is in `sphere_pairs` and `rod_pairs`: which pairs touch, and what acts on one.
+"""
+
+from labbook_dem.contact import rolling_rate
 from labbook_dem.words import VARIED, real, wide
 
-from labbook_numba.kernels.blocks import GAP, HELD, NX, NY, NZ, largest_gap, pair_law, where_gap
-from labbook_numba.kernels.bodies import eight_reaches, gather_bodies, gather_coefficients
+from labbook_numba.kernels.blocks import BX, GAP, largest_gap, put_forces, put_vector, reals, where_gap, whole
+from labbook_numba.kernels.bodies import gather_bodies, gather_coefficients, rolling_inertia
 from labbook_numba.kernels.features import (
     BLOCK,
     BORROWED,
@@ -11,47 +15,35 @@ from labbook_numba.kernels.features import (
     FIRST_PAIR,
     FRICTION,
     GHOSTS,
-    GRAIN,
     KINDS,
     LAST_PAIR,
     LEDGER,
     MAX_OVERLAP,
+    RODS,
     TOUCHING,
-    X,
     int64,
     kernel,
     uint64,
 )
+from labbook_numba.kernels.sphere_pairs import pack_pairs, pair_contact
 from labbook_numba.kernels.transfer import fill_up, gather_pairs, gather_springs, scatter_forces, scatter_springs
-from labbook_numba.rows import columns, rows_at
-from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
 from labbook_numba.state import Params, State
 
 
 @kernel
-def pack_pairs(grains, pair_i, pair_j, held, b, block_i, block_j, slot, first, last, body, reach2):
-    """Bring those of the listed pairs first..last that touch into the block; how many they are.
+def pair_law(b, count, coefficients, radius, mass, inertia, dt):
+    """Law stage of grain on grain. Branch in NX.., (r_i + r_j)^2 - r^2 in GAP; velocities relative, spins own.
 
-    Branch and gap ((r_i + r_j)^2 - r^2) go to columns, grains to `block_i` and `block_j`, list entries to `slot`. Gaps
-    are small differences: they are taken in double, whatever the block holds.
+    radius, mass, inertia: of all, if they are alike. dt: step [s].
     """
-    count = uint64(0)
-    for k in range(first, last, uint64(8)):
-        x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, X) - rows_at(grains, pair_j, k, GRAIN, X))
-        gap = eight_reaches(body, pair_i, pair_j, k, reach2) - (x * x + y * y + z * z)
-        here = first_of(last - k)
-        touching = both(positive(gap), here)
-        squeeze(b, NX + count, x, touching)
-        squeeze(b, NY + count, y, touching)
-        squeeze(b, NZ + count, z, touching)
-        squeeze(b, GAP + count, gap, touching)
-        if FRICTION:
-            squeeze(b, HELD + count, exchange(held, k, touching, here), touching)
-            squeeze_places(slot, count, k, touching)
-        squeeze_numbers(block_i, count, pair_i, k, touching)
-        squeeze_numbers(block_j, count, pair_j, k, touching)
-        count += how_many(touching)
-    return count
+    c = reals(coefficients)
+    rate = rolling_rate(inertia, dt)
+    for t in range(whole(count)):
+        force, torque, other, kept, delta = pair_contact(b, t, c, radius, mass, rate, dt)
+        put_forces(b, t, force, torque, kept)
+        if FRICTION or RODS:
+            put_vector(b, BX + t, other)
+        b[GAP + t] = delta
 
 
 @kernel
@@ -77,14 +69,16 @@ def listed_forces(st: State, p: Params, pair_i, pair_j, held, spring, first, end
     diameter = wide(2.0) * p.radius
     reach2 = diameter * diameter
     half_dt = wide(0.5) * p.dt
+    inertia = rolling_inertia(p.inertia, p.slender)
     ghost = len(st.grains) - GHOSTS
     spare = len(spring) - 1
     touching = uint64(0)
     deepest = st.sums[MAX_OVERLAP]
-    # kernels of a block take arrays, not the State: its many references would be counted at every call
+    # kernels of a block take arrays, not the State: its many references would be counted at every call; hence the last
+    # lines of the loop stand in `sphere_walls` again
     for k in range(uint64(first), last, BLOCK):
         end = min(k + BLOCK, last)
-        count = pack_pairs(st.grains, pair_i, pair_j, held, b, i, j, slot, k, end, st.body, reach2)
+        count = pack_pairs(st.grains, st.body, st.near, pair_i, pair_j, held, b, i, j, slot, k, end, p.half, reach2)
         fill_up(i, j, slot, count, ghost, spare)
         gather_pairs(st.grains, i, j, b, count)
         if FRICTION:
@@ -93,7 +87,7 @@ def listed_forces(st: State, p: Params, pair_i, pair_j, held, spring, first, end
             gather_bodies(st.body, i, j, b, count, True)
             if KINDS > 1:
                 gather_coefficients(p.pair_c, int64(0), st.body, i, j, b, count, True)
-        pair_law(b, count, p.c, real(p.radius), real(p.mass), real(p.inertia), real(p.dt))
+        pair_law(b, count, p.c, real(p.radius), real(p.mass), inertia, real(p.dt))
         scatter_forces(st.loads, i, j, b, count, True)
         if FRICTION:
             scatter_springs(spring, slot, b, count)

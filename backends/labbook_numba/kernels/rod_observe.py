@@ -7,8 +7,8 @@ from labbook_dem.segments import closest
 from labbook_dem.words import dot, narrow, real, wide
 
 from labbook_numba.kernels.blocks import reals
+from labbook_numba.kernels.bodies import rolling_inertia
 from labbook_numba.kernels.features import ANY_WALLS, PAIRS, WALL_PARTS, A, F, M, P, T, U, V, W, X, entry
-from labbook_numba.kernels.rod_blocks import rolling_inertia
 from labbook_numba.kernels.rod_move import store
 from labbook_numba.kernels.rod_walls import heritage, measure_rod, wall_contact
 from labbook_numba.kernels.single import advance_of, load, spring_of, write_row
@@ -46,7 +46,7 @@ def contact_rows(st: State, p: Params, out):
     for w in range(len(p.wall_kind)):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
-            now = measure_rod(st, p, w, i)
+            now = measure_rod(st.grains, st.near, p.wall_shape, p.wall_kind, w, i, p.half, p.radius)
             was = int(st.wall_held[k])
             for part in range(WALL_PARTS):
                 if (now >> part) & 1:

@@ -1,56 +1,23 @@
-"""Forces of rods on rods, a block of near pairs at a time: closest points, pack, gather, law, scatter."""
+"""Pairs of rods: which touch, by the closest points of near pairs, and what acts on them.
 
-from labbook_dem.contact import rolling_rate
-from labbook_dem.words import real, wide
+Closest points are taken 384 near pairs at a time, in columns of State.near, in double whatever the law.
+"""
 
-from labbook_numba.kernels.blocks import AX, BX, GAP, HELD, NX, NY, NZ, UX, VX, largest_gap, where_gap
-from labbook_numba.kernels.features import (
-    BLOCK,
-    FAIL_GRAIN,
-    FRICTION,
-    GHOSTS,
-    GRAIN,
-    LEDGER,
-    MAX_OVERLAP,
-    PAIRS,
-    TOUCHING,
-    A,
-    P,
-    U,
-    V,
-    W,
-    X,
-    kernel,
-    uint64,
-)
-from labbook_numba.kernels.rod_blocks import (
-    CLOSE,
-    CX,
-    CY,
-    CZ,
-    IX,
-    IY,
-    IZ,
-    JX,
-    JY,
-    JZ,
-    KX,
-    KY,
-    KZ,
-    LX,
-    LY,
-    LZ,
-    OX,
-    PX,
-    closest_points,
-    rod_law,
-    rolling_inertia,
-)
-from labbook_numba.kernels.transfer import fill_up, gather_springs, put_vectors, scatter_forces, scatter_springs
+from labbook_dem.rods import rod_on_rod
+from labbook_dem.segments import closest
+from labbook_dem.words import dot, func, wide, wide3
+
+from labbook_numba.kernels.blocks import AX, BX, DT, GAP, IX, JX, NX, OX, PX, SX, UX, VX, vector_at
+from labbook_numba.kernels.features import GRAIN, STRIDE, A, X, kernel, uint64
+from labbook_numba.kernels.pack import eights_at, squeeze_entries, squeeze_vectors
+from labbook_numba.kernels.transfer import put_vectors
 from labbook_numba.lanes import eight_at
 from labbook_numba.rows import columns, rows_at
-from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
-from labbook_numba.state import Params, State
+from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_numbers
+from labbook_numba.state import RODS as LAYOUT
+
+# of State.near: branch between centres, which becomes that between closest points; axes, which become levers; gap
+(CX, CY, CZ, KX, KY, KZ, LX, LY, LZ, CLOSE) = (uint64(column * STRIDE) for column in range(LAYOUT.NEAR_COLUMNS))
 
 
 @kernel
@@ -67,87 +34,55 @@ def gather_rods(grains, pair_i, pair_j, near, first, count):
 
 
 @kernel
-def pack_rods(near, pair_i, pair_j, held, b, block_i, block_j, slot, first, near_count):
-    """Bring those of the measured near pairs that touch into the block; how many they are."""
+def closest_points(b, count, half, reach2):
+    """Branch, levers and gap (diameter^2 - r^2) of near pairs."""
+    for t in range(uint64(count)):
+        a = wide3(b[KX + t], b[KY + t], b[KZ + t])
+        other = wide3(b[LX + t], b[LY + t], b[LZ + t])
+        r, s, away = closest(wide3(b[CX + t], b[CY + t], b[CZ + t]), a, other, half)
+        b[CX + t] = away.x
+        b[CY + t] = away.y
+        b[CZ + t] = away.z
+        b[KX + t] = a.x * r
+        b[KY + t] = a.y * r
+        b[KZ + t] = a.z * r
+        b[LX + t] = other.x * s
+        b[LY + t] = other.y * s
+        b[LZ + t] = other.z * s
+        b[CLOSE + t] = wide(reach2) - dot(away, away)
+
+
+@kernel
+def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, slot, first, last, half, reach2):
+    """Bring those of the listed pairs first..last that touch into the block; how many they are.
+
+    Branches between closest points, gaps (diameter^2 - r^2) and levers go to columns, grains to `block_i` and
+    `block_j`, list entries to `slot`.
+    """
+    near_count = last - first
+    gather_rods(grains, pair_i, pair_j, near, first, near_count)
+    closest_points(near, near_count, half, reach2)
     count = uint64(0)
     for t in range(uint64(0), near_count, uint64(8)):
         k = first + t
         gap = eight_at(near, CLOSE + t)
         here = first_of(near_count - t)
         touching = both(positive(gap), here)
-        squeeze(b, NX + count, eight_at(near, CX + t), touching)
-        squeeze(b, NY + count, eight_at(near, CY + t), touching)
-        squeeze(b, NZ + count, eight_at(near, CZ + t), touching)
-        squeeze(b, GAP + count, gap, touching)
-        squeeze(b, IX + count, eight_at(near, KX + t), touching)
-        squeeze(b, IY + count, eight_at(near, KY + t), touching)
-        squeeze(b, IZ + count, eight_at(near, KZ + t), touching)
-        squeeze(b, JX + count, eight_at(near, LX + t), touching)
-        squeeze(b, JY + count, eight_at(near, LY + t), touching)
-        squeeze(b, JZ + count, eight_at(near, LZ + t), touching)
-        if FRICTION:
-            squeeze(b, HELD + count, exchange(held, k, touching, here), touching)
-            squeeze_places(slot, count, k, touching)
+        squeeze_vectors(b, NX + count, eights_at(near, CX + t), touching)
+        squeeze_vectors(b, IX + count, eights_at(near, KX + t), touching)
+        squeeze_vectors(b, JX + count, eights_at(near, LX + t), touching)
+        squeeze_entries(b, slot, count, gap, held, k, touching, here)
         squeeze_numbers(block_i, count, pair_i, k, touching)
         squeeze_numbers(block_j, count, pair_j, k, touching)
         count += how_many(touching)
     return count
 
 
-@kernel
-def gather_motion(g, i, j, b, count):
-    """Velocities of i relative to j, predicted and half a step old, and both spins likewise."""
-    for t in range(uint64(0), count, uint64(8)):
-        ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U) - rows_at(g, j, t, GRAIN, U))
-        px, py, pz, _ = columns(rows_at(g, i, t, GRAIN, P))
-        ox, oy, oz, _ = columns(rows_at(g, j, t, GRAIN, P))
-        if FRICTION:
-            vx, vy, vz, _ = columns(rows_at(g, i, t, GRAIN, V) - rows_at(g, j, t, GRAIN, V))
-            ax, ay, az, _ = columns(rows_at(g, i, t, GRAIN, W))
-            bx, by, bz, _ = columns(rows_at(g, j, t, GRAIN, W))
-            put_vectors(b, VX + t, vx, vy, vz)
-            put_vectors(b, AX + t, ax, ay, az)
-            put_vectors(b, BX + t, bx, by, bz)
-        put_vectors(b, UX + t, ux, uy, uz)
-        put_vectors(b, PX + t, px, py, pz)
-        put_vectors(b, OX + t, ox, oy, oz)
-
-
-@kernel
-def pair_forces(st: State, p: Params):
-    """Add the forces of rods on rods to f and t; note touching pairs, the largest overlap, and whose it is."""
-    last = uint64(st.count[PAIRS])
-    b = st.block
-    i = st.block_i
-    j = st.block_j
-    slot = st.slot
-    diameter = wide(2.0) * p.radius
-    reach2 = diameter * diameter
-    half_dt = wide(0.5) * p.dt
-    rate = rolling_rate(rolling_inertia(p.inertia, p.slender), real(p.dt))
-    ghost = len(st.grains) - GHOSTS
-    spare = len(st.spring) - 1
-    touching = uint64(0)
-    deepest = wide(0.0)
-    for k in range(uint64(0), last, BLOCK):
-        near = min(last - k, BLOCK)
-        gather_rods(st.grains, st.pair_i, st.pair_j, st.near, k, near)
-        closest_points(st.near, near, p.half, reach2)
-        count = pack_rods(st.near, st.pair_i, st.pair_j, st.held, b, i, j, slot, k, near)
-        fill_up(i, j, slot, count, ghost, spare)
-        gather_motion(st.grains, i, j, b, count)
-        if FRICTION:
-            gather_springs(st.spring, slot, b, count, half_dt)
-        rod_law(b, count, p.c, real(p.radius), real(p.mass), rate)
-        scatter_forces(st.loads, i, j, b, count, True)
-        if FRICTION:
-            scatter_springs(st.spring, slot, b, count)
-        touching += count
-        overlap = largest_gap(b, st.bits, count)
-        if not overlap <= deepest:
-            deepest = overlap
-            if not deepest <= p.overlap_limit:
-                st.count[FAIL_GRAIN] = st.ids[i[where_gap(b, count, overlap)]]
-    st.sums[MAX_OVERLAP] = deepest
-    if LEDGER:
-        st.count[TOUCHING] = touching
+@func
+def pair_contact(b, t, c, radius, mass, rate, dt):
+    """Force and torque on i, torque on j, spring and overlap [m] of contact t; see `pair_law`."""
+    return rod_on_rod(
+        c, radius, mass, vector_at(b, NX + t), b[GAP + t], vector_at(b, IX + t), vector_at(b, JX + t),
+        vector_at(b, UX + t), vector_at(b, VX + t), vector_at(b, PX + t), vector_at(b, OX + t), vector_at(b, AX + t),
+        vector_at(b, BX + t), vector_at(b, SX + t), b[DT + t], rate,
+    )  # fmt: skip

@@ -3,12 +3,13 @@
 from labbook_dem.contact import rolling_rate
 from labbook_dem.parts import has, heir
 from labbook_dem.rods import rod_on_wall
-from labbook_dem.walls.frustum import frustum_rod
+from labbook_dem.walls.frustum import frustum_distance, frustum_rims, frustum_rod
 from labbook_dem.walls.plane import plane_rod
 from labbook_dem.walls.strip import strip_rod
 from labbook_dem.words import func, narrow, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals
+from labbook_numba.kernels.bodies import rolling_inertia
 from labbook_numba.kernels.features import (
     FAIL_GRAIN,
     FRICTION,
@@ -30,18 +31,31 @@ from labbook_numba.kernels.features import (
     X,
     kernel,
 )
-from labbook_numba.kernels.rod_blocks import rolling_inertia
 from labbook_numba.kernels.single import load
 from labbook_numba.kernels.surfaces import plane_of, section_of, wall_velocity
 from labbook_numba.state import Params, State
 
 
 @func
-def wall_part(shape, kind, w, x, a, half, radius, part):
-    """Distance [m] of a part of a rod from wall w, unit normal, and where on the segment it is [m]."""
+def edges(shape, kind, w, x, a, half, radius):
+    """`frustum_rims` of wall w; no edges if it is none, or far: most rods at a wall are far from its rim."""
+    none = wide(1e9)
+    zero = wide(0.0)
     if FRUSTUMS and (kind[w] == 2 or not (PLANES or STRIPS)):
         rim, along = section_of(shape, w)
-        return frustum_rod(rim, along, shape[w, 4], x, a, half, radius, part)
+        centre, _ = frustum_distance(rim, along, zero, x)
+        if centre <= half + radius:
+            return frustum_rims(rim, along, shape[w, 4], x, a, half, radius)
+    return none, zero, none, zero
+
+
+@func
+def wall_part(shape, kind, w, x, a, half, radius, part, found):
+    """Distance [m] of a part of a rod from wall w, unit normal, where on the segment it is [m]; `found`: by `edges`."""
+    if FRUSTUMS and (kind[w] == 2 or not (PLANES or STRIPS)):
+        rim, along = section_of(shape, w)
+        met, on, other, back = found
+        return frustum_rod(rim, along, shape[w, 4], x, a, half, part, met, on, other, back)
     if STRIPS and (kind[w] == 1 or not PLANES):
         start, along = section_of(shape, w)
         return strip_rod(start, along, shape[w, 4], x, a, half, radius, part)
@@ -51,21 +65,22 @@ def wall_part(shape, kind, w, x, a, half, radius, part):
     return plane_rod(point, normal, x, a, half, part)
 
 
-@func
-def measure_rod(st: State, p: Params, w, i):
-    """Distance, unit normal and place of each part of rod i at wall w, to State.near; which touch, as bits."""
-    x = load(st.grains, i, X)
-    a = load(st.grains, i, A)
+@kernel
+def measure_rod(grains, near, shape, kind, w, i, half, radius):
+    """Distance, unit normal and place of each part of rod i at wall w, to `near`; which touch, as bits."""
+    x = load(grains, i, X)
+    a = load(grains, i, A)
+    found = edges(shape, kind, w, x, a, half, radius)
     now = 0
     for part in range(WALL_PARTS):
-        distance, normal, s = wall_part(p.wall_shape, p.wall_kind, w, x, a, p.half, p.radius, part)
-        if distance < p.radius:
+        distance, normal, s = wall_part(shape, kind, w, x, a, half, radius, part, found)
+        if distance < radius:
             now |= 1 << part
-            st.near[part * 5] = distance
-            st.near[part * 5 + 1] = normal.x
-            st.near[part * 5 + 2] = normal.y
-            st.near[part * 5 + 3] = normal.z
-            st.near[part * 5 + 4] = s
+            near[part * 5] = distance
+            near[part * 5 + 1] = normal.x
+            near[part * 5 + 2] = normal.y
+            near[part * 5 + 3] = normal.z
+            near[part * 5 + 4] = s
     return now
 
 
@@ -112,7 +127,7 @@ def wall_forces(st: State, p: Params):
     for w in range(len(p.wall_kind)):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
-            now = measure_rod(st, p, w, i)
+            now = measure_rod(st.grains, st.near, p.wall_shape, p.wall_kind, w, i, p.half, p.radius)
             was = int(st.wall_held[k])
             if FRICTION:
                 st.wall_held[k] = now

@@ -35,9 +35,10 @@ from labbook_numba.kernels.features import (
     uint64,
 )
 from labbook_numba.kernels.meet import agree
-from labbook_numba.kernels.move import contact_work, move
+from labbook_numba.kernels.move import move
 from labbook_numba.kernels.pairs import pair_forces
-from labbook_numba.kernels.walls import wall_forces
+from labbook_numba.kernels.sphere_move import contact_work
+from labbook_numba.kernels.sphere_walls import wall_forces
 from labbook_numba.state import Params, State
 
 

@@ -15,6 +15,8 @@ from labbook_numba.kernels.blocks import (
     BZ,
     DT,
     HELD,
+    OX,
+    PX,
     SX,
     SY,
     SZ,
@@ -32,6 +34,7 @@ from labbook_numba.kernels.features import (
     SPRING,
     STRIDE,
     F,
+    P,
     T,
     U,
     V,
@@ -62,12 +65,15 @@ def put_vectors(b, place, x, y, z):
 
 @kernel
 def gather_pairs(g, i, j, b, count):
-    """Velocities of i relative to j, predicted and half a step old, and both spins.
+    """Velocities of i relative to j, predicted and half a step old, and both spins, of rods predicted too.
 
     All is read before anything is written: the compiler then looks up the eight places once.
     """
     for t in range(uint64(0), count, uint64(8)):
         ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U) - rows_at(g, j, t, GRAIN, U))
+        if RODS:
+            px, py, pz, _ = columns(rows_at(g, i, t, GRAIN, P))
+            ox, oy, oz, _ = columns(rows_at(g, j, t, GRAIN, P))
         if FRICTION:
             vx, vy, vz, _ = columns(rows_at(g, i, t, GRAIN, V) - rows_at(g, j, t, GRAIN, V))
             ax, ay, az, _ = columns(rows_at(g, i, t, GRAIN, W))
@@ -76,6 +82,9 @@ def gather_pairs(g, i, j, b, count):
             put_vectors(b, AX + t, ax, ay, az)
             put_vectors(b, BX + t, bx, by, bz)
         put_vectors(b, UX + t, ux, uy, uz)
+        if RODS:
+            put_vectors(b, PX + t, px, py, pz)
+            put_vectors(b, OX + t, ox, oy, oz)
 
 
 @kernel

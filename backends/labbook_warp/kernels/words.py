@@ -15,6 +15,13 @@ class wide4(NamedTuple):
     z: float
 
 
+class word(tuple):
+    """Sixteen bytes: four numbers in single, or two in double."""
+
+    def __new__(cls, *numbers: float):
+        return super().__new__(cls, numbers)
+
+
 def kernel(function: F) -> F:
     """Marks a function launched with one thread a grain, a cell or a member."""
     return function
@@ -40,7 +47,6 @@ int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = (
     Bodies
 ) = Any
-word: Any = None
 real4: Any = None
 widen: Any = None
 load_word: Any = None

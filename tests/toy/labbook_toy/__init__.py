@@ -22,21 +22,8 @@ from collections import defaultdict
 
 import numpy as np
 
-from labbook.backend import (
-    Capabilities,
-    Checkpoint,
-    Crossing,
-    Emptied,
-    Failed,
-    Member,
-    Sample,
-    Settled,
-    Slab,
-    Spec,
-    Status,
-    Unsupported,
-    empty_table,
-)
+from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
+from labbook.probes import Crossing, Sample, Slab, empty_table
 from labbook.protocol.packing import Packing
 
 DECAY = 0.9

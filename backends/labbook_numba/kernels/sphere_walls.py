@@ -1,20 +1,28 @@
-"""Forces of walls on grains, wall by wall, a block at a time: measure, pack, gather, law, scatter."""
+"""Forces of walls on spheres, wall by wall, a block at a time: measure, pack, gather, law, scatter."""
 
-from labbook_dem.words import VARIED, real, wide, wide3
+from labbook_dem.contact import rolling_rate
+from labbook_dem.spheres import sphere_on_wall
+from labbook_dem.words import VARIED, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import (
+    AX,
+    DT,
     GAP,
-    HELD,
+    MI,
     NX,
-    NY,
-    NZ,
+    RI,
+    SX,
+    TI,
     UX,
-    UY,
-    UZ,
+    VX,
+    coefficients_at,
     largest_gap,
+    put_forces,
+    reals,
     row_of,
-    wall_law,
+    vector_at,
     where_gap,
+    whole,
 )
 from labbook_numba.kernels.bodies import gather_bodies, gather_coefficients, radius_of
 from labbook_numba.kernels.features import (
@@ -36,16 +44,24 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
+from labbook_numba.kernels.pack import eights_at, squeeze_entries, squeeze_vectors
 from labbook_numba.kernels.search import first_at_least
 from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
-from labbook_numba.kernels.transfer import fill_up, gather_grains, gather_springs, scatter_forces, scatter_springs
-from labbook_numba.lanes import eight_at, put
+from labbook_numba.kernels.transfer import (
+    fill_up,
+    gather_grains,
+    gather_springs,
+    put_vectors,
+    scatter_forces,
+    scatter_springs,
+)
+from labbook_numba.lanes import eight_at
 from labbook_numba.rows import columns, rows_at
-from labbook_numba.squeeze import both, exchange, first_of, how_many, positive, squeeze, squeeze_numbers, squeeze_places
+from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_numbers
 from labbook_numba.state import SPHERES, Params, State
 
 # columns of State.near: position, which becomes the unit normal; gap; velocity of the surface
-PX, PY, PZ, NEAR_GAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(SPHERES.NEAR_COLUMNS))
+XX, XY, XZ, NEAR_GAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(SPHERES.NEAR_COLUMNS))
 
 
 @kernel
@@ -53,20 +69,18 @@ def measure_walls(grains, body, wall_grain, near, shape, kind, motion, w, k, cou
     """Normal, overlap and surface velocity of wall w for its near grains k..k + count, touching or not."""
     for t in range(uint64(0), count, uint64(8)):
         x, y, z, _ = columns(rows_at(grains, wall_grain, k + t, GRAIN, X))
-        put(near, PX + t, x)
-        put(near, PY + t, y)
-        put(near, PZ + t, z)
+        put_vectors(near, XX + t, x, y, z)
     for t in range(count):
-        x = wide3(near[PX + t], near[PY + t], near[PZ + t])
+        x = wide3(near[XX + t], near[XY + t], near[XZ + t])
         distance, normal = wall_distance(shape, kind, w, x)
         if MOVING:
             surface = wall_velocity(motion, w, x - normal * distance)
             near[QX + t] = surface.x
             near[QY + t] = surface.y
             near[QZ + t] = surface.z
-        near[PX + t] = normal.x
-        near[PY + t] = normal.y
-        near[PZ + t] = normal.z
+        near[XX + t] = normal.x
+        near[XY + t] = normal.y
+        near[XZ + t] = normal.z
         near[NEAR_GAP + t] = radius_of(body, wall_grain[k + t], radius) - distance
 
 
@@ -78,25 +92,37 @@ def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
         gap = eight_at(near, NEAR_GAP + t)
         here = first_of(near_count - t)
         touching = both(positive(gap), here)
-        squeeze(b, NX + count, eight_at(near, PX + t), touching)
-        squeeze(b, NY + count, eight_at(near, PY + t), touching)
-        squeeze(b, NZ + count, eight_at(near, PZ + t), touching)
-        squeeze(b, GAP + count, gap, touching)
+        squeeze_vectors(b, NX + count, eights_at(near, XX + t), touching)
         if MOVING:
-            squeeze(b, UX + count, eight_at(near, QX + t), touching)
-            squeeze(b, UY + count, eight_at(near, QY + t), touching)
-            squeeze(b, UZ + count, eight_at(near, QZ + t), touching)
-        if FRICTION:
-            squeeze(b, HELD + count, exchange(held, k + t, touching, here), touching)
-            squeeze_places(slot, count, k + t, touching)
+            squeeze_vectors(b, UX + count, eights_at(near, QX + t), touching)
+        squeeze_entries(b, slot, count, gap, held, k + t, touching, here)
         squeeze_numbers(i, count, wall_grain, k + t, touching)
         count += how_many(touching)
     return count
 
 
 @kernel
+def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin):
+    """Law stage of grain on wall. Unit normal in NX.., overlap in GAP; the wall turns with `spin` [rad/s] about z.
+
+    radius, mass, inertia: of all, if they are alike. dt: step [s].
+    """
+    c = reals(coefficients)
+    rate = rolling_rate(inertia, dt)
+    zero = real(0.0)
+    for t in range(whole(count)):
+        if VARIED:
+            radius, mass, rate = b[RI + t], b[MI + t], rolling_rate(b[TI + t], dt)
+        force, torque, kept = sphere_on_wall(
+            coefficients_at(b, t, c), radius, mass, b[GAP + t], vector_at(b, NX + t), vector_at(b, UX + t),
+            vector_at(b, VX + t), vector_at(b, AX + t), vec3(zero, zero, spin), vector_at(b, SX + t), b[DT + t], rate,
+        )  # fmt: skip
+        put_forces(b, t, force, torque, kept)
+
+
+@kernel
 def wall_forces(st: State, p: Params):
-    """Add the forces of walls on grains to f and t; after `pair_forces`, whose totals it goes on with."""
+    """Add the forces of walls on spheres to f and t; after `pair_forces`, whose totals it goes on with."""
     b = st.block
     i = st.block_i
     slot = st.slot

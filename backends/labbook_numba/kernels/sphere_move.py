@@ -1,0 +1,36 @@
+"""Turning spheres by one step, and the work of contacts on them."""
+
+from labbook_dem.motion import kick
+from labbook_dem.words import func, wide
+
+from labbook_numba.kernels.bodies import inertia_of, mass_of
+from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, kernel, uint64
+from labbook_numba.lanes import put_row, row_at, square
+from labbook_numba.state import Params, State
+
+
+@func
+def turn_grain(g, i, turns, v, slender, half, kick_dt, dt):
+    """Kick the spin of sphere i by `turns` [rad/s^2]. The square of its speed."""
+    at = i * GRAIN
+    put_row(g, at + W, kick(row_at(g, at + W), turns, kick_dt))
+    return square(v)
+
+
+@kernel
+def contact_work(st: State, p: Params, kick_dt):
+    """Work [J] that the contact forces in f and t are about to do: force times mean velocity of the kick."""
+    g = st.grains
+    loads = st.loads
+    work = wide(0.0)
+    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
+        mass = mass_of(st.body, i, p.mass)
+        inertia = inertia_of(st.body, i, p.inertia)
+        for c in range(3):
+            gravity = -p.gravity if c == 2 else wide(0.0)
+            force = loads[i, F + c]
+            torque = loads[i, T + c]
+            v = g[i, V + c] + wide(0.5) * kick_dt * force / mass
+            w = g[i, W + c] + wide(0.5) * kick_dt * torque / inertia
+            work += ((force - mass * gravity) * v + torque * w) * kick_dt
+    return work
