@@ -217,6 +217,18 @@ def test_bits_do_not_depend_on_the_company(precision, bed):
     ensemble.close()
 
 
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_a_kernel_of_their_own_for_walls_decides_no_bit(precision, bed, monkeypatch):
+    """Walls are met in the step itself, or before it, in a bed that flows over a turning edge."""
+    scene, how = silo(40), numerics(precision)
+    start, kernels, ends = opened(bed, scene.close(), scene), room.kernels, []
+    for one in (True, False):
+        monkeypatch.setattr(room, "kernels", lambda *key, apart, one=one: kernels(*key, apart=one))
+        ends.append(run(scene, how, start, 20)[0])
+    assert identical(*ends)
+    assert len(ends[0].wall_grain) > 3
+
+
 def test_threads_that_share_a_grain_find_the_same_neighbours(bed, monkeypatch):
     """On the processor they take turns; only lists are built so, and equally near neighbours may come in any order."""
     found = []
