@@ -36,7 +36,7 @@ def in_turn(ab: real, ca: real, cb: real, free: real, sin2: real, half: real):
 def closest_from(c: wide3, a: wide3, b: wide3, half: wide, first: bool):
     """s and t of `closest`, to within rounding, at half the work: i is taken first, or j.
 
-    Asked of either rod, with `first` true for one of them, it gives the same s and t to the last bit.
+    Asked of either rod, with `first` true for one of them, Warp's compilers give the same s and t to the last bit.
     """
     one = wide(1.0)
     ab = dot(a, b)

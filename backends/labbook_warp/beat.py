@@ -20,7 +20,7 @@ class Beat:
         self.kernels, self.device, self.lanes = arrays.module, arrays.device, arrays.module.LANES
         sizes = arrays.sizes
         self._rows, self._cells, self._slots = sizes.rows, sizes.slots * sizes.cells, sizes.slots
-        self._apart = self.kernels.APART and self.kernels.ANY_WALLS
+        self._apart = self.kernels.APART
         self._graph: Any = None
         self._looked: Any = None
 
@@ -83,13 +83,13 @@ class Beat:
 
     def _line_up(self) -> None:
         if self._apart:
-            self.arrays.system.besides.zero_()
+            self.arrays.system.beside_count.zero_()
             self._launch(self.kernels.line_up, self._rows)
 
     def _meet_walls(self, state: Any, keep: bool) -> None:
         if self._apart:
             room = self._rows + 32 * self._slots  # those by edges and the others are rounded up to 32 each
-            self._launch(self.kernels.meet_walls, room * self.lanes, state, keep)
+            self._launch(self.kernels.meet_walls, room, state, keep)
 
     def look(self) -> tuple[Any, Any]:
         """Velocities and reduced angular momenta at the whole step, on the device; changes nothing."""

@@ -71,8 +71,13 @@ def most_parts(switches: Mapping[str, int]) -> int:
     return max([2, *(count for kind, count in PARTS.items() if switches[f"{kind.upper()}S"])])
 
 
+def _edges(parts: int) -> int:
+    """Bits of the parts that lie across an edge, the third and fourth of each wall, as a signed number of 32 bits."""
+    return -0x33333334 if parts == 4 else 0  # 0xCCCCCCCC
+
+
 def module_text(
-    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int, apart: bool
+    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int, apart: int
 ) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
     turns = bool(switches["RODS"])
@@ -82,26 +87,33 @@ def module_text(
         "UNIFORM": uniform,
         "LANES": lanes,
         "SHARED": lanes > 1,
-        "APART": apart,
+        "APART": bool(apart),
         "WORDS": Codec(precision == "mixed", turns).words,
         "PARTS": most_parts(switches),
-        "EDGES": -0x33333334 if most_parts(switches) == 4 else 0,
+        "EDGES": _edges(most_parts(switches)),
         "TORQUES": switches["FRICTION"] or turns,
         "REACH": REACH[turns],
         "COLUMNS": 17 if turns else 13,
     }
     constants |= {name: getattr(words, name) for name in ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
     modules = [LAWS[law], contact, motion, plane, strip, frustum, *PHYSICS[turns], system, STATE[precision, turns]]
-    modules += [walls, bodies, sums, *SHAPE[turns], forces, step, beside, neighbours, observe]
-    return source.generate(dialect.header(precision, registers, 1 if turns else 16), constants, modules)
+    modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
+    if apart:
+        modules.append(beside)
+    return source.generate(dialect.header(precision, registers, apart, 1 if turns else 16), constants, modules)
 
 
 @lru_cache(maxsize=64)
 def kernels(
     law: str, precision: str, switches: tuple[tuple[str, int], ...], uniform: bool = False, lanes: int = 1,
-    registers: int = 0, apart: bool = False,
+    registers: int = 0, apart: int = 0,
 ) -> ModuleType:  # fmt: skip
-    """The kernel module of one specialisation. Compiling happens at first use, per device."""
+    """The kernel module of one specialisation. Compiling happens at first use, per device.
+
+    registers: how many a thread of the step may use, and apart: one that meets walls; 0 leaves it to the compiler, and
+    meets walls in the step. Only where threads do not share grains can walls be met apart.
+    """
+    assert lanes == 1 or not apart
     text = module_text(law, precision, dict(switches), uniform, lanes, registers, apart)
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)

@@ -15,7 +15,7 @@ func = wp.func
 rare_func = wp.func(inline=False)
 kernel = wp.kernel
 hot_kernel = wp.kernel{registers}
-wall_kernel = wp.kernel(cuda_max_registers={walls})
+wall_kernel = wp.kernel{walls}
 struct = wp.struct
 real = wp.{real}
 wide = wp.float64
@@ -100,7 +100,7 @@ def joined(low: float, high: float) -> wp.float64: ...
 def halved(v: wp.float64, high: int) -> float: ...
 """
 
-# A word is 16 bytes: one load, through the read-only path (a step never writes the state that it reads).
+# A word is 16 bytes: one load, through the read-only path (a step never writes the words that it reads).
 _LOAD = """
 #if defined(__CUDA_ARCH__)
     {vector} t = __ldg(reinterpret_cast<const {vector}*>(array.data + k)); return {type}({parts});
@@ -150,11 +150,11 @@ _HALVED = """
 """
 
 
-def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
+def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16) -> str:
     """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single).
 
-    registers: how many a thread of the step may use; 0 leaves it to the compiler. unroll: loops that are longer are
-    compiled as loops.
+    registers, walls: how many a thread of the step, or of the walls, may use; 0 leaves it to the compiler. unroll: loops
+    that are longer are compiled as loops.
     """
     single = precision == "mixed"
     vector, kind = ("float4", "wp::vec4f") if single else ("double2", "wp::vec2d")
@@ -162,7 +162,7 @@ def header(precision: str, registers: int = 0, unroll: int = 16) -> str:
     return _HEADER.format(
         fast=single,
         unroll=unroll,
-        walls=128 if single else 168,
+        walls=f"(cuda_max_registers={walls})" if walls else "",
         registers=f"(cuda_max_registers={registers})" if registers else "",
         real="float32" if single else "float64",
         vec3="vec3f" if single else "vec3d",

@@ -65,7 +65,8 @@ STATE = {
 }
 OF_RODS = {"facing": "one", "turned": "one", "momentum": "one"}
 OF_MIXTURES = {"body": "one"}
-BESIDE = ("beside", "wall_force", "wall_torque", "wall_deep", "wall_fine_force", "wall_fine_torque")
+BESIDE = ("beside", "wall_force", "wall_torque", "wall_deep")
+BESIDE_FINE = ("wall_fine_force", "wall_fine_torque")
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
 OF_WALLS = ("wall_shape", "wall_kind", "wall_motion")
@@ -97,7 +98,8 @@ def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[Shape]
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
     lengths = {name: rows * sizes.entries[of] for name, of in (state(sizes.rods, module.VARIED) | SCRATCH).items()}
-    lengths |= dict.fromkeys(BESIDE, rows if module.APART else 1) | {"besides": 2 * slots}
+    lengths |= {name: rows if module.APART else 1 for name in BESIDE}
+    lengths |= {name: rows if module.APART and module.FINE else 1 for name in BESIDE_FINE} | {"beside_count": 2 * slots}
     lengths |= dict.fromkeys(OF_SLOTS, slots)
     lengths |= dict.fromkeys(OF_WALLS, max(1, slots * sizes.walls))
     lengths |= {"wall_c": max(1, slots * sizes.walls * module.KINDS), "pair_c": slots * module.KINDS**2}

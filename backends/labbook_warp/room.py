@@ -22,6 +22,8 @@ MOST_LANES = 8
 REGISTERS = {"linear": {"mixed": 72, "double": 128}, "hertz-mindlin": {"mixed": 80, "double": 128}}
 REGISTERS_OF_RODS = {"mixed": 112, "double": 168}
 """A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
+WALLS_OF_RODS = {"mixed": 128, "double": 168}
+"""A thread that meets walls, where these have a kernel of their own."""
 ROUND_WALLS = 8
 """Registers more of a sphere that may meet one."""
 USED = 0.8
@@ -65,7 +67,8 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
         most += ROUND_WALLS
     switches = tuple((name, spec.feature(name)) for name in SWITCHES)
     # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
-    return kernels(law, precision, switches, uniform, lanes, most if many else 0, apart=many and sizes.rods)
+    apart = WALLS_OF_RODS[precision] if many and sizes.rods and spec.feature("ANY_WALLS") else 0
+    return kernels(law, precision, switches, uniform, lanes, most if many else 0, apart=apart)
 
 
 def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:

@@ -72,7 +72,7 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
         at = rows[packing.wall_grain[mine]]
         wall_spring[k, at] = packing.wall_spring[mine]
         wall_held[at] |= np.uint32(1 << k)  # near or not: another part may go on with it
-    wall_held[arrays.read("wall_near", slot, n) == 0] = 0
+    wall_held[arrays.read("wall_near", slot, n) == 0] = 0  # where no wall is near nobody would look again
     arrays.write("wall_spring", slot, wall_spring)
     arrays.write("wall_held", slot, wall_held)
 

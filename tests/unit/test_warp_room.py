@@ -8,7 +8,7 @@ from labbook_warp import Backend, devices, room  # noqa: E402
 from labbook_warp.arrays import Arrays  # noqa: E402
 from labbook_warp.layout import memory  # noqa: E402
 
-from labbook.bench.scenes import FAN_STEP, fan  # noqa: E402
+from labbook.bench.scenes import FAN_STEP, cylinder, fan  # noqa: E402
 from labbook.probes import Contacts, Crossing  # noqa: E402
 from labbook.protocol.placing import place  # noqa: E402
 
@@ -20,10 +20,11 @@ def spec_of(scene, precision="mixed", probes=PROBES):
     return Backend().specialise(scene, FAN_STEP.model_copy(update={"precision": precision}), probes)
 
 
+@pytest.mark.parametrize("scene", [fan(grains=40), cylinder(rods=True, grains=40)], ids=["spheres", "rods"])
 @pytest.mark.parametrize("precision", ["mixed", "double"])
-def test_memory_is_what_arrays_take(precision):
-    spec = spec_of(fan(grains=40), precision)
-    sizes = room.largest(spec, fan(grains=40))
+def test_memory_is_what_arrays_take(precision, scene):
+    spec = spec_of(scene, precision)
+    sizes = room.largest(spec, scene)
     module = room.suitable(spec, sizes, False, 1)
     arrays = Arrays(module, sizes, devices.find("cpu"), True)
     held = [arrays.p, arrays.q, *vars(arrays.system).values(), *(copy for _, copy in arrays._saved)]

@@ -32,6 +32,7 @@ IN_ONE = {
     "renumbering-mixture",
     # long runs of what renumbering, mirror, scale-invariance, resting-bed and rods of the contract see in both
     "resting-mixture",
+    "resting-pile",
     "resting-bed-round",
     "flow-outlet",
     "flow-friction",
@@ -39,9 +40,10 @@ IN_ONE = {
 }
 """Cases that an engine takes in its first precision only, on a processor: they need kernels that no other case needs,
 or they are long. Each feature is there in the other precision as well, in the cases that are named."""
-ON_A_GPU = {"flow-outlet", "flow-friction", "turntable"}
+ON_A_GPU = {"flow-outlet", "flow-friction", "turntable", "turntable-round", "resting-bed-round"}
 """Of the GPU engine only where it is quick. On a processor it takes flow-height, and test_compare_engines has it beside
-the CPU engine, which takes all flows; of the turntables, two million launches for one grain, it takes the round one."""
+the CPU engine, which takes all flows and beds; turntables are two million launches for one grain: there test_warp_rods
+has rods over a turning bottom beside plain Python."""
 
 
 def left_out(case: Case, stand: Stand) -> bool:

@@ -1,4 +1,4 @@
-"""Walls met by a kernel of their own: of the grains that have one near, side by side.
+"""Walls met by a kernel of their own, one thread a grain: of the grains that have one near, side by side.
 
 What a rod does at a wall takes many more registers, and more code, than what it does among its neighbours, and few rods
 are near one. Sums over contacts are exact, so it decides no bit where they are made.
@@ -9,14 +9,14 @@ from __future__ import annotations
 from labbook_dem.words import wide
 
 from labbook_warp.kernels.spheres import at_walls, grain
-from labbook_warp.kernels.sums import Sums, over_lanes, put_aside
+from labbook_warp.kernels.sums import Sums, put_aside
 from labbook_warp.kernels.system import System, material
-from labbook_warp.kernels.words import EDGES, LANES, PARKED, SHARED, Words, kernel, or_lanes, wall_kernel, wp
+from labbook_warp.kernels.words import EDGES, PARKED, Words, kernel, wall_kernel, wp
 
 
 @kernel
 def line_up(a: System):
-    """List the grains that have a wall near, those by an edge from the end; `besides` is zero before.
+    """List the grains that have a wall near, those by an edge from the end; `beside_count` is zero before.
 
     Edges take long: they are begun with, and threads side by side should all have one. Order, which is by chance,
     decides nothing.
@@ -27,9 +27,9 @@ def line_up(a: System):
         near = a.wall_near[i]
         if near != wp.uint32(0):
             if (near & wp.uint32(EDGES)) == wp.uint32(0):
-                a.beside[s * a.cap + wp.atomic_add(a.besides, 2 * s, 1)] = i - s * a.cap
+                a.beside[s * a.cap + wp.atomic_add(a.beside_count, 2 * s, 1)] = i - s * a.cap
             else:
-                a.beside[(s + 1) * a.cap - 1 - wp.atomic_add(a.besides, 2 * s + 1, 1)] = i - s * a.cap
+                a.beside[(s + 1) * a.cap - 1 - wp.atomic_add(a.beside_count, 2 * s + 1, 1)] = i - s * a.cap
 
 
 @wall_kernel
@@ -38,31 +38,25 @@ def meet_walls(a: System, p: Words, keep: bool):
 
     keep: whether springs are advanced in memory.
     """
-    thread = wp.tid()
-    n = thread // LANES
-    lane = thread - n * LANES
+    n = wp.tid()
     # first come those by edges of all members, 32 of one side by side, and then the others
     slots = a.rows.shape[0]
     s = (n // 32) % slots
     k = n // 32 // slots * 32 + n % 32
-    by_edges = a.besides[2 * s + 1]
+    by_edges = a.beside_count[2 * s + 1]
     other = k - (by_edges + 31) // 32 * 32
     r = int(-1)
     if k < by_edges:
         r = a.beside[(s + 1) * a.cap - 1 - k]
-    elif other >= 0 and other < a.besides[2 * s]:
+    elif other >= 0 and other < a.beside_count[2 * s]:
         r = a.beside[s * a.cap + other]
     if r >= 0:
         i = s * a.cap + r
         m = material(a, s)
         g = grain(p, m, i)
         if r < a.rows[s] and g.x[2] > wide(0.5) * wide(PARKED):
-            sums, held = at_walls(a, m, s, r, lane, g, Sums(), keep)
-            if SHARED:
-                sums = over_lanes(sums)
-                held = or_lanes(held, LANES)
-            if lane == 0:
-                put_aside(a, i, sums)
-                if keep:
-                    if held != a.wall_held[i]:
-                        a.wall_held[i] = held
+            sums, held = at_walls(a, m, s, r, 0, g, Sums(), keep)
+            put_aside(a, i, sums)
+            if keep:
+                if held != a.wall_held[i]:
+                    a.wall_held[i] = held

@@ -13,7 +13,7 @@ class Spot:
     """Where a grain is, and the word that also holds the first of how it moves."""
 
     x: wide3  # [m]
-    last: word
+    shared: word
 
 
 @func
@@ -23,7 +23,7 @@ def spot(p: Words, i: int):
     b = load_word(p, i * 6 + 1)
     s = Spot()
     s.x = wide3(a[0], a[1], b[0])
-    s.last = b
+    s.shared = b
     return s
 
 
@@ -34,7 +34,7 @@ def motion(p: Words, i: int, s: Spot):
     d = load_word(p, i * 6 + 3)
     e = load_word(p, i * 6 + 4)
     f = load_word(p, i * 6 + 5)
-    return vec3(s.last[1], c[0], c[1]), vec3(d[0], d[1], e[0]), vec3(e[1], f[0], f[1])
+    return vec3(s.shared[1], c[0], c[1]), vec3(d[0], d[1], e[0]), vec3(e[1], f[0], f[1])
 
 
 @func

@@ -7,17 +7,7 @@ from labbook_dem.words import FRICTION, func
 from labbook_warp.kernels.spheres import Grain, at_walls, with_neighbour
 from labbook_warp.kernels.sums import Sums, over_lanes, plus, with_walls
 from labbook_warp.kernels.system import Material, System, entry, has_bit
-from labbook_warp.kernels.words import (
-    ANY_WALLS,
-    APART,
-    FINE,
-    LANES,
-    SHARED,
-    Words,
-    load_int,
-    or_lanes,
-    wp,
-)
+from labbook_warp.kernels.words import ANY_WALLS, APART, FINE, LANES, SHARED, Words, load_int, or_lanes, wp
 
 
 @func
@@ -50,7 +40,7 @@ def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain
                     a.spring[at] = c.spring
     if ANY_WALLS:
         if APART:
-            if lane == 0 and a.wall_near[i] != wp.uint32(0):
+            if a.wall_near[i] != wp.uint32(0):
                 sums = with_walls(a, i, sums)
         else:
             sums, wall_held = at_walls(a, m, s, r, lane, g, sums, keep)

@@ -13,7 +13,7 @@ class Spot:
     """Where a grain is, and the word that also holds the first of how it moves."""
 
     x: wide3  # [m]
-    last: word
+    shared: word
 
 
 @func
@@ -23,7 +23,7 @@ def spot(p: Words, i: int):
     b = load_word(p, i * 4 + 1)
     s = Spot()
     s.x = wide3(joined(a[0], a[1]), joined(a[2], a[3]), joined(b[0], b[1]))
-    s.last = b
+    s.shared = b
     return s
 
 
@@ -32,7 +32,7 @@ def motion(p: Words, i: int, s: Spot):
     """Velocity [m/s] and angular velocity [rad/s] of grain i half a step before, and the velocity predicted for now."""
     c = load_word(p, i * 4 + 2)
     d = load_word(p, i * 4 + 3)
-    return vec3(s.last[2], s.last[3], c[0]), vec3(c[1], c[2], c[3]), vec3(d[0], d[1], d[2])
+    return vec3(s.shared[2], s.shared[3], c[0]), vec3(c[1], c[2], c[3]), vec3(d[0], d[1], d[2])
 
 
 @func

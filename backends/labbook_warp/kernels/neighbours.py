@@ -12,17 +12,7 @@ from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.mixed import spot
 from labbook_warp.kernels.spheres import Grain, apart2, grain, mark, near_walls, strayed
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
-from labbook_warp.kernels.words import (
-    ANY_WALLS,
-    LANES,
-    PARKED,
-    REACH,
-    SHARED,
-    Words,
-    float32,
-    kernel,
-    wp,
-)
+from labbook_warp.kernels.words import ANY_WALLS, LANES, PARKED, REACH, SHARED, Words, float32, kernel, wp
 
 
 @kernel
@@ -167,7 +157,7 @@ def build(a: System, p: Words):
                 near = near_walls(a, m, s, g)
         if ANY_WALLS:
             a.wall_near[i] = near
-            if near == wp.uint32(0):
+            if near == wp.uint32(0):  # nobody will look at its springs again
                 a.wall_held[i] = near
         carry(a, s, r, i, found)
 

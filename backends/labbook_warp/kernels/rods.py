@@ -5,7 +5,7 @@ from __future__ import annotations
 from labbook_dem.motion import predict
 from labbook_dem.rotation import axis, spin, turn
 from labbook_dem.segments import closest_from
-from labbook_dem.words import dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
+from labbook_dem.words import cross, dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed_rods import motion, put, spot
 from labbook_warp.kernels.system import Material, System
@@ -116,7 +116,7 @@ def strayed(a: System, m: Material, i: int, g: Grain):
     away = g.x - a.origin[i]
     tilt = g.axis - a.facing[i]
     v = widen(g.v)
-    w = widen(g.spin)
+    w = cross(widen(g.spin), g.axis)
     return sqrt(dot(away, away)) + m.half * sqrt(dot(tilt, tilt)), sqrt(dot(v, v)) + m.half * sqrt(dot(w, w))
 
 

@@ -98,9 +98,8 @@ class System:
     origin: Wides3  # positions when lists were built
     facing: Wides3  # axes of rods then
     turned: Wides4  # orientations of rods
-    momentum: (
-        Reals4  # their reduced angular momenta [rad/s], and what rounding has kept from the vertical velocity [m/s]
-    )
+    # of rods: reduced angular momenta [rad/s], and what rounding has kept from the vertical velocity [m/s]
+    momentum: Reals4
     count: Ints
     nbr: Ints
     held: Bits  # whether the spring to neighbour k is valid
@@ -110,7 +109,7 @@ class System:
     wall_spring: Vectors
     # where walls are met apart: rows of a slot that have a wall near, those by an edge at the end, and how many of each
     beside: Ints
-    besides: Ints
+    beside_count: Ints
     wall_force: Wides3  # sums over contacts with walls; an array of records would be copied byte by byte
     wall_torque: Wides3
     wall_fine_force: Wides3
