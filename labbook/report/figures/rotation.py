@@ -9,7 +9,7 @@ import numpy as np
 
 from labbook.report import display
 from labbook.report.rotation import FLOW, aspect_ratio, by_seed, relative_orifice
-from labbook.report.style import COLUMN, FAINT, MILLIMETRE, PAGE, house, look
+from labbook.report.style import COLUMN, FAINT, MILLIMETRE, PAGE, from_zero, house, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,8 +52,8 @@ def flow_against_rotation(curves: Sequence["Rotation"]) -> "Figure":
                 _ratios(below, curve, place[curve.label])
             below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
             below.set_xlabel(_FREQUENCY if len(shapes) < 3 else "$f$ [Hz]")
-        axes[0, 0].set_ylim(bottom=0)
-        axes[1, 0].set_ylim(bottom=0)
+        from_zero(axes[0, 0])
+        from_zero(axes[1, 0])
         axes[0, 0].set_ylabel("$Q$ [grains/s]")
         axes[1, 0].set_ylabel("$Q(f)/Q(0)$")
         lines = {text: line for ax in axes[1] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
@@ -105,7 +105,7 @@ def drop_and_rise(curves: Sequence["Rotation"]) -> "Figure":
         axes[0].set_ylabel(r"$Q_\mathrm{min}/Q(0)$")
         fastest = known[0].frequencies[-1]
         axes[1].set_ylabel(rf"$Q({fastest:g}\,\mathrm{{Hz}})/Q_\mathrm{{min}}$")
-        axes[0].set_ylim(bottom=0)
+        from_zero(axes[0])
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper")
     return figure
 
@@ -154,6 +154,7 @@ def above_orifice(curves: Sequence["Rotation"]) -> "Figure":
                     ax.errorbar(f, values, yerr=errors, label=label, **{**look(index), "markersize": 3})
             ax.set_ylabel(text)
             ax.set_xlabel("$f$ [Hz]")
+            ax.tick_params(labelbottom=True)
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=min(4, len(curves)))
     return figure
 
