@@ -93,7 +93,7 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
 
 
 def from_zero(ax: "Axes") -> None:
-    """Let the vertical axis begin at zero, with room above: matplotlib's own margin is a part of the range of the values,
+    """Let the vertical axis begin at zero, with room above: matplotlib's own margin is a part of the range of values,
     which may be less than half a marker."""
     ax.update_datalim([(0, 0)], updatex=False)
     ax.autoscale_view(scalex=False)
