@@ -95,7 +95,8 @@ class PointResult:
     """One point of a study with its replicates.
 
     `at`: what was swept, without what follows from the rest; `pooled`: means over seeds, by quantity, with Student
-    intervals; `tolerance`: the relative half-width that the study asks for.
+    intervals; `tolerance`: the relative half-width that the study asks for; `asked`: how many replicates it asks for at
+    least.
     """
 
     point: "Point"
@@ -103,6 +104,7 @@ class PointResult:
     runs: tuple[RunResult, ...]
     pooled: Mapping[str, Pooled]
     tolerance: float | None
+    asked: int
 
     @property
     def label(self) -> str:
@@ -147,10 +149,17 @@ class PointResult:
         return self.flow_rate is not None and self.flow_rate.relative <= self.tolerance
 
     @property
+    def partial(self) -> bool:
+        """Whether replicates are lacking. Of runs that began together the first to end flow fast: no fair sample."""
+        return len(self.runs) < self.asked
+
+    @property
     def remark(self) -> str:
         """What a reader must know of this point, in a few words; empty if nothing."""
-        parts = [f"{n} of {len(self.runs)} {how}" for how, n in self.outcomes.items() if how in ("clogged", "diverged")]
-        return ", ".join((["trending"] if self.trending else []) + parts)
+        parts = [f"{len(self.runs)} of {self.asked} runs so far"] if self.partial else []
+        parts += ["trending"] if self.trending else []
+        ended = {how: n for how, n in self.outcomes.items() if how in ("clogged", "diverged")}
+        return ", ".join(parts + [f"{n} of {len(self.runs)} {how}" for how, n in ended.items()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +208,7 @@ def analyse(
     missing = tuple(point for point in study.points if not by_point.get(point.index))
     series = series_of(points, study.fit)
     comparisons = compare(study.reference, points, series)
-    turning = rotations(points)
+    turning = rotations(points, [_swept(point, extra) for point in missing])
     judged = judge(study.reference, points, series, turning)
     return Analysis(study, points, missing, tuple(unreadable), series, comparisons, turning, judged)
 
@@ -228,8 +237,11 @@ def _point(study: "Study", point: "Point", extra: frozenset[str], runs: tuple[Ru
             if run.outcome != "diverged" and name not in UNPOOLED and math.isfinite(measured.value):
                 values.setdefault(name, []).append(measured.value)
     pooled = {name: rule.pool(found) for name, found in values.items()}
-    at = {name: value for name, value in point.at.items() if name not in extra}
-    return PointResult(point, at, runs, pooled, study.accuracy.flow_rate)
+    return PointResult(point, _swept(point, extra), runs, pooled, study.accuracy.flow_rate, study.replicates)
+
+
+def _swept(point: "Point", extra: frozenset[str]) -> dict[str, float | str]:
+    return {name: value for name, value in point.at.items() if name not in extra}
 
 
 def _run(study: "Study", finished: Finished) -> RunResult:

@@ -60,6 +60,10 @@ def summary(analysis: Analysis) -> list[str]:
         names = "; ".join(display.label(point.at, extra) for point in analysis.missing[:5])
         more = f" and {len(analysis.missing) - 5} more" if len(analysis.missing) > 5 else ""
         sentences.append(f"Not finished yet: {names}{more}.")
+    partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in analysis.points if one.partial]
+    if partial:
+        listed = "; ".join(partial[:5]) + (f" and {len(partial) - 5} more" if len(partial) > 5 else "")
+        sentences.append(f"Runs are lacking at {listed}: the first to end are no fair sample.")
     if analysis.unreadable:
         sentences.append(f"{_count(len(analysis.unreadable), 'run')} could not be read: {analysis.unreadable[0]}.")
     if study.accuracy.flow_rate is not None:

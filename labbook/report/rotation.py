@@ -1,7 +1,7 @@
 """What a turning bottom does: points that differ in nothing else, over the one at rest (Pongo et al. 2022)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,14 +30,20 @@ class Extreme:
 
 @dataclass(frozen=True, eq=False)
 class Rotation:
-    """Points of one shape and outlet, slowest bottom first."""
+    """Points of one shape and outlet, slowest bottom first. `missing`: f [Hz] of those without any run."""
 
     points: tuple[PointResult, ...]
+    missing: tuple[float, ...] = ()
 
     @property
     def frequencies(self) -> np.ndarray:
         """f [Hz] of the points, shape [n]."""
         return np.array([_frequency(one) for one in self.points])
+
+    @property
+    def unfinished(self) -> tuple[float, ...]:
+        """f [Hz] of the points that lack runs, ascending."""
+        return tuple(sorted([*self.missing, *(_frequency(one) for one in self.points if one.partial)]))
 
     @cached_property
     def shape(self) -> str:
@@ -105,19 +111,27 @@ _OF_SHAPE = {"contact.normal_stiffness"}
 """Swept along with the shape, for the law's sake."""
 
 
-def rotations(points: Sequence[PointResult]) -> tuple[Rotation, ...]:
+def rotations(points: Sequence[PointResult], missing: Sequence[Mapping[str, float | str]] = ()) -> tuple[Rotation, ...]:
     """Points in groups that differ in the rotation of the bottom only and have one at rest, two points at least; in the
-    order of shape (spheres, then longer and longer rods) and orifice."""
+    order of shape (spheres, then longer and longer rods) and orifice. `missing`: where points without any run are."""
     groups: dict[tuple, list[PointResult]] = {}
     for one in points:
         if ROTATION in one.at:
-            groups.setdefault(tuple((k, v) for k, v in one.at.items() if k != ROTATION), []).append(one)
+            groups.setdefault(_but_turning(one.at), []).append(one)
+    lacking: dict[tuple, list[float]] = {}
+    for at in missing:
+        if ROTATION in at:
+            lacking.setdefault(_but_turning(at), []).append(abs(float(at[ROTATION])))
     found = [
-        Rotation(tuple(sorted(group, key=_frequency)))
-        for group in groups.values()
+        Rotation(tuple(sorted(group, key=_frequency)), tuple(lacking.get(key, ())))
+        for key, group in groups.items()
         if len(group) > 1 and min(map(_frequency, group)) == 0
     ]
     return tuple(sorted(found, key=lambda one: (aspect_ratio(one.points[0]), one.orifice)))
+
+
+def _but_turning(at: Mapping[str, float | str]) -> tuple:
+    return tuple((name, value) for name, value in at.items() if name != ROTATION)
 
 
 def by_seed(result: PointResult, quantity: str) -> dict[int, float]:

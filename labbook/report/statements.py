@@ -46,6 +46,9 @@ class Judged:
         return "does not hold" if self.high < stated.low or self.low > stated.high else "undecided"
 
 
+_LACKING = "runs are lacking, and the first to end are no fair sample"
+
+
 def judge(
     reference: "Reference | None",
     points: Sequence[PointResult],
@@ -98,8 +101,16 @@ def _turning(statement: "Statement", name: str, curve: Rotation) -> Iterator[Jud
     if feature in ("", "for_O_zz"):
         for k, result in enumerate(curve.points):
             if k and matches(statement.at, result.point):
+                at = f"{where}, f = {curve.frequencies[k]:g} Hz"
+                if result.partial or curve.points[0].partial:
+                    yield Judged(statement, at, None, why=_LACKING)
+                    continue
                 ratio = curve.ratio(quantity, k) if not feature else _exchange(curve, k)
-                yield _of_ratio(statement, f"{where}, f = {curve.frequencies[k]:g} Hz", ratio)
+                yield _of_ratio(statement, at, ratio)
+        return
+    if curve.unfinished:
+        places = ", ".join(f"{f:g}" for f in curve.unfinished)
+        yield Judged(statement, where, None, why=f"{_LACKING} (f = {places} Hz)")
         return
     lowest = curve.lowest(quantity)
     if lowest is None:

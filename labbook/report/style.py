@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INK, FAINT = "#1a1a1a", "#8a8a8a"
@@ -89,6 +90,14 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
         path.write_bytes(encode(figure, kind))
         paths.append(path)
     return paths
+
+
+def from_zero(ax: "Axes") -> None:
+    """Let the vertical axis begin at zero, with room above: matplotlib's own margin is a part of the range of values,
+    which may be less than half a marker."""
+    ax.update_datalim([(0, 0)], updatex=False)
+    ax.autoscale_view(scalex=False)
+    ax.set_ylim(bottom=0)
 
 
 def mathtext(text: str) -> str:

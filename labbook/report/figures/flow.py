@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.report.style import COLOURS, FAINT, MILLIMETRE, PAGE, house
+from labbook.report.style import COLOURS, FAINT, MILLIMETRE, PAGE, from_zero, house
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,7 @@ def _draw(ax: "Axes", result: "PointResult") -> None:
     title = f"D = {result.orifice * 1e3:g} mm"
     ax.set_title(f"{title}, {result.remark}" if result.remark else title)
     ax.set_xlim(left=0)
-    ax.set_ylim(bottom=0)
+    from_zero(ax)
 
 
 def _key() -> list:

@@ -9,7 +9,7 @@ import numpy as np
 from labbook.fit.beverloo import Beverloo
 from labbook.report.analysis import ORIFICE
 from labbook.report.comparison import of_reference
-from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, PAGE, house, look
+from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, PAGE, from_zero, house, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,8 @@ _FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow
 
 
 def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] = (), source: str = "") -> "Figure":
-    """One series: the points with 95 % intervals, every fit with its 95 % band, and below it the residuals in percent.
+    """One series: the points with 95 % intervals, every fit with its 95 % band, and below it the residuals in percent,
+    if anything was fitted.
 
     Points outside a law's range or without a steady flow are hollow; diamonds are flow rates of the reference.
     """
@@ -32,8 +33,10 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
 
     power, written = _POWERS[series.outlet]
     with house():
-        figure = Figure(figsize=(COLUMN, 92 * MILLIMETRE))
-        main, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
+        heights = (2.6, 1) if series.fits else (2.6,)
+        figure = Figure(figsize=(COLUMN, 92 * MILLIMETRE * sum(heights) / 3.6))
+        axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        main, below = axes[0], axes[-1]
         diameters = np.linspace(0.92 * min(series.diameters), 1.04 * max(series.diameters), 200)
         for place, (law, fit) in enumerate(series.fits.items()):
             style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
@@ -51,11 +54,12 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
         _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook")
         _reference(main, series, comparisons, source, power)
         _their_law(main, series, comparisons, source, power, diameters)
-        below.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
         below.set_xlabel("orifice, $D$ [mm]")
-        below.set_ylabel("(W − fit) / fit [%]")
+        if series.fits:
+            below.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
+            below.set_ylabel("(W − fit) / fit [%]")
         main.set_ylabel(_heading(written))
-        main.set_ylim(bottom=0)
+        from_zero(main)
         if series.label:
             main.set_title(series.label)
         main.legend(loc="upper left")
@@ -81,7 +85,7 @@ def overview(series: Sequence["Series"]) -> "Figure":
             _points(ax, one.points, one.flagged, power, color=style["color"], marker=style["marker"], label=one.label)
         ax.set_xlabel("orifice, $D$ [mm]")
         ax.set_ylabel(_heading(written))
-        ax.set_ylim(bottom=0)
+        from_zero(ax)
         if many:
             figure.legend(loc="outside right upper")
         else:

@@ -9,7 +9,7 @@ from labbook.fit.outlet import Saturation
 from labbook.fit.outlet.flow import centred_flow, eccentric_flow
 from labbook.report import display
 from labbook.report.comparison import of_reference
-from labbook.report.style import INK, MILLIMETRE, PAGE, house, look
+from labbook.report.style import INK, MILLIMETRE, PAGE, from_zero, house, look
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -48,7 +48,7 @@ def outlets_of_all(
             for ax, text in zip(ax_row, ("$v_c$ [m/s]", r"$\phi_{max}$", "$W$ [g/s]"), strict=True):
                 ax.set_ylabel(text)
             for ax in ax_row[[0, 2]]:
-                ax.set_ylim(bottom=0)
+                from_zero(ax)
         for ax, text in zip(axes[-1], (r"$\sqrt{R}$ [mm$^{1/2}$]", "$R$ [mm]", "$R$ [mm]"), strict=True):
             ax.set_xlabel(text)
         handles = dict(zip(*reversed(_handles(axes)), strict=True))

@@ -9,7 +9,7 @@ import numpy as np
 from labbook.fit.outlet import Saturation
 from labbook.report import display
 from labbook.report.comparison import of_reference
-from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house, look
+from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, from_zero, house, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +54,7 @@ def outlet_profiles(
             axes[1, column].legend(handles=curves, loc="lower center")
         for ax, text in zip(axes.flat, ("$v$ [m/s]", r"$\phi$", "$v/v_c$", r"$\phi/\phi_c$"), strict=True):
             ax.set_ylabel(text)
-            ax.set_ylim(bottom=0)
+            from_zero(ax)
         figure.legend(
             *axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=min(8, len(fit.outlets))
         )

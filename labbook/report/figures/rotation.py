@@ -9,7 +9,7 @@ import numpy as np
 
 from labbook.report import display
 from labbook.report.rotation import FLOW, aspect_ratio, by_seed, relative_orifice
-from labbook.report.style import COLUMN, FAINT, MILLIMETRE, PAGE, house, look
+from labbook.report.style import COLUMN, FAINT, MILLIMETRE, PAGE, from_zero, house, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,8 +52,8 @@ def flow_against_rotation(curves: Sequence["Rotation"]) -> "Figure":
                 _ratios(below, curve, place[curve.label])
             below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
             below.set_xlabel(_FREQUENCY if len(shapes) < 3 else "$f$ [Hz]")
-        axes[0, 0].set_ylim(bottom=0)
-        axes[1, 0].set_ylim(bottom=0)
+        from_zero(axes[0, 0])
+        from_zero(axes[1, 0])
         axes[0, 0].set_ylabel("$Q$ [grains/s]")
         axes[1, 0].set_ylabel("$Q(f)/Q(0)$")
         lines = {text: line for ax in axes[1] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
@@ -73,17 +73,27 @@ def _rates(ax: "Axes", curve: "Rotation", index: int) -> None:
     values = [one.pooled[FLOW].value for one in known]
     errors = [np.nan_to_num(one.pooled[FLOW].error) for one in known]
     ax.errorbar(f, values, yerr=errors, **style)
+    _hollow(ax, f, values, [one.partial for one in known], style)
 
 
 def _ratios(ax: "Axes", curve: "Rotation", index: int) -> None:
-    found = [(0.0, 1.0, 0.0)]
+    rest, style = curve.points[0].partial, look(index)
+    found = [(0.0, 1.0, 0.0, rest)]
     for k in range(1, len(curve.points)):
         ratio = curve.ratio(FLOW, k)
         if ratio is not None:
             half = ratio.half_width if math.isfinite(ratio.half_width) else 0.0
-            found.append((float(curve.frequencies[k]), ratio.value, half))
-    f, values, errors = zip(*found, strict=True)
-    ax.errorbar(f, values, yerr=errors, label=curve.label or None, **look(index))
+            found.append((float(curve.frequencies[k]), ratio.value, half, rest or curve.points[k].partial))
+    f, values, errors, partial = zip(*found, strict=True)
+    ax.errorbar(f, values, yerr=errors, label=curve.label or None, **style)
+    _hollow(ax, f, values, partial, style)
+
+
+def _hollow(ax: "Axes", f: Sequence[float], values: Sequence[float], partial: Sequence[bool], style: dict) -> None:
+    """Empty the markers of points that lack runs."""
+    empty = {**style, "linestyle": "none", "markerfacecolor": "white", "zorder": 4}
+    for x, y in (at for at, lacks in zip(zip(f, values, strict=True), partial, strict=True) if lacks):
+        ax.plot(x, y, **empty)
 
 
 def drop_and_rise(curves: Sequence["Rotation"]) -> "Figure":
@@ -105,7 +115,7 @@ def drop_and_rise(curves: Sequence["Rotation"]) -> "Figure":
         axes[0].set_ylabel(r"$Q_\mathrm{min}/Q(0)$")
         fastest = known[0].frequencies[-1]
         axes[1].set_ylabel(rf"$Q({fastest:g}\,\mathrm{{Hz}})/Q_\mathrm{{min}}$")
-        axes[0].set_ylim(bottom=0)
+        from_zero(axes[0])
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper")
     return figure
 
@@ -149,11 +159,14 @@ def above_orifice(curves: Sequence["Rotation"]) -> "Figure":
                 pooled = [curve.points[k].pooled[name] for k in known]
                 errors = [np.nan_to_num(one.error) * abs(scale) for one in pooled]
                 label = ", ".join(filter(None, (curve.shape, curve.label)))
-                f, values = curve.frequencies[known], [one.value * scale for one in pooled]
+                f, values = curve.frequencies[known].tolist(), [one.value * scale for one in pooled]
+                style = {**look(index), "markersize": 3}
                 if known:
-                    ax.errorbar(f, values, yerr=errors, label=label, **{**look(index), "markersize": 3})
+                    ax.errorbar(f, values, yerr=errors, label=label, **style)
+                    _hollow(ax, f, values, [curve.points[k].partial for k in known], style)
             ax.set_ylabel(text)
             ax.set_xlabel("$f$ [Hz]")
+            ax.tick_params(labelbottom=True)
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=min(4, len(curves)))
     return figure
 

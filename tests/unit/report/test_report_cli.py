@@ -83,3 +83,19 @@ def test_what_is_not_there_is_an_error_with_its_remedy(toy, done, tmp_path, word
     ended = toy.labbook(*filled, check=False)
     assert ended.exit_code == 1
     assert remedy in ended.stderr
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_no_number_of_a_table_is_cut_off(width):
+    from io import StringIO
+
+    from rich.console import Console
+
+    from labbook.cli.tables import print_table
+    from labbook.report.tables import Table
+
+    cells = [f"0.{k}2967 ± 0.{k}0045" for k in range(1, 6)]
+    out = StringIO()
+    print_table(Console(file=out, width=width), Table(tuple("abcde"), (tuple(cells),), frozenset()), "numbers")
+    assert "…" not in out.getvalue()
+    assert all(word in out.getvalue() for cell in cells for word in cell.split())

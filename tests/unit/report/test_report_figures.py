@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,3 +73,21 @@ def test_a_figure_is_the_same_bytes_whenever_and_wherever_it_is_made(analysis, k
 def test_every_series_looks_different():
     looks = [tuple(map(str, style.look(k).values())) for k in range(49)]
     assert len(set(looks)) == 49
+
+
+def test_an_axis_from_zero_leaves_room_above_values_that_hardly_differ():
+    from matplotlib.figure import Figure
+
+    left, right = Figure().subplots(1, 2, sharey=True)
+    left.plot([0, 1], [799, 800])
+    right.plot([0, 1], [700, 820])
+    style.from_zero(left)
+    assert right.get_ylim()[0] == 0
+    assert right.get_ylim()[1] == pytest.approx(1.05 * 820)
+
+
+def test_points_without_a_fit_have_no_panel_of_residuals(analysis):
+    (series,) = analysis.series
+    (main,) = figures.flow_against_orifice(replace(series, fits={})).axes
+    assert len(main.containers) == len(series.points)
+    assert main.get_xlabel() == "orifice, $D$ [mm]"

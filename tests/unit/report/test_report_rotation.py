@@ -238,10 +238,30 @@ def test_a_verdict_needs_the_whole_interval_on_one_side():
     assert Judged(stated, "", 1.0).verdict == "undecided"
 
 
+def test_points_that_lack_runs_are_shown_hollow_and_judged_by_none(synthetic):
+    """Of four seeds three have ended at 0.16 Hz and none at 0.32 Hz: what is said of 1.28 Hz stands."""
+    points = [point(k, f) for k, f in enumerate(F)]
+    ended = [Run(p, seed) for p, n in zip(points, (4, 3, 0, 4), strict=True) for seed in range(1, n + 1)]
+    stated = tuple(state(f"rotation.grain_rate{name}", 0, 1) for name in ("", ".drop", ".minimum"))
+    study = synthetic.study_of(points, fit=(), reference=Reference("someone", (), stated), replicates=4)
+    found = analyse(study, ended)
+    assert [one.remark for one in found.points] == ["", "3 of 4 runs so far", ""]
+    assert found.turning[0].unfinished == (0.16, 0.32)
+    slow, fast, drop, minimum = found.judged
+    assert (slow.ours, slow.verdict, fast.verdict) == (None, "undecided", "holds")
+    assert (drop.ours, minimum.ours) == (None, None)
+    assert drop.why.endswith("(f = 0.16, 0.32 Hz)")
+    assert "lacking at f = 0.16, 0.32 Hz" in sentence(found.turning[0])
+    assert any("(3 of 4)" in text for text in page.summary(found))
+    for ax in figures.flow_against_rotation(found.turning).axes:
+        hollow = [line for line in ax.lines if line.get_markerfacecolor() == "white"]
+        assert [float(np.asarray(line.get_xdata(), float)[0]) for line in hollow] == [0.16]
+
+
 def test_rods_that_turn_upright_to_radial_exchange_one_for_the_other(synthetic):
     points = [point(k, f) for k, f in enumerate((0.0, 0.16))]
-    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), [Run(p, s) for p in points for s in (1, 2)])
-    (found,) = analysis.turning
+    study = synthetic.study_of(points, fit=(), reference=None, replicates=2)
+    (found,) = analyse(study, [Run(p, s) for p in points for s in (1, 2)]).turning
 
     def oriented(result, zz, rr):
         runs = []
