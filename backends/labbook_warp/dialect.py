@@ -153,8 +153,8 @@ _HALVED = """
 def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16) -> str:
     """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single).
 
-    registers, walls: how many a thread of the step, or of the walls, may use; 0 leaves it to the compiler. unroll: loops
-    that are longer are compiled as loops.
+    registers, walls: how many a thread of the step, or of the walls, may use; 0 leaves it to the compiler. unroll:
+    loops that are longer are compiled as loops.
     """
     single = precision == "mixed"
     vector, kind = ("float4", "wp::vec4f") if single else ("double2", "wp::vec2d")

@@ -113,7 +113,8 @@ def by_warp(folder, c, a, b) -> dict[str, np.ndarray]:
 
 def in_double(c, a, b) -> np.ndarray:
     """Distances [m] by plain Python."""
-    branches = [segments.closest(*(words.vec3(*v) for v in rods), HALF)[2] for rods in zip(c, a, b, strict=True)]
+    vectors = zip(*([words.vec3(*v) for v in one] for one in (c, a, b)), strict=True)
+    branches = [segments.closest(x, p, q, HALF)[2] for x, p, q in vectors]
     return np.array([math.sqrt(words.dot(away, away)) for away in branches])
 
 
