@@ -66,8 +66,9 @@ def summed_up(judged: Sequence[Judged], source: str) -> str:
     counts = {verdict: sum(one.verdict == verdict for one in judged) for verdict in ("holds", "does not hold")}
     open_ones = len(judged) - sum(counts.values())
     fails = counts["does not hold"]
+    statements = "statement" if len(judged) == 1 else "statements"
     return (
-        f"Of {len(judged)} statements of {source}, {counts['holds']} hold{'s' if counts['holds'] == 1 else ''}, "
+        f"Of {len(judged)} {statements} of {source}, {counts['holds']} hold{'s' if counts['holds'] == 1 else ''}, "
         f"{fails} do{'es' if fails == 1 else ''} not, and {open_ones} {'is' if open_ones == 1 else 'are'} undecided."
     )
 
@@ -115,6 +116,8 @@ def _turning(statement: "Statement", name: str, curve: Rotation) -> Iterator[Jud
     lowest = curve.lowest(quantity)
     if lowest is None:
         yield Judged(statement, where, None, why="a minimum needs three frequencies")
+    elif feature == "minimum" and not any(statement.low <= f <= statement.high for f in curve.frequencies):
+        yield Judged(statement, where, None, why="no frequency of the study lies where it is stated")
     elif feature == "minimum":
         extreme = curve.minimum(quantity)
         if extreme is None:

@@ -231,6 +231,20 @@ def test_a_flow_that_only_grows_neither_drops_nor_has_its_minimum_where_stated(s
     assert rise.ours == pytest.approx(1.03 / 1.01, abs=0.02)
 
 
+def test_where_a_minimum_is_stated_the_study_has_to_look(synthetic):
+    """Of 0, 0.32 and 1.28 Hz none lies at 0.1 to 0.2 Hz: whether the minimum does remains open."""
+    stated = replace(state("rotation.grain_rate.minimum", 0.1, 0.2), at=ROUND)
+    points = [point(k, f, SPHERE) for k, f in enumerate((0.0, 0.32, 1.28))]
+    analysis = analyse(
+        synthetic.study_of(points, fit=(), reference=Reference("Them", (), (stated,))),
+        [Run(p, seed) for p in points for seed in range(1, 9)],
+    )
+    (judged,) = analysis.judged
+    assert judged.verdict == "undecided"
+    assert "no frequency" in judged.why
+    assert summed_up(analysis.judged, "Them").startswith("Of 1 statement of Them, 0 hold, ")
+
+
 def test_a_verdict_needs_the_whole_interval_on_one_side():
     stated = state("rotation.grain_rate", 0.95, 1.05)
     for low, high, verdict in ((0.96, 1.04, "holds"), (0.9, 1.0, "undecided"), (1.06, 1.2, "does not hold")):
