@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from labbook.fields import Grains, Grid, Layer, Ring, grains_of
-from labbook.scene import Scene, WedgeHopper
+from labbook.measure.measure import MeasureError
+from labbook.scene import ConicalSilo, CylinderSilo, Scene, WedgeHopper
 
 OMEGA = 0.5
 """Width of the coarse-graining function in diameters of the grains, or of spheres of their volume."""
@@ -15,6 +16,18 @@ OMEGA = 0.5
 def omega_of(scene: Scene) -> float:
     """Width of the coarse-graining function [m] (Pongo et al. 2022: half the equivalent diameter)."""
     return OMEGA * scene.grains.equivalent_diameter
+
+
+def round_silo(scene: Scene, measure: str) -> CylinderSilo | ConicalSilo:
+    """The container of a scene with a round outlet and equal grains. Raises MeasureError for any other."""
+    if not isinstance(scene.container, CylinderSilo | ConicalSilo):
+        kind = scene.container.kind
+        raise MeasureError(
+            f"measure: {measure} needs the round outlet of a cylinder-silo or conical-silo, not a {kind}"
+        )
+    if scene.grains.varied:
+        raise MeasureError(f"measure: {measure} needs equal grains; leave out sizes and kinds")
+    return scene.container
 
 
 def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> Grains:

@@ -8,7 +8,7 @@ from labbook.fields import Ring, coarse_grain, orifice_means
 from labbook.fields.kernel import CUTOFF
 from labbook.fields.orifice import HEIGHT
 from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
-from labbook.measure.bed import cells, grains_between, omega_of
+from labbook.measure.bed import cells, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import Measure, MeasureError, Window
@@ -16,9 +16,10 @@ from labbook.measure.series import crossings
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
 from labbook.numerics import Numerics
 from labbook.probes import Crossing, Probe, Zone
-from labbook.scene import ConicalSilo, CylinderSilo, Scene
+from labbook.scene import Scene
 from labbook.stats import Measured
 
+NAME = "orifice"
 INTERVAL = 0.05
 """Time [s] between two velocities whose difference is taken for an acceleration (Pongo et al. 2022)."""
 BINS, UP_TO = 16, 2.0
@@ -46,11 +47,11 @@ class OrificeMeans(Measure):
     close.
     """
 
-    name = "orifice"
+    name = NAME
     version = 1
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
-        silo = _silo(scene)
+        silo = round_silo(scene, NAME)
         reach = _rounded_up(CUTOFF * omega_of(scene))
         R, plane = silo.orifice / 2, silo.outlet_plane
         core = min(R + reach, _rounded_up(R / 2 + scene.grains.equivalent_diameter))
@@ -60,7 +61,7 @@ class OrificeMeans(Measure):
         return (Crossing(plane), Zone(R + reach, low, high, core, top, every, again))
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
-        _silo(run.scene)
+        round_silo(run.scene, NAME)
         flow, times = _steady(run, window)
         where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
         frames = {} if flow is None else frames_of(run, flow, times)
@@ -111,7 +112,7 @@ def _steady(run: RunData, window: Window) -> tuple[SteadyFlow | None, np.ndarray
 
 
 def _means(scene: Scene, frames: dict[str, np.ndarray]) -> dict[str, float]:
-    silo, omega = _silo(scene), omega_of(scene)
+    silo, omega = round_silo(scene, NAME), omega_of(scene)
     grains = grains_between(scene, frames, -math.inf, math.inf)
     R, bottom = silo.orifice / 2, silo.outlet_plane
     grid = Ring(R, (bottom, bottom + HEIGHT), cells(R, omega / 2), max(4, cells(HEIGHT, omega / 2)))
@@ -123,7 +124,7 @@ def _means(scene: Scene, frames: dict[str, np.ndarray]) -> dict[str, float]:
 
 
 def _profile(scene: Scene, frames: dict[str, np.ndarray]) -> AccelerationProfile | None:
-    D, plane = _silo(scene).orifice, _silo(scene).outlet_plane
+    D, plane = round_silo(scene, NAME).orifice, round_silo(scene, NAME).outlet_plane
     edges = plane + np.linspace(0.0, UP_TO * D, BINS + 1)
     try:
         return acceleration_profile(frames, interval=INTERVAL, radius=D / 4, edges=edges, gravity=scene.gravity)
@@ -142,12 +143,3 @@ def _beats(scene: Scene, numerics: Numerics) -> tuple[int, int]:
 
 def _rounded_up(length: float) -> float:
     return math.ceil(length / _STEP - 1e-9) * _STEP
-
-
-def _silo(scene: Scene) -> CylinderSilo | ConicalSilo:
-    if not isinstance(scene.container, CylinderSilo | ConicalSilo):
-        kind = scene.container.kind
-        raise MeasureError(f"measure: orifice needs the round outlet of a cylinder-silo or conical-silo, not a {kind}")
-    if scene.grains.varied:
-        raise MeasureError("measure: orifice needs equal grains; leave out sizes and kinds")
-    return scene.container

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
-from labbook.measure.bed import bed_grid, grains_between, omega_of
+from labbook.measure.bed import bed_grid, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import Measure, MeasureError, Window
@@ -14,9 +14,10 @@ from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
 from labbook.numerics import Numerics
 from labbook.probes import Contacts, Crossing, Probe, Sample
-from labbook.scene import ConicalSilo, CylinderSilo, Scene
+from labbook.scene import Scene
 from labbook.stats import Measured
 
+NAME = "contact_stress"
 _FRAMES = 5
 """Frames within the window, if the outflow is as expected; slower flows have more. Every contact of a bed is recorded,
 some 30 bytes each: means over the azimuth of few frames already tell maps."""
@@ -33,15 +34,19 @@ class ContactStress(Measure):
     contacts are recorded, in single precision: about 0.8 MB a frame of 10 000 rods.
     """
 
-    name = "contact_stress"
+    name = NAME
     version = 1
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         every = beats_of(min(window_time(scene) / _FRAMES, _LONGEST), numerics, 1)
-        return (Crossing(_silo(scene).outlet_plane), Sample(fields=("x", "v"), every=every), Contacts(every=every))
+        return (
+            Crossing(round_silo(scene, NAME).outlet_plane),
+            Sample(fields=("x", "v"), every=every),
+            Contacts(every=every),
+        )
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
-        silo = _silo(run.scene)
+        silo = round_silo(run.scene, NAME)
         where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
         how = "contacts, coarse-grained; error from seeds only"
         found = stress_fields(run, window)
@@ -97,9 +102,3 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
 def _frames(table: Mapping[str, np.ndarray], steps: np.ndarray) -> dict[str, np.ndarray]:
     kept = np.isin(table["step"], steps)
     return {name: np.asarray(column)[kept] for name, column in table.items()}
-
-
-def _silo(scene: Scene) -> CylinderSilo | ConicalSilo:
-    if not isinstance(scene.container, CylinderSilo | ConicalSilo) or scene.grains.varied:
-        raise MeasureError("measure: contact_stress needs equal grains in a cylinder-silo or conical-silo")
-    return scene.container

@@ -18,8 +18,8 @@ from labbook.measure.outlet import outlet_profile
 from labbook.measure.series import crossings, flow_series
 from labbook.measure.steady import steady_flow
 from labbook.measure.stress import ContactStress, stress_fields
-from labbook.protocol import Bodies
 from labbook.report import display
+from labbook.report.filmed import frames_of
 from labbook.stats import Measured, Pooled, StoppingRule
 
 if TYPE_CHECKING:
@@ -259,26 +259,10 @@ def _run(study: "Study", finished: Finished) -> RunResult:
         trace,
         finished.provenance,
         outlets,
-        _frames(finished, data),
+        frames_of(finished, data),
         above,
         lambda: stress_fields(finished.data(), study.window) if stressed else None,
     )
-
-
-def _frames(finished: Finished, data: RunData) -> Callable[[], Mapping[str, np.ndarray] | None]:
-    """Reads what was recorded of a run; of unlike grains with their `radius` [m] and `kind`, which the start knows."""
-    if not data.scene.grains.varied:
-        return finished.recording
-    bodies, start = Bodies.of(data.scene.grains, data.start), data.start
-
-    def read() -> Mapping[str, np.ndarray] | None:
-        table = finished.recording()
-        if table is None:
-            return None
-        which = start.rows(np.asarray(table["id"]))
-        return {**table, "radius": bodies.radius[which], "kind": bodies.kind[which]}
-
-    return read
 
 
 def _outlets(study: "Study", data: RunData) -> dict[str, Outlet]:

@@ -5,7 +5,6 @@ import importlib
 import importlib.util
 import inspect
 import pkgutil
-import sys
 from types import ModuleType
 
 import labbook_dem
@@ -120,18 +119,6 @@ def shapes(function, given) -> list[bool]:
     """Whether each result is a vector."""
     result = function(*row(given, 0))
     return [isinstance(part, words.vec3) for part in (result if isinstance(result, tuple) else (result,))]
-
-
-def compiled(text: str, name: str, folder) -> ModuleType:
-    path = folder / f"{name}.py"
-    path.write_text(text, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def loop_text(function, vectors: list[bool], load, store) -> str:

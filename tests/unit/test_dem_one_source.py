@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from labbook_dem import source
+from labbook_dem import generated, source
 from labbook_dem.laws import hertz_mindlin, linear
 from one_source import (
     COUNT,
@@ -14,7 +14,6 @@ from one_source import (
     SINGLE,
     SWITCHES,
     check,
-    compiled,
     device_functions,
     every_argument,
     in_python,
@@ -46,7 +45,7 @@ def numba_module(module: ModuleType, given: dict, precision: str, folder) -> Mod
         head = f"@njit\ndef run_{name}(out, {', '.join(given[name])}):\n    for k in range(len(out)):\n"
         loops.append(head + body)
     text = source.generate(dialect.header(precision), SWITCHES, needed(module)) + "\n\n" + "\n\n\n".join(loops)
-    return compiled(text, f"numba_{precision}_{module.__name__.replace('.', '_')}", folder)
+    return generated.load(f"numba_{precision}_{module.__name__.replace('.', '_')}", text, folder)
 
 
 @pytest.mark.parametrize("precision", ["double", "mixed"])
@@ -104,7 +103,7 @@ def warp_module(module: ModuleType, given: dict, precision: str, folder) -> Modu
             f"@wp.kernel\ndef run_{name}(out: wp.array2d(dtype=wp.float64), {arguments}):\n    k = wp.tid()\n{body}"
         )
     text = source.generate(header, SWITCHES, needed(module)) + "\n\n" + "\n\n\n".join(kernels) + "\n"
-    return compiled(text, f"warp_{precision}_{module.__name__.replace('.', '_')}", folder)
+    return generated.load(f"warp_{precision}_{module.__name__.replace('.', '_')}", text, folder)
 
 
 @pytest.mark.parametrize("precision", ["double", "mixed"])

@@ -2,15 +2,16 @@
 
 import pytest
 
-wp = pytest.importorskip("warp")
+pytest.importorskip("warp")
 
-from labbook_warp import Backend, devices, room  # noqa: E402
-from labbook_warp.arrays import Arrays  # noqa: E402
-from labbook_warp.layout import memory  # noqa: E402
+import warp as wp
+from labbook_warp import Backend, devices, room
+from labbook_warp.arrays import Arrays
+from labbook_warp.layout import memory
 
-from labbook.bench.scenes import FAN_STEP, cylinder, fan  # noqa: E402
-from labbook.probes import Contacts, Crossing  # noqa: E402
-from labbook.protocol.placing import place  # noqa: E402
+from labbook.bench.scenes import FAN_STEP, cylinder, fan
+from labbook.probes import Contacts, Crossing
+from labbook.protocol.placing import place
 
 GIB = 1 << 30
 PROBES = (Crossing(),)
