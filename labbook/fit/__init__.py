@@ -2,7 +2,7 @@
 
 from labbook.fit.beverloo import Beverloo2D, Beverloo3D
 from labbook.fit.exponential import Exponential
-from labbook.fit.fitting import compare, fit
+from labbook.fit.fitting import contenders, fit
 from labbook.fit.janda import Janda2D, Janda3D
 from labbook.fit.law import Context, Law
 from labbook.fit.outlet import COVERAGE, CROSSINGS, DEFINITIONS
@@ -28,6 +28,6 @@ __all__ = [
     "FitResult",
     "Law",
     "Parameter",
-    "compare",
+    "contenders",
     "fit",
 ]

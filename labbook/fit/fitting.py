@@ -9,7 +9,7 @@ from labbook.fit.law import Context, Law
 from labbook.fit.profile import LowerMinimum, Minimum, interval, minimise
 from labbook.fit.result import FitError, FitResult, Parameter, freedom
 from labbook.fit.weights import Weights, pooled_weights
-from labbook.stats.choice import UNDECIDED, aicc, deviance, prefer
+from labbook.stats.choice import aicc, deviance, unbeaten
 from labbook.stats.pooling import student
 
 _RESTARTS = 8
@@ -134,18 +134,14 @@ def _notes(law: Law, D, outside, weights: Weights, p_value: float, context: Cont
     return tuple(notes)
 
 
-def compare(results: Sequence[FitResult]) -> str:
-    """Name of the law that the data prefer, or `undecided`.
+def contenders(results: Sequence[FitResult]) -> tuple[str, ...]:
+    """Names of the laws among which the data do not choose; one alone is what they prefer.
 
-    By AICc, and by the likelihood alone as well: with 8 points a third parameter costs 9 in AICc, so that a law of two
-    would win by more than 4 on data that both fit alike. Such a choice rests on the count of parameters, not on the
-    data. Raises FitError unless all laws were fitted to the same points.
+    Another law beats one by AICc, and by the likelihood alone as well: with 8 points a third parameter costs 9 in AICc,
+    so that a law of two would win by more than 4 on data that both fit alike. Such a choice rests on the count of
+    parameters, not on the data. Raises FitError unless all laws were fitted to the same points.
     """
-    if not results:
-        return UNDECIDED
     first = results[0]
     if any(not (np.array_equal(r.D, first.D) and np.array_equal(r.W, first.W)) for r in results):
         raise FitError("laws can be compared only on the same points")
-    preferred = prefer({result.law.name: result.aicc for result in results})
-    fits_best = prefer({result.law.name: deviance(result.chi2, len(result.D)) for result in results})
-    return preferred if preferred == fits_best else UNDECIDED
+    return unbeaten({r.law.name: (r.aicc, deviance(r.chi2, len(r.D))) for r in results})

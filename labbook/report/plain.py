@@ -53,6 +53,7 @@ def _series(series: Series) -> dict[str, Any]:
     return {
         "at": dict(series.at),
         "preferred": series.preferred,
+        "contenders": list(series.contenders),
         "problems": list(series.problems),
         "fits": {
             law: {

@@ -1,20 +1,20 @@
 """Series: points that differ only in their orifice, and the laws fitted to their flow rates."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from labbook.fit import COVERAGE, DEFINITIONS, LAWS, Context, FitError, FitResult, Parameter, compare, fit
+from labbook.fit import COVERAGE, DEFINITIONS, LAWS, Context, FitError, FitResult, Parameter, contenders, fit
 from labbook.fit.outlet import ProfileFit, fit_profiles
 from labbook.report import display
 from labbook.report.analysis import ORIFICE, PointResult
 from labbook.scene import WedgeHopper
-from labbook.stats.choice import UNDECIDED
 
 PACKING_FRACTION = "packing_fraction"
+UNDECIDED = "undecided"
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +23,8 @@ class Series:
     swept elsewhere in the study and not set here.
 
     `used`: indices of the points that were fitted; `flagged`: those of them that lie outside a law's range or have no
-    steady flow. `preferred`: the law that the data choose, `undecided`, or None with fewer than two fits. `problems`:
-    why a law could not be fitted.
+    steady flow. `contenders`: the laws among which the data do not choose; one alone is what they prefer, and there is
+    none with fewer than two fits. `problems`: why a law could not be fitted.
     """
 
     at: Mapping[str, float | str]
@@ -32,7 +32,7 @@ class Series:
     fits: Mapping[str, FitResult]
     used: frozenset[int]
     flagged: frozenset[int]
-    preferred: str | None
+    contenders: tuple[str, ...]
     problems: tuple[str, ...]
     unset: tuple[str, ...] = ()
     profiles: Mapping[str, ProfileFit] = field(default_factory=dict)
@@ -69,14 +69,22 @@ class Series:
         return [result.orifice for result in self.points]
 
     @property
+    def preferred(self) -> str | None:
+        """The law that the data choose, `undecided`, or None with fewer than two fits."""
+        if not self.contenders:
+            return None
+        return self.contenders[0] if len(self.contenders) == 1 else UNDECIDED
+
+    @property
     def verdict(self) -> str:
         """Which law the data prefer, in a sentence."""
-        if self.preferred is None:
+        if not self.contenders:
             return ""
-        if self.preferred == UNDECIDED:
-            return "The data do not decide between " + " and ".join(map(str.capitalize, self.fits)) + "."
-        others = " and ".join(law.capitalize() for law in self.fits if law != self.preferred)
-        return f"The data prefer {self.preferred.capitalize()} to {others} (AICc)."
+        left, beaten = self.contenders, [law for law in self.fits if law not in self.contenders]
+        if len(left) == 1:
+            return f"The data prefer {_named(left)} to {_named(beaten)} (AICc)."
+        behind = f"; against {_named(beaten)} they do (AICc)" if beaten else ""
+        return f"The data do not decide between {_named(left)}{behind}."
 
 
 def series_of(points: Sequence[PointResult], laws: Sequence[str]) -> tuple[Series, ...]:
@@ -120,7 +128,7 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
     for found in fits.values():
         outside |= found.outside
     flagged = {r.point.index for (r, _), out in zip(used, outside, strict=True) if out or r.trending}
-    preferred = compare(list(fits.values())) if len(fits) > 1 else None
+    left = contenders(list(fits.values())) if len(fits) > 1 else ()
     indices = frozenset(result.point.index for result, _ in used)
     return Series(
         dict(at),
@@ -128,10 +136,14 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
         fits,
         indices,
         frozenset(flagged),
-        preferred,
+        left,
         tuple(problems),
         profiles=profiles,
     )
+
+
+def _named(laws: Iterable[str]) -> str:
+    return " and ".join(law.capitalize() for law in laws)
 
 
 def context(points: Sequence[PointResult]) -> Context:

@@ -1,9 +1,8 @@
 """Which law do the data prefer? Akaike's criterion for few points."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-UNDECIDED = "undecided"
 DECISIVE = 4.0
 """A difference in AICc below this does not choose (Burnham & Anderson, Model Selection, 2002, section 2.6).
 """
@@ -29,16 +28,18 @@ def aicc(chi2: float, points: int, parameters: int) -> float:
     return deviance(chi2, points) + 2 * k + 2 * k * (k + 1) / (points - k - 1)
 
 
-def prefer(criteria: Mapping[str, float]) -> str:
-    """Name of the law with the lowest AICc (or deviance); `undecided` if another is within 4 or any has none (NaN).
+def unbeaten(criteria: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
+    """Names of the laws that no other beats, in the order given: by 4 or more in every one of its criteria (AICc,
+    deviance). A criterion that is NaN beats nothing and is not beaten.
 
     Raises ValueError for no laws. All must have been fitted to the same data.
     """
     if not criteria:
         raise ValueError("no law to choose from")
-    if any(math.isnan(value) for value in criteria.values()):
-        return UNDECIDED
-    ranked = sorted(criteria, key=lambda name: criteria[name])
-    if len(ranked) > 1 and not criteria[ranked[1]] - criteria[ranked[0]] >= DECISIVE:
-        return UNDECIDED
-    return ranked[0]
+    return tuple(
+        name for name, ours in criteria.items() if not any(_beats(theirs, ours) for theirs in criteria.values())
+    )
+
+
+def _beats(one: Sequence[float], other: Sequence[float]) -> bool:
+    return all(b - a >= DECISIVE for a, b in zip(one, other, strict=True))

@@ -40,16 +40,8 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
         diameters = np.linspace(0.92 * min(series.diameters), 1.04 * max(series.diameters), 200)
         for place, (law, fit) in enumerate(series.fits.items()):
             style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
-            value, low, high = fit.predict(diameters)
+            value, _, _ = fit.predict(diameters)
             main.plot(diameters * 1e3, _scaled(value, power), label=law.capitalize(), **style, zorder=2)
-            main.fill_between(
-                diameters * 1e3,
-                _scaled(low, power),
-                _scaled(high, power),
-                color=style["color"],
-                alpha=0.18,
-                linewidth=0,
-            )
             _residuals(below, series.points, fit, style["color"], MARKERS[place], place, len(series.fits))
         _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook")
         _reference(main, series, comparisons, source, power)
@@ -60,6 +52,7 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
             below.set_ylabel("(W − fit) / fit [%]")
         main.set_ylabel(_heading(written))
         from_zero(main)
+        _bands(main, series, power)
         if series.label:
             main.set_title(series.label)
         main.legend(loc="upper left")
@@ -91,6 +84,18 @@ def overview(series: Sequence["Series"]) -> "Figure":
         else:
             ax.legend(loc="upper left")
     return figure
+
+
+def _bands(ax: "Axes", series: "Series", power: float) -> None:
+    """95 % bands from the smallest to the largest orifice, within the frame that points and curves have set: the band
+    of a law which these orifices do not determine has no bounds."""
+    frame = ax.get_ylim()
+    D = np.linspace(min(series.diameters), max(series.diameters), 200)
+    for place, (law, fit) in enumerate(series.fits.items()):
+        _, low, high = (_scaled(W, power) for W in fit.predict(D))
+        color = COLOURS[_FITS.get(law, 3 + place)]
+        ax.fill_between(D * 1e3, low, np.minimum(high, 2 * frame[1]), color=color, alpha=0.18, linewidth=0)
+    ax.set_ylim(frame)
 
 
 def _scaled(flow_rate: np.ndarray, power: float) -> np.ndarray:

@@ -65,11 +65,11 @@ def flow_against_rotation(curves: Sequence["Rotation"]) -> "Figure":
 
 
 def _rates(ax: "Axes", curve: "Rotation", index: int) -> None:
-    style, known = look(index), [one for one in curve.points if FLOW in one.pooled]
+    style, known = {**look(index), "markersize": 3}, [one for one in curve.points if FLOW in one.pooled]
     f = [curve.frequencies[curve.points.index(one)] for one in known]
     for x, one in zip(f, known, strict=True):
         seeds = list(by_seed(one, FLOW).values())
-        ax.plot([x] * len(seeds), seeds, color=style["color"], marker=".", markersize=3, alpha=0.4, linestyle="none")
+        ax.plot([x] * len(seeds), seeds, color=style["color"], marker=".", markersize=2.5, alpha=0.4, linestyle="none")
     values = [one.pooled[FLOW].value for one in known]
     errors = [np.nan_to_num(one.pooled[FLOW].error) for one in known]
     ax.errorbar(f, values, yerr=errors, **style)
@@ -77,7 +77,7 @@ def _rates(ax: "Axes", curve: "Rotation", index: int) -> None:
 
 
 def _ratios(ax: "Axes", curve: "Rotation", index: int) -> None:
-    rest, style = curve.points[0].partial, look(index)
+    rest, style = curve.points[0].partial, {**look(index), "markersize": 3}
     found = [(0.0, 1.0, 0.0, rest)]
     for k in range(1, len(curve.points)):
         ratio = curve.ratio(FLOW, k)

@@ -46,6 +46,16 @@ def test_the_fit_gives_back_the_parameters_of_the_law(analysis, synthetic):
     assert series.preferred in {"beverloo", "undecided"}
 
 
+def test_the_verdict_names_the_laws_that_are_left_and_those_that_are_not(analysis):
+    (series,) = analysis.series
+    left = replace(series, contenders=("beverloo", "janda"))
+    assert left.verdict == "The data do not decide between Beverloo and Janda."
+    three = replace(left, fits={**series.fits, "power": series.fits["janda"]})
+    assert three.verdict == "The data do not decide between Beverloo and Janda; against Power they do (AICc)."
+    assert replace(three, contenders=("janda",)).verdict == "The data prefer Janda to Beverloo and Power (AICc)."
+    assert replace(three, contenders=()).verdict == ""
+
+
 def test_both_normalisations_of_c_differ_by_the_packing_fraction(analysis):
     (series,) = analysis.series
     parameters = series.fits["beverloo"].parameters

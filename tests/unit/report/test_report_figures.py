@@ -25,6 +25,19 @@ def test_points_lie_at_d_and_w_to_the_two_thirds(analysis):
     assert len(below.containers) == 8 * len(series.fits)
 
 
+def test_a_band_without_bounds_leaves_the_frame_to_points_and_curves(analysis):
+    class Boundless:
+        law = analysis.series[0].fits["beverloo"].law
+
+        def predict(self, D):
+            return np.full(len(D), 0.1), np.zeros(len(D)), np.full(len(D), 1e9)
+
+    (series,) = analysis.series
+    main, _ = figures.flow_against_orifice(replace(series, fits={"beverloo": Boundless()})).axes
+    largest = max(r.flow_rate.high for r in series.points)
+    assert (largest * 1e3) ** (2 / 3) < main.get_ylim()[1] < 2 * (max(largest, 0.1) * 1e3) ** (2 / 3)
+
+
 def test_the_reference_is_drawn_where_it_has_a_flow_rate(analysis):
     (series,) = analysis.series
     main, _ = figures.flow_against_orifice(series, analysis.comparisons, "Fan et al. 2023").axes
