@@ -173,8 +173,8 @@ _SHAPES = (
     "Fig. 3), with 90 % intervals from pairs of seeds. Dashed: the same D; full: the same D/d*."
 )
 _SCALING = (
-    "Q against D (Pongó et al. 2022, Figs 4 and 5); bars: one standard error. Above: both axes logarithmic, with "
-    "fitted powers and, grey, the slope 5/2; below: only Q, with fitted exponentials."
+    "Q against D (Pongó et al. 2022, Figs 4 and 5); bars: one standard error. First: both axes logarithmic, with "
+    "fitted powers and, grey, the slope 5/2; second: only Q, with fitted exponentials."
 )
 _PACKING = (
     "Packing fraction in a plane through the axis, mean over the azimuth and 1 s (or a third of the window of the flow "

@@ -20,7 +20,8 @@ _LAWS = ("power", "exponential")
 
 
 def flow_scaling(series: Sequence["Series"]) -> "Figure":
-    """Q against D, a column a frequency of rotation: both axes logarithmic above, only Q below.
+    """Q against D, a column a frequency of rotation: both axes logarithmic above, only Q below; side by side, if there
+    is one column.
 
     Lines: the fitted power and exponential; bars: one standard error; grey: the slope 5/2.
     """
@@ -30,8 +31,9 @@ def flow_scaling(series: Sequence["Series"]) -> "Figure":
     turns = list(dict.fromkeys(one.at.get(ROTATION) for one in series))
     names = list(dict.fromkeys(map(_name, series)))
     with house():
-        figure = Figure(figsize=(PAGE, 116 * MILLIMETRE))
-        axes = figure.subplots(2, len(turns), sharey=True, squeeze=False)
+        alone = len(turns) == 1
+        figure = Figure(figsize=(PAGE, (74 if alone else 116) * MILLIMETRE))
+        axes = figure.subplots(*((1, 2) if alone else (2, len(turns))), sharey=True, squeeze=False).reshape(2, -1)
         for column, turn in enumerate(turns):
             if turn is not None:
                 axes[0, column].set_title(display.setting(ROTATION, turn))
@@ -43,9 +45,10 @@ def flow_scaling(series: Sequence["Series"]) -> "Figure":
             axes[0, column].xaxis.set_major_locator(LogLocator(subs=(2, 3, 4, 5, 6, 7, 8)))
             axes[0, column].xaxis.set_major_formatter(ScalarFormatter())
             axes[0, column].xaxis.set_minor_formatter(NullFormatter())
-            axes[1, column].set_xlabel("$D$ [mm]")
+            for ax in axes[:, column] if alone else axes[1:, column]:
+                ax.set_xlabel("$D$ [mm]")
         for ax in axes[:, 0]:
-            ax.set_ylabel("$Q$ [grains/s]")
+            ax.set_ylabel("$Q$ [grains/s]" if ax.get_subplotspec().is_first_col() else "")
             ax.set_yscale("log")
             ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             ax.yaxis.set_major_formatter(ScalarFormatter())
