@@ -77,7 +77,7 @@ def _points(patterns: Sequence["FlowPattern"], rows: Sequence[tuple[str, Sequenc
     top = top_of(patterns)
     with house():
         height = 8 + len(rows) * row_height(patterns, top)
-        figure = Figure(figsize=(PAGE * (len(patterns) + 0.5) / _COLUMNS, height * MILLIMETRE))
+        figure = Figure(figsize=(PAGE * min(1, (len(patterns) + 0.5) / _COLUMNS), height * MILLIMETRE))
         axes = figure.subplots(len(rows), len(patterns), squeeze=False)
         for line, (text, maps) in zip(axes, rows, strict=True):
             norm = Normalize(*_range(maps[:_COLUMNS]))

@@ -38,7 +38,10 @@ def flow_patterns(patterns: Sequence["FlowPattern"], titles: Sequence[str] = ())
     norm = PowerNorm(0.5, 0.0, highest)
     with house():
         figure = Figure(
-            figsize=(PAGE * (columns + 0.5) / _COLUMNS, (12 + 2 * rows * row_height(patterns, top)) * MILLIMETRE)
+            figsize=(
+                PAGE * min(1, (columns + 0.5) / _COLUMNS),
+                (12 + 2 * rows * row_height(patterns, top)) * MILLIMETRE,
+            )
         )
         axes = figure.subplots(2 * rows, columns, squeeze=False)
         for ax in axes.flat:
@@ -79,7 +82,7 @@ def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
     # in ink: the light colours of fast grains would vanish on white, on screen and in grey
     arrows = ax.quiver(x * 1e3, z * 1e3, u * shrink, w * shrink, color=INK, **arrow)
     digit = float(f"{norm.vmax / 2:.1g}")
-    for speed, height in ((digit, 0.97), (digit / 10, 0.92)):
+    for speed, height in ((digit, 0.97), (digit / 10, 0.89)):
         ax.quiverkey(
             arrows,
             0.84,
