@@ -82,11 +82,11 @@ def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
     # in ink: the light colours of fast grains would vanish on white, on screen and in grey
     arrows = ax.quiver(x * 1e3, z * 1e3, u * shrink, w * shrink, color=INK, **arrow)
     digit = float(f"{norm.vmax / 2:.1g}")
-    for speed, height in ((digit, 0.97), (digit / 10, 0.89)):
+    for speed, place in ((digit / 10, 0.42), (digit, 0.9)):
         ax.quiverkey(
             arrows,
-            0.84,
-            height,
+            place,
+            0.97,
             math.sqrt(speed),
             f"{speed:g} m/s",
             labelpos="W",
