@@ -11,7 +11,9 @@ SLOW = 0.1
 """A point is stagnant where the mean velocity is below this part of the speed at which the whole section would sink."""
 FUNNEL = 0.05
 """A flow is a funnel where more than this part of the bed is stagnant, else mass flow."""
-_BED = 0.5  # of the median density: less is above the surface, or beyond walls
+_BED = 0.2
+"""Part of the median density below which a point is above the surface. It is low since at a wall, from which centres
+keep a radius away, the kernel leaves a sixth to a quarter of the density inside, and above an outlet grains are few."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,11 @@ class AccelerationProfile:
     left: float
 
     def free_fall_height(self, gravity: float) -> float:
-        """Area under a_eff/g [m] over the bins that saw a grain: the height from which free fall would give the square
-        of the velocity that grains gain on their way; NaN if no bin did."""
+        """Area under a_eff/g [m] over the bins that saw a grain; NaN if no bin did.
+
+        With a short interval it is the height from which free fall would give the square of the velocity that grains
+        gain on their way. With a longer one it is more, since what a grain gains is booked where it started.
+        """
         seen = self.count > 0
         gained = -(self.acceleration * np.diff(self.edges))[seen].sum() / gravity
         return float(gained) if seen.any() else np.nan

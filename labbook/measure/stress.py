@@ -23,7 +23,7 @@ _FRAMES = 5
 some 30 bytes each: means over the azimuth of few frames already tell maps."""
 _LONGEST = 1.0  # s between two frames
 _MOST = 12
-"""Frames that are coarse-grained, spread over the window: each contact costs as much as some thousand grains."""
+"""Frames that are coarse-grained, spread over the window: each contact costs as much as some fifteen grains."""
 
 
 class ContactStress(Measure):

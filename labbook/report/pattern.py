@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 FEWEST = 8
 """Recorded frames within the window below which there is no mean field."""
 _MOMENT = 1.0  # s
+_FEWEST_ABOUT_AN_INSTANT = 4  # frames: means over the azimuth of few already tell maps
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,17 +143,18 @@ def moments(result: "PointResult", count: int = 3) -> list[FlowPattern]:
         part = (window[1] - window[0]) / count
         middles = window[0] + part * (np.arange(count) + 0.5)
         half = min(_MOMENT, part) / 2
-        found = [_between(result, frames, (middle - half, middle + half)) for middle in middles]
+        spans = [(middle - half, middle + half) for middle in middles]
+        found = [_between(result, frames, span, _FEWEST_ABOUT_AN_INSTANT) for span in spans]
         return [one for one in found if one is not None]
     return []
 
 
 def _between(
-    result: "PointResult", frames: Mapping[str, np.ndarray], window: tuple[float, float]
+    result: "PointResult", frames: Mapping[str, np.ndarray], window: tuple[float, float], fewest: int = FEWEST
 ) -> FlowPattern | None:
     time = np.asarray(frames["time"], float)
     times = np.unique(time[(time >= window[0]) & (time <= window[1])])
-    if len(times) < FEWEST:
+    if len(times) < fewest:
         return None
     scene = result.point.scene
     grains, omega = grains_between(scene, frames, *window), omega_of(scene)

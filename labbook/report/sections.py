@@ -112,10 +112,10 @@ _FLOW = (
 )
 
 PATTERNS = (
-    "First recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window. "
-    "Below: mean speed in the window with streamlines; hatched: stagnant, that is slower than "
-    f"{SLOW:g} times the speed at which the section at that height sinks as a whole. More than {100 * FUNNEL:g} % of "
-    "the mass stagnant is funnel flow."
+    "First recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window; "
+    "arrows are as long as the square root of the speed. Below: mean speed in the window with streamlines; hatched: "
+    f"stagnant, that is slower than {SLOW:g} times the speed at which the section at that height sinks as a whole. "
+    f"More than {100 * FUNNEL:g} % of the mass stagnant is funnel flow."
 )
 _ACCELERATION = (
     f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms (whole frames), of grains that start at this "

@@ -3,19 +3,15 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from labbook.report import figures
-from labbook.report.analysis import Analysis, PointResult
-from labbook.report.pattern import INTERVAL, FlowPattern, acceleration, flow_patterns, moments
-from labbook.report.rotation import FLOW, Rotation, aspect_ratio, turning_at
-from labbook.report.sections import PATTERNS, Picture, picture
-
-if TYPE_CHECKING:
-    from labbook.fields import Fields
+from labbook.report.analysis import Analysis
+from labbook.report.pattern import INTERVAL, acceleration
+from labbook.report.rotation import FLOW, Rotation, aspect_ratio
+from labbook.report.sections import Picture, picture
+from labbook.report.turning_maps import chosen, maps
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
-_FEW = 3
 
 
 def turning_section(analysis: Analysis, folder: Path) -> dict | None:
@@ -36,7 +32,7 @@ def turning_section(analysis: Analysis, folder: Path) -> dict | None:
     else:
         pictures.append(against)
     try:
-        shown, without = _maps(curves, folder)
+        shown, without = maps(curves, folder)
     except ImportError as missing:
         shown, without = [], [f"Maps are not shown: {missing}."]
     pictures, lacking = pictures + shown, lacking + without
@@ -108,54 +104,11 @@ def _flow(curves: Sequence[Rotation], folder: Path) -> Picture:
     return picture(figures.flow_against_rotation(curves), folder / "rotation-flow", "flow rate against f", _FLOW)
 
 
-def _maps(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list[str]]:
-    pictures: list[Picture] = []
-    for number, curve in enumerate(curves, start=1):
-        chosen = [curve.points[k] for k in _chosen(curve, [k for k, one in enumerate(curve.points) if _filmed(one)])]
-        suffix = f"-{number}" if len(curves) > 1 else ""
-        where = ", ".join(filter(None, (curve.shape, curve.label)))
-
-        def add(figure, name: str, alt: str, caption: str, where=where, suffix=suffix) -> None:
-            whole = f"{where[:1].upper()}{where[1:]}. {caption}"
-            pictures.append(picture(figure, folder / f"rotation-{name}{suffix}", f"{alt}, {where}", whole))
-
-        if rows := [found for result in chosen if (found := moments(result))]:
-            add(figures.packing_maps(rows), "packing", "packing fraction", _PACKING)
-            add(figures.speed_maps(rows), "speed", "speed", _SPEED)
-        if patterns := [found[0] for result in chosen if (found := flow_patterns(result))]:
-            add(
-                figures.flow_patterns(patterns, [turning_at(one.result) for one in patterns]),
-                "patterns",
-                "how the beds flow",
-                PATTERNS,
-            )
-            if pressed := [(one, stress) for one in patterns if (stress := _stress(one)) is not None]:
-                add(figures.pressure_maps(pressed), "pressure", "contact pressure", _PRESSURE)
-    return pictures, [] if pictures else ["Maps need recorded runs: add `record: {every: 100 ms, replicates: 1}`."]
-
-
-def _filmed(result: PointResult) -> bool:
-    return any(run.frames() is not None for run in result.runs)
-
-
-def _chosen(curve: Rotation, known: Sequence[int]) -> list[int]:
-    """Of known points the one at rest, the one of the smallest flow and the fastest; all, if they are no more."""
-    if len(known) <= _FEW:
-        return list(known)
-    return sorted({known[0], next((k for k in known[1:] if k == curve.lowest()), known[1]), known[-1]})
-
-
-def _stress(pattern: FlowPattern) -> "Fields | None":
-    """Fields with the contact stress of the first run of a point that has them."""
-    found = next((one for run in pattern.result.runs if (one := run.stress()) is not None), None)
-    return None if found is None else found[0]
-
-
 def _falls(curves: Sequence[Rotation]):
     """Accelerations of each curve: at rest, where the flow is smallest, and with the fastest rotation."""
     fallen = []
     for curve in curves:
-        wanted = _chosen(curve, range(len(curve.points)))
+        wanted = chosen(curve, range(len(curve.points)))
         profiles = [(float(curve.frequencies[k]), acceleration(curve.points[k])) for k in wanted]
         known = [(f, profile) for f, profile in profiles if profile is not None]
         if known:
@@ -176,15 +129,6 @@ _SCALING = (
     "Q against D (Pongó et al. 2022, Figs 4 and 5); bars: one standard error. First: both axes logarithmic, with "
     "fitted powers and, grey, the slope 5/2; second: only Q, with fitted exponentials."
 )
-_PACKING = (
-    "Packing fraction in a plane through the axis, mean over the azimuth and 1 s (or a third of the window of the flow "
-    "rate, if that is shorter) about three instants, of the first recorded run (Pongó et al. 2022, Fig. 6)."
-)
-_SPEED = (
-    "Speed in that plane at the same instants, with streamlines (Pongó et al. 2022, Fig. 7); hatched: stagnant, as in "
-    "the next figure."
-)
-_PRESSURE = "Contact pressure, a third of the trace of the contact stress, mean over the azimuth and the window."
 _ORIFICE = (
     "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window (Pongó et al. "
     "2022, Figs 8 and 9); p_k is the trace of the kinetic stress of the fluctuations about the mean over azimuth and "

@@ -28,6 +28,7 @@ class Run:
     seed: int
     outcome: str = "finished"
     filmed: bool = False
+    every: float = 0.04
 
     @property
     def run_key(self):
@@ -38,14 +39,15 @@ class Run:
         return {"engine": "double"}
 
     def recording(self):
-        """A column of grains that sinks at 30 mm/s, frames 40 ms apart."""
+        """A column of upright grains that sinks at 30 mm/s."""
         if not self.filmed:
             return None
         side = np.arange(-0.085, 0.09, 0.01)
         x = np.array([(a, b, c) for a in side for b in side for c in np.arange(0.005, 0.3, 0.01)])
         x = x[np.hypot(x[:, 0], x[:, 1]) < 0.085]
-        times, n, zero = np.arange(0, 6, 0.04), len(x), np.zeros(len(x))
+        times, n, zero = np.arange(0, 6, self.every), len(x), np.zeros(len(x))
         once = {"id": np.arange(n), "x": x[:, 0], "y": x[:, 1], "vx": zero, "vy": zero, "vz": zero - SINKING}
+        once |= {"qw": zero + 1, "qx": zero, "qy": zero, "qz": zero}
         table = {name: np.tile(column, len(times)) for name, column in once.items()}
         z = np.concatenate([x[:, 2] - SINKING * t for t in times])
         table |= {"z": z, "time": np.repeat(times, n), "step": np.repeat(np.arange(len(times)), n)}

@@ -72,6 +72,20 @@ def test_a_plug_is_mass_flow_and_a_channel_between_resting_corners_a_funnel():
         pattern_of(bed(lambda x, z: x), bottom=1.0)
 
 
+def test_sparse_grains_that_fall_are_of_the_bed_and_what_is_above_it_or_below_the_outlet_is_not():
+    x, z = (axis.ravel() for axis in np.meshgrid(np.arange(-0.05, 0.05, OMEGA), np.arange(-0.02, 0.08, OMEGA)))
+    column = np.arange(len(x)) % 10
+    there = (abs(x) > 0.015) & (z >= 0) | (abs(x) < 0.015) & ((z > 0.03) | (column < 4))  # 0.4 above the outlet
+    x = np.column_stack([x, np.zeros(len(x)), z])[there]
+    v = np.tile([0, 0, -0.1], (len(x), 1))
+    fields = coarse_grain(Layer((-0.05, 0.05), (-0.03, 0.1), 50, 65, 3e-3), 2 * OMEGA, Grains(x, v, 1e-5, 1e-8, 1))
+    z, x = fields.grid.points
+    found = pattern_of(fields).bed
+    assert found[np.ix_((z > 0.003) & (z < 0.075), abs(x) < 0.045)].mean() > 0.99
+    assert not found[z < 0].any()
+    assert not found[z > 0.08 + 3 * OMEGA].any()
+
+
 def frames(z0, v0, times, accelerate, floor=-np.inf):
     rows = []
     for step, t in enumerate(times):

@@ -2,7 +2,7 @@
 
 from labbook.report.figures.acceleration import acceleration_against_height
 from labbook.report.figures.flow import flow_against_time
-from labbook.report.figures.maps import packing_maps, pressure_maps, speed_maps
+from labbook.report.figures.maps import order_maps, packing_maps, pressure_maps, speed_maps
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.outlets import outlets_of_all
 from labbook.report.figures.parameters import parameters_against
@@ -30,6 +30,7 @@ __all__ = [
     "flow_against_time",
     "flow_patterns",
     "flow_scaling",
+    "order_maps",
     "outlet_middles",
     "outlet_profiles",
     "outlets_of_all",

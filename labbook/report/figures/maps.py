@@ -1,4 +1,4 @@
-"""Maps in a plane through the axis of a silo: packing fraction and speed at several instants, contact pressure."""
+"""Maps in a plane through the axis of a silo: packing fraction and speed at several instants, stress, orientation."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -53,23 +53,39 @@ def speed_maps(rows: Sequence[Sequence["FlowPattern"]]) -> "Figure":
 
 def pressure_maps(found: Sequence[tuple["FlowPattern", "Fields"]]) -> "Figure":
     """A third of the trace of the contact stress, a column a point."""
+    maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in found]
+    return _points([one for one, _ in found], [("contact pressure [Pa]", maps)])
+
+
+def order_maps(patterns: Sequence["FlowPattern"]) -> "Figure":
+    """Of rods O_zz and, below, the order S: the largest eigenvalue of the orientation tensor; a column a point."""
+
+    def maps(of: Callable[["Fields"], np.ndarray]) -> list[Map]:
+        return [_mirrored(one.fields, of(one.fields), one.pattern.bed) for one in patterns]
+
+    upright = maps(lambda fields: fields.orientation[2, 2])
+    return _points(patterns, [("$O_{zz}$", upright), ("order $S$", maps(lambda fields: fields.nematic_order))])
+
+
+def _points(patterns: Sequence["FlowPattern"], rows: Sequence[tuple[str, Sequence[Map]]]) -> "Figure":
+    """Means over the window: a column a point; a row, with a scale of its own, a quantity."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-    found = found[:_COLUMNS]
-    maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in found]
-    norm, top = Normalize(*_range(maps)), top_of([one for one, _ in found])
+    patterns = patterns[:_COLUMNS]
+    top = top_of(patterns)
     with house():
-        height = 8 + row_height([one for one, _ in found], top)
-        figure = Figure(figsize=(PAGE * max(len(found), 2) / _COLUMNS, height * MILLIMETRE))
-        axes = figure.subplots(1, len(found), squeeze=False)
-        for ax, (one, _), each in zip(axes[0], found, maps, strict=True):
-            ax.set_axis_off()
-            ax.set_title(turning_at(one.result))
-            _mesh(ax, each, norm)
-            draw_walls(ax, one, top)
-        figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.9).set_label("contact pressure [Pa]")
+        height = 8 + len(rows) * row_height(patterns, top)
+        figure = Figure(figsize=(PAGE * min(1, (len(patterns) + 0.5) / _COLUMNS), height * MILLIMETRE))
+        axes = figure.subplots(len(rows), len(patterns), squeeze=False)
+        for line, (text, maps) in zip(axes, rows, strict=True):
+            norm = Normalize(*_range(maps[:_COLUMNS]))
+            for ax, one, each in zip(line, patterns, maps, strict=False):
+                ax.set_title(turning_at(one.result))
+                _mesh(ax, each, norm)
+                draw_walls(ax, one, top)
+            figure.colorbar(ScalarMappable(norm, "viridis"), ax=line, shrink=0.9).set_label(text)
     return figure
 
 

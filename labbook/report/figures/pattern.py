@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _COLUMNS = 4
 _HEIGHT = 1.6  # widths of the hopper that are shown
+_ARROW = 0.1  # widths of the hopper that the longest arrow is long
 
 
 def flow_patterns(patterns: Sequence["FlowPattern"], titles: Sequence[str] = ()) -> "Figure":
@@ -37,7 +38,10 @@ def flow_patterns(patterns: Sequence["FlowPattern"], titles: Sequence[str] = ())
     norm = PowerNorm(0.5, 0.0, highest)
     with house():
         figure = Figure(
-            figsize=(PAGE * max(columns, 2) / _COLUMNS, (12 + 2 * rows * row_height(patterns, top)) * MILLIMETRE)
+            figsize=(
+                PAGE * min(1, (columns + 0.5) / _COLUMNS),
+                (12 + 2 * rows * row_height(patterns, top)) * MILLIMETRE,
+            )
         )
         axes = figure.subplots(2 * rows, columns, squeeze=False)
         for ax in axes.flat:
@@ -47,7 +51,7 @@ def flow_patterns(patterns: Sequence["FlowPattern"], titles: Sequence[str] = ())
             _vectors(above, one, norm)
             draw_means(below, sections[k], norm)
             above.set_title(titles[k] if titles else one.result.label)
-            below.set_title(f"{one.pattern.kind}, {100 * one.pattern.fraction:.2g} % stagnant")
+            below.set_title(f"{one.pattern.kind}, {100 * one.pattern.fraction:.2g} % stagnant", fontsize=6.5)
             for ax in (above, below):
                 draw_walls(ax, one, top)
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.5, aspect=40)
@@ -61,29 +65,45 @@ def speed_of(section: "Section") -> np.ndarray:
 
 
 def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
+    """Arrows as long as the square root of the speed: the bed is a hundred times slower than the outlet."""
     x, z, u, w = (one.moment[name] for name in ("x", "z", "vx", "vz"))
+    shrink = 1 / np.sqrt(np.maximum(np.hypot(u, w), 1e-12))
     arrow = {
         "angles": "xy",
         "scale_units": "xy",
-        "scale": norm.vmax / 12,
-        "width": 0.003,
+        "scale": np.sqrt(norm.vmax) / (_ARROW * 2e3 * _half_width(one)),
+        "width": 0.004,
+        "headwidth": 4,
+        "headlength": 4,
+        "minlength": 0.3,
         "zorder": 3,
         "rasterized": True,
     }
     # in ink: the light colours of fast grains would vanish on white, on screen and in grey
-    arrows = ax.quiver(x * 1e3, z * 1e3, u, w, color=INK, **arrow)
-    speed = float(f"{norm.vmax / 2:.1g}")
-    ax.quiverkey(
-        arrows, 0.86, 0.97, speed, f"{speed:g} m/s", labelpos="W", coordinates="axes", fontproperties={"size": 6}
-    )
+    arrows = ax.quiver(x * 1e3, z * 1e3, u * shrink, w * shrink, color=INK, **arrow)
+    digit = float(f"{norm.vmax / 2:.1g}")
+    for speed, place in ((digit / 10, 0.42), (digit, 0.9)):
+        ax.quiverkey(
+            arrows,
+            place,
+            0.97,
+            math.sqrt(speed),
+            f"{speed:g} m/s",
+            labelpos="W",
+            coordinates="axes",
+            fontproperties={"size": 6},
+        )
 
 
 def draw_means(ax: "Axes", section: "Section", norm) -> None:
     """Mean speed with streamlines; what stands is hatched."""
+    from matplotlib.patheffects import Normal, Stroke
+
     x, z = even(section.x) * 1e3, even(section.z) * 1e3
     ax.pcolormesh(x, z, speed_of(section), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
     u, w = (np.where(section.bed & ~section.stagnant, v, np.nan) for v in (section.u, section.w))
-    ax.streamplot(x, z, u, w, density=0.7, linewidth=0.5, arrowsize=0.5, color="white")
+    lines = ax.streamplot(x, z, u, w, density=0.7, linewidth=0.5, arrowsize=0.5, color="white").lines
+    lines.set_path_effects([Stroke(linewidth=1.1, foreground=INK, alpha=0.5), Normal()])  # seen on light colours too
     if section.stagnant.any():
         marked = np.ma.masked_where(~section.stagnant, np.ones(section.stagnant.shape))
         ax.contourf(x, z, marked, levels=[0.5, 1.5], colors="none", hatches=["////"])
@@ -116,7 +136,7 @@ def _half_width(one: "FlowPattern") -> float:
 
 
 def draw_walls(ax: "Axes", one: "FlowPattern", top: float) -> None:
-    """Walls in the plane of the map, up to the height `top` [m], and the limits of its axes."""
+    """Walls in the plane of the map, up to the height `top` [m], and axes in mm, with numbers at the edges only."""
     half = _half_width(one)
     for wall in one.container.walls():
         if hasattr(wall.shape, "lower"):  # a frustum: in a plane through the axis, a line on either side
@@ -129,6 +149,14 @@ def draw_walls(ax: "Axes", one: "FlowPattern", top: float) -> None:
         for (x0, z0), (x1, z1) in ends:
             ax.plot([x0 * 1e3, x1 * 1e3], [z0 * 1e3, z1 * 1e3], color=INK, linewidth=1.2, zorder=4)
     half *= 1e3
+    ax.set_axis_on()
+    ax.spines[:].set_visible(False)
+    ax.locator_params(nbins=5)
+    place = ax.get_subplotspec()
+    first, last = place is None or place.is_first_col(), place is None or place.is_last_row()
+    ax.tick_params(left=first, labelleft=first, bottom=last, labelbottom=last)
+    ax.set_ylabel("z [mm]" if first else "")
+    ax.set_xlabel("x [mm]" if last else "")
     for side in (-half, half):
         ax.axvline(side, color=FAINT, linewidth=0.6, zorder=0)
     ax.set_xlim(-1.04 * half, 1.04 * half)

@@ -11,7 +11,7 @@ from turning_runs import ROD, RODS, ROUND, SINKING, SPHERE, STATED, F, Run, poin
 from labbook.export.numbers import frames
 from labbook.report import figures, page
 from labbook.report.analysis import analyse
-from labbook.report.pattern import moments
+from labbook.report.pattern import flow_patterns, moments
 from labbook.report.plain import plain
 from labbook.report.rotation import Rotation
 from labbook.report.statements import Judged, statement_table, summed_up
@@ -278,9 +278,33 @@ def test_maps_are_of_three_instants_of_the_window(synthetic, tmp_path):
     text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
     assert "(Pongó et al. 2022, Fig. 6)" in text
     assert "add `record:" not in text
-    assert {"rotation-packing.svg", "rotation-speed.svg", "rotation-patterns.svg"} <= {
-        p.name for p in tmp_path.iterdir()
-    }
+    kinds = ("packing", "speed", "patterns", "order")
+    assert {f"rotation-{kind}.svg" for kind in kinds} <= {p.name for p in tmp_path.iterdir()}
+
+
+def test_few_frames_make_maps_of_packing_but_not_of_speed(synthetic, tmp_path):
+    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
+    runs = [Run(p, 1, filmed=True, every=0.15) for p in points]
+    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), runs)
+    assert all(4 <= one.frames < 8 for one in moments(analysis.points[1]))
+    text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
+    made = {p.name for p in tmp_path.iterdir()}
+    assert "rotation-packing.svg" in made
+    assert "rotation-speed.svg" not in made
+    assert "Maps of speed at instants need frames 100 ms apart or closer" in text
+
+
+def test_maps_of_orientation_are_those_of_the_rods(synthetic):
+    """All are upright: O_zz and S are 1 in the bed, and nothing is drawn above it."""
+    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
+    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), [Run(p, 1, filmed=True) for p in points])
+    figure = figures.order_maps([flow_patterns(one)[0] for one in analysis.points])
+    panels = [ax for ax in figure.axes if ax.get_title(loc="left")]
+    assert [ax.get_title(loc="left") for ax in panels] == ["f = 0 Hz", "f = 0.32 Hz"] * 2
+    for ax in panels:
+        values = ax.collections[0].get_array()
+        assert np.ma.compressed(values) == pytest.approx(1)
+        assert 0.5 < np.ma.count(values) / values.size < 1
 
 
 def test_sentences_say_what_turning_does(analysis):
