@@ -1,7 +1,7 @@
 """House style of all figures: vector, colour-blind safe, readable in grey, and the same bytes on every run."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy import ndarray
 
 INK, FAINT = "#1a1a1a", "#8a8a8a"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -98,6 +99,12 @@ def from_zero(ax: "Axes") -> None:
     ax.update_datalim([(0, 0)], updatex=False)
     ax.autoscale_view(scalex=False)
     ax.set_ylim(bottom=0)
+
+
+def band(ax: "Axes", x: "ndarray", law: Sequence["ndarray"], point: Sequence["ndarray"], colour: str) -> None:
+    """Shade the interval of a law between its two ends and, fainter, that of one more point."""
+    for (low, high), alpha in ((point, 0.09), (law, 0.2)):
+        ax.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0, zorder=0)
 
 
 def mathtext(text: str) -> str:

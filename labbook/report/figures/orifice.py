@@ -9,7 +9,20 @@ import numpy as np
 from labbook.fit.beverloo import Beverloo
 from labbook.report.analysis import ORIFICE
 from labbook.report.comparison import of_reference
-from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, PAGE, from_zero, house, look
+from labbook.report.style import (
+    COLOURS,
+    COLUMN,
+    DASHES,
+    FAINT,
+    INK,
+    MARKERS,
+    MILLIMETRE,
+    PAGE,
+    band,
+    from_zero,
+    house,
+    look,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +37,8 @@ _FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow
 
 
 def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] = (), source: str = "") -> "Figure":
-    """One series: the points with 95 % intervals, every fit with its 95 % band, and below it the residuals in percent,
-    if anything was fitted.
+    """One series: the points with 95 % intervals, every fit with its 95 % bands, and below it the residuals in
+    percent, if anything was fitted.
 
     Points outside a law's range or without a steady flow are hollow; diamonds are flow rates of the reference.
     """
@@ -40,16 +53,11 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
         diameters = np.linspace(0.92 * min(series.diameters), 1.04 * max(series.diameters), 200)
         for place, (law, fit) in enumerate(series.fits.items()):
             style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
-            value, low, high = fit.predict(diameters)
+            value, *law_band = fit.predict(diameters)
+            _, *point_band = fit.predict(diameters, new_point=True)
             main.plot(diameters * 1e3, _scaled(value, power), label=law.capitalize(), **style, zorder=2)
-            main.fill_between(
-                diameters * 1e3,
-                _scaled(low, power),
-                _scaled(high, power),
-                color=style["color"],
-                alpha=0.18,
-                linewidth=0,
-            )
+            law_ends, point_ends = ([_scaled(end, power) for end in ends] for ends in (law_band, point_band))
+            band(main, diameters * 1e3, law_ends, point_ends, style["color"])
             _residuals(below, series.points, fit, style["color"], MARKERS[place], place, len(series.fits))
         _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook")
         _reference(main, series, comparisons, source, power)
