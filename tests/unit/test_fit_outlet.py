@@ -272,7 +272,7 @@ def test_bands_of_eq_12_and_of_speeds_cover_one_more_outlet(monkeypatch):
     monkeypatch.setattr(joint, "_DRAWS", 60)
     rng = np.random.default_rng(7)
     exact = [made(D / 2, (0, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in (*WIDTHS, 0.036)]
-    hits = dict.fromkeys(("law v_c", "law phi_c", "point v_c", "point phi_c"), 0)
+    hits: dict[str, int] = {f"{what} {name}": 0 for what in ("law", "point") for name in ("v_c", "phi_c")}
     truth = {"v_c": math.sqrt(2 * FAN.g * 1.29**2 * 0.018), "phi_c": phi_c(0.018)}
     for _ in range(200):
         *fitted, fifth = [[noisy(one, rng, 0.03) for _ in range(3)] for one in exact]

@@ -9,7 +9,7 @@ import numpy as np
 from labbook.fit.outlet import Saturation
 from labbook.report import display
 from labbook.report.comparison import of_reference
-from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, band, from_zero, house, look
+from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, band, beside_title, from_zero, house, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +58,7 @@ def outlet_profiles(
             ax.set_ylabel(text)
             from_zero(ax)
         figure.legend(
-            *axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=min(8, len(fit.outlets))
+            *axes[0, 0].get_legend_handles_labels(), loc=beside_title(series.label), ncols=min(8, len(fit.outlets))
         )
         if series.label:
             figure.suptitle(series.label, x=0.01, ha="left", fontsize=7.5)

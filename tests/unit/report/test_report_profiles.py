@@ -157,7 +157,7 @@ def test_the_figures_have_bands_of_the_law_and_of_one_more_point(profiled):
     curve = series.profiles[COVERAGE].curves["phi_c"]
     spans = []
     for shaded in middle.collections[-2:]:
-        x, y = shaded.get_paths()[0].vertices.T
+        x, y = np.asarray(shaded.get_paths()[0].vertices).T
         at = y[np.isclose(x, x[np.argmin(abs(x - R * 1e3))])]
         spans.append(np.ptp(at))
     expected = [2 * np.interp(R, curve.at, half) for half in (curve.point, curve.law)]
