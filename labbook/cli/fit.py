@@ -30,6 +30,7 @@ def _show(analysis) -> None:
     from labbook.fit.outlet import DEFINITIONS, FORMULA
     from labbook.report import outlet_tables, tables
     from labbook.report.comparison import at_series
+    from labbook.report.fitted_tables import fit_table
     from labbook.report.page import summary
     from labbook.report.statements import statement_table
 
@@ -46,7 +47,7 @@ def _show(analysis) -> None:
         for law, found in series.fits.items():
             print_table(
                 console,
-                tables.fit_table(law, found, at_series(analysis.comparisons, law, series), analysis.source),
+                fit_table(law, found, at_series(analysis.comparisons, law, series), analysis.source),
                 f"{law.capitalize()}{where}: {found.law.formula}",
             )
         for name in series.profiles:

@@ -7,9 +7,10 @@ from labbook.report import display
 from labbook.report.analysis import PointResult
 from labbook.report.approach import approaches
 from labbook.report.comparison import Comparison, at_series
+from labbook.report.fitted_tables import parameter_table
 from labbook.report.ratios import Ratio
 from labbook.report.series import Series
-from labbook.report.tables import Table, parameter_table
+from labbook.report.tables import Table
 from labbook.stats import Pooled
 
 

@@ -11,6 +11,7 @@ from labbook.fit.outlet import DEFINITIONS, FORMULA, SOURCE
 from labbook.report import figures, outlet_tables, style, tables
 from labbook.report.analysis import Analysis
 from labbook.report.comparison import at_series
+from labbook.report.fitted_tables import fit_table
 from labbook.report.pattern import INTERVAL, acceleration, flow_patterns, pooled_means
 from labbook.report.series import Series
 
@@ -52,7 +53,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
                 "name": law.capitalize(),
                 "formula": found.law.formula,
                 "source": found.law.source,
-                "table": tables.fit_table(law, found, at_series(analysis.comparisons, law, series), analysis.source),
+                "table": fit_table(law, found, at_series(analysis.comparisons, law, series), analysis.source),
             }
             for law, found in series.fits.items()
         ],
