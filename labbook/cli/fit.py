@@ -29,6 +29,8 @@ def _show(analysis) -> None:
 
     from labbook.fit.outlet import DEFINITIONS, FORMULA
     from labbook.report import outlet_tables, tables
+    from labbook.report.comparison import at_series
+    from labbook.report.fitted_tables import fit_table
     from labbook.report.page import summary
     from labbook.report.statements import statement_table
 
@@ -43,16 +45,21 @@ def _show(analysis) -> None:
     for series in analysis.series:
         where = f" at {series.label}" if series.label else ""
         for law, found in series.fits.items():
-            print_table(console, tables.fit_table(law, found), f"{law.capitalize()}{where}: {found.law.formula}")
+            print_table(
+                console,
+                fit_table(law, found, at_series(analysis.comparisons, law, series), analysis.source),
+                f"{law.capitalize()}{where}: {found.law.formula}",
+            )
         for name in series.profiles:
             title = f"Profiles along the outlets{where} ({DEFINITIONS[name]}): {FORMULA}"
-            print_table(console, outlet_tables.profile_table(series, name), title)
+            shown = outlet_tables.profile_table(series, name, analysis.comparisons, analysis.source)
+            print_table(console, shown, title)
             print_table(console, outlet_tables.outlet_table(series, name), f"Outlets{where}")
         for problem in series.problems:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:
             console.print(series.verdict, markup=False)
     if analysis.judged:
-        print_table(console, statement_table(analysis.judged), f"What {analysis.study.reference.source} state")
+        print_table(console, statement_table(analysis.judged), f"What {analysis.source} state")
     if analysis.comparisons:
-        print_table(console, tables.comparison_table(analysis.comparisons), f"Beside {analysis.study.reference.source}")
+        print_table(console, tables.comparison_table(analysis.comparisons), f"Beside {analysis.source}")

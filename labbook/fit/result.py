@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from labbook.fit.band import half_width, law_error
 from labbook.fit.law import Context, Law
 from labbook.fit.profile import Minimum, derivative
-from labbook.stats.pooling import student
 
 
 class FitError(ValueError):
@@ -60,20 +60,30 @@ class FitResult:
         """chi2 per degree of freedom."""
         return self.chi2 / self.dof
 
-    def predict(self, D: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def predict(
+        self, D: Sequence[float] | np.ndarray, *, new_point: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """W of the law at orifices D [m], and the ends of its pointwise interval [kg/s], each of shape [m].
 
-        The band of the fitted law (not of a new point), linearised in ln W.
+        The band of the law or, with `new_point`, of the mean that as many seeds as the points have would give there;
+        linearised in ln W.
         """
         at = np.asarray(D, float)
         best = self._minimum.best
         slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
-        with np.errstate(invalid="ignore"):
-            variance = np.einsum("ij,jk,ik->i", slopes, self._minimum.covariance, slopes)
-        reach = student(self.confidence, freedom(self.error_dof, self.dof)) * self.widening * np.sqrt(variance)
+        error = law_error(slopes, self._minimum.covariance) * self.widening
+        reach = half_width(
+            error, self.confidence, freedom(self.error_dof, self.dof), self._scatter if new_point else 0.0
+        )
         value = self.law.flow(at, best, self.context)
         with np.errstate(over="ignore"):
             return value, value * np.exp(-reach), value * np.exp(reach)
+
+    @property
+    def _scatter(self) -> float:
+        """Standard error of ln W of a point about the law."""
+        own = float(np.sqrt(np.mean(self.relative_error**2)))
+        return own * self.widening if self.error_dof else own  # without replicates it is that of the scatter already
 
 
 def freedom(error_dof: float, dof: int) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 from labbook.fit.outlet import DEFINITIONS
 from labbook.report import display, figures
 from labbook.report.analysis import Analysis
+from labbook.report.outlet_tables import approach_table
 from labbook.report.ratios import Ratio, angle_laws, by_angle, by_position
 from labbook.report.sections import Picture, picture
 from labbook.report.tables import Table
@@ -15,35 +16,39 @@ from labbook.report.tables import Table
 def outlet_pictures(analysis: Analysis, folder: Path) -> list[Picture]:
     """Middles of profiles and flow rates of all series, by each definition of the profiles that was fitted."""
     pictures = []
-    source = analysis.study.reference.source if analysis.study.reference is not None else ""
     for definition in DEFINITIONS:
         if sum(definition in one.profiles for one in analysis.series) > 1:
-            figure = figures.outlets_of_all(analysis.series, definition, analysis.comparisons, source)
+            figure = figures.outlets_of_all(analysis.series, definition, analysis.comparisons, analysis.source)
             name = definition.removeprefix("outlet_")
             alt = f"middles of the {name} of all series"
             pictures.append(picture(figure, folder / f"{name}-all", alt, f"{_sentence(definition)} {_OUTLETS}"))
     return pictures
 
 
-def ratio_sections(analysis: Analysis, folder: Path) -> list[tuple[list[Picture], Table]]:
-    """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied."""
+def ratio_sections(analysis: Analysis, folder: Path) -> list[tuple[list[tuple[Picture, Table | None]], Table]]:
+    """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied.
+
+    Of each its pictures, with a table to go below or None, and all numbers.
+    """
     sections = []
     if angles := by_angle(analysis.points):
         figure = figures.flow_against_angle(angles)
         caption = f"{_ANGLES} {farthest(angles)}"
-        shown = picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", caption)
-        sections.append(([shown], angle_table(angles)))
+        drawn = picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", caption)
+        sections.append(([(drawn, None)], angle_table(angles)))
     if positions := by_position(analysis.points):
-        source = analysis.study.reference.source if analysis.study.reference is not None else ""
-        figure = figures.flow_against_position(positions, analysis.comparisons, source)
+        figure = figures.flow_against_position(positions, analysis.comparisons, analysis.source)
         alt = "flow rate against position over that in the middle"
-        shown = [picture(figure, folder / "ratio-position", alt, _POSITIONS)]
+        shown: list[tuple[Picture, Table | None]] = []
+        shown.append((picture(figure, folder / "ratio-position", alt, _POSITIONS), None))
         fitted = (name for name in DEFINITIONS if any(name in one.profiles for one in analysis.series))
         for name in fitted:
             called = name.removeprefix("outlet_")
-            figure = figures.shape_against_position(positions, name)
+            figure = figures.shape_against_position(positions, name, analysis.comparisons, analysis.source)
             alt = f"shape of the {called} against position"
-            shown.append(picture(figure, folder / f"{called}-position", alt, f"{_sentence(name)} {_SHAPES}"))
+            fitted_to = approach_table(positions, name, analysis.comparisons, analysis.source)
+            caption = f"{_sentence(name)} {_SHAPES}"
+            shown.append((picture(figure, folder / f"{called}-position", alt, caption), fitted_to))
         sections.append((shown, position_table(positions)))
     return sections
 
@@ -115,8 +120,9 @@ _POSITIONS = (
 )
 _SHAPES = (
     "Shape of the profiles of each point (eqs 16 and 17) against the relative distance from the wall; bars: one "
-    "standard error over seeds. Lines: limit − depth exp(−rate s*), with 95 % bands, fitted to all "
-    "points of a panel alike, with standard errors from their scatter."
+    "standard error over seeds. Lines: limit − depth exp(−rate s*), with 95 % bands, of the law and, "
+    "fainter, of one more point, fitted to all points of a panel alike, with standard errors from their scatter; dots: "
+    "the reference."
 )
 _OUTLETS = (
     "Left: velocity in the middle, and sqrt(2 g γ R). Middle: largest area fraction, and eq 12. Right: flow rate "

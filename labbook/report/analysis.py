@@ -180,6 +180,11 @@ class Analysis:
     judged: tuple["Judged", ...] = ()
     """Statements of the reference, held against ours."""
 
+    @property
+    def source(self) -> str:
+        """What the reference is called; empty without one."""
+        return self.study.reference.source if self.study.reference is not None else ""
+
 
 def analyse(
     study: "Study", finished: Sequence[Finished], progress: Callable[[int], None] = lambda done: None

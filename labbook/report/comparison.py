@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from labbook.fit import DEFINITIONS, LAWS
-from labbook.fit.outlet import PARAMETERS
+from labbook.fit.outlet import PARAMETERS, TERMS
 from labbook.report import display
 from labbook.report.analysis import ORIFICE, PointResult
-from labbook.report.ratios import RATIOS, Ratio
+from labbook.report.approach import FEWEST, SHAPE, approaches
+from labbook.report.ratios import RATIOS, Ratio, by_position
 from labbook.report.series import Series
 
 if TYPE_CHECKING:
@@ -66,10 +67,15 @@ def compare(
     )
 
 
+def at_series(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, Comparison]:
+    """The comparisons of parameters of `law` (or profiles) at a series, by the name of the parameter."""
+    mine = (c for c in comparisons if c.quantity.startswith(f"{law}."))
+    return {c.quantity.partition(".")[2]: c for c in mine if not series.at or dict(c.at) == dict(series.at)}
+
+
 def of_reference(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, float]:
     """What the reference has for the parameters of `law` (or profiles) at a series, by name, in SI."""
-    mine = (c for c in comparisons if c.quantity.startswith(f"{law}."))
-    return {c.quantity.partition(".")[2]: c.reference for c in mine if not series.at or dict(c.at) == dict(series.at)}
+    return {name: one.reference for name, one in at_series(comparisons, law, series).items()}
 
 
 def agreement(comparisons: Sequence[Comparison], source: str) -> str:
@@ -104,6 +110,8 @@ def entry_of(
         at = {name: value for name, value in asked.items() if name != ORIFICE}
         for one in (one for one in series if matches(at, one.points[0].point)):
             found.append(_of_fit(replace(base, at=one.at or at, label=one.label or base.label), head, tail, one))
+    elif head in DEFINITIONS and _approach_term(tail):
+        found.append(_of_approach(base, head, tail, [result for result in points if matches(asked, result.point)]))
     elif name in RATIOS:
         for ratio in (ratio for ratio in RATIOS[name](points) if matches(asked, ratio.result.point)):
             found.append(_of_ratio(replace(base, quantity=name), ratio))
@@ -137,6 +145,24 @@ def _of_fit(base: Comparison, law: str, parameter: str, series: Series) -> Compa
     ours = fitted.get(parameter)
     if ours is None:
         return replace(base, why=f"{law} has no {parameter} here; it has {', '.join(fitted)}")
+    return replace(base, ours=ours.value, error=ours.error, low=ours.low, high=ours.high, unit=ours.unit)
+
+
+def _approach_term(tail: str) -> bool:
+    shape, _, term = tail.partition(".")
+    return shape in SHAPE and term in TERMS
+
+
+def _of_approach(base: Comparison, definition: str, tail: str, points: Sequence[PointResult]) -> Comparison:
+    """Of limit, depth or rate with which a parameter of profiles approaches its value in the middle."""
+    base = replace(base, quantity=f"{definition}.{tail}", label=base.label or "all points")
+    shape, _, term = tail.partition(".")
+    law = approaches(by_position(points), definition)[shape].approach
+    if law is None:
+        return replace(
+            base, why=f"an approach needs profiles at {FEWEST} distances from the wall, the middle among them"
+        )
+    ours = law.parameters[term]
     return replace(base, ours=ours.value, error=ours.error, low=ours.low, high=ours.high, unit=ours.unit)
 
 

@@ -102,6 +102,11 @@ QUANTITIES = {  # a superscript is written ^(...)
     "beverloo.C_particle": Shown("C (grain density)"),
     "beverloo.k": Shown("k"),
 }
+QUANTITIES |= {  # of its approach to what it is in the middle, limit - depth e^{-rate s*}
+    f"outlet_profiles.{name}.{term}": Shown(said.format(QUANTITIES[f"outlet_profiles.{name}"].name))
+    for name in ("delta1", "sigma1", "delta2", "sigma2")
+    for term, said in (("limit", "limit of {}(s*)"), ("depth", "depth of {}(s*)"), ("rate", "rate of {}(s*)"))
+}
 QUANTITIES |= {  # the same parameters of profiles by another definition
     name.replace("outlet_profiles", "outlet_crossings"): replace(shown, name=f"{shown.name} (crossings)")
     for name, shown in QUANTITIES.items()

@@ -5,18 +5,31 @@ from collections.abc import Mapping, Sequence
 from labbook.fit.outlet import CROSSINGS
 from labbook.report import display
 from labbook.report.analysis import PointResult
+from labbook.report.approach import approaches
+from labbook.report.comparison import Comparison, at_series
+from labbook.report.fitted_tables import parameter_table
+from labbook.report.ratios import Ratio
 from labbook.report.series import Series
-from labbook.report.tables import Table, parameter_row
+from labbook.report.tables import Table
 from labbook.stats import Pooled
 
 
-def profile_table(series: Series, definition: str) -> Table:
-    """Parameters of the profiles along the outlets of a series."""
+def profile_table(series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = "") -> Table:
+    """Parameters of the profiles along the outlets of a series, beside the reference."""
     fit = series.profiles[definition]
-    rows = tuple(parameter_row(f"{definition}.{name}", p) for name, p in fit.parameters.items())
     collapse = f"Root mean square about the domes: {fit.misfit[0]:.2g} of v_c, {fit.misfit[1]:.2g} of φ_c."
     notes = (collapse, *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
-    return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
+    return parameter_table(definition, fit.parameters, at_series(comparisons, definition, series), source, notes)
+
+
+def approach_table(
+    ratios: Sequence[Ratio], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
+) -> Table | None:
+    """Limit, depth and rate of tilts and exponents against s*, beside the reference; None of too few places."""
+    fitted = {name: one.approach for name, one in approaches(ratios, definition).items() if one.approach is not None}
+    parameters = {f"{name}.{term}": p for name, law in fitted.items() for term, p in law.parameters.items()}
+    known = {c.quantity.partition(".")[2]: c for c in comparisons if c.quantity.startswith(f"{definition}.")}
+    return parameter_table(definition, parameters, known, source) if parameters else None
 
 
 _OF_OUTLET = {

@@ -21,14 +21,13 @@ def write(analysis: Analysis, folder: Path) -> Path:
     """Write the report of a study into `folder` (made if missing): report.html and its figures. Path of the page."""
     folder.mkdir(parents=True, exist_ok=True)
     study = analysis.study
-    source = study.reference.source if study.reference is not None else ""
     text = _template().render(
         title=study.name,
         about=study.about,
         version=__version__,
         summary=summary(analysis),
         incomplete=bool(analysis.missing or analysis.unreadable) or any(r.precise is False for r in analysis.points),
-        source=source,
+        source=analysis.source,
         comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
         digest=tables.digest_table(analysis.comparisons),
         statements=statement_table(analysis.judged) if analysis.judged else None,
@@ -76,10 +75,10 @@ def summary(analysis: Analysis) -> list[str]:
     trending = [result.label for result in analysis.points if result.trending]
     if trending:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
-    if analysis.comparisons and study.reference is not None:
-        sentences.append(agreement(analysis.comparisons, study.reference.source))
-    if analysis.judged and study.reference is not None:
-        sentences.append(summed_up(analysis.judged, study.reference.source))
+    if analysis.comparisons:
+        sentences.append(agreement(analysis.comparisons, analysis.source))
+    if analysis.judged:
+        sentences.append(summed_up(analysis.judged, analysis.source))
     return sentences
 
 

@@ -10,6 +10,8 @@ from labbook.fields.pattern import FUNNEL, SLOW
 from labbook.fit.outlet import DEFINITIONS, FORMULA, SOURCE
 from labbook.report import figures, outlet_tables, style, tables
 from labbook.report.analysis import Analysis
+from labbook.report.comparison import at_series
+from labbook.report.fitted_tables import fit_table
 from labbook.report.pattern import INTERVAL, acceleration, flow_patterns, pooled_means
 from labbook.report.series import Series
 
@@ -34,7 +36,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
     where = f" ({series.label})" if series.label else ""
     fit = None
     if series.fits or len(series.used) > 1:  # a single point shows nothing
-        figure = figures.flow_against_orifice(series, analysis.comparisons, _source(analysis))
+        figure = figures.flow_against_orifice(series, analysis.comparisons, analysis.source)
         fit = picture(figure, folder / f"fit{suffix}", f"a power of W against orifice{where}", _FIT)
     flow = figures.flow_against_time(series)
     turning = any(set(series.points) & set(curve.points) for curve in analysis.turning)  # has a section of its own
@@ -51,7 +53,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
                 "name": law.capitalize(),
                 "formula": found.law.formula,
                 "source": found.law.source,
-                "table": tables.fit_table(law, found),
+                "table": fit_table(law, found, at_series(analysis.comparisons, law, series), analysis.source),
             }
             for law, found in series.fits.items()
         ],
@@ -85,25 +87,22 @@ def _profiles(
     analysis: Analysis, series: Series, definition: str, folder: Path, suffix: str, where: str
 ) -> dict[str, Any]:
     name = definition.removeprefix("outlet_")
-    along = figures.outlet_profiles(series, definition, analysis.comparisons, _source(analysis))
-    middles = figures.outlet_middles(series, definition)
+    along = figures.outlet_profiles(series, definition, analysis.comparisons, analysis.source)
+    middles = figures.outlet_middles(series, definition, analysis.comparisons, analysis.source)
     return {
         "along": picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", _ALONG),
         "middles": picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", _MIDDLES),
         "definition": DEFINITIONS[definition],
         "formula": FORMULA,
         "source": SOURCE,
-        "table": outlet_tables.profile_table(series, definition),
+        "table": outlet_tables.profile_table(series, definition, analysis.comparisons, analysis.source),
         "outlets": outlet_tables.outlet_table(series, definition),
     }
 
 
-def _source(analysis: Analysis) -> str:
-    return analysis.study.reference.source if analysis.study.reference is not None else ""
-
-
 _FIT = (
-    "Points: pooled mean with its 95 % interval; lines: fits with 95 % bands; below: relative residuals. Hollow points "
+    "Points: pooled mean with its 95 % interval; lines: fits, with the 95 % band of the law "
+    "and, fainter, of one more point of as many seeds; below: relative residuals. Hollow points "
     "lie outside a law’s range or have no steady flow; they take part in the fit."
 )
 _FLOW = (
@@ -124,12 +123,14 @@ _ACCELERATION = (
 )
 _ALONG = (
     "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "
-    "middle. Points are fitted; bins without points are not. Bands: one "
-    "standard error over seeds. Dashed: the tilted curves of eqs 16 and 17, where the tilt is significant."
+    "middle. Points are fitted; bins without points are not. Bands about points: one standard error over seeds; about "
+    "the law: 95 %, of the law and, fainter, of a bin of one more outlet. Dashed: the tilted curves of eqs 16 and 17, "
+    "where the tilt is significant; the bands are then theirs."
 )
 _MIDDLES = (
     "Velocity and area fraction in the middle of the outlets, and the flow that the profiles come to, over the flow "
-    "counted. Bars: one standard error over seeds."
+    "counted. Bars: one standard error over seeds; bands: 95 %, of the law and, fainter, of one more outlet; dots: the "
+    "law with the parameters of the reference, its φ_∞ being ours where it has only τ₁ and τ₂."
 )
 
 

@@ -114,19 +114,21 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
             problems.append(f"{name}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")
             continue
         try:
-            fits[name] = fit(LAWS[name], D, W, error, context(points), replicates)
+            found = fit(LAWS[name], D, W, error, context(points), replicates)
+            fits[name] = replace(found, notes=(*found.notes, *_lacking([result for result, _ in used])))
         except FitError as failure:
             problems.append(str(failure))
     profiles = {}
     profiled = [result for result in points if result.outlets(COVERAGE)]
     for name in (law for law in laws if law in DEFINITIONS):
         try:
-            profiles[name] = fit_profiles([result.outlets(name) for result in profiled], context(points))
+            along = fit_profiles([result.outlets(name) for result in profiled], context(points))
+            profiles[name] = replace(along, notes=(*along.notes, *_lacking(profiled)))
         except FitError as failure:
             problems.append(f"{name}: {failure}")
     outside = np.zeros(len(used), bool)
-    for found in fits.values():
-        outside |= found.outside
+    for one in fits.values():
+        outside |= one.outside
     flagged = {r.point.index for (r, _), out in zip(used, outside, strict=True) if out or r.trending}
     left = contenders(list(fits.values())) if len(fits) > 1 else ()
     indices = frozenset(result.point.index for result, _ in used)
@@ -144,6 +146,14 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
 
 def _named(laws: Iterable[str]) -> str:
     return " and ".join(law.capitalize() for law in laws)
+
+
+def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
+    """A note on fitted points that lack runs, if any do."""
+    partial = [f"{r.orifice * 1e3:g} mm with {len(r.runs)} of {r.asked} runs" for r in points if r.partial]
+    if not partial:
+        return ()
+    return (f"points that lack runs are fitted as they are: {', '.join(partial)}; the first to end are no fair sample",)
 
 
 def context(points: Sequence[PointResult]) -> Context:

@@ -1,15 +1,16 @@
 """House style of all figures: vector, colour-blind safe, readable in grey, and the same bytes on every run."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy import ndarray
 
 INK, FAINT = "#1a1a1a", "#8a8a8a"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -98,6 +99,25 @@ def from_zero(ax: "Axes") -> None:
     ax.update_datalim([(0, 0)], updatex=False)
     ax.autoscale_view(scalex=False)
     ax.set_ylim(bottom=0)
+
+
+def band(ax: "Axes", x: "ndarray", law: Sequence["ndarray"], point: Sequence["ndarray"], colour: str) -> None:
+    """Shade the interval of a law between its two ends and, fainter, that of one more point."""
+    for (low, high), alpha in ((point, 0.09), (law, 0.2)):
+        ax.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0, zorder=0)
+
+
+def beside_title(title: str) -> Literal["outside upper right", "outside lower center"]:
+    """Where the legend of a page-wide figure goes: in the line of its title, below the axes if that is long."""
+    return "outside upper right" if len(title) <= _SHORT else "outside lower center"
+
+
+def legend_columns(labels: Sequence[str]) -> int:
+    """How many columns of a legend fit on a page, four at most."""
+    return max(1, min(len(labels), 4, _LINE // (max(map(len, labels), default=1) + 6)))
+
+
+_SHORT, _LINE = 44, 130  # characters: of a title that leaves room for a legend, and of a line of legends across a page
 
 
 def mathtext(text: str) -> str:

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from labbook.fit import DEFINITIONS, FitResult, Parameter
 from labbook.report import display
 from labbook.report.analysis import Analysis, PointResult
 from labbook.report.comparison import CLOSE, Comparison
@@ -121,6 +120,11 @@ def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
     return Table(headings, tuple(rows))
 
 
+def in_errors(one: Comparison) -> str:
+    """How many standard errors ours lies from the reference, as text."""
+    return "–" if math.isnan(one.in_errors) else f"{one.in_errors:+.1f}".replace("-", "−")
+
+
 def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     """The reference's numbers beside ours; rows farther apart than two standard errors are marked."""
     rows, marked, reasons = [], set(), []
@@ -133,9 +137,8 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
             continue
         interval = f"{display.number(c.low, c.error, shown.scale)} to {display.number(c.high, c.error, shown.scale)}"
         ours = display.with_error(c.ours, c.error, shown.scale)
-        apart = "–" if math.isnan(c.in_errors) else f"{c.in_errors:+.1f}".replace("-", "−")
         percent = "–" if math.isnan(c.relative) else f"{100 * c.relative:+.1f} %".replace("-", "−")
-        rows.append((shown.heading, c.label, reference, ours, interval, percent, apart))
+        rows.append((shown.heading, c.label, reference, ours, interval, percent, in_errors(c)))
         if abs(c.in_errors) > CLOSE:
             marked.add(place)
     headings = ("quantity", "at", "reference", "ours", "95 % interval", "difference", "in standard errors")
@@ -145,37 +148,6 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         *reasons,
     )
     return Table(headings, tuple(rows), frozenset({0, 1}), frozenset(marked), notes)
-
-
-def fit_table(law: str, fit: FitResult) -> Table:
-    """Parameters of a fit with standard errors and intervals; its goodness and its notes below."""
-    rows = tuple(parameter_row(f"{law}.{name}", parameter) for name, parameter in fit.parameters.items())
-    goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degrees of freedom"
-    if math.isfinite(fit.p_value):
-        goodness += f" (p = {fit.p_value:.2g}{', F test: the errors are estimates' if fit.error_dof else ''})"
-    if math.isfinite(fit.aicc):
-        goodness += f"; AICc = {fit.aicc:.4g}".replace("-", "−")
-    notes = (goodness + ".", *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
-    return Table(("parameter", "value", "95 % interval"), rows, notes=notes)
-
-
-_MAY_VANISH = frozenset(f"{name}.{tilt}" for name in DEFINITIONS for tilt in ("delta1", "delta2"))
-"""A tilt of zero is a finding."""
-
-
-def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
-    """A parameter with its interval; one without an end, or far wider than the value, leaves no value to quote."""
-    shown = display.quantity(quantity, parameter.unit)
-    width = parameter.high - parameter.low
-    digits = width / 4  # about a standard error, also where the linearised one means nothing
-    ends = (display.number(end, digits, shown.scale) for end in (parameter.low, parameter.high))
-    if not math.isfinite(width) or (width > 10 * abs(parameter.value) and quantity not in _MAY_VANISH):
-        value = "not determined"
-    elif parameter.error > width:
-        value = display.number(parameter.value, digits, shown.scale)
-    else:
-        value = display.with_error(parameter.value, parameter.error, shown.scale)
-    return shown.heading, value, " to ".join(ends)
 
 
 def outcomes_table(analysis: Analysis) -> Table:

@@ -94,6 +94,20 @@ def test_prediction_bands_cover_at_every_orifice():
     assert ((hits / 600 >= 0.92) & (hits / 600 <= 0.985)).all()
 
 
+def test_the_band_of_a_new_point_covers_what_as_many_seeds_would_give():
+    """Means of three new seeds at three orifices: t sqrt(law^2 + point^2) holds 92 to 98.5 % of them."""
+    rng = np.random.default_rng(5)
+    at = np.array([20, 33, 60]) * 1e-3
+    true = LAWS["beverloo"].flow(at, TRUE["beverloo"], FAN)
+    hits = np.zeros(3)
+    for _ in range(600):
+        found = fit_replicates("beverloo", replicates_of("beverloo", rng, 0.01))
+        _, low, high = found.predict(at, new_point=True)
+        fresh = (true * np.exp(0.01 * rng.standard_normal((3, 3)))).mean(axis=0)
+        hits += (low <= fresh) & (fresh <= high)
+    assert ((hits / 600 >= 0.92) & (hits / 600 <= 0.985)).all(), hits / 600
+
+
 def test_chi2_has_the_f_distribution_of_estimated_errors():
     rng = np.random.default_rng(3)
     p = [fit_replicates("beverloo", replicates_of("beverloo", rng, 0.01)).p_value for _ in range(400)]

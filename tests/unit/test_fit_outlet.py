@@ -218,7 +218,69 @@ def test_intervals_of_an_approach_cover():
     assert ((hits / used >= 0.92) & (hits / used <= 0.98)).all(), hits / used
 
 
+def test_the_band_of_a_new_point_of_an_approach_covers():
+    rng = np.random.default_rng(4)
+    s, at = np.linspace(0, 1, 25), np.array([0.05, 0.4, 0.9])
+    hits, used = np.zeros(3), 0
+    for _ in range(1000):
+        found = fit_approach(s.tolist(), (0.39 - 0.12 * np.exp(-3.74 * s) + 0.01 * rng.standard_normal(25)).tolist())
+        if math.isfinite(found.errors[2]):
+            used += 1
+            fresh = 0.39 - 0.12 * np.exp(-3.74 * at) + 0.01 * rng.standard_normal(3)
+            hits += abs(found.at(at) - fresh) <= found.half_width(at, new_point=True)
+    assert used > 970
+    assert ((hits / used >= 0.92) & (hits / used <= 0.98)).all(), hits / used
+
+
 def test_a_step_or_a_straight_line_has_no_rate():
     s = np.array([0, 0.15, 0.3, 0.5, 0.7, 1.0])
     for values in (np.where(s > 0, 0.4, 0.3), 0.3 + 0.01 * s):
         assert math.isinf(fit_approach(s.tolist(), values.tolist()).errors[2])
+
+
+def test_curves_are_the_laws_and_have_no_band_without_replicates():
+    outlets = [[made(D / 2, (-0.2, 1.3, 0.39), (-0.1, 1, 0.3), phi_c(D / 2))] for D in WIDTHS]
+    fit = fit_profiles(outlets, FAN)
+    value = {name: p.value for name, p in fit.parameters.items()}
+    middle, right = 100, 150  # x* = 0 and 0.5
+    assert fit.curves["velocity"].value[right] == pytest.approx(0.75 ** value["a"])
+    tilted = fit.curves["tilted_velocity"]
+    assert tilted.value[[middle, right]] == pytest.approx([1, 0.75**0.39 - 0.5 * 0.2 / 1.3], abs=0.01)
+    speeds = fit.curves["v_c"]
+    np.testing.assert_allclose(speeds.value, np.sqrt(2 * FAN.g * value["gamma"] * speeds.at))
+    np.testing.assert_allclose(fit.curves["phi_c"].value, phi_c(fit.curves["phi_c"].at), rtol=0.01)
+    for curve in fit.curves.values():
+        assert np.isinf(curve.law).all()
+        assert np.isinf(curve.point).all()
+
+
+def test_the_band_of_the_dome_is_that_of_its_exponent():
+    """To first order d(1 - x^2)^a = ln(1 - x^2) (1 - x^2)^a da; a bin scatters about it by the misfit besides."""
+    rng = np.random.default_rng(6)
+    exact = [made(D / 2, (0, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in WIDTHS]
+    fit = fit_profiles([[noisy(one, rng, 0.03) for _ in range(3)] for one in exact], FAN)
+    half = (fit.parameters["a"].high - fit.parameters["a"].low) / 2
+    curve, at = fit.curves["velocity"], [120, 150, 180]
+    x = curve.at[at]
+    np.testing.assert_allclose(curve.law[at], -np.log(1 - x**2) * curve.value[at] * half, rtol=0.02)
+    np.testing.assert_allclose(curve.point[at], np.hypot(curve.law[at], student(0.95, 8) * fit.misfit[0]))
+
+
+@pytest.mark.slow
+def test_bands_of_eq_12_and_of_speeds_cover_one_more_outlet(monkeypatch):
+    """Three seeds at each of four outlets, and at a fifth of 36 mm: its middles, of 200 sets."""
+    monkeypatch.setattr(joint, "_DRAWS", 60)
+    rng = np.random.default_rng(7)
+    exact = [made(D / 2, (0, 1.29, 0.39), (0, 1, 0.3), phi_c(D / 2)) for D in (*WIDTHS, 0.036)]
+    hits: dict[str, int] = {f"{what} {name}": 0 for what in ("law", "point") for name in ("v_c", "phi_c")}
+    truth = {"v_c": math.sqrt(2 * FAN.g * 1.29**2 * 0.018), "phi_c": phi_c(0.018)}
+    for _ in range(200):
+        *fitted, fifth = [[noisy(one, rng, 0.03) for _ in range(3)] for one in exact]
+        fit = fit_profiles(fitted, FAN)
+        fresh = fit_profiles([fifth], FAN).outlets[0]
+        for name, true in truth.items():
+            curve = fit.curves[name]
+            value, law, point = (np.interp(0.018, curve.at, y) for y in (curve.value, curve.law, curve.point))
+            hits[f"law {name}"] += abs(value - true) <= law
+            hits[f"point {name}"] += abs(value - getattr(fresh, name).value) <= point
+    assert all(0.90 <= count / 200 <= 0.99 for count in hits.values()), hits

@@ -1,6 +1,7 @@
 """Profiles of velocity and area fraction along outlets: their parameters, and the flow rate that they come to."""
 
-from labbook.fit.outlet.approach import Approach, fit_approach
+from labbook.fit.outlet.approach import TERMS, Approach, fit_approach
+from labbook.fit.outlet.curves import Curve
 from labbook.fit.outlet.joint import (
     COVERAGE,
     CROSSINGS,
@@ -25,8 +26,10 @@ __all__ = [
     "OF_OUTLET",
     "PARAMETERS",
     "SOURCE",
+    "TERMS",
     "VERSION",
     "Approach",
+    "Curve",
     "FittedOutlet",
     "Outlet",
     "ProfileFit",

@@ -6,18 +6,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.fit.band import half_width, law_error
+from labbook.fit.result import Parameter
 from labbook.stats.pooling import student
 
 _RATES = np.geomspace(0.1, 100.0, 600)
 """Where the rate is looked for: slower than 0.1 is a straight line over s* from 0 to 1, faster than 100 a step."""
 
 
+TERMS = ("limit", "depth", "rate")
+"""Names of the parameters of an approach."""
+
+
 @dataclass(frozen=True, eq=False)
 class Approach:
     """y = limit - depth e^{-rate s*}; the paper has sigma1 = 0.39 - 0.12 e^{-3.74 s*}.
 
-    `covariance` of limit, depth and rate, shape [3, 3], from the scatter of the points about the law: infinite with
-    fewer than four points, or with a rate at an end of the range in which it is looked for.
+    `covariance` of limit, depth and rate, shape [3, 3], from the scatter of the points about the law: infinite with a
+    rate at an end of the range in which it is looked for. `scatter`: standard error
+    of a point about the law.
     """
 
     limit: float
@@ -25,6 +32,17 @@ class Approach:
     rate: float
     covariance: np.ndarray
     freedom: int
+    scatter: float
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """limit, depth and rate with 95 % intervals, by Student's t."""
+        values = (self.limit, self.depth, self.rate)
+        t = student(0.95, self.freedom)
+        return {
+            name: Parameter(value, value - t * error, value + t * error, error, "")
+            for name, value, error in zip(TERMS, values, self.errors, strict=True)
+        }
 
     @property
     def errors(self) -> tuple[float, float, float]:
@@ -36,11 +54,10 @@ class Approach:
         """The value at s* = 2 s/(L - D)."""
         return self.limit - self.depth * np.exp(-self.rate * np.asarray(s, float))
 
-    def half_width(self, s: np.ndarray, confidence: float = 0.95) -> np.ndarray:
-        """Half of the interval of the law at s*, shape [n], to first order and by Student's t."""
-        slope = _slopes(np.asarray(s, float), self.depth, self.rate)
-        variance = np.einsum("ij,jk,ik->i", slope, self.covariance, slope)
-        return student(confidence, self.freedom) * np.sqrt(variance)
+    def half_width(self, s: np.ndarray, *, new_point: bool = False) -> np.ndarray:
+        """Half of the 95 % interval of the law at s*, shape [n], to first order; with `new_point` of one more point."""
+        error = law_error(_slopes(np.asarray(s, float), self.depth, self.rate), self.covariance)
+        return half_width(error, 0.95, self.freedom, self.scatter if new_point else 0.0)
 
 
 def fit_approach(s: Sequence[float], values: Sequence[float]) -> Approach:
@@ -59,10 +76,10 @@ def fit_approach(s: Sequence[float], values: Sequence[float]) -> Approach:
     limit, depth, rate = float(y.mean() - slope[best] * decay[best].mean()), float(-slope[best]), float(_RATES[best])
     freedom = len(y) - 3
     covariance = np.full((3, 3), math.inf)
-    if 0 < best < len(_RATES) - 1 and freedom > 0:
+    if 0 < best < len(_RATES) - 1:
         slopes = _slopes(places, depth, rate)
         covariance = left[best] / freedom * np.linalg.pinv(slopes.T @ slopes)
-    return Approach(limit, depth, rate, covariance, freedom)
+    return Approach(limit, depth, rate, covariance, freedom, math.sqrt(left[best] / freedom))
 
 
 def _slopes(s: np.ndarray, depth: float, rate: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.fit.law import Context
+from labbook.fit.outlet.curves import Curve, curves, laws
 from labbook.fit.outlet.flow import centred_flow, eccentric_flow
 from labbook.fit.outlet.saturation import FEWEST, fit_saturation
 from labbook.fit.outlet.shape import Outlet, dome, fit_dome, mean_of
@@ -59,12 +60,14 @@ class ProfileFit:
 
     a, gamma, b (centred: eqs 10, 11), phi_inf, tau1, tau2 [1/m] (eq 12; for four outlets or more), delta1, epsilon1,
     sigma1, delta2, epsilon2, sigma2 (eqs 16, 17). `misfit`: root mean square of v/v_c and phi/phi_c about the domes,
-    which says how well the profiles collapse. `notes`: what a reader must know.
+    which says how well the profiles collapse. `curves`: the laws with their bands, by the names that
+    `labbook.fit.outlet.curves.laws` gives them. `notes`: what a reader must know.
     """
 
     parameters: Mapping[str, Parameter]
     outlets: tuple[FittedOutlet, ...]
     misfit: tuple[float, float]
+    curves: Mapping[str, Curve]
     notes: tuple[str, ...]
 
     @property
@@ -85,25 +88,33 @@ def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> Profile
     several = min(len(one) for one in seeds) > 1
     saturates = len({one[0].R for one in seeds}) >= FEWEST
 
+    R = np.array([one[0].R for one in seeds])
+    names = _SHARED + (_SATURATION if saturates else ())
+
     def statistic(drawn: Sequence[Sequence[Outlet]]) -> list[float]:
-        return _numbers([mean_of(one) for one in drawn], context, saturates)
+        numbers = _numbers([mean_of(one) for one in drawn], context, saturates)
+        drawn_laws = laws(dict(zip(names, numbers, strict=False)), R, context.g)
+        return numbers + [float(value) for law in drawn_laws.values() for value in law]
 
     if several:
         pooled = bootstrap_all(seeds, statistic, _DRAWS)
     else:
         n = sum(map(len, seeds))
         pooled = tuple(Pooled(value, math.nan, math.inf, n) for value in statistic(seeds))
-    names = _SHARED + (_SATURATION if saturates else ())
     parameters = {
         name: Parameter(one.value, one.low, one.high, one.error, _UNITS.get(name, ""))
         for name, one in zip(names, pooled, strict=False)
     }
     means = [mean_of(one) for one in seeds]
-    each = np.array(pooled[len(names) :], dtype=object).reshape(len(seeds), -1)
+    first, last = len(names), len(names) + len(seeds) * len(OF_OUTLET)
+    each = np.array(pooled[first:last], dtype=object).reshape(len(seeds), -1)
     outlets = tuple(FittedOutlet(mean, *row) for mean, row in zip(means, each, strict=True))
-    return ProfileFit(
-        parameters, outlets, _misfit(outlets, parameters), tuple(_notes(seeds, means, several, saturates))
-    )
+    misfits = _misfits(outlets, parameters)
+    misfit = misfits["velocity"], misfits["area_fraction"]
+    middles = {"v_c": [one.v_c for one in outlets], "phi_c": [one.phi_c for one in outlets]}
+    freedom = sum(map(len, seeds)) - len(seeds)
+    drawn = curves(pooled[last:], parameters, R, context.g, middles, misfits, freedom)
+    return ProfileFit(parameters, outlets, misfit, drawn, tuple(_notes(seeds, means, several, saturates)))
 
 
 def _numbers(outlets: Sequence[Outlet], context: Context, saturates: bool) -> list[float]:
@@ -149,18 +160,25 @@ def _highest(tilt: float, exponent: float) -> float:
     return float(np.max(tilt * x + (1 - x**2) ** exponent))
 
 
-def _misfit(outlets: Sequence[FittedOutlet], parameters: Mapping[str, Parameter]) -> tuple[float, float]:
-    found = []
-    for name, exponent in (("velocity", "a"), ("area_fraction", "b")):
-        left = []
+def _misfits(outlets: Sequence[FittedOutlet], parameters: Mapping[str, Parameter]) -> dict[str, float]:
+    """Root mean square of v/v_c and phi/phi_c about the domes and about the tilted curves, by the names of `laws`."""
+    value = {name: parameter.value for name, parameter in parameters.items()}
+    found = {}
+    for law, shape, tilt in (
+        ("velocity", "a", 0.0),
+        ("area_fraction", "b", 0.0),
+        ("tilted_velocity", "sigma1", value["delta1"] / value["epsilon1"]),
+        ("tilted_area_fraction", "sigma2", value["delta2"] / value["epsilon2"]),
+    ):
+        profile, left = law.removeprefix("tilted_"), []
         for one in outlets:
-            centre = one.v_c if name == "velocity" else one.phi_c
-            values = getattr(one.profile, name)
+            centre = one.v_c if profile == "velocity" else one.phi_c
+            values, edges = getattr(one.profile, profile), one.profile.edges
             inside = one.profile.inside & np.isfinite(values)
-            shape = dome(one.profile.edges, parameters[exponent].value)
-            left.append((values / centre.value - shape)[inside])
-        found.append(float(np.sqrt(np.mean(np.concatenate(left) ** 2))))
-    return found[0], found[1]
+            expected = dome(edges, value[shape]) + tilt * (edges[1:] + edges[:-1]) / 2
+            left.append((values / centre.value - expected)[inside])
+        found[law] = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+    return found
 
 
 def _notes(seeds: Sequence[Sequence[Outlet]], means: Sequence[Outlet], several: bool, saturates: bool):

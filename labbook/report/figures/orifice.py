@@ -9,7 +9,20 @@ import numpy as np
 from labbook.fit.beverloo import Beverloo
 from labbook.report.analysis import ORIFICE
 from labbook.report.comparison import of_reference
-from labbook.report.style import COLOURS, COLUMN, DASHES, FAINT, INK, MARKERS, MILLIMETRE, PAGE, from_zero, house, look
+from labbook.report.style import (
+    COLOURS,
+    COLUMN,
+    DASHES,
+    FAINT,
+    INK,
+    MARKERS,
+    MILLIMETRE,
+    PAGE,
+    band,
+    from_zero,
+    house,
+    look,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +37,8 @@ _FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow
 
 
 def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] = (), source: str = "") -> "Figure":
-    """One series: the points with 95 % intervals, every fit with its 95 % band, and below it the residuals in percent,
-    if anything was fitted.
+    """One series: the points with 95 % intervals, every fit with its 95 % bands, and below it the residuals in
+    percent, if anything was fitted.
 
     Points outside a law's range or without a steady flow are hollow; diamonds are flow rates of the reference.
     """
@@ -87,14 +100,17 @@ def overview(series: Sequence["Series"]) -> "Figure":
 
 
 def _bands(ax: "Axes", series: "Series", power: float) -> None:
-    """95 % bands from the smallest to the largest orifice, within the frame that points and curves have set: the band
-    of a law which these orifices do not determine has no bounds."""
+    """95 % bands of each law and of one more point, from the smallest to the largest orifice, within the frame that
+    points and curves have set: the band of a law which these orifices do not determine has no bounds."""
     frame = ax.get_ylim()
     D = np.linspace(min(series.diameters), max(series.diameters), 200)
     for place, (law, fit) in enumerate(series.fits.items()):
-        _, low, high = (_scaled(W, power) for W in fit.predict(D))
-        color = COLOURS[_FITS.get(law, 3 + place)]
-        ax.fill_between(D * 1e3, low, np.minimum(high, 2 * frame[1]), color=color, alpha=0.18, linewidth=0)
+        _, *of_law = fit.predict(D)
+        _, *of_point = fit.predict(D, new_point=True)
+        law_ends, point_ends = (
+            [np.minimum(_scaled(end, power), 2 * frame[1]) for end in ends] for ends in (of_law, of_point)
+        )
+        band(ax, D * 1e3, law_ends, point_ends, COLOURS[_FITS.get(law, 3 + place)])
     ax.set_ylim(frame)
 
 

@@ -52,7 +52,7 @@ def outlets_of_all(
         for ax, text in zip(axes[-1], (r"$\sqrt{R}$ [mm$^{1/2}$]", "$R$ [mm]", "$R$ [mm]"), strict=True):
             ax.set_xlabel(text)
         handles = dict(zip(*reversed(_handles(axes)), strict=True))
-        if any(of_reference(comparisons, definition, one) for one in fitted):
+        if any(of_reference(comparisons, definition, one).keys() & {"gamma", "epsilon1", "phi_inf"} for one in fitted):
             (dots,) = axes[0, 0].plot([], [], color=INK, linestyle=":")
             handles[source] = dots
         figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=min(len(handles), 6))

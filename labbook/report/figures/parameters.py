@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from labbook.report import display
-from labbook.report.style import INK, MILLIMETRE, PAGE, house, look, mathtext
+from labbook.report.style import INK, MILLIMETRE, PAGE, house, legend_columns, look, mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +53,7 @@ def parameters_against(key: str, law: str, series: Sequence["Series"], compariso
             ax.set_xlabel(display.key(key).heading)
             ax.xaxis.set_tick_params(labelbottom=True)
         if len(groups) > 1:
-            figure.legend(handles=_legend(groups), loc="outside upper right", ncols=min(len(groups), 4))
+            figure.legend(handles=_legend(groups), loc="outside upper right", ncols=legend_columns(groups))
         figure.align_ylabels()
     return figure
 

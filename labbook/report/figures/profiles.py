@@ -9,13 +9,13 @@ import numpy as np
 from labbook.fit.outlet import Saturation
 from labbook.report import display
 from labbook.report.comparison import of_reference
-from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, from_zero, house, look
+from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, band, beside_title, from_zero, house, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.fit.outlet import FittedOutlet, ProfileFit
+    from labbook.fit.outlet import Curve, FittedOutlet, ProfileFit
     from labbook.report.comparison import Comparison
     from labbook.report.series import Series
 
@@ -46,6 +46,8 @@ def outlet_profiles(
             name = "ab"[column]
             shape = f"$(1-x^{{*2}})^{{{name}}}$, {name} = {exponent:.3g}"
             axes[1, column].plot(_FINE, (1 - _FINE**2) ** exponent, color=INK, linewidth=0.9, zorder=1, label=shape)
+            curve = fit.curves[("tilted_" if _tilts(fit) else "") + list(_SHOWN)[column]]
+            _bands(axes[1, column], curve, curve.at, INK)
             axes[1, column].set_xlabel(r"$x^* = (x-e)/R$")
             axes[0, column].set_xlabel(r"$x-e$ [mm]")
             known = of_reference(comparisons, definition, series)
@@ -56,7 +58,7 @@ def outlet_profiles(
             ax.set_ylabel(text)
             from_zero(ax)
         figure.legend(
-            *axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=min(8, len(fit.outlets))
+            *axes[0, 0].get_legend_handles_labels(), loc=beside_title(series.label), ncols=min(8, len(fit.outlets))
         )
         if series.label:
             figure.suptitle(series.label, x=0.01, ha="left", fontsize=7.5)
@@ -72,19 +74,24 @@ def _tilt(delta: float, eps: float, sigma: float) -> np.ndarray:
     return delta / eps * _FINE + (1 - _FINE**2) ** sigma
 
 
+def _tilts(fit: "ProfileFit") -> bool:
+    """Whether the velocity is tilted by more than chance."""
+    return abs(fit.parameters["delta1"].value) > 2 * fit.parameters["delta1"].error
+
+
 def _tilted(ax: "Axes", column: int, fit: "ProfileFit") -> list:
     """The tilted curve of eqs 16 and 17, where the tilt of the velocity is significant."""
-    if abs(fit.parameters["delta1"].value) <= 2 * fit.parameters["delta1"].error:
+    if not _tilts(fit):
         return []
-    curve = _tilt(*(fit.parameters[name].value for name in _TILTED[column]))
+    curve = fit.curves["tilted_" + list(_SHOWN)[column]]
     delta = display.number(fit.parameters[_TILTED[column][0]].value, fit.parameters[_TILTED[column][0]].error)
     label = f"eq {16 + column}, {'δ₁' if column == 0 else 'δ₂'} = {delta}"
-    return ax.plot(_FINE, curve, color=INK, linestyle=(0, (6, 2)), linewidth=0.9, zorder=1, label=label)
+    return ax.plot(curve.at, curve.value, color=INK, linestyle=(0, (6, 2)), linewidth=0.9, zorder=1, label=label)
 
 
 def _theirs(ax: "Axes", column: int, known: Mapping[str, float], source: str) -> list:
     """The reference's dome, or its tilted curve."""
-    style = {"color": INK, "linestyle": ":", "linewidth": 1.2, "zorder": 3, "label": source}
+    style = {**_DOTS, "label": source}
     exponent = "ab"[column]
     if exponent in known:
         return ax.plot(_FINE, (1 - _FINE**2) ** known[exponent], **style)
@@ -108,8 +115,13 @@ def _draw(
     ax.plot(x[inside], y[inside], **style, label=label, zorder=2)
 
 
-def outlet_middles(series: "Series", definition: str) -> "Figure":
-    """v_c against sqrt(R) with sqrt(2 g gamma R), phi_c against R with eq 12, and the flow that profiles come to."""
+def outlet_middles(
+    series: "Series", definition: str, comparisons: Sequence["Comparison"] = (), source: str = ""
+) -> "Figure":
+    """v_c against sqrt(R) with sqrt(2 g gamma R), phi_c against R with eq 12, and the flow that profiles come to.
+
+    Bands: 95 %, of the law and of one more outlet; dots: the law with the reference's parameters.
+    """
     from matplotlib.figure import Figure
 
     fit = series.profiles[definition]
@@ -117,8 +129,9 @@ def outlet_middles(series: "Series", definition: str) -> "Figure":
     with house():
         figure = Figure(figsize=(PAGE, 60 * MILLIMETRE))
         left, middle, right = figure.subplots(1, 3)
-        _speeds(left, fit, R, series.points[0].point.scene.gravity)
-        _middles(middle, fit, R)
+        known = of_reference(comparisons, definition, series)
+        _speeds(left, fit, R, series.points[0].point.scene.gravity, known, source)
+        _middles(middle, fit, R, known, source)
         for place, (name, label) in enumerate(_FLOWS.items()):
             style = {**look(place), "linestyle": "none"}
             flows = [getattr(one, name) for one in fit.outlets]
@@ -137,24 +150,42 @@ def outlet_middles(series: "Series", definition: str) -> "Figure":
 _FLOWS = {"direct": "integral", "centred": "eq 14, own φ", "printed": "eq 14 as printed", "eccentric": "eq 18"}
 
 
-def _speeds(ax: "Axes", fit: "ProfileFit", R: np.ndarray, g: float) -> None:
-    gamma = fit.parameters["gamma"].value
-    fine = np.linspace(0, 1.05 * R.max(), 200)
-    ax.plot(np.sqrt(fine * 1e3), np.sqrt(2 * g * gamma * fine), color=COLOURS[1], label=f"γ = {gamma:.3g}")
+def _speeds(ax: "Axes", fit: "ProfileFit", R: np.ndarray, g: float, known: Mapping[str, float], source: str) -> None:
+    curve = fit.curves["v_c"]
+    x = np.sqrt(curve.at * 1e3)
+    ax.plot(x, curve.value, color=COLOURS[1], label=f"γ = {fit.parameters['gamma'].value:.3g}")
+    _bands(ax, curve, x, COLOURS[1])
+    if "gamma" in known:
+        ax.plot(x, np.sqrt(2 * g * known["gamma"] * curve.at), label=f"{source}, γ = {known['gamma']:.3g}", **_DOTS)
     values, errors = [one.v_c.value for one in fit.outlets], [np.nan_to_num(one.v_c.error) for one in fit.outlets]
     ax.errorbar(np.sqrt(R * 1e3), values, yerr=errors, color=INK, marker="o", linestyle="none")
+    from_zero(ax)
     ax.set_xlabel(r"$\sqrt{R}$ [mm$^{1/2}$]")
     ax.set_ylabel("$v_c$ [m/s]")
     ax.legend(loc="upper left")
 
 
-def _middles(ax: "Axes", fit: "ProfileFit", R: np.ndarray) -> None:
+def _middles(ax: "Axes", fit: "ProfileFit", R: np.ndarray, known: Mapping[str, float], source: str) -> None:
     values, errors = [one.phi_c.value for one in fit.outlets], [np.nan_to_num(one.phi_c.error) for one in fit.outlets]
     ax.errorbar(R * 1e3, values, yerr=errors, color=INK, marker="o", linestyle="none")
-    if "phi_inf" in fit.parameters:
-        law = Saturation(*(fit.parameters[name].value for name in ("phi_inf", "tau1", "tau2")))
-        fine = np.linspace(0.95 * R.min(), 1.05 * R.max(), 200)
-        ax.plot(fine * 1e3, law.at(fine), color=COLOURS[1], label=f"eq 12, $φ_∞$ = {law.phi_inf:.3g}")
+    if "phi_c" in fit.curves:
+        curve, limit = fit.curves["phi_c"], fit.parameters["phi_inf"].value
+        x = curve.at * 1e3
+        ax.plot(x, curve.value, color=COLOURS[1], label=f"eq 12, $φ_∞$ = {limit:.3g}")
+        _bands(ax, curve, x, COLOURS[1])
+        if known.keys() & {"phi_inf", "tau1"}:
+            law = Saturation(known.get("phi_inf", limit), known.get("tau1", 0.0), known.get("tau2", 0.0))
+            ax.plot(x, law.at(curve.at), label=source if "tau1" in known else f"{source}, $φ_∞$", **_DOTS)
         ax.legend(loc="lower right")
     ax.set_xlabel("$R$ [mm]")
     ax.set_ylabel(r"$\phi_c$")
+
+
+_DOTS = {"color": INK, "linestyle": ":", "linewidth": 1.2, "zorder": 3}
+
+
+def _bands(ax: "Axes", curve: "Curve", x: np.ndarray, colour: str) -> None:
+    """The intervals of a law and of one more point, where there are seeds enough for any."""
+    if np.isfinite(curve.point).all():
+        law, point = ((curve.value - half, curve.value + half) for half in (curve.law, curve.point))
+        band(ax, x, law, point, colour)

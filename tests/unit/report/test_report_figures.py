@@ -29,7 +29,7 @@ def test_a_band_without_bounds_leaves_the_frame_to_points_and_curves(analysis):
     class Boundless:
         law = analysis.series[0].fits["beverloo"].law
 
-        def predict(self, D):
+        def predict(self, D, *, new_point=False):
             return np.full(len(D), 0.1), np.zeros(len(D)), np.full(len(D), 1e9)
 
     (series,) = analysis.series

@@ -14,6 +14,7 @@ from labbook.report import figures, outlet_tables
 from labbook.report.analysis import Analysis, analyse
 from labbook.report.page import write
 from labbook.report.plain import plain
+from labbook.report.series import series_of
 from labbook.study.schema import Reference, ReferenceEntry
 
 A, B, GAMMA = 0.4, 0.3, 1.5
@@ -122,6 +123,46 @@ def test_tables_and_page_show_them(profiled, tmp_path):
     assert found["parameters"]["a"]["value"] == series.profiles[COVERAGE].parameters["a"].value
     assert len(found["outlets"]) == 4
     assert len(found["outlets"][0]["velocity"]) == len(found["outlets"][0]["edges"]) - 1
+
+
+def test_the_reference_stands_beside_ours_where_the_law_is_shown(profiled):
+    (series,) = profiled.series
+    table = outlet_tables.profile_table(series, COVERAGE, profiled.comparisons, profiled.source)
+    assert table.headings[3:] == ("Fan et al. 2023", "in standard errors")
+    cells = {row[0]: row[3:] for row in table.rows}
+    ours = series.profiles[COVERAGE].parameters["a"]
+    assert cells["a"][0] == "0.4"
+    assert float(cells["a"][1].replace("−", "-")) == pytest.approx((ours.value - A) / ours.error, abs=0.06)
+    assert cells["b"] == ("–", "–")
+    assert len(outlet_tables.profile_table(series, CROSSINGS, profiled.comparisons, profiled.source).headings) == 3
+
+
+def test_points_that_lack_runs_are_fitted_and_named(profiled):
+    """One of three runs is missing at 24 mm: every fit that takes the point in says so, and no other does."""
+    (series,) = profiled.series
+    assert not any(
+        "lack runs" in note for fit in (*series.fits.values(), *series.profiles.values()) for note in fit.notes
+    )
+    points = [replace(r, runs=r.runs[:2]) if r.orifice == 0.024 else r for r in series.points]
+    (again,) = series_of(points, ("beverloo", COVERAGE))
+    for fit in (again.fits["beverloo"], again.profiles[COVERAGE]):
+        (said,) = [note for note in fit.notes if "lack runs" in note]
+        assert "24 mm with 2 of 3 runs;" in said
+
+
+def test_the_figures_have_bands_of_the_law_and_of_one_more_point(profiled):
+    (series,) = profiled.series
+    _, middle, _ = figures.outlet_middles(series, COVERAGE).axes
+    R = 0.015
+    curve = series.profiles[COVERAGE].curves["phi_c"]
+    spans = []
+    for shaded in middle.collections[-2:]:
+        x, y = np.asarray(shaded.get_paths()[0].vertices).T
+        at = y[np.isclose(x, x[np.argmin(abs(x - R * 1e3))])]
+        spans.append(np.ptp(at))
+    expected = [2 * np.interp(R, curve.at, half) for half in (curve.point, curve.law)]
+    assert sorted(spans) == pytest.approx(sorted(expected), rel=0.1)
+    assert spans[0] > spans[1]
 
 
 def test_the_figure_lays_profiles_over_each_other(profiled):

@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labbook.fit import COVERAGE, Parameter
 from labbook.fit.angle import brown
-from labbook.report import figures, ratios
+from labbook.fit.outlet import TERMS
+from labbook.report import approach, comparison, figures, ratios
 from labbook.report.across import angle_table, farthest
 from labbook.report.analysis import analyse
+from labbook.report.outlet_tables import approach_table
 from labbook.report.ratios import by_angle, by_position
 from labbook.stats import pool
 from labbook.study.schema import Reference, ReferenceEntry
@@ -125,3 +128,36 @@ def test_a_reference_can_name_a_ratio(synthetic):
     ax = figures.flow_against_position(by_position(analysis.points), analysis.comparisons, "a paper").axes[0]
     (theirs,) = (line for line in ax.lines if line.get_label() == "a paper")
     assert heights(theirs) == pytest.approx([1.3])
+
+
+def test_a_reference_can_name_how_a_shape_approaches_the_middle(monkeypatch, synthetic):
+    """Points whose sigma1 is Fan's law: limit, depth and rate come out beside his, and in the table of it."""
+    places = np.array([0, 0.1, 0.3, 0.6, 1.0])
+    points = [synthetic.point(k, 0.03) for k in range(len(places))]
+    runs = [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2)]
+    found = analyse(synthetic.study_of(points, reference=None), runs).points
+    sigma = {id(r): v for r, v in zip(found, 0.39 - 0.12 * np.exp(-3.74 * places), strict=True)}
+
+    def own(result, definition):
+        values = {name: sigma[id(result)] if name == "sigma1" else 0.0 for name in approach.SHAPE}
+        return SimpleNamespace(parameters={name: Parameter(v, v, v, 0.01, "") for name, v in values.items()})
+
+    aside = [ratios.Ratio(r, s, 1.0, 0.1, 0.8, 1.2) for r, s in zip(found, places, strict=True)]
+    monkeypatch.setattr(type(found[0]), "outlets", lambda self, definition: ("any",))
+    monkeypatch.setattr(approach, "_own", own)
+    monkeypatch.setattr(comparison, "by_position", lambda points: aside)
+    stated = [ReferenceEntry(f"outlet_profiles.sigma1.{term}", {}, v) for term, v in zip(TERMS, FAN, strict=True)]
+    compared = comparison.compare(Reference("a paper", tuple(stated)), found, ())
+    assert [c.ours for c in compared] == pytest.approx(FAN, rel=0.01)
+    table = approach_table(aside, COVERAGE, compared, "a paper")
+    assert table is not None
+    rows = {row[0]: row for row in table.rows}
+    assert rows["rate of σ₁(s*)"][3] == "3.74"
+    assert rows["rate of δ₁(s*)"][3] == "–"
+    monkeypatch.setattr(comparison, "by_position", lambda points: aside[:3])
+    (few,) = comparison.compare(Reference("a paper", tuple(stated[:1])), found, ())
+    assert few.ours is None
+    assert "4 distances from the wall" in few.why
+
+
+FAN = (0.39, 0.12, 3.74)

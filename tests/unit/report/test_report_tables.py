@@ -8,6 +8,7 @@ from labbook.fit import Parameter
 from labbook.report import tables
 from labbook.report.analysis import analyse
 from labbook.report.comparison import Comparison
+from labbook.report.fitted_tables import parameter_row
 
 
 @pytest.mark.parametrize(
@@ -20,7 +21,7 @@ from labbook.report.comparison import Comparison
     ],
 )
 def test_a_parameter_that_the_data_do_not_set_is_not_quoted(parameter, row):
-    assert tables.parameter_row("beverloo.k", parameter) == row
+    assert parameter_row("beverloo.k", parameter) == row
 
 
 def test_rows_far_from_the_reference_are_marked():

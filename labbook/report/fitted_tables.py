@@ -1,0 +1,73 @@
+"""Tables of fitted parameters, with the reference's beside ours where it has any."""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from labbook.fit import DEFINITIONS, FitResult, Parameter
+from labbook.fit.outlet import TERMS
+from labbook.report import display
+from labbook.report.comparison import CLOSE, Comparison
+from labbook.report.tables import Table, in_errors
+
+
+def fit_table(
+    law: str, fit: FitResult, known: Mapping[str, Comparison] = MappingProxyType({}), source: str = ""
+) -> Table:
+    """Parameters of a fit with standard errors and intervals, beside the reference; goodness and notes below."""
+    goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degrees of freedom"
+    if math.isfinite(fit.p_value):
+        goodness += f" (p = {fit.p_value:.2g}{', F test: the errors are estimates' if fit.error_dof else ''})"
+    if math.isfinite(fit.aicc):
+        goodness += f"; AICc = {fit.aicc:.4g}".replace("-", "−")
+    notes = (goodness + ".", *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
+    return parameter_table(law, fit.parameters, known, source, notes)
+
+
+def parameter_table(
+    law: str,
+    parameters: Mapping[str, Parameter],
+    known: Mapping[str, Comparison],
+    source: str,
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """Parameters of `law` with intervals and, where the reference has any (`known`), how far ours lie from it."""
+    rows = [parameter_row(f"{law}.{name}", parameter) for name, parameter in parameters.items()]
+    headings = ("parameter", "value", "95 % interval")
+    theirs = [known.get(name) for name in parameters]
+    if not any(theirs):
+        return Table(headings, tuple(rows), notes=notes)
+    rows = [(*row, *_beside(one)) for row, one in zip(rows, theirs, strict=True)]
+    far = frozenset(k for k, one in enumerate(theirs) if one is not None and abs(one.in_errors) > CLOSE)
+    return Table((*headings, source, "in standard errors"), tuple(rows), marked=far, notes=notes)
+
+
+def _beside(one: Comparison | None) -> tuple[str, str]:
+    """The reference's number, and how many standard errors ours lies from it."""
+    if one is None:
+        return "–", "–"
+    scale = display.quantity(one.quantity, one.unit).scale
+    return display.with_error(one.reference, one.reference_error or math.nan, scale), in_errors(one)
+
+
+_MAY_VANISH = frozenset(
+    f"{name}.{shape}"
+    for name in DEFINITIONS
+    for shape in ("delta1", "delta2", *(f"{tilt}.{term}" for tilt in ("delta1", "delta2") for term in TERMS))
+)
+"""A tilt of zero is a finding."""
+
+
+def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
+    """A parameter with its interval; one without an end, or far wider than the value, leaves no value to quote."""
+    shown = display.quantity(quantity, parameter.unit)
+    width = parameter.high - parameter.low
+    digits = width / 4  # about a standard error, also where the linearised one means nothing
+    ends = (display.number(end, digits, shown.scale) for end in (parameter.low, parameter.high))
+    if not math.isfinite(width) or (width > 10 * abs(parameter.value) and quantity not in _MAY_VANISH):
+        value = "not determined"
+    elif parameter.error > width:
+        value = display.number(parameter.value, digits, shown.scale)
+    else:
+        value = display.with_error(parameter.value, parameter.error, shown.scale)
+    return shown.heading, value, " to ".join(ends)
