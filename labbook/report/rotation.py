@@ -77,16 +77,16 @@ class Rotation:
         return paired_ratio([above[s] for s in seeds], [below[s] for s in seeds], CONFIDENCE)
 
     def lowest(self, quantity: str = FLOW, first: int = 0, before_last: bool = False) -> int | None:
-        """Index of the point at which the quantity is smallest, from the index `first` on and, if asked for, before the
-        fastest; None with fewer than three frequencies."""
+        """Index of the point at which the quantity is smallest in size (v_z is negative), from the index `first` on and,
+        if asked for, before the fastest; None with fewer than three frequencies."""
         known = [k for k, one in enumerate(self.points) if quantity in one.pooled]
         if len(known) < 3:
             return None
         among = [k for k in known if k >= first and not (before_last and k == known[-1])]
-        return min(among, key=lambda k: self.points[k].pooled[quantity].value)
+        return min(among, key=lambda k: abs(self.points[k].pooled[quantity].value))
 
     def minimum(self, quantity: str = FLOW) -> Extreme | None:
-        """Where the quantity is smallest; None with fewer than three frequencies or two seeds that have all of them.
+        """Where the quantity is smallest in size; None with fewer than three frequencies or two seeds that have all.
 
         The interval holds 90 % of the minima of curves drawn from the multivariate Student distribution of the means,
         whose covariance is that of the seeds: a seed that flows fast does so at all frequencies.
@@ -101,7 +101,7 @@ class Rotation:
         rng, mean = np.random.default_rng(_SEED), table.mean(axis=0)
         drawn = rng.standard_normal((_DRAWS, n)) @ (table - mean) / math.sqrt(n * (n - 1))
         curves = mean + drawn / np.sqrt(rng.chisquare(n - 1, (_DRAWS, 1)) / (n - 1))
-        found = np.array([_frequency(one) for one in known])[curves.argmin(axis=1)]
+        found = np.array([_frequency(one) for one in known])[abs(curves).argmin(axis=1)]
         tail = (1 - CONFIDENCE) / 2
         low, high = np.quantile(found, [tail, 1 - tail], method="nearest")
         return Extreme(float(self.frequencies[lowest]), float(low), float(high))

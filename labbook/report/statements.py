@@ -1,9 +1,10 @@
 """What a paper says in words, held against our numbers: it holds, it does not, or ours do not decide."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from itertools import groupby
+from typing import TYPE_CHECKING, Literal, get_args
 
 from labbook.report import display
 from labbook.report.analysis import PointResult
@@ -62,15 +63,22 @@ def judge(
 
 
 def summed_up(judged: Sequence[Judged], source: str) -> str:
-    """How many of the statements hold, in a sentence."""
-    counts = {verdict: sum(one.verdict == verdict for one in judged) for verdict in ("holds", "does not hold")}
-    open_ones = len(judged) - sum(counts.values())
-    fails = counts["does not hold"]
-    statements = "statement" if len(judged) == 1 else "statements"
+    """How many of the statements hold, in a sentence.
+
+    One that speaks of several points counts once: it holds if it does at all of them, and does not if it fails at one.
+    """
+    found = [_at_all(one.verdict for one in group) for _, group in groupby(judged, lambda one: one.statement)]
+    holds, fails, open_ones = (found.count(verdict) for verdict in get_args(Verdict))
+    statements = "statement" if len(found) == 1 else "statements"
     return (
-        f"Of {len(judged)} {statements} of {source}, {counts['holds']} hold{'s' if counts['holds'] == 1 else ''}, "
+        f"Of {len(found)} {statements} of {source}, {holds} hold{'s' if holds == 1 else ''}, "
         f"{fails} do{'es' if fails == 1 else ''} not, and {open_ones} {'is' if open_ones == 1 else 'are'} undecided."
     )
+
+
+def _at_all(verdicts: Iterable[Verdict]) -> Verdict:
+    found = set(verdicts)
+    return next((verdict for verdict in ("does not hold", "undecided") if verdict in found), "holds")
 
 
 def _judge(

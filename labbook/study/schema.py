@@ -131,7 +131,7 @@ TURNING = "rotation"
 """Statements on `rotation.QUANTITY` speak of the quantity over that with the bottom at rest."""
 FEATURES = ("drop", "minimum", "rise", "for_O_zz")
 """What `rotation.QUANTITY.FEATURE` may be: 1 - smallest while turning/at rest; the frequency of the smallest; at the
-fastest over the smallest at slower ones; and, of O_rr, what it gains over what O_zz loses."""
+fastest over the smallest at slower ones, all in size; and, of O_rr, what it gains over what O_zz loses."""
 
 
 @dataclass(frozen=True)

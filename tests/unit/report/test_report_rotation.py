@@ -14,7 +14,7 @@ from labbook.report.analysis import analyse
 from labbook.report.pattern import flow_patterns, moments
 from labbook.report.plain import plain
 from labbook.report.rotation import Rotation
-from labbook.report.statements import Judged, statement_table, summed_up
+from labbook.report.statements import Judged, judge, statement_table, summed_up
 from labbook.report.turning import sentence
 from labbook.stats import pool
 from labbook.study.schema import Reference
@@ -78,6 +78,17 @@ def test_the_interval_of_the_minimum_holds_the_true_one(analysis):
         assert held / 400 > 0.9 - 3 * math.sqrt(0.9 * 0.1 / 400)
 
 
+def test_of_a_negative_quantity_the_smallest_in_size_counts(analysis):
+    """As v_z above the orifice, which falls at 0.32 Hz as Q does."""
+    rods = curve(analysis, "rods", 0.06)
+    speeds = [[-one.runs[k].measured["grain_rate"].value for k in range(8)] for one in rods.points]
+    downwards = Rotation(tuple(made_of(one, values) for one, values in zip(rods.points, speeds, strict=True)))
+    assert downwards.lowest() == rods.lowest() == 2
+    assert downwards.minimum() == rods.minimum()
+    (judged,) = judge(Reference("Them", (), (state("rotation.grain_rate.drop", 0),)), (), (), (downwards,))
+    assert judged.ours == pytest.approx(0.5, abs=0.02)
+
+
 def made_of(result, values):
     """The point with these flow rates of its first seeds."""
     like = result.runs[0].measured["grain_rate"]
@@ -125,7 +136,21 @@ def test_statements_hold_fail_or_stay_open(analysis):
     assert len(table.rows) == len(analysis.judged) == 2 * 5 + 6
     assert table.rows[2][2] == "0.16 to 0.32 Hz"
     assert [table.rows[k][-1] for k in table.marked] == ["does not hold"] * 2
-    assert summed_up(analysis.judged, "Them").startswith("Of 16 statements of Them, 12 hold, 2 do not, and 2 are")
+    assert summed_up(analysis.judged, "Them").startswith("Of 6 statements of Them, 4 hold, 1 does not, and 1 is")
+
+
+@pytest.mark.parametrize(
+    ("intervals", "summary"),
+    [
+        (((0.96, 1.04), (0.97, 1.03)), "1 holds, 0 do not, and 0 are undecided"),
+        (((0.96, 1.04), (0.9, 1.0)), "0 hold, 0 do not, and 1 is undecided"),
+        (((0.9, 1.0), (0.96, 1.04), (1.06, 1.2)), "0 hold, 1 does not, and 0 are undecided"),
+    ],
+)
+def test_a_statement_on_several_points_counts_once(intervals, summary):
+    stated = state("rotation.grain_rate", 0.95, 1.05)
+    judged = [Judged(stated, f"f = {k} Hz", 1.0, 0.01, *ends) for k, ends in enumerate(intervals)]
+    assert summed_up(judged, "Them") == f"Of 1 statement of Them, {summary}."
 
 
 def test_a_flow_that_only_grows_neither_drops_nor_has_its_minimum_where_stated(synthetic):
