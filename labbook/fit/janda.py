@@ -18,7 +18,7 @@ class Janda(Law):
     intervals then have no upper or lower end (infinity, zero).
     """
 
-    version = 1
+    version = 2
     source = "Janda, Zuriguel & Maza, Phys. Rev. Lett. 108 (2012) 248001"
     free = ("ln C' d^n sqrt(d/g)", "alpha_1", "ln alpha_2/d")
     least_ratio = 6.0
@@ -27,7 +27,9 @@ class Janda(Law):
         ratio = D / context.d
         decay = math.exp(-min(max(free[2], _NARROWEST), _WIDEST))
         bracket = 1 - free[1] * np.exp(-ratio * decay)
-        return math.log(context.unit_flow) + free[0] + self.power * np.log(ratio) + extended_log(bracket)
+        # Over d/alpha_2, its growth along one diameter: where alpha_2 is large the bracket is small at all orifices.
+        log_bracket = extended_log(bracket / decay) + math.log(decay)
+        return math.log(context.unit_flow) + free[0] + self.power * np.log(ratio) + log_bracket
 
     def start(self, D: np.ndarray, W: np.ndarray, context: Context) -> np.ndarray:
         # Given alpha_2 the law is linear in C' and C' alpha_1: the best of a coarse scan is near enough.

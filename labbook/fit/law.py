@@ -89,7 +89,7 @@ class Law(ABC):
 
 def extended_log(x: np.ndarray) -> np.ndarray:
     """ln x, continued below 1e-3 by its tangent, so that a fit that strays out of the domain finds its way
-    back.
+    back. `x` should be of order one a grain's diameter beyond its zero.
     """
     edge = 1e-3
     inside = np.maximum(x, edge)

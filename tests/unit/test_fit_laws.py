@@ -48,6 +48,14 @@ def test_janda_is_its_formula_times_the_mass_of_a_grain():
     assert reported["alpha2_over_d"] == pytest.approx(6)
 
 
+def test_janda_with_a_far_alpha2_is_its_formula_close_to_its_zero():
+    """alpha_1 = e^{D_0/alpha_2}: the bracket is 1 - e^{-(D - D_0)/alpha_2}, here 2e-4 to 2e-3."""
+    law, ratio = LAWS["janda_3d"], np.array([4.1, 4.5, 5.0])
+    free = np.array([8.0, math.exp(4 / 500), math.log(500)])
+    expected = FAN.unit_flow * math.exp(8) * -np.expm1(-(ratio - 4) / 500) * ratio**2.5
+    np.testing.assert_allclose(law.flow(ratio * FAN.d, free, FAN), expected, rtol=1e-10)
+
+
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
 def test_the_start_is_near_for_exact_data(law):
     free = {2: np.array([-0.5, 1.5]), 3: np.array([0.0, 0.5, math.log(6)])}[len(law.free)]
