@@ -77,8 +77,8 @@ class Rotation:
         return paired_ratio([above[s] for s in seeds], [below[s] for s in seeds], CONFIDENCE)
 
     def lowest(self, quantity: str = FLOW, first: int = 0, before_last: bool = False) -> int | None:
-        """Index of the point at which the quantity is smallest in size (v_z is negative), from the index `first` on and,
-        if asked for, before the fastest; None with fewer than three frequencies."""
+        """Index of the point at which the quantity is smallest in size, as v_z is negative, from the index `first` on
+        and, if asked for, before the fastest; None with fewer than three frequencies."""
         known = [k for k, one in enumerate(self.points) if quantity in one.pooled]
         if len(known) < 3:
             return None

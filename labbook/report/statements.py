@@ -78,7 +78,9 @@ def summed_up(judged: Sequence[Judged], source: str) -> str:
 
 def _at_all(verdicts: Iterable[Verdict]) -> Verdict:
     found = set(verdicts)
-    return next((verdict for verdict in ("does not hold", "undecided") if verdict in found), "holds")
+    if "does not hold" in found:
+        return "does not hold"
+    return "undecided" if "undecided" in found else "holds"
 
 
 def _judge(

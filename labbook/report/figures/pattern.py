@@ -82,7 +82,7 @@ def _vectors(ax: "Axes", one: "FlowPattern", norm) -> None:
     # in ink: the light colours of fast grains would vanish on white, on screen and in grey
     arrows = ax.quiver(x * 1e3, z * 1e3, u * shrink, w * shrink, color=INK, **arrow)
     digit = float(f"{norm.vmax / 2:.1g}")
-    for speed, place in ((digit / 10, 0.42), (digit, 0.9)):
+    for speed, place in ((digit / 10, 0.4), (digit, 0.87)):
         ax.quiverkey(
             arrows,
             place,

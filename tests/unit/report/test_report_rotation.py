@@ -328,6 +328,7 @@ def test_maps_of_orientation_are_those_of_the_rods(synthetic):
     assert [ax.get_title(loc="left") for ax in panels] == ["f = 0 Hz", "f = 0.32 Hz"] * 2
     for ax in panels:
         values = ax.collections[0].get_array()
+        assert values is not None
         assert np.ma.compressed(values) == pytest.approx(1)
         assert 0.5 < np.ma.count(values) / values.size < 1
 
