@@ -1,6 +1,6 @@
 """Profiles of velocity and area fraction along outlets: their parameters, and the flow rate that they come to."""
 
-from labbook.fit.outlet.approach import TERMS, Approach, fit_approach
+from labbook.fit.outlet.approach import TERMS, Approach, approach_at, fit_approach
 from labbook.fit.outlet.curves import Curve
 from labbook.fit.outlet.joint import (
     COVERAGE,
@@ -16,7 +16,7 @@ from labbook.fit.outlet.joint import (
     fit_profiles,
 )
 from labbook.fit.outlet.saturation import Saturation, fit_saturation
-from labbook.fit.outlet.shape import Outlet, dome
+from labbook.fit.outlet.shape import Outlet, dome, tilted
 
 __all__ = [
     "COVERAGE",
@@ -34,8 +34,10 @@ __all__ = [
     "Outlet",
     "ProfileFit",
     "Saturation",
+    "approach_at",
     "dome",
     "fit_approach",
     "fit_profiles",
     "fit_saturation",
+    "tilted",
 ]

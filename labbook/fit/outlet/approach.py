@@ -52,12 +52,17 @@ class Approach:
 
     def at(self, s: float | np.ndarray) -> np.ndarray:
         """The value at s* = 2 s/(L - D)."""
-        return self.limit - self.depth * np.exp(-self.rate * np.asarray(s, float))
+        return approach_at(s, self.limit, self.depth, self.rate)
 
     def half_width(self, s: np.ndarray, *, new_point: bool = False) -> np.ndarray:
         """Half of the 95 % interval of the law at s*, shape [n], to first order; with `new_point` of one more point."""
         error = law_error(_slopes(np.asarray(s, float), self.depth, self.rate), self.covariance)
         return half_width(error, 0.95, self.freedom, self.scatter if new_point else 0.0)
+
+
+def approach_at(s: np.ndarray | float, limit: float, depth: float, rate: float) -> np.ndarray:
+    """limit - depth e^{-rate s*}."""
+    return limit - depth * np.exp(-rate * np.asarray(s, float))
 
 
 def fit_approach(s: Sequence[float], values: Sequence[float]) -> Approach:

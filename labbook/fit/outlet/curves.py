@@ -7,6 +7,7 @@ import numpy as np
 
 from labbook.fit.band import half_width, scatter
 from labbook.fit.outlet.saturation import Saturation
+from labbook.fit.outlet.shape import tilted
 from labbook.fit.result import Parameter
 from labbook.stats.pooling import Pooled
 
@@ -36,10 +37,10 @@ def laws(parameters: Mapping[str, float], R: np.ndarray, g: float) -> dict[str, 
     """
     delta = parameters["delta1"] / parameters["epsilon1"], parameters["delta2"] / parameters["epsilon2"]
     found = {
-        "velocity": (1 - PLACES**2) ** parameters["a"],
-        "area_fraction": (1 - PLACES**2) ** parameters["b"],
-        "tilted_velocity": delta[0] * PLACES + (1 - PLACES**2) ** parameters["sigma1"],
-        "tilted_area_fraction": delta[1] * PLACES + (1 - PLACES**2) ** parameters["sigma2"],
+        "velocity": tilted(PLACES, parameters["a"]),
+        "area_fraction": tilted(PLACES, parameters["b"]),
+        "tilted_velocity": tilted(PLACES, parameters["sigma1"], delta[0]),
+        "tilted_area_fraction": tilted(PLACES, parameters["sigma2"], delta[1]),
         "v_c": np.sqrt(2 * g * parameters["gamma"] * widths(R)),
     }
     if "phi_inf" in parameters:

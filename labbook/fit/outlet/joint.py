@@ -10,7 +10,7 @@ from labbook.fit.law import Context
 from labbook.fit.outlet.curves import Curve, curves, laws
 from labbook.fit.outlet.flow import centred_flow, eccentric_flow
 from labbook.fit.outlet.saturation import FEWEST, fit_saturation
-from labbook.fit.outlet.shape import Outlet, dome, fit_dome, mean_of
+from labbook.fit.outlet.shape import Outlet, dome, fit_dome, mean_of, tilted
 from labbook.fit.result import FitError, Parameter
 from labbook.stats.bootstrap import bootstrap_all
 from labbook.stats.pooling import Pooled
@@ -155,9 +155,8 @@ def _numbers(outlets: Sequence[Outlet], context: Context, saturates: bool) -> li
 
 
 def _highest(tilt: float, exponent: float) -> float:
-    """The largest value of tilt x + (1 - x^2)^p within the outlet."""
-    x = np.linspace(-1, 1, 2001)
-    return float(np.max(tilt * x + (1 - x**2) ** exponent))
+    """The largest value of the tilted dome within the outlet."""
+    return float(np.max(tilted(np.linspace(-1, 1, 2001), exponent, tilt)))
 
 
 def _misfits(outlets: Sequence[FittedOutlet], parameters: Mapping[str, Parameter]) -> dict[str, float]:

@@ -55,6 +55,11 @@ def mean_of(outlets: Sequence[Outlet]) -> Outlet:
     )
 
 
+def tilted(x: np.ndarray, exponent: float, tilt: float = 0.0) -> np.ndarray:
+    """tilt x + (1 - x^2)^p at places x* (Fan et al. 2023, eqs 16 and 17 over their epsilon); without tilt, the dome."""
+    return tilt * x + (1 - x**2) ** exponent
+
+
 def dome(edges: np.ndarray, exponent: float | np.ndarray) -> np.ndarray:
     """Mean of (1 - x^2)^p over each bin: exact, by incomplete beta functions; shape of `exponent` + [m]."""
     from scipy.special import beta, betainc

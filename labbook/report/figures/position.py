@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fit.outlet import TERMS
+from labbook.fit.outlet import TERMS, approach_at
 from labbook.report import display
 from labbook.report.approach import approaches
 from labbook.report.ratios import GAP
@@ -78,5 +78,5 @@ def _approach(ax: "Axes", law: "Approach") -> None:
 
 
 def _theirs(ax: "Axes", theirs: Mapping[str, float], source: str) -> None:
-    curve = theirs["limit"] - theirs["depth"] * np.exp(-theirs["rate"] * _FINE)
+    curve = approach_at(_FINE, *(theirs[name] for name in TERMS))
     ax.plot(_FINE, curve, color=INK, linestyle=":", linewidth=1.2, zorder=3, label=source)

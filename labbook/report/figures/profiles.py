@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fit.outlet import Saturation
+from labbook.fit.outlet import Saturation, tilted
 from labbook.report import display
 from labbook.report.comparison import of_reference
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, band, beside_title, from_zero, house, look
@@ -45,7 +45,7 @@ def outlet_profiles(
         for column, exponent in enumerate(fit.exponents):
             name = "ab"[column]
             shape = f"$(1-x^{{*2}})^{{{name}}}$, {name} = {exponent:.3g}"
-            axes[1, column].plot(_FINE, (1 - _FINE**2) ** exponent, color=INK, linewidth=0.9, zorder=1, label=shape)
+            axes[1, column].plot(_FINE, tilted(_FINE, exponent), color=INK, linewidth=0.9, zorder=1, label=shape)
             curve = fit.curves[("tilted_" if _tilts(fit) else "") + list(_SHOWN)[column]]
             _bands(axes[1, column], curve, curve.at, INK)
             axes[1, column].set_xlabel(r"$x^* = (x-e)/R$")
@@ -69,11 +69,6 @@ def outlet_profiles(
 _TILTED = (("delta1", "epsilon1", "sigma1"), ("delta2", "epsilon2", "sigma2"))
 
 
-def _tilt(delta: float, eps: float, sigma: float) -> np.ndarray:
-    """delta x + eps (1 - x^2)^sigma, in units of eps."""
-    return delta / eps * _FINE + (1 - _FINE**2) ** sigma
-
-
 def _tilts(fit: "ProfileFit") -> bool:
     """Whether the velocity is tilted by more than chance."""
     return abs(fit.parameters["delta1"].value) > 2 * fit.parameters["delta1"].error
@@ -94,9 +89,10 @@ def _theirs(ax: "Axes", column: int, known: Mapping[str, float], source: str) ->
     style = {**_DOTS, "label": source}
     exponent = "ab"[column]
     if exponent in known:
-        return ax.plot(_FINE, (1 - _FINE**2) ** known[exponent], **style)
+        return ax.plot(_FINE, tilted(_FINE, known[exponent]), **style)
     if known.keys() >= set(_TILTED[column]):
-        return ax.plot(_FINE, _tilt(*(known[name] for name in _TILTED[column])), **style)
+        delta, epsilon, sigma = (known[name] for name in _TILTED[column])
+        return ax.plot(_FINE, tilted(_FINE, sigma, delta / epsilon), **style)
     return []
 
 
