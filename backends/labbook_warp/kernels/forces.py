@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from labbook_dem.words import FRICTION, func
+from labbook_dem.words import FRICTION, func, wide
 
 from labbook_warp.kernels.spheres import Grain, at_walls, with_neighbour
-from labbook_warp.kernels.sums import Sums, over_lanes, plus, with_walls
+from labbook_warp.kernels.sums import Sums, amount, over_lanes, plus, with_walls
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.words import ANY_WALLS, APART, FINE, LANES, SHARED, Words, load_int, or_lanes, wp
 
@@ -48,9 +48,9 @@ def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain
         sums = over_lanes(sums)
         held = or_lanes(held, LANES)
         wall_held = or_lanes(wall_held, LANES)
-    force = sums.force
-    torque = sums.torque
+    force = amount(sums.force, m.quantum_f)
+    torque = amount(sums.torque, m.quantum_t)
     if FINE:
-        force = force + sums.fine_force
-        torque = torque + sums.fine_torque
+        force = force + amount(sums.fine_force, m.quantum_f * wide(2.0**-48.0))
+        torque = torque + amount(sums.fine_torque, m.quantum_t * wide(2.0**-48.0))
     return force, torque, held, wall_held, sums.deepest

@@ -5,7 +5,7 @@ from __future__ import annotations
 from labbook_dem.parts import has, heir
 from labbook_dem.rods import rod_on_rod, rod_on_wall
 from labbook_dem.segments import closest_from
-from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
+from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed_rods import motion, spot
 from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
@@ -36,7 +36,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
         b = narrow(there.axis)
         v, w, u, y = motion(p, j, there)
         f, t, _t, kept, delta = rod_on_rod(
-            m.c, m.radius, m.mass, narrow(branch), real(gap), narrow(g.axis) * mine, b * yours,
+            m.c, m.radius, m.mass, narrow(branch), rounded(gap), narrow(g.axis) * mine, b * yours,
             g.u - u, g.v - v, g.soon, y, g.spin, w, last, advance, m.inertia_rate,
         )  # fmt: skip
         c.overlap = delta
@@ -51,7 +51,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
 def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, distance: wide, normal: wide3, s: wide):
     """The contact with a wall at the point s [m] of the segment, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
-    overlap = real(m.reach - distance)
+    overlap = rounded(m.reach - distance)
     lever = g.axis * s
     last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
     surface = vec3(real(0.0), real(0.0), real(0.0))

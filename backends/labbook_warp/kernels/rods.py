@@ -74,10 +74,8 @@ def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc:
     new.v = v
     new.w = narrow(w)
     new.u = u
-    y = vec3(
-        real(predict(w[0], turn_acc[0], m.dt)),
-        real(predict(w[1], turn_acc[1], m.dt)),
-        real(predict(w[2], turn_acc[2], m.dt)),
+    y = narrow(
+        wide3(predict(w[0], turn_acc[0], m.dt), predict(w[1], turn_acc[1], m.dt), predict(w[2], turn_acc[2], m.dt))
     )
     along = narrow(new.axis)
     new.spin = spin(new.w, along, real(m.slender))

@@ -7,7 +7,7 @@ steps do not.
 from __future__ import annotations
 
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import FRICTION, dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
+from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, sqrt, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
 from labbook_warp.kernels.mixed import motion, put, spot
@@ -105,7 +105,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
         last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
         f, t, _t, kept, delta = sphere_on_sphere(
             between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
-            real(gap), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
+            rounded(gap), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
             other.rolling_rate,
         )  # fmt: skip
         c.overlap = delta
@@ -122,7 +122,7 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
     c = Contact()
     distance, normal = wall_distance(a, wall, g.x)
     one = body(a, m, g.index)
-    overlap = real(one.reach - distance)
+    overlap = rounded(one.reach - distance)
     c.touches = overlap > real(0.0)
     if c.touches:
         last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))

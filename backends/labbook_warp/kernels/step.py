@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from labbook_dem.motion import drift, kick, predict
-from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
+from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces
@@ -77,16 +77,14 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
     w0 = widen(g.w)
     v2 = wide3(kick(v0[0], acc[0], kick_dt), kick(v0[1], acc[1], kick_dt), kick(v0[2], acc[2], kick_dt))
     v1 = narrow(v2)
-    more = real(v2[2] - wide(v1[2]))
+    more = rounded(v2[2] - wide(v1[2]))
     w2 = wide3(kick(w0[0], turn_acc[0], kick_dt), kick(w0[1], turn_acc[1], kick_dt), kick(w0[2], turn_acc[2], kick_dt))
     if LEDGER:
         half = wide(0.5) * kick_dt
         half_way = spinning(m, g, w0 + turn_acc * half)
         a.work[i] = a.work[i] + (dot(f, v0 + acc * half) + dot(t, half_way)) * kick_dt
     x1 = wide3(drift(g.x[0], v2[0], m.dt), drift(g.x[1], v2[1], m.dt), drift(g.x[2], v2[2], m.dt))
-    u1 = vec3(
-        real(predict(v2[0], acc[0], m.dt)), real(predict(v2[1], acc[1], m.dt)), real(predict(v2[2], acc[2], m.dt))
-    )
+    u1 = narrow(wide3(predict(v2[0], acc[0], m.dt), predict(v2[1], acc[1], m.dt), predict(v2[2], acc[2], m.dt)))
     new = moved(m, g, x1, v1, w2, u1, turn_acc)
     if CROSSING:
         plane = a.place[s].plane

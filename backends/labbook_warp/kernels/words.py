@@ -46,8 +46,9 @@ wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = (
     Bodies
-) = Any
+) = Quanta = Any
 real4: Any = None
+quanta3: Any = None
 widen: Any = None
 load_word: Any = None
 store_word: Any = None
