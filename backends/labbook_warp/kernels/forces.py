@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from labbook_dem.words import FRICTION, func, wide
 
-from labbook_warp.kernels.mixed import spot
 from labbook_warp.kernels.spheres import Grain, at_walls, with_neighbour
 from labbook_warp.kernels.sums import Sums, amount, over_lanes, plus, with_walls
 from labbook_warp.kernels.system import Material, System, entry, has_bit
@@ -24,24 +23,15 @@ def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain
     wall_held = wp.uint32(0)
     old = a.held[i]
     count = a.count[i]
-    # a neighbour is read one ahead, and its number two: the store of a spring would hold the next load back
-    following = i
-    beyond = i
+    following = int(0)  # neighbours are looked up one ahead: the store of a spring would hold the next load back
     if lane < count:
-        following = s * a.cap + load_int(a.nbr, entry(a, s, a.near, lane, r))
-    if lane + LANES < count:
-        beyond = s * a.cap + load_int(a.nbr, entry(a, s, a.near, lane + LANES, r))
-    next = spot(p, following)
+        following = load_int(a.nbr, entry(a, s, a.near, lane, r))
     for k in range(lane, count, LANES):
         at = entry(a, s, a.near, k, r)
-        j = following
-        there = next
-        following = beyond
+        j = s * a.cap + following
         if k + LANES < count:
-            next = spot(p, following)
-        if k + 2 * LANES < count:
-            beyond = s * a.cap + load_int(a.nbr, at + 2 * LANES * a.cap)
-        c = with_neighbour(a, p, m, at, j, there, has_bit(old, k), g)
+            following = load_int(a.nbr, at + LANES * a.cap)
+        c = with_neighbour(a, p, m, at, j, has_bit(old, k), g)
         if c.touches:
             sums = plus(sums, c, m)
             held = held | (wp.uint32(1) << wp.uint32(k))

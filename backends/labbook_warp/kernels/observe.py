@@ -6,7 +6,6 @@ from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces
-from labbook_warp.kernels.mixed import spot
 from labbook_warp.kernels.spheres import at_wall, grain, spinning, whole, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
 from labbook_warp.kernels.words import (
@@ -105,7 +104,7 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                 at = entry(a, s, a.near, k, r)
                 j = s * a.cap + a.nbr[at]
                 if a.ids[i] < a.ids[j]:
-                    c = with_neighbour(a, p, m, at, j, spot(p, j), has_bit(a.held[i], k), g)
+                    c = with_neighbour(a, p, m, at, j, has_bit(a.held[i], k), g)
                     if c.touches:
                         row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
             if ANY_WALLS:

@@ -7,7 +7,7 @@ from labbook_dem.rods import rod_on_rod, rod_on_wall
 from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
 
-from labbook_warp.kernels.mixed_rods import Spot, motion
+from labbook_warp.kernels.mixed_rods import motion, spot
 from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
 from labbook_warp.kernels.rods import Grain
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
@@ -17,13 +17,14 @@ from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, firs
 
 
 @func
-def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, there: Spot, held: bool, g: Grain):
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
     """The contact with grain j, whose spring stands at `at` and is valid if `held`.
 
     Closest points are looked for from the rod that is farther along x, and as points in space: both sides find the same
     to the last bit.
     """
     c = Contact()
+    there = spot(p, j)
     away = g.x - there.x
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
     mine, yours = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))

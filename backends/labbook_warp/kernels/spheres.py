@@ -10,7 +10,7 @@ from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, sqrt, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
-from labbook_warp.kernels.mixed import Spot, motion, put, spot
+from labbook_warp.kernels.mixed import motion, put, spot
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
@@ -91,9 +91,10 @@ def spinning(m: Material, g: Grain, w: wide3):
 
 
 @func
-def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, there: Spot, held: bool, g: Grain):
+def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool, g: Grain):
     """The contact with grain j, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
+    there = spot(p, j)
     away = g.x - there.x
     one = body(a, m, g.index)
     other = body(a, m, j)
