@@ -5,7 +5,7 @@ from __future__ import annotations
 from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
-from labbook_warp.kernels.forces import forces
+from labbook_warp.kernels.forces import forces, listed
 from labbook_warp.kernels.spheres import at_wall, grain, spinning, whole, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
 from labbook_warp.kernels.words import (
@@ -37,9 +37,10 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
     r = i - s * a.cap
     if r < a.rows[s]:
         m = material(a, s)
+        count, old, first = listed(a, s, r, lane)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, False)
+            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, count, old, first, False)
             part = wide(0.5) * m.dt
             if a.step[s] == wp.int64(0):
                 part = wide(0.0)

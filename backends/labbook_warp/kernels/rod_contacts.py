@@ -25,6 +25,14 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     """
     c = Contact()
     there = spot(p, j)
+    # what touched a step ago mostly still does: the rest is asked for before it is known
+    last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+    v = vec3(real(0.0), real(0.0), real(0.0))
+    w = vec3(real(0.0), real(0.0), real(0.0))
+    u = vec3(real(0.0), real(0.0), real(0.0))
+    y = vec3(real(0.0), real(0.0), real(0.0))
+    if held:
+        v, w, u, y = motion(p, j, there)
     away = g.x - there.x
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
     mine, yours = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))
@@ -32,9 +40,9 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     gap = m.reach2 - dot(branch, branch)
     c.touches = gap > wide(0.0)
     if c.touches:
-        last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+        if not held:
+            v, w, u, y = motion(p, j, there)
         b = narrow(there.axis)
-        v, w, u, y = motion(p, j, there)
         f, t, _t, kept, delta = rod_on_rod(
             m.c, m.radius, m.mass, narrow(branch), rounded(gap), narrow(g.axis) * mine, b * yours,
             g.u - u, g.v - v, g.soon, y, g.spin, w, last, advance, m.inertia_rate,

@@ -6,7 +6,7 @@ from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
-from labbook_warp.kernels.forces import forces
+from labbook_warp.kernels.forces import forces, listed
 from labbook_warp.kernels.mixed import rest
 from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, spinning, store, whole
 from labbook_warp.kernels.system import Material, System, material
@@ -123,14 +123,15 @@ def step(a: System, p: Words, q: Words, sub: int):
     r = i - s * a.cap
     if r < a.rows[s]:
         m = material(a, s)
+        count, old, first = listed(a, s, r, lane)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
             now = a.step[s] + wp.int64(sub)
-            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, True)
+            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, count, old, first, True)
             if not deepest <= m.deepest:
                 fails(a, s, i, now, BAD_OVERLAP, deepest)
             if lane == 0:
-                if held != a.held[i]:
+                if held != old:
                     a.held[i] = held
                 if not APART:
                     if wall_held != a.wall_held[i]:

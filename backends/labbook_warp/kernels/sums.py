@@ -102,18 +102,18 @@ def put_aside(a: System, i: int, sums: Sums):
 
 
 @func
-def with_walls(a: System, i: int, sums: Sums):
-    """Sums with those that were put aside."""
-    new = Sums()
-    new.force = sums.force + a.wall_force[i]
-    new.deepest = max(sums.deepest, a.wall_deep[i])
+def of_walls(a: System, i: int):
+    """What was put aside."""
+    sums = Sums()
+    sums.force = a.wall_force[i]
+    sums.deepest = a.wall_deep[i]
     if FINE:
-        new.fine_force = sums.fine_force + a.wall_fine_force[i]
+        sums.fine_force = a.wall_fine_force[i]
     if TORQUES:
-        new.torque = sums.torque + a.wall_torque[i]
+        sums.torque = a.wall_torque[i]
         if FINE:
-            new.fine_torque = sums.fine_torque + a.wall_fine_torque[i]
-    return new
+            sums.fine_torque = a.wall_fine_torque[i]
+    return sums
 
 
 @func
