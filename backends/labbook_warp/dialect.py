@@ -82,6 +82,14 @@ def store_word(array: Words, k: int, v: word): ...
 def load_int(array: Ints, k: int) -> int: ...
 
 
+@wp.func_native({load_now!r})
+def load_int_now(array: Ints, k: int) -> int: ...
+
+
+@wp.func_native({load_now!r})
+def load_bits_now(array: Bits, k: int) -> wp.uint32: ...
+
+
 @wp.func_native({add_lanes!r})
 def add_lanes(v: wp.int64, lanes: int) -> wp.int64: ...
 
@@ -128,6 +136,14 @@ _STORE = """
 _LOAD_INT = """
 #if defined(__CUDA_ARCH__)
     return __ldg(array.data + k);
+#else
+    return array.data[k];
+#endif
+"""
+# A load that stays where it stands: compilers would put it off to where the number is needed, and then wait for it.
+_LOAD_NOW = """
+#if defined(__CUDA_ARCH__)
+    int t; asm volatile("ld.volatile.global.s32 %0, [%1];" : "=r"(t) : "l"(array.data + k)); return t;
 #else
     return array.data[k];
 #endif
@@ -198,6 +214,7 @@ def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16)
         rounded=_ROUNDED if single else _SAME,
         widened=_WIDENED if single else _SAME,
         load_int=_LOAD_INT,
+        load_now=_LOAD_NOW,
         add_lanes=_ADD_LANES,
         or_lanes=_ADD_LANES.replace("v +=", "v |="),
         most_lanes=_ADD_LANES.replace("v += __shfl_xor_sync(mask, v, o)", "v = max(v, __shfl_xor_sync(mask, v, o))"),

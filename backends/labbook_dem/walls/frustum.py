@@ -119,7 +119,9 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     at = wide(s)
     px = x.x + a.x * at
     py = x.y + a.y * at
-    left_over = at + (dot(x, a) - rim.z * a.z) - rim.x * (px * a.x + py * a.y) / max(sqrt(px * px + py * py), wide(1e-12))
+    left_over = (
+        at + (dot(x, a) - rim.z * a.z) - rim.x * (px * a.x + py * a.y) / max(sqrt(px * px + py * py), wide(1e-12))
+    )
     step = rounded(left_over) / slope if slope > tiny else zero
     return first if at_first >= zero else min(max(at - wide(step), first), last)
 

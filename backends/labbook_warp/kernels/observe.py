@@ -37,10 +37,10 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
     r = i - s * a.cap
     if r < a.rows[s]:
         m = material(a, s)
-        count, old, first = listed(a, s, r, lane)
+        near = listed(a, s, r, lane)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, count, old, first, False)
+            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, near, False)
             part = wide(0.5) * m.dt
             if a.step[s] == wp.int64(0):
                 part = wide(0.0)

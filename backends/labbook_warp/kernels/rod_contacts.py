@@ -111,12 +111,11 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
 
 
 @func
-def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: Sums, keep: bool):
-    """`sums` with the contacts with all walls that are near, and at which parts springs are held now."""
-    i = s * a.cap + r
+def at_walls(
+    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
+):  # fmt: skip
+    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held."""
     held = wp.uint32(0)
-    old = a.wall_held[i]
-    near = a.wall_near[i]
     turn = int(0)  # the threads that share a grain take whole walls in turn: parts hand their springs on
     while near != wp.uint32(0):
         q = first_bit(near) // PARTS

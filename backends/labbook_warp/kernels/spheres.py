@@ -98,11 +98,18 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     away = g.x - there.x
     one = body(a, m, g.index)
     other = body(a, m, j)
+    # what touched a step ago mostly still does: the rest is asked for before it is known
+    last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+    v = vec3(real(0.0), real(0.0), real(0.0))
+    w = vec3(real(0.0), real(0.0), real(0.0))
+    u = vec3(real(0.0), real(0.0), real(0.0))
+    if held:
+        v, w, u = motion(p, j, there)
     gap = touching2(m, one, other) - dot(away, away)
     c.touches = gap > wide(0.0)
     if c.touches:
-        v, w, u = motion(p, j, there)
-        last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+        if not held:
+            v, w, u = motion(p, j, there)
         f, t, _t, kept, delta = sphere_on_sphere(
             between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
             rounded(gap), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
@@ -150,13 +157,13 @@ def at_wall(a: System, m: Material, s: int, r: int, q: int, near: uint32, old: u
 
 
 @func
-def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: Sums, keep: bool):
-    """`sums` with the contacts with all walls that are near, and at which of them springs are held now."""
-    i = s * a.cap + r
+def at_walls(
+    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
+):  # fmt: skip
+    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held."""
     held = wp.uint32(0)
-    old = a.wall_held[i]
     # each grain by its own first, second, ... near wall: side by side, whichever walls these are
-    near = without_first(a.wall_near[i], lane)
+    near = without_first(near, lane)
     while near != wp.uint32(0):
         q = first_bit(near)
         near = without_first(near, LANES)

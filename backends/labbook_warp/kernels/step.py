@@ -123,15 +123,15 @@ def step(a: System, p: Words, q: Words, sub: int):
     r = i - s * a.cap
     if r < a.rows[s]:
         m = material(a, s)
-        count, old, first = listed(a, s, r, lane)
+        near = listed(a, s, r, lane)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
             now = a.step[s] + wp.int64(sub)
-            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, count, old, first, True)
+            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, near, True)
             if not deepest <= m.deepest:
                 fails(a, s, i, now, BAD_OVERLAP, deepest)
             if lane == 0:
-                if held != old:
+                if held != near.held:
                     a.held[i] = held
                 if not APART:
                     if wall_held != a.wall_held[i]:
