@@ -78,6 +78,22 @@ def load_word(array: Words, k: int) -> word: ...
 def store_word(array: Words, k: int, v: word): ...
 
 
+@wp.func_native({load_four!r})
+def load_four(array: Reals4, k: int) -> real4: ...
+
+
+@wp.func_native({store_four!r})
+def store_four(array: Reals4, k: int, v: real4): ...
+
+
+@wp.func_native({load_wide4!r})
+def load_wide4(array: Wides4, k: int) -> wide4: ...
+
+
+@wp.func_native({store_wide4!r})
+def store_wide4(array: Wides4, k: int, v: wide4): ...
+
+
 @wp.func_native({load_int!r})
 def load_int(array: Ints, k: int) -> int: ...
 
@@ -138,6 +154,42 @@ _LOAD_INT = """
     return __ldg(array.data + k);
 #else
     return array.data[k];
+#endif
+"""
+# Four numbers as few loads or stores. Loads stay where they stand, as those below.
+_LOAD_FOUR_SINGLES = """
+#if defined(__CUDA_ARCH__)
+    float a, b, c, d;
+    asm volatile("ld.volatile.global.v4.f32 {%0, %1, %2, %3}, [%4];"
+        : "=f"(a), "=f"(b), "=f"(c), "=f"(d) : "l"(array.data + k));
+    return wp::vec4f(a, b, c, d);
+#else
+    return array.data[k];
+#endif
+"""
+_STORE_FOUR_SINGLES = """
+#if defined(__CUDA_ARCH__)
+    *reinterpret_cast<float4*>(array.data + k) = make_float4(v[0], v[1], v[2], v[3]);
+#else
+    array.data[k] = v;
+#endif
+"""
+_LOAD_FOUR_DOUBLES = """
+#if defined(__CUDA_ARCH__)
+    double a, b, c, d;
+    asm volatile("ld.volatile.global.v2.f64 {%0, %1}, [%2];" : "=d"(a), "=d"(b) : "l"(array.data + k));
+    asm volatile("ld.volatile.global.v2.f64 {%0, %1}, [%2 + 16];" : "=d"(c), "=d"(d) : "l"(array.data + k));
+    return wp::vec4d(a, b, c, d);
+#else
+    return array.data[k];
+#endif
+"""
+_STORE_FOUR_DOUBLES = """
+#if defined(__CUDA_ARCH__)
+    double2* to = reinterpret_cast<double2*>(array.data + k);
+    to[0] = make_double2(v[0], v[1]); to[1] = make_double2(v[2], v[3]);
+#else
+    array.data[k] = v;
 #endif
 """
 # A load that stays where it stands: compilers would put it off to where the number is needed, and then wait for it.
@@ -214,6 +266,10 @@ def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16)
         rounded=_ROUNDED if single else _SAME,
         widened=_WIDENED if single else _SAME,
         load_int=_LOAD_INT,
+        load_four=_LOAD_FOUR_SINGLES if single else _LOAD_FOUR_DOUBLES,
+        store_four=_STORE_FOUR_SINGLES if single else _STORE_FOUR_DOUBLES,
+        load_wide4=_LOAD_FOUR_DOUBLES,
+        store_wide4=_STORE_FOUR_DOUBLES,
         load_now=_LOAD_NOW,
         add_lanes=_ADD_LANES,
         or_lanes=_ADD_LANES.replace("v +=", "v |="),

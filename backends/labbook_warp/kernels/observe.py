@@ -6,7 +6,7 @@ from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces, listed
-from labbook_warp.kernels.spheres import at_wall, grain, spinning, whole, with_neighbour
+from labbook_warp.kernels.spheres import at_wall, grain, own, spinning, whole, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
 from labbook_warp.kernels.words import (
     ANY_WALLS,
@@ -47,7 +47,7 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
             if lane == 0:
                 gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
                 v_out[i] = widen(narrow(widen(g.v) + (f * per_mass(a, m, i) + gravity) * part))
-                w_out[i] = widen(narrow(widen(whole(a, i, g).w) + t * (per_inertia(a, m, i) * part)))
+                w_out[i] = widen(narrow(widen(whole(g, own(a, p, i)).w) + t * (per_inertia(a, m, i) * part)))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))

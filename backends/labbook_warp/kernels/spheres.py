@@ -10,7 +10,7 @@ from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, sqrt, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
-from labbook_warp.kernels.mixed import motion, put, spot
+from labbook_warp.kernels.mixed import motion, put, rest, spot
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
@@ -44,9 +44,24 @@ def grain(p: Words, m: Material, i: int):
     return g
 
 
+@struct
+class Own:
+    """What a grain does not show to others."""
+
+    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `mixed`
+
+
 @func
-def whole(a: System, i: int, g: Grain):
-    """The grain: it shows all of it."""
+def own(a: System, p: Words, i: int):
+    """What grain i does not show."""
+    found = Own()
+    found.rest = rest(p, i)
+    return found
+
+
+@func
+def whole(g: Grain, o: Own):
+    """The grain: it shows all that moves it."""
     return g
 
 

@@ -7,8 +7,7 @@ from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces, listed
-from labbook_warp.kernels.mixed import rest
-from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, spinning, store, whole
+from labbook_warp.kernels.spheres import Grain, Own, at_rest, grain, moved, own, spinning, store, whole
 from labbook_warp.kernels.system import Material, System, material
 from labbook_warp.kernels.words import (
     APART,
@@ -22,6 +21,7 @@ from labbook_warp.kernels.words import (
     OUTLET,
     PARKED,
     RODS,
+    SHARED,
     WORDS,
     Words,
     hot_kernel,
@@ -126,6 +126,9 @@ def step(a: System, p: Words, q: Words, sub: int):
         near = listed(a, s, r, lane)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
+            o = Own()
+            if SHARED:  # where grains are many, it would occupy registers meanwhile
+                o = own(a, p, i)
             now = a.step[s] + wp.int64(sub)
             f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, near, True)
             if not deepest <= m.deepest:
@@ -138,7 +141,9 @@ def step(a: System, p: Words, q: Words, sub: int):
                         a.wall_held[i] = wall_held
                 if LEDGER:
                     a.deep[i] = wide(deepest)
-                advance(a, q, m, s, i, now, whole(a, i, g), rest(a, p, i), f, t)
+                if not SHARED:
+                    o = own(a, p, i)
+                advance(a, q, m, s, i, now, whole(g, o), o.rest, f, t)
         else:
             if lane == 0:
                 pass_on(p, q, i)
