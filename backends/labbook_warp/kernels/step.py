@@ -18,6 +18,7 @@ from labbook_warp.kernels.words import (
     CROSSING,
     LANES,
     LEDGER,
+    NO_NUMBER,
     OUTLET,
     PARKED,
     RODS,
@@ -132,7 +133,10 @@ def step(a: System, p: Words, q: Words, sub: int):
             now = a.step[s] + wp.int64(sub)
             f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, near, True)
             if not deepest <= m.deepest:
-                fails(a, s, i, now, BAD_OVERLAP, deepest)
+                code = BAD_OVERLAP
+                if deepest == real(NO_NUMBER):
+                    code = BAD_STATE
+                fails(a, s, i, now, code, deepest)
             if lane == 0:
                 if held != near.held:
                     a.held[i] = held

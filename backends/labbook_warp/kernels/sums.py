@@ -8,10 +8,10 @@ decides a bit of the result.
 
 from __future__ import annotations
 
-from labbook_dem.words import FRICTION, func, narrow, real, struct, vec3, wide, wide3
+from labbook_dem.words import FRICTION, dot, func, narrow, real, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.system import Material, System
-from labbook_warp.kernels.words import FINE, LANES, TORQUES, Vectors, add_lanes, most_lanes, quanta3, wp
+from labbook_warp.kernels.words import FINE, LANES, NO_NUMBER, TORQUES, Vectors, add_lanes, most_lanes, quanta3, wp
 
 
 @struct
@@ -70,7 +70,7 @@ class Sums:
     torque: quanta3
     fine_force: quanta3
     fine_torque: quanta3
-    deepest: real
+    deepest: real  # or NO_NUMBER
 
 
 @func
@@ -79,6 +79,8 @@ def plus(sums: Sums, c: Contact, m: Material):
     new = Sums()
     new.force = sums.force + quanta(c.force, m.per_quantum_f)
     new.deepest = max(sums.deepest, c.overlap)
+    if not dot(c.force, c.force) >= real(0.0):
+        new.deepest = real(NO_NUMBER)  # integers know of none
     if FINE:
         new.fine_force = sums.fine_force + left_over(c.force, m.per_quantum_f)
     if TORQUES:
