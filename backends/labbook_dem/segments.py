@@ -13,7 +13,7 @@ Every expression is odd or even under an exchange of the two rods, term by term,
 that fuses products and sums keeps that only where it is given the two rods in the same order.
 """
 
-from labbook_dem.words import cross, dot, func, narrow, real, wide, wide3
+from labbook_dem.words import cross, dot, func, narrow, real, rounded, wide, wide3
 
 
 @func
@@ -46,7 +46,7 @@ def closest_from(c: wide3, a: wide3, b: wide3, half: wide, first: bool):
     yours = cb if first else -ca
     free = ab * yours - (one + wide(2e-7)) * mine
     # 1 - (a.b)^2 is wrong by 1e-16, nothing beside eps
-    s, t = in_turn(real(ab), real(mine), real(yours), real(free), real(one - ab * ab), real(half))
+    s, t = in_turn(rounded(ab), rounded(mine), rounded(yours), rounded(free), rounded(one - ab * ab), rounded(half))
     return s if first else t, t if first else s
 
 

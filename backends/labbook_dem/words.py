@@ -1,9 +1,10 @@
 """The vocabulary that the physics is written in, as plain Python.
 
 Engines replace it: `func` marks a function to compile, `real` is the scalar of contact laws, `wide` that of positions,
-gaps and updates (`real` may be single, `wide` never is), `vec3` and `wide3` are their vectors, `narrow` turns a wide
-vector into a real one, `coefs` is a row of eight coefficients of a law. Literals are written `real(0.5)`. Functions
-choose by conditional expressions and are free of loops, but for `for _ in range(8)`, so that they inline and vectorise.
+gaps and updates (`real` may be single, `wide` never is), `vec3` and `wide3` are their vectors, `rounded` turns a wide
+number into a real one and `narrow` a vector, `coefs` is a row of eight coefficients of a law. Literals are written
+`real(0.5)`. Functions choose by conditional expressions and are free of loops, but for `for _ in range(8)`, so that
+they inline and vectorise.
 """
 
 import math
@@ -59,6 +60,11 @@ wide3 = vec3
 def narrow(vector: wide3) -> vec3:
     """A wide vector as a real one."""
     return vector
+
+
+def rounded(number: wide) -> real:
+    """A wide number as a real one."""
+    return number
 
 
 def dot(a: vec3, b: vec3) -> float:

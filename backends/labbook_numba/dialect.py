@@ -32,6 +32,9 @@ coefs = tuple  # of eight
 LANES = uint64({lanes})
 
 
+rounded = real
+
+
 @func
 def narrow(v):
     return vec3(v.x, v.y, v.z)

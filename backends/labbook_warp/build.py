@@ -95,7 +95,9 @@ def module_text(
         "REACH": REACH[turns],
         "COLUMNS": 17 if turns else 13,
     }
-    constants |= {name: getattr(words, name) for name in ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP")}
+    constants |= {
+        name: getattr(words, name) for name in ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP", "NO_NUMBER")
+    }
     modules = [LAWS[law], contact, motion, plane, strip, frustum, *PHYSICS[turns], system, STATE[precision, turns]]
     modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
     if apart:

@@ -22,6 +22,7 @@ wide = wp.float64
 vec3 = wp.{vec3}
 wide3 = wp.vec3d
 wide4 = wp.vec4d
+quanta3 = wp.types.vector(length=3, dtype=wp.int64)
 real4 = wp.types.vector(length=4, dtype=real)
 word = wp.{word}
 int64 = wp.int64
@@ -34,6 +35,7 @@ Words = wp.array(dtype=word)
 Vectors = wp.array(dtype=vec3)
 Wides = wp.array(dtype=wide)
 Wides3 = wp.array(dtype=wide3)
+Quanta = wp.array(dtype=quanta3)
 Wides4 = wp.array(dtype=wide4)
 Reals4 = wp.array(dtype=real4)
 Reals = wp.array(dtype=real)
@@ -50,14 +52,22 @@ cross = wp.cross
 sqrt = wp.sqrt
 
 
+@wp.func_native({rounded!r})
+def rounded(v: wide) -> real: ...
+
+
+@wp.func_native({widened!r})
+def widened(v: real) -> wide: ...
+
+
 @wp.func
 def narrow(v: wide3):
-    return vec3(real(v[0]), real(v[1]), real(v[2]))
+    return vec3(rounded(v[0]), rounded(v[1]), rounded(v[2]))
 
 
 @wp.func
 def widen(v: vec3):
-    return wide3(wide(v[0]), wide(v[1]), wide(v[2]))
+    return wide3(widened(v[0]), widened(v[1]), widened(v[2]))
 
 
 @wp.func_native({load!r})
@@ -68,12 +78,36 @@ def load_word(array: Words, k: int) -> word: ...
 def store_word(array: Words, k: int, v: word): ...
 
 
+@wp.func_native({load_four!r})
+def load_four(array: Reals4, k: int) -> real4: ...
+
+
+@wp.func_native({store_four!r})
+def store_four(array: Reals4, k: int, v: real4): ...
+
+
+@wp.func_native({load_wide4!r})
+def load_wide4(array: Wides4, k: int) -> wide4: ...
+
+
+@wp.func_native({store_wide4!r})
+def store_wide4(array: Wides4, k: int, v: wide4): ...
+
+
 @wp.func_native({load_int!r})
 def load_int(array: Ints, k: int) -> int: ...
 
 
+@wp.func_native({load_now!r})
+def load_int_now(array: Ints, k: int) -> int: ...
+
+
+@wp.func_native({load_now!r})
+def load_bits_now(array: Bits, k: int) -> wp.uint32: ...
+
+
 @wp.func_native({add_lanes!r})
-def add_lanes(v: wp.float64, lanes: int) -> wp.float64: ...
+def add_lanes(v: wp.int64, lanes: int) -> wp.int64: ...
 
 
 @wp.func_native({most_lanes!r})
@@ -122,6 +156,66 @@ _LOAD_INT = """
     return array.data[k];
 #endif
 """
+# Four numbers as few loads or stores. Loads stay where they stand, as those below.
+_LOAD_FOUR_SINGLES = """
+#if defined(__CUDA_ARCH__)
+    float a, b, c, d;
+    asm volatile("ld.volatile.global.v4.f32 {%0, %1, %2, %3}, [%4];"
+        : "=f"(a), "=f"(b), "=f"(c), "=f"(d) : "l"(array.data + k));
+    return wp::vec4f(a, b, c, d);
+#else
+    return array.data[k];
+#endif
+"""
+_STORE_FOUR_SINGLES = """
+#if defined(__CUDA_ARCH__)
+    *reinterpret_cast<float4*>(array.data + k) = make_float4(v[0], v[1], v[2], v[3]);
+#else
+    array.data[k] = v;
+#endif
+"""
+_LOAD_FOUR_DOUBLES = """
+#if defined(__CUDA_ARCH__)
+    double a, b, c, d;
+    asm volatile("ld.volatile.global.v2.f64 {%0, %1}, [%2];" : "=d"(a), "=d"(b) : "l"(array.data + k));
+    asm volatile("ld.volatile.global.v2.f64 {%0, %1}, [%2 + 16];" : "=d"(c), "=d"(d) : "l"(array.data + k));
+    return wp::vec4d(a, b, c, d);
+#else
+    return array.data[k];
+#endif
+"""
+_STORE_FOUR_DOUBLES = """
+#if defined(__CUDA_ARCH__)
+    double2* to = reinterpret_cast<double2*>(array.data + k);
+    to[0] = make_double2(v[0], v[1]); to[1] = make_double2(v[2], v[3]);
+#else
+    array.data[k] = v;
+#endif
+"""
+# A load that stays where it stands: compilers would put it off to where the number is needed, and then wait for it.
+_LOAD_NOW = """
+#if defined(__CUDA_ARCH__)
+    int t; asm volatile("ld.volatile.global.s32 %0, [%1];" : "=r"(t) : "l"(array.data + k)); return t;
+#else
+    return array.data[k];
+#endif
+"""
+# Approximate arithmetic treats the tiniest singles as zero, and looks for them in every conversion: not in these.
+_ROUNDED = """
+#if defined(__CUDA_ARCH__)
+    float s; asm("cvt.rn.f32.f64 %0, %1;" : "=f"(s) : "d"(v)); return s;
+#else
+    return (float)v;
+#endif
+"""
+_WIDENED = """
+#if defined(__CUDA_ARCH__)
+    double d; asm("cvt.f64.f32 %0, %1;" : "=d"(d) : "f"(v)); return d;
+#else
+    return (double)v;
+#endif
+"""
+_SAME = " return v; "
 # Sum (elsewhere: bits, largest) over the `lanes` neighbouring threads that share a grain.
 _ADD_LANES = """
 #if defined(__CUDA_ARCH__)
@@ -169,7 +263,14 @@ def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16)
         word="vec4f" if single else "vec2d",
         load=_LOAD.format(vector=vector, type=kind, parts=", ".join(f"t.{axis}" for axis in axes)),
         store=_STORE.format(vector=vector, parts=", ".join(f"v[{place}]" for place in range(len(axes)))),
+        rounded=_ROUNDED if single else _SAME,
+        widened=_WIDENED if single else _SAME,
         load_int=_LOAD_INT,
+        load_four=_LOAD_FOUR_SINGLES if single else _LOAD_FOUR_DOUBLES,
+        store_four=_STORE_FOUR_SINGLES if single else _STORE_FOUR_DOUBLES,
+        load_wide4=_LOAD_FOUR_DOUBLES,
+        store_wide4=_STORE_FOUR_DOUBLES,
+        load_now=_LOAD_NOW,
         add_lanes=_ADD_LANES,
         or_lanes=_ADD_LANES.replace("v +=", "v |="),
         most_lanes=_ADD_LANES.replace("v += __shfl_xor_sync(mask, v, o)", "v = max(v, __shfl_xor_sync(mask, v, o))"),

@@ -1,5 +1,6 @@
 """From a scene to the numbers that its kernels take."""
 
+import math
 from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import Any
@@ -17,7 +18,7 @@ from labbook.scene import Scene
 from labbook_warp.build import REACH
 
 DEEP = 0.25
-"""Overlap [d] whose force sets the quantum of sums: 2^-48 of it; sums of up to sixteen times as much are exact."""
+"""Overlap [d] whose force sets the quantum of sums: about 2^-48 of it. Integers overflow at 2^14 times as much."""
 
 
 def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
@@ -26,7 +27,7 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     d, r = grains.diameter, grains.radius
     table = features.pair_table(scene, numerics)
     skin = numerics.skin * d
-    magic = 24.0 * max(law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0) for c in table)
+    most = max(law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0) for c in table)
     made = module.Material()
     made.c = module.coefs(*table[0])
     made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia
@@ -36,8 +37,14 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     made.per_mass, made.per_inertia = 1 / grains.mass, 1 / grains.inertia
     made.gravity, made.dt = scene.gravity, numerics.dt
     made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * finest(scene)
-    made.grid_f, made.grid_t = magic, magic * (r + grains.half_length)
+    made.quantum_f, made.quantum_t = _quantum(most), _quantum(most * (r + grains.half_length))
+    made.per_quantum_f, made.per_quantum_t = 1 / made.quantum_f, 1 / made.quantum_t
     return made
+
+
+def _quantum(most: float) -> float:
+    """The power of two of which about 2^48 make `most`."""
+    return math.ldexp(1.0, math.frexp(most)[1] - 48)
 
 
 def place(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence[Probe], lattice: Sequence[int]) -> Any:

@@ -20,8 +20,10 @@ MOST_NEAR = 32  # bits of a mask
 SATURATED = 82_000  # threads that fill a large GPU
 MOST_LANES = 8
 REGISTERS = {"linear": {"mixed": 72, "double": 128}, "hertz-mindlin": {"mixed": 80, "double": 128}}
-REGISTERS_OF_RODS = {"mixed": 112, "double": 168}
-"""A thread of the step, where grains are many; where they are few, as many as the compiler likes."""
+REGISTERS_OF_RODS = {"mixed": 128, "double": 168}
+"""A thread of the step, where grains are many."""
+REGISTERS_OF_FEW_RODS = {"mixed": 168, "double": 0}
+"""The same where threads share grains; spheres take as many there as the compiler likes."""
 WALLS_OF_RODS = {"mixed": 128, "double": 168}
 """A thread that meets walls, where these have a kernel of their own."""
 ROUND_WALLS = 8
@@ -62,13 +64,14 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
     law, precision = spec.feature("law"), spec.feature("precision")
     many = lanes == 1
-    most = (REGISTERS_OF_RODS if sizes.rods else REGISTERS[law])[precision]
-    if spec.feature("FRUSTUMS") and not sizes.rods:
-        most += ROUND_WALLS
+    if sizes.rods:
+        most = (REGISTERS_OF_RODS if many else REGISTERS_OF_FEW_RODS)[precision]
+    else:
+        most = REGISTERS[law][precision] + ROUND_WALLS * spec.feature("FRUSTUMS") if many else 0
     switches = tuple((name, spec.feature(name)) for name in SWITCHES)
     # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
     apart = WALLS_OF_RODS[precision] if many and sizes.rods and spec.feature("ANY_WALLS") else 0
-    return kernels(law, precision, switches, uniform, lanes, most if many else 0, apart=apart)
+    return kernels(law, precision, switches, uniform, lanes, most, apart=apart)
 
 
 def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:

@@ -70,8 +70,8 @@ def run(scene, how, start, beats, probes=(), lanes=None, device="cpu"):
 @pytest.fixture(scope="module")
 def bed() -> Packing:
     """Rods that have fallen into the closed silo and still move."""
-    closed = silo(40).close()
-    state, _ = run(closed, numerics("double"), place(closed, "gas", 1), 100, [Ledger()])
+    closed, first = silo(40).close(), wp.get_devices()[0].alias  # the processor, where Warp has it
+    state, _ = run(closed, numerics("double"), place(closed, "gas", 1), 100, [Ledger()], device=first)
     return state
 
 

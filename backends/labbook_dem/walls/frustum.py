@@ -7,7 +7,7 @@ least zero; length of the segment. The lower end is an edge that grains roll ove
 import math
 
 from labbook.scene import Frustum
-from labbook_dem.words import dot, func, sqrt, wide, wide3
+from labbook_dem.words import dot, func, real, rounded, sqrt, wide, wide3
 
 
 @func
@@ -37,24 +37,36 @@ def frustum_distance(rim: wide3, along: wide3, length: wide, x: wide3):
 def leaves_plate(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide):
     """Where on the segment, seen from its end at -half, the first point beyond the rim is [m].
 
-    A convex function falls to its first zero: Newton's steps come from the left and never pass it.
+    A convex function falls to its first zero: Newton's steps come from the left and never pass it. They are taken in
+    `real`, but for a last one that puts right what rounding leaves: from either side it ends at the left of the zero.
     """
-    zero = wide(0.0)
-    s = -half
-    near = wide(1e-9) * half
-    moved = half
+    zero = real(0.0)
+    radius = real(rim.x)
+    out = real(along.x)
+    # how far beyond the rim is (rho^2 - R^2)/(rho + R): a small difference of squares, which is taken in wide
+    beyond0 = rounded(x.x * x.x + x.y * x.y - rim.x * rim.x)
+    beyond1 = rounded(x.x * a.x + x.y * a.y)
+    beyond2 = rounded(a.x * a.x + a.y * a.y)
+    up0 = rounded((x.z - rim.z) * along.z)
+    up1 = rounded(a.z * along.z)
+    ends = real(half)
+    near = real(1e-6) * ends
+    s = -ends
+    slope = zero
+    moved = ends
     left = int(8)
     while left > 0 and moved > near:
-        p = x + a * s
-        rho = max(sqrt(p.x * p.x + p.y * p.y), wide(1e-12))
-        over = (rho - rim.x) * along.x + (p.z - rim.z) * along.z
-        slope = (p.x * a.x + p.y * a.y) / rho * along.x + a.z * along.z
-        step = over / slope if slope < zero else -half - half
-        to = min(s - step, half) if over > zero else s
+        beyond = beyond0 + s * (beyond1 + beyond1 + s * beyond2)
+        rho = max(sqrt(max(beyond + radius * radius, zero)), real(1e-12))
+        over = beyond / (rho + radius) * out + (up0 + s * up1)
+        slope = (beyond1 + s * beyond2) / rho * out + up1
+        step = over / slope if slope < zero else -ends - ends
+        to = min(s - step, ends) if over > zero else s
         moved = to - s
         s = to
         left = left - 1
-    return s
+    step = rounded(frustum_over(rim, along, x + a * wide(s))) / slope if slope < zero else zero
+    return min(max(wide(s) - wide(step), -half), half)
 
 
 @func
@@ -64,46 +76,54 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     Half the derivative of its square is g(s) = s + c.a - R rho'(s), c = x - (0, 0, z). rho'' is largest where the
     segment passes the axis, and R rho'' = 1 at both ends m, n of the stretch on which g falls: g rises and is concave
     before m, rises and is convex behind n. There Newton's steps come from `first`, here from `last`, and never pass a
-    zero.
+    zero. They are taken in `real`, but for a last one that puts right what rounding leaves.
     """
-    zero = wide(0.0)
-    one = wide(1.0)
-    tiny = wide(1e-12)
-    ca = dot(x, a) - rim.z * a.z
-    a2 = max(a.x * a.x + a.y * a.y, tiny)
-    passes = -(x.x * a.x + x.y * a.y) / a2
-    across = x.x * a.y - x.y * a.x
+    zero = real(0.0)
+    one = real(1.0)
+    tiny = real(1e-12)
+    radius = real(rim.x)
+    begin = rounded(first)
+    end = rounded(last)
+    ca = rounded(dot(x, a) - rim.z * a.z)
+    # rho^2 = b^2 + a^2 (s - passes)^2
+    a2 = max(rounded(a.x * a.x + a.y * a.y), tiny)
+    passes = -rounded(x.x * a.x + x.y * a.y) / a2
+    across = rounded(x.x * a.y - x.y * a.x)
     b2 = across * across / a2
-    reach = sqrt(max((rim.x * a2 * b2) ** (wide(2.0) / wide(3.0)) - b2, zero) / a2)
-    m = min(passes - reach, last)
+    reach = sqrt(max((radius * a2 * b2) ** (real(2.0) / real(3.0)) - b2, zero) / a2)
+    m = min(passes - reach, end)
     n = passes + reach
     # g at `first` and at m
-    px = x.x + a.x * first
-    py = x.y + a.y * first
-    at_first = first + ca - rim.x * (px * a.x + py * a.y) / max(sqrt(px * px + py * py), tiny)
-    px = x.x + a.x * m
-    py = x.y + a.y * m
-    at_m = m + ca - rim.x * (px * a.x + py * a.y) / max(sqrt(px * px + py * py), tiny)
-    before = m > first and at_m >= zero
-    low = first if before else max(first, n)
-    high = m if before else last
+    t = begin - passes
+    at_first = begin + ca - radius * (a2 * t) / max(sqrt(b2 + a2 * t * t), tiny)
+    t = m - passes
+    at_m = m + ca - radius * (a2 * t) / max(sqrt(b2 + a2 * t * t), tiny)
+    before = m > begin and at_m >= zero
+    low = begin if before else max(begin, n)
+    high = m if before else end
     s = low if before else high
-    near = wide(1e-9) * (last - first)
-    moved = last - first
+    slope = zero
+    near = real(1e-6) * (end - begin)
+    moved = end - begin
     left = int(8)
     while left > 0 and moved > near:
-        px = x.x + a.x * s
-        py = x.y + a.y * s
-        rho = max(sqrt(px * px + py * py), tiny)
-        outwards = (px * a.x + py * a.y) / rho
-        g = s + ca - rim.x * outwards
-        slope = one - rim.x * (a2 - outwards * outwards) / rho
+        t = s - passes
+        rho = max(sqrt(b2 + a2 * t * t), tiny)
+        g = s + ca - radius * (a2 * t) / rho
+        slope = one - radius * a2 * b2 / (rho * rho * rho)
         step = g / slope if slope > tiny else zero
         to = min(max(s - step, low), high) if before or g > zero else s
         moved = abs(to - s)
         s = to
         left = left - 1
-    return first if at_first >= zero else s
+    at = wide(s)
+    px = x.x + a.x * at
+    py = x.y + a.y * at
+    left_over = (
+        at + (dot(x, a) - rim.z * a.z) - rim.x * (px * a.x + py * a.y) / max(sqrt(px * px + py * py), wide(1e-12))
+    )
+    step = rounded(left_over) / slope if slope > tiny else zero
+    return first if at_first >= zero else min(max(at - wide(step), first), last)
 
 
 @func

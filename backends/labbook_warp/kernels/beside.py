@@ -55,7 +55,7 @@ def meet_walls(a: System, p: Words, keep: bool):
         m = material(a, s)
         g = grain(p, m, i)
         if r < a.rows[s] and g.x[2] > wide(0.5) * wide(PARKED):
-            sums, held = at_walls(a, m, s, r, 0, g, Sums(), keep)
+            sums, held = at_walls(a, m, s, r, 0, g, a.wall_near[i], a.wall_held[i], Sums(), keep)
             put_aside(a, i, sums)
             if keep:
                 if held != a.wall_held[i]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from labbook_dem.words import func, real, struct, vec3, wide3
 
-from labbook_warp.kernels.system import System
 from labbook_warp.kernels.words import Words, load_word, store_word, word
 
 
@@ -38,7 +37,7 @@ def motion(p: Words, i: int, s: Spot):
 
 
 @func
-def rest(a: System, p: Words, i: int):
+def rest(p: Words, i: int):
     """Nothing: in double, rounding of the velocity does not matter."""
     return real(0.0)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from labbook_dem.words import func, real, struct, vec3, wide3
+from labbook_dem.words import func, struct, vec3, wide3
 
-from labbook_warp.kernels.system import System
 from labbook_warp.kernels.words import Words, load_word, store_word, word
 
 
@@ -38,12 +37,6 @@ def motion(p: Words, i: int, s: Spot):
     h = load_word(p, i * 9 + 7)
     k = load_word(p, i * 9 + 8)
     return vec3(d[0], d[1], e[0]), vec3(e[1], f[0], f[1]), vec3(g[0], g[1], h[0]), vec3(h[1], k[0], k[1])
-
-
-@func
-def rest(a: System, p: Words, i: int):
-    """Nothing: in double, rounding of the velocity does not matter."""
-    return real(0.0)
 
 
 @func

@@ -2,55 +2,102 @@
 
 from __future__ import annotations
 
-from labbook_dem.words import FRICTION, func
+from labbook_dem.words import FRICTION, func, struct, wide
 
 from labbook_warp.kernels.spheres import Grain, at_walls, with_neighbour
-from labbook_warp.kernels.sums import Sums, over_lanes, plus, with_walls
+from labbook_warp.kernels.sums import Sums, amount, of_walls, over_lanes, plus
 from labbook_warp.kernels.system import Material, System, entry, has_bit
-from labbook_warp.kernels.words import ANY_WALLS, APART, FINE, LANES, SHARED, Words, load_int, or_lanes, wp
+from labbook_warp.kernels.words import (
+    ANY_WALLS,
+    APART,
+    FINE,
+    LANES,
+    SHARED,
+    Words,
+    load_bits_now,
+    load_int,
+    load_int_now,
+    or_lanes,
+    uint32,
+    wp,
+)
+
+
+@struct
+class Listed:
+    """What the lists say of a grain."""
+
+    count: int  # neighbours
+    held: uint32  # springs held at them, as bits
+    first: int  # the row of the first neighbour of this thread, and of the second
+    second: int
+    walls: uint32  # walls, or parts of them, that are near, as bits
+    wall_held: uint32  # springs held there
 
 
 @func
-def forces(a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain, keep: bool):
+def listed(a: System, s: int, r: int, lane: int):
+    """What the lists say of row r. Asked for before anything waits for the state of the grain."""
+    i = s * a.cap + r
+    first = load_int_now(a.nbr, entry(a, s, a.near, lane, r))
+    second = load_int_now(a.nbr, entry(a, s, a.near, lane + LANES, r))
+    found = Listed()
+    found.count = load_int_now(a.count, i)
+    found.held = load_bits_now(a.held, i)
+    found.first = first
+    found.second = second
+    if APART:
+        found.walls = load_bits_now(a.wall_near, i)
+    if SHARED and ANY_WALLS:
+        found.walls = load_bits_now(a.wall_near, i)
+        found.wall_held = load_bits_now(a.wall_held, i)
+    return found
+
+
+@func
+def forces(
+    a: System, p: Words, m: Material, s: int, r: int, lane: int, g: Grain, near: Listed, keep: bool
+):  # fmt: skip
     """Contact force [N] and torque [N m], which springs are held, at neighbours and at walls, the largest overlap [m].
 
     Where walls are met apart, `meet_walls` has summed up what they do, and knows which of their springs are held.
-    keep: whether springs are advanced in memory.
+    near: what `listed` gave; keep: whether springs are advanced in memory.
     """
     i = s * a.cap + r
     sums = Sums()
     held = wp.uint32(0)
     wall_held = wp.uint32(0)
-    old = a.held[i]
-    count = a.count[i]
-    following = int(0)  # neighbours are looked up one ahead: the store of a spring would hold the next load back
-    if lane < count:
-        following = load_int(a.nbr, entry(a, s, a.near, lane, r))
-    for k in range(lane, count, LANES):
+    if APART:
+        if near.walls != wp.uint32(0):
+            sums = of_walls(a, i)
+    # neighbours are looked up two ahead: the store of a spring would hold the next load back
+    following = int(near.first)
+    beyond = int(near.second)
+    for k in range(lane, near.count, LANES):
         at = entry(a, s, a.near, k, r)
         j = s * a.cap + following
-        if k + LANES < count:
-            following = load_int(a.nbr, at + LANES * a.cap)
-        c = with_neighbour(a, p, m, at, j, has_bit(old, k), g)
+        following = beyond
+        if k + 2 * LANES < near.count:
+            beyond = load_int(a.nbr, at + 2 * LANES * a.cap)
+        c = with_neighbour(a, p, m, at, j, has_bit(near.held, k), g)
         if c.touches:
             sums = plus(sums, c, m)
             held = held | (wp.uint32(1) << wp.uint32(k))
             if FRICTION:
                 if keep:
                     a.spring[at] = c.spring
-    if ANY_WALLS:
-        if APART:
-            if a.wall_near[i] != wp.uint32(0):
-                sums = with_walls(a, i, sums)
-        else:
-            sums, wall_held = at_walls(a, m, s, r, lane, g, sums, keep)
+    if ANY_WALLS and not APART:
+        if not SHARED:  # they would occupy registers until here
+            near.walls = a.wall_near[i]
+            near.wall_held = a.wall_held[i]
+        sums, wall_held = at_walls(a, m, s, r, lane, g, near.walls, near.wall_held, sums, keep)
     if SHARED:
         sums = over_lanes(sums)
         held = or_lanes(held, LANES)
         wall_held = or_lanes(wall_held, LANES)
-    force = sums.force
-    torque = sums.torque
+    force = amount(sums.force, m.quantum_f)
+    torque = amount(sums.torque, m.quantum_t)
     if FINE:
-        force = force + sums.fine_force
-        torque = torque + sums.fine_torque
+        force = force + amount(sums.fine_force, m.quantum_f * wide(2.0**-48.0))
+        torque = torque + amount(sums.fine_torque, m.quantum_t * wide(2.0**-48.0))
     return force, torque, held, wall_held, sums.deepest

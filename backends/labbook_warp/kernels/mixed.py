@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from labbook_dem.words import func, real, struct, vec3, wide3
 
-from labbook_warp.kernels.system import System
 from labbook_warp.kernels.words import Words, halved, joined, load_word, store_word, word
 
 
@@ -36,7 +35,7 @@ def motion(p: Words, i: int, s: Spot):
 
 
 @func
-def rest(a: System, p: Words, i: int):
+def rest(p: Words, i: int):
     """What rounding has kept from the vertical velocity [m/s]: gravity's small kicks would be rounded all one way."""
     d = load_word(p, i * 4 + 3)
     return d[3]

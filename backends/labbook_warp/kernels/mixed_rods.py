@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from labbook_dem.words import func, struct, vec3, wide3
 
-from labbook_warp.kernels.system import System
 from labbook_warp.kernels.words import Words, halved, joined, load_word, store_word, word
 
 
@@ -35,12 +34,6 @@ def motion(p: Words, i: int, s: Spot):
     e = load_word(p, i * 6 + 4)
     f = load_word(p, i * 6 + 5)
     return vec3(d[0], d[1], d[2]), vec3(d[3], e[0], e[1]), vec3(e[2], e[3], f[0]), vec3(f[1], f[2], f[3])
-
-
-@func
-def rest(a: System, p: Words, i: int):
-    """What rounding has kept from the vertical velocity [m/s]; see `mixed`."""
-    return a.momentum[i][3]
 
 
 @func

@@ -47,12 +47,19 @@ def wrapped(x: wide, cell: wide, cells: int):
 
 
 @func
+def inside(c: int, cells: int):
+    """Cell number c on the lattice, from one that may lie less than all of it beyond."""
+    if c < 0:
+        c = c + cells
+    if c >= cells:
+        c = c - cells
+    return c
+
+
+@func
 def cell_at(b: Place, cx: int, cy: int, cz: int):
-    """Number of a cell of one member, from cell numbers that may lie one beyond the lattice."""
-    x = (cx + b.gx) % b.gx
-    y = (cy + b.gy) % b.gy
-    z = (cz + b.gz) % b.gz
-    return (z * b.gy + y) * b.gx + x
+    """Number of a cell of one member, from cell numbers that may lie beyond the lattice."""
+    return (inside(cz, b.gz) * b.gy + inside(cy, b.gy)) * b.gx + inside(cx, b.gx)
 
 
 @kernel

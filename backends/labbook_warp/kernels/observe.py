@@ -5,8 +5,8 @@ from __future__ import annotations
 from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
-from labbook_warp.kernels.forces import forces
-from labbook_warp.kernels.spheres import at_wall, grain, spinning, whole, with_neighbour
+from labbook_warp.kernels.forces import forces, listed
+from labbook_warp.kernels.spheres import at_wall, grain, own, spinning, whole, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
 from labbook_warp.kernels.words import (
     ANY_WALLS,
@@ -37,16 +37,17 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
     r = i - s * a.cap
     if r < a.rows[s]:
         m = material(a, s)
+        near = listed(a, s, r, lane)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, False)
+            f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, near, False)
             part = wide(0.5) * m.dt
             if a.step[s] == wp.int64(0):
                 part = wide(0.0)
             if lane == 0:
                 gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
                 v_out[i] = widen(narrow(widen(g.v) + (f * per_mass(a, m, i) + gravity) * part))
-                w_out[i] = widen(narrow(widen(whole(a, i, g).w) + t * (per_inertia(a, m, i) * part)))
+                w_out[i] = widen(narrow(widen(whole(g, own(a, p, i)).w) + t * (per_inertia(a, m, i) * part)))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))

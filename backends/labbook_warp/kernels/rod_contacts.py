@@ -5,7 +5,7 @@ from __future__ import annotations
 from labbook_dem.parts import has, heir
 from labbook_dem.rods import rod_on_rod, rod_on_wall
 from labbook_dem.segments import closest_from
-from labbook_dem.words import FRICTION, dot, func, narrow, real, vec3, wide, wide3
+from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed_rods import motion, spot
 from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
@@ -25,6 +25,14 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     """
     c = Contact()
     there = spot(p, j)
+    # what touched a step ago mostly still does: the rest is asked for before it is known
+    last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+    v = vec3(real(0.0), real(0.0), real(0.0))
+    w = vec3(real(0.0), real(0.0), real(0.0))
+    u = vec3(real(0.0), real(0.0), real(0.0))
+    y = vec3(real(0.0), real(0.0), real(0.0))
+    if held:
+        v, w, u, y = motion(p, j, there)
     away = g.x - there.x
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
     mine, yours = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))
@@ -32,11 +40,11 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     gap = m.reach2 - dot(branch, branch)
     c.touches = gap > wide(0.0)
     if c.touches:
-        last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+        if not held:
+            v, w, u, y = motion(p, j, there)
         b = narrow(there.axis)
-        v, w, u, y = motion(p, j, there)
         f, t, _t, kept, delta = rod_on_rod(
-            m.c, m.radius, m.mass, narrow(branch), real(gap), narrow(g.axis) * mine, b * yours,
+            m.c, m.radius, m.mass, narrow(branch), rounded(gap), narrow(g.axis) * mine, b * yours,
             g.u - u, g.v - v, g.soon, y, g.spin, w, last, advance, m.inertia_rate,
         )  # fmt: skip
         c.overlap = delta
@@ -51,7 +59,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
 def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, distance: wide, normal: wide3, s: wide):
     """The contact with a wall at the point s [m] of the segment, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
-    overlap = real(m.reach - distance)
+    overlap = rounded(m.reach - distance)
     lever = g.axis * s
     last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
     surface = vec3(real(0.0), real(0.0), real(0.0))
@@ -103,12 +111,11 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
 
 
 @func
-def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: Sums, keep: bool):
-    """`sums` with the contacts with all walls that are near, and at which parts springs are held now."""
-    i = s * a.cap + r
+def at_walls(
+    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
+):  # fmt: skip
+    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held."""
     held = wp.uint32(0)
-    old = a.wall_held[i]
-    near = a.wall_near[i]
     turn = int(0)  # the threads that share a grain take whole walls in turn: parts hand their springs on
     while near != wp.uint32(0):
         q = first_bit(near) // PARTS

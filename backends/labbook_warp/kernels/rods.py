@@ -9,7 +9,16 @@ from labbook_dem.words import cross, dot, func, narrow, real, sqrt, struct, vec3
 
 from labbook_warp.kernels.mixed_rods import motion, put, spot
 from labbook_warp.kernels.system import Material, System
-from labbook_warp.kernels.words import Words, real4, wide4, widen
+from labbook_warp.kernels.words import (
+    Words,
+    load_four,
+    load_wide4,
+    real4,
+    store_four,
+    store_wide4,
+    wide4,
+    widen,
+)
 
 
 @struct
@@ -41,25 +50,44 @@ def grain(p: Words, m: Material, i: int):
     return g
 
 
+@struct
+class Own:
+    """What a grain does not show: see `Grain`."""
+
+    q: wide4
+    w: vec3
+    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `mixed`
+
+
 @func
-def whole(a: System, i: int, g: Grain):
-    """The grain with what only it knows, which `forces` need not: it would occupy registers meanwhile."""
-    own = a.momentum[i]
+def own(a: System, p: Words, i: int):
+    """What grain i does not show."""
+    momentum = load_four(a.momentum, i)
+    found = Own()
+    found.q = load_wide4(a.turned, i)
+    found.w = vec3(momentum[0], momentum[1], momentum[2])
+    found.rest = momentum[3]
+    return found
+
+
+@func
+def whole(g: Grain, o: Own):
+    """The grain with what it does not show."""
     new = Grain()
     new.x = g.x
     new.axis = g.axis
     new.v = g.v
     new.spin = g.spin
-    new.q = a.turned[i]
-    new.w = vec3(own[0], own[1], own[2])
+    new.q = o.q
+    new.w = o.w
     return new
 
 
 @func
 def store(a: System, q: Words, i: int, g: Grain, more: real):
     """Write grain i."""
-    a.turned[i] = g.q
-    a.momentum[i] = real4(g.w[0], g.w[1], g.w[2], more)
+    store_wide4(a.turned, i, g.q)
+    store_four(a.momentum, i, real4(g.w[0], g.w[1], g.w[2], more))
     put(q, i, g.x, g.axis, g.v, g.spin, g.u, g.soon)
 
 
@@ -74,10 +102,8 @@ def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc:
     new.v = v
     new.w = narrow(w)
     new.u = u
-    y = vec3(
-        real(predict(w[0], turn_acc[0], m.dt)),
-        real(predict(w[1], turn_acc[1], m.dt)),
-        real(predict(w[2], turn_acc[2], m.dt)),
+    y = narrow(
+        wide3(predict(w[0], turn_acc[0], m.dt), predict(w[1], turn_acc[1], m.dt), predict(w[2], turn_acc[2], m.dt))
     )
     along = narrow(new.axis)
     new.spin = spin(new.w, along, real(m.slender))

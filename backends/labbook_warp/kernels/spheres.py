@@ -7,10 +7,10 @@ steps do not.
 from __future__ import annotations
 
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import FRICTION, dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
+from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, sqrt, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
-from labbook_warp.kernels.mixed import motion, put, spot
+from labbook_warp.kernels.mixed import motion, put, rest, spot
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
@@ -44,9 +44,24 @@ def grain(p: Words, m: Material, i: int):
     return g
 
 
+@struct
+class Own:
+    """What a grain does not show to others."""
+
+    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `mixed`
+
+
 @func
-def whole(a: System, i: int, g: Grain):
-    """The grain: it shows all of it."""
+def own(a: System, p: Words, i: int):
+    """What grain i does not show."""
+    found = Own()
+    found.rest = rest(p, i)
+    return found
+
+
+@func
+def whole(g: Grain, o: Own):
+    """The grain: it shows all that moves it."""
     return g
 
 
@@ -98,14 +113,21 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     away = g.x - there.x
     one = body(a, m, g.index)
     other = body(a, m, j)
+    # what touched a step ago mostly still does: the rest is asked for before it is known
+    last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+    v = vec3(real(0.0), real(0.0), real(0.0))
+    w = vec3(real(0.0), real(0.0), real(0.0))
+    u = vec3(real(0.0), real(0.0), real(0.0))
+    if held:
+        v, w, u = motion(p, j, there)
     gap = touching2(m, one, other) - dot(away, away)
     c.touches = gap > wide(0.0)
     if c.touches:
-        v, w, u = motion(p, j, there)
-        last, advance = spring_before(a.spring, at, held, real(wide(0.5) * m.dt))
+        if not held:
+            v, w, u = motion(p, j, there)
         f, t, _t, kept, delta = sphere_on_sphere(
             between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
-            real(gap), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
+            rounded(gap), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
             other.rolling_rate,
         )  # fmt: skip
         c.overlap = delta
@@ -122,7 +144,7 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
     c = Contact()
     distance, normal = wall_distance(a, wall, g.x)
     one = body(a, m, g.index)
-    overlap = real(one.reach - distance)
+    overlap = rounded(one.reach - distance)
     c.touches = overlap > real(0.0)
     if c.touches:
         last, advance = spring_before(a.wall_spring, at, held, real(wide(0.5) * m.dt))
@@ -150,13 +172,13 @@ def at_wall(a: System, m: Material, s: int, r: int, q: int, near: uint32, old: u
 
 
 @func
-def at_walls(a: System, m: Material, s: int, r: int, lane: int, g: Grain, sums: Sums, keep: bool):
-    """`sums` with the contacts with all walls that are near, and at which of them springs are held now."""
-    i = s * a.cap + r
+def at_walls(
+    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
+):  # fmt: skip
+    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held."""
     held = wp.uint32(0)
-    old = a.wall_held[i]
     # each grain by its own first, second, ... near wall: side by side, whichever walls these are
-    near = without_first(a.wall_near[i], lane)
+    near = without_first(near, lane)
     while near != wp.uint32(0):
         q = first_bit(near)
         near = without_first(near, LANES)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from labbook_dem.motion import drift, kick, predict
-from labbook_dem.words import dot, func, narrow, real, vec3, wide, wide3
+from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
-from labbook_warp.kernels.forces import forces
-from labbook_warp.kernels.mixed import rest
-from labbook_warp.kernels.spheres import Grain, at_rest, grain, moved, spinning, store, whole
+from labbook_warp.kernels.forces import forces, listed
+from labbook_warp.kernels.spheres import Grain, Own, at_rest, grain, moved, own, spinning, store, whole
 from labbook_warp.kernels.system import Material, System, material
 from labbook_warp.kernels.words import (
     APART,
@@ -19,9 +18,11 @@ from labbook_warp.kernels.words import (
     CROSSING,
     LANES,
     LEDGER,
+    NO_NUMBER,
     OUTLET,
     PARKED,
     RODS,
+    SHARED,
     WORDS,
     Words,
     hot_kernel,
@@ -77,16 +78,14 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
     w0 = widen(g.w)
     v2 = wide3(kick(v0[0], acc[0], kick_dt), kick(v0[1], acc[1], kick_dt), kick(v0[2], acc[2], kick_dt))
     v1 = narrow(v2)
-    more = real(v2[2] - wide(v1[2]))
+    more = rounded(v2[2] - wide(v1[2]))
     w2 = wide3(kick(w0[0], turn_acc[0], kick_dt), kick(w0[1], turn_acc[1], kick_dt), kick(w0[2], turn_acc[2], kick_dt))
     if LEDGER:
         half = wide(0.5) * kick_dt
         half_way = spinning(m, g, w0 + turn_acc * half)
         a.work[i] = a.work[i] + (dot(f, v0 + acc * half) + dot(t, half_way)) * kick_dt
     x1 = wide3(drift(g.x[0], v2[0], m.dt), drift(g.x[1], v2[1], m.dt), drift(g.x[2], v2[2], m.dt))
-    u1 = vec3(
-        real(predict(v2[0], acc[0], m.dt)), real(predict(v2[1], acc[1], m.dt)), real(predict(v2[2], acc[2], m.dt))
-    )
+    u1 = narrow(wide3(predict(v2[0], acc[0], m.dt), predict(v2[1], acc[1], m.dt), predict(v2[2], acc[2], m.dt)))
     new = moved(m, g, x1, v1, w2, u1, turn_acc)
     if CROSSING:
         plane = a.place[s].plane
@@ -125,21 +124,30 @@ def step(a: System, p: Words, q: Words, sub: int):
     r = i - s * a.cap
     if r < a.rows[s]:
         m = material(a, s)
+        near = listed(a, s, r, lane)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
+            o = Own()
+            if SHARED:  # where grains are many, it would occupy registers meanwhile
+                o = own(a, p, i)
             now = a.step[s] + wp.int64(sub)
-            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, True)
+            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, near, True)
             if not deepest <= m.deepest:
-                fails(a, s, i, now, BAD_OVERLAP, deepest)
+                code = BAD_OVERLAP
+                if deepest == real(NO_NUMBER):
+                    code = BAD_STATE
+                fails(a, s, i, now, code, deepest)
             if lane == 0:
-                if held != a.held[i]:
+                if held != near.held:
                     a.held[i] = held
                 if not APART:
                     if wall_held != a.wall_held[i]:
                         a.wall_held[i] = wall_held
                 if LEDGER:
                     a.deep[i] = wide(deepest)
-                advance(a, q, m, s, i, now, whole(a, i, g), rest(a, p, i), f, t)
+                if not SHARED:
+                    o = own(a, p, i)
+                advance(a, q, m, s, i, now, whole(g, o), o.rest, f, t)
         else:
             if lane == 0:
                 pass_on(p, q, i)

@@ -1,17 +1,17 @@
 """Contacts of one grain, and their sums.
 
-Sums are exact, so that they do not depend on order: each contribution is rounded to a multiple of a quantum far below
-a grain's weight, and sums of such multiples lose nothing in double precision. (Contributions in double are split in
-two: what the rounding leaves over is summed likewise, in quanta finer by 2^48.) Hence neither the order of a list, nor
-when it was built, nor how many threads share a grain decides a bit of the result.
+Sums are exact, so that they do not depend on order: each contribution is counted in whole quanta far below a grain's
+weight, towards zero, and integers are added. (Of contributions in double, what that leaves over is counted likewise, in
+quanta finer by 2^48.) Hence neither the order of a list, nor when it was built, nor how many threads share a grain
+decides a bit of the result.
 """
 
 from __future__ import annotations
 
-from labbook_dem.words import FRICTION, func, narrow, real, struct, vec3, wide, wide3
+from labbook_dem.words import FRICTION, dot, func, narrow, real, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.system import Material, System
-from labbook_warp.kernels.words import FINE, LANES, TORQUES, Vectors, add_lanes, most_lanes, widen
+from labbook_warp.kernels.words import FINE, LANES, NO_NUMBER, TORQUES, Vectors, add_lanes, most_lanes, quanta3, wp
 
 
 @struct
@@ -39,47 +39,54 @@ def spring_before(springs: Vectors, at: int, held: bool, half_dt: real):
 
 
 @func
-def on_grid(v: vec3, magic: wide):
-    """v rounded to multiples of a quantum: `magic` is 1.5 * 2^52 of them."""
-    m = wide3(magic, magic, magic)
-    return (widen(v) + m) - m
+def quanta(v: vec3, per: real):
+    """v in whole quanta; per: 1/quantum."""
+    return quanta3(wp.int64(v[0] * per), wp.int64(v[1] * per), wp.int64(v[2] * per))
 
 
 @func
-def fine(v: vec3, magic: wide):
-    """What `on_grid` leaves over, on a grid finer by 2^48."""
-    return on_grid(narrow(widen(v) - on_grid(v, magic)), magic * wide(2.0**-48.0))
+def amount(n: quanta3, quantum: wide):
+    """So many quanta, in their unit."""
+    return wide3(wide(n[0]) * quantum, wide(n[1]) * quantum, wide(n[2]) * quantum)
 
 
 @func
-def all_lanes(v: wide3):
+def left_over(v: vec3, per: real):
+    """What `quanta` leaves of v, in finer quanta."""
+    return quanta(v * per - narrow(amount(quanta(v, per), wide(1.0))), real(2.0**48.0))
+
+
+@func
+def all_lanes(n: quanta3):
     """Sum over the threads that share a grain."""
-    return wide3(add_lanes(v[0], LANES), add_lanes(v[1], LANES), add_lanes(v[2], LANES))
+    return quanta3(add_lanes(n[0], LANES), add_lanes(n[1], LANES), add_lanes(n[2], LANES))
 
 
 @struct
 class Sums:
-    """Force [N] and torque [N m] so far, in quanta and in finer ones, and the largest overlap [m]."""
+    """Force and torque so far, in quanta and in finer ones, and the largest overlap [m]."""
 
-    force: wide3
-    torque: wide3
-    fine_force: wide3
-    fine_torque: wide3
-    deepest: real
+    force: quanta3
+    torque: quanta3
+    fine_force: quanta3
+    fine_torque: quanta3
+    deepest: real  # or NO_NUMBER
 
 
 @func
 def plus(sums: Sums, c: Contact, m: Material):
     """Sums with one contact more."""
     new = Sums()
-    new.force = sums.force + on_grid(c.force, m.grid_f)
+    new.force = sums.force + quanta(c.force, m.per_quantum_f)
     new.deepest = max(sums.deepest, c.overlap)
+    if not dot(c.force, c.force) >= real(0.0):
+        new.deepest = real(NO_NUMBER)  # integers know of none
     if FINE:
-        new.fine_force = sums.fine_force + fine(c.force, m.grid_f)
+        new.fine_force = sums.fine_force + left_over(c.force, m.per_quantum_f)
     if TORQUES:
-        new.torque = sums.torque + on_grid(c.torque, m.grid_t)
+        new.torque = sums.torque + quanta(c.torque, m.per_quantum_t)
         if FINE:
-            new.fine_torque = sums.fine_torque + fine(c.torque, m.grid_t)
+            new.fine_torque = sums.fine_torque + left_over(c.torque, m.per_quantum_t)
     return new
 
 
@@ -97,18 +104,18 @@ def put_aside(a: System, i: int, sums: Sums):
 
 
 @func
-def with_walls(a: System, i: int, sums: Sums):
-    """Sums with those that were put aside."""
-    new = Sums()
-    new.force = sums.force + a.wall_force[i]
-    new.deepest = max(sums.deepest, a.wall_deep[i])
+def of_walls(a: System, i: int):
+    """What was put aside."""
+    sums = Sums()
+    sums.force = a.wall_force[i]
+    sums.deepest = a.wall_deep[i]
     if FINE:
-        new.fine_force = sums.fine_force + a.wall_fine_force[i]
+        sums.fine_force = a.wall_fine_force[i]
     if TORQUES:
-        new.torque = sums.torque + a.wall_torque[i]
+        sums.torque = a.wall_torque[i]
         if FINE:
-            new.fine_torque = sums.fine_torque + a.wall_fine_torque[i]
-    return new
+            sums.fine_torque = a.wall_fine_torque[i]
+    return sums
 
 
 @func

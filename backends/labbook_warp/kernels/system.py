@@ -19,6 +19,7 @@ from labbook_warp.kernels.words import (
     Ints,
     Longs,
     Motions,
+    Quanta,
     Reals,
     Reals4,
     Shapes,
@@ -56,8 +57,10 @@ class Material:
     dt: wide
     speed2: real  # square of the guard on speeds
     deepest: real  # guard on overlaps
-    grid_f: wide  # 1.5 * 2^52 quanta of force; and of torque
-    grid_t: wide
+    quantum_f: wide  # in which forces are counted as they are summed [N], a power of two; and torques [N m]
+    quantum_t: wide
+    per_quantum_f: real
+    per_quantum_t: real
 
 
 @struct
@@ -110,10 +113,10 @@ class System:
     # where walls are met apart: rows of a slot that have a wall near, those by an edge at the end, and how many of each
     beside: Ints
     beside_count: Ints
-    wall_force: Wides3  # sums over contacts with walls; an array of records would be copied byte by byte
-    wall_torque: Wides3
-    wall_fine_force: Wides3
-    wall_fine_torque: Wides3
+    wall_force: Quanta  # sums over contacts with walls; an array of records would be copied byte by byte
+    wall_torque: Quanta
+    wall_fine_force: Quanta
+    wall_fine_torque: Quanta
     wall_deep: Reals
     work: Wides
     deep: Wides  # largest overlap at the last step

@@ -46,12 +46,19 @@ wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
 Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = (
     Bodies
-) = Any
+) = Quanta = Any
 real4: Any = None
+quanta3: Any = None
 widen: Any = None
 load_word: Any = None
 store_word: Any = None
 load_int: Any = None
+load_four: Any = None
+store_four: Any = None
+load_wide4: Any = None
+store_wide4: Any = None
+load_int_now: Any = None
+load_bits_now: Any = None
 add_lanes: Any = None
 or_lanes: Any = None
 most_lanes: Any = None
@@ -86,4 +93,6 @@ COLUMNS = 13  # of a row of crossings
 PARKED = -1.0e9
 """z [m] at which grains are kept that have left."""
 BAD_STATE, BAD_SPEED, BAD_OVERLAP = 1, 2, 3
+NO_NUMBER = 1.0e30
+"""An overlap [m] that stands for a force that is no number."""
 NO_FAILURE = (1 << 62) - 1
