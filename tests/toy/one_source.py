@@ -138,8 +138,8 @@ DOUBLE, SINGLE = 1e-13, 2e-5
 
 
 def in_single(name: str, arguments: list[str]) -> bool:
-    """Whether a function computes in single in mixed precision: what it takes says so, but for points that are sought in
-    single; how well these are found has tests of its own, on rods of a size."""
+    """Whether a function computes in single in mixed precision: what it takes says so, but for points sought in single;
+    how well these are found has tests of its own, on rods of a size."""
     sought = ("closest", "closest_from", "leaves_plate", "nearest_to_rim", "frustum_rims")
     return name in sought or bool({"real", "vec3"} & set(arguments))
 

@@ -77,6 +77,7 @@ coefs = wp.types.vector(length=8, dtype=real)
 dot = wp.dot
 cross = wp.cross
 sqrt = wp.sqrt
+rounded = real
 
 
 @wp.func

@@ -86,7 +86,7 @@ def by_warp(folder, c, a, along, radius) -> np.ndarray:
     return out.numpy()
 
 
-def plate(along) -> tuple:
+def plate(along) -> tuple[words.vec3, words.vec3, float]:
     return words.vec3(RIM, 0.0, 0.0), words.vec3(along[0], 0.0, along[1]), LENGTH
 
 

@@ -15,6 +15,14 @@ class wide4(NamedTuple):
     z: float
 
 
+class quanta3(NamedTuple):
+    """A vector of integers."""
+
+    x: int
+    y: int
+    z: int
+
+
 class word(tuple):
     """Sixteen bytes: four numbers in single, or two in double."""
 
@@ -48,7 +56,6 @@ Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Lon
     Bodies
 ) = Quanta = Any
 real4: Any = None
-quanta3: Any = None
 widen: Any = None
 load_word: Any = None
 store_word: Any = None
