@@ -193,6 +193,7 @@ _STORE_FOUR_DOUBLES = """
 #endif
 """
 # A load that stays where it stands: compilers would put it off to where the number is needed, and then wait for it.
+# What a kernel stores to the same place depends on what it has loaded, so that no store can come before.
 _LOAD_NOW = """
 #if defined(__CUDA_ARCH__)
     int t; asm volatile("ld.volatile.global.s32 %0, [%1];" : "=r"(t) : "l"(array.data + k)); return t;

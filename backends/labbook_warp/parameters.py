@@ -18,7 +18,8 @@ from labbook.scene import Scene
 from labbook_warp.build import REACH
 
 DEEP = 0.25
-"""Overlap [d] whose force sets the quantum of sums: about 2^-48 of it. Integers overflow at 2^14 times as much."""
+"""Overlap [d] whose force sets the quantum of sums: about 2^-48 of it. Sums could overflow at 2^15 times as much;
+forces of 2^9 times as much are no longer counted, but fail."""
 
 
 def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:

@@ -63,6 +63,7 @@ def grown(sizes: Sizes, near: int, depth: int) -> Sizes:
 def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     """The kernels for arrays of these sizes. uniform: whether all members have the same material."""
     law, precision = spec.feature("law"), spec.feature("precision")
+    assert 2 * lanes <= sizes.near, "each thread asks for its first two neighbours, whether there are any or not"
     many = lanes == 1
     if sizes.rods:
         most = (REGISTERS_OF_RODS if many else REGISTERS_OF_FEW_RODS)[precision]
@@ -79,7 +80,7 @@ def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
     if not device.is_cuda:
         return 1
     if asked:
-        return asked
+        return min(asked, MOST_LANES)
     wanted = min(MOST_LANES, max(1, SATURATED // max(1, sizes.rows)))
     return 1 << (wanted.bit_length() - 1)
 

@@ -15,6 +15,7 @@ import warp as wp
 from labbook_warp import Backend, room, stage
 from plain_rods import PlainRods
 
+from labbook.backend import Failed
 from labbook.numerics import Numerics
 from labbook.probes import Contacts, Crossing, Ledger, Sample
 from labbook.protocol.opening import opened
@@ -228,6 +229,22 @@ def test_a_kernel_of_their_own_for_walls_decides_no_bit(precision, bed, monkeypa
         ends.append(run(scene, how, start, 20)[0])
     assert identical(*ends)
     assert (ends[0].wall_part > 1).any(), "none lies across the edge"
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("spin", [1e12, 1e25])
+def test_forces_too_large_to_be_counted_are_caught(spin, precision, bed):
+    """Rods that spin without bound are damped without bound where they touch: two such forces may cancel as integers."""
+    scene, how = silo(40).close(), numerics(precision)
+    omega = bed.omega.copy()
+    omega[np.unique(bed.pairs)] = spin
+    engine = Backend()
+    ensemble = engine.open(engine.specialise(scene, how, []), 1, "cpu")
+    ensemble.admit(scene, how, replace(bed, omega=omega))
+    (event,) = ensemble.advance(1)
+    ensemble.close()
+    assert isinstance(event, Failed)
+    assert (event.guard, event.step) == ("state", 0)
 
 
 @pytest.mark.gpu

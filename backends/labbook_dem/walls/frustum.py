@@ -38,7 +38,7 @@ def leaves_plate(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide):
     """Where on the segment, seen from its end at -half, the first point beyond the rim is [m].
 
     A convex function falls to its first zero: Newton's steps come from the left and never pass it. They are taken in
-    `real`, but for a last one that puts right what rounding leaves: from either side it ends at the left of the zero.
+    `real`, but for a last one that puts right what rounding leaves, but for its square.
     """
     zero = real(0.0)
     radius = real(rim.x)
@@ -85,7 +85,7 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     begin = rounded(first)
     end = rounded(last)
     ca = rounded(dot(x, a) - rim.z * a.z)
-    # rho^2 = b^2 + a^2 (s - passes)^2
+    # rho^2 = b^2 + a^2 (s - passes)^2, but for rods within 1e-6 of upright, which the last step puts right
     a2 = max(rounded(a.x * a.x + a.y * a.y), tiny)
     passes = -rounded(x.x * a.x + x.y * a.y) / a2
     across = rounded(x.x * a.y - x.y * a.x)

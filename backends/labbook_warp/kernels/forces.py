@@ -31,7 +31,7 @@ class Listed:
     held: uint32  # springs held at them, as bits
     first: int  # the row of the first neighbour of this thread, and of the second
     second: int
-    walls: uint32  # walls, or parts of them, that are near, as bits
+    walls: uint32  # walls, or parts of them, that are near, as bits; where they are asked for early, as the next
     wall_held: uint32  # springs held there
 
 
@@ -87,10 +87,12 @@ def forces(
                 if keep:
                     a.spring[at] = c.spring
     if ANY_WALLS and not APART:
-        if not SHARED:  # they would occupy registers until here
-            near.walls = a.wall_near[i]
-            near.wall_held = a.wall_held[i]
-        sums, wall_held = at_walls(a, m, s, r, lane, g, near.walls, near.wall_held, sums, keep)
+        walls = near.walls
+        old = near.wall_held
+        if not SHARED:  # they would have occupied registers until here
+            walls = a.wall_near[i]
+            old = a.wall_held[i]
+        sums, wall_held = at_walls(a, m, s, r, lane, g, walls, old, sums, keep)
     if SHARED:
         sums = over_lanes(sums)
         held = or_lanes(held, LANES)

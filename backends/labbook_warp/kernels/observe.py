@@ -57,8 +57,8 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
 def kinetic(a: System, p: Words, v: Wides3, w: Wides3, parts: int, out: Wides):
     """Kinetic energy [J] of every `parts`-th grain of each member, to be added up: in quanta, and the rest.
 
-    Exact sums, as those of forces: which row a grain has decides no bit. A quantum is 2^-48 of the energy of 2^20
-    grains at the guard on speeds; what it leaves over is counted in quanta finer by 2^48.
+    Exact, multiples of a quantum in double: which row a grain has decides no bit. A quantum is 2^-48 of the energy of
+    2^20 grains at the guard on speeds; what it leaves over is counted in quanta finer by 2^48.
     """
     thread = wp.tid()
     s = thread // parts

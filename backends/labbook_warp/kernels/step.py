@@ -132,12 +132,13 @@ def step(a: System, p: Words, q: Words, sub: int):
                 o = own(a, p, i)
             now = a.step[s] + wp.int64(sub)
             f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, near, True)
-            if not deepest <= m.deepest:
+            sound = deepest <= m.deepest
+            if not sound:
                 code = BAD_OVERLAP
                 if deepest == real(NO_NUMBER):
                     code = BAD_STATE
                 fails(a, s, i, now, code, deepest)
-            if lane == 0:
+            if lane == 0 and sound:
                 if held != near.held:
                     a.held[i] = held
                 if not APART:

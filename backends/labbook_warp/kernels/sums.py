@@ -79,8 +79,13 @@ def plus(sums: Sums, c: Contact, m: Material):
     new = Sums()
     new.force = sums.force + quanta(c.force, m.per_quantum_f)
     new.deepest = max(sums.deepest, c.overlap)
-    if not dot(c.force, c.force) >= real(0.0):
-        new.deepest = real(NO_NUMBER)  # integers know of none
+    in_quanta = c.force * m.per_quantum_f
+    far = dot(in_quanta, in_quanta)
+    if TORQUES:
+        turn = c.torque * m.per_quantum_t
+        far = far + dot(turn, turn)
+    if not far < real(2.0**114.0):  # of less than 2^57 quanta each, as many as a grain may have come to less than 2^63
+        new.deepest = real(NO_NUMBER)
     if FINE:
         new.fine_force = sums.fine_force + left_over(c.force, m.per_quantum_f)
     if TORQUES:

@@ -101,5 +101,5 @@ PARKED = -1.0e9
 """z [m] at which grains are kept that have left."""
 BAD_STATE, BAD_SPEED, BAD_OVERLAP = 1, 2, 3
 NO_NUMBER = 1.0e30
-"""An overlap [m] that stands for a force that is no number."""
+"""An overlap [m] that stands for a force that is no number, or too large to be counted."""
 NO_FAILURE = (1 << 62) - 1
