@@ -234,7 +234,7 @@ def test_a_kernel_of_their_own_for_walls_decides_no_bit(precision, bed, monkeypa
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("spin", [1e12, 1e25])
 def test_forces_too_large_to_be_counted_are_caught(spin, precision, bed):
-    """Rods that spin without bound are damped without bound where they touch: two such forces may cancel as integers."""
+    """Rods that spin without bound are damped without bound where they touch; such forces may cancel as integers."""
     scene, how = silo(40).close(), numerics(precision)
     omega = bed.omega.copy()
     omega[np.unique(bed.pairs)] = spin
