@@ -14,9 +14,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 import warp as wp
 from labbook_warp import Backend, room, stage
 from plain_rods import PlainRods
+from rods_on_warp import DENSITY, PRECISIONS, ROUNDING, D, law, numerics, run, silo
 
 from labbook.backend import Failed
-from labbook.numerics import Numerics
 from labbook.probes import Contacts, Crossing, Ledger, Sample
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
@@ -24,9 +24,7 @@ from labbook.protocol.placing import place
 from labbook.protocol.segments import axes, distances, random_turns
 from labbook.scene import (
     Box,
-    CylinderSilo,
     HertzMindlin,
-    LinearSpringDashpot,
     Primitives,
     Scene,
     Spheres,
@@ -35,37 +33,6 @@ from labbook.scene import (
     Wall,
 )
 from labbook.verify.stand import identical
-
-D, DENSITY = 6e-3, 620.0
-PRECISIONS = ["double", "mixed"]
-ROUNDING = {"double": 1e-9, "mixed": 1e-3}
-
-
-def law(grains) -> LinearSpringDashpot:
-    stiffness = 2e5 * grains.mass * 9.81 / D
-    return LinearSpringDashpot(normal_stiffness=stiffness, friction=0.5, rolling_friction=0.01, restitution=0.5)
-
-
-def silo(grains: int) -> Scene:
-    rods = Spherocylinders(diameter=D, length=3.3 * D, density=DENSITY, count=grains)
-    flat = CylinderSilo(diameter=0.08, height=0.3, orifice=0.05, rotation=2.0)
-    return Scene(grains=rods, contact=law(rods), container=flat)
-
-
-def numerics(precision: str, **further) -> Numerics:
-    return Numerics.model_validate({"dt": 5e-6, "precision": precision, "steps_per_beat": 250, **further})
-
-
-def run(scene, how, start, beats, probes=(), lanes=None, device="cpu"):
-    """One member, advanced: its packing and rows."""
-    engine = Backend(lanes=lanes)
-    ensemble = engine.open(engine.specialise(scene, how, probes), 1, device)
-    member = ensemble.admit(scene, how, start)
-    events = ensemble.advance(beats)
-    assert not events, events
-    state, tables = ensemble.packing(member), ensemble.drain()
-    ensemble.close()
-    return state, tables
 
 
 @pytest.fixture(scope="module")

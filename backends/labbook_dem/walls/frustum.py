@@ -41,15 +41,15 @@ def leaves_plate(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide):
     `real`, but for a last one that puts right what rounding leaves, but for its square.
     """
     zero = real(0.0)
-    radius = real(rim.x)
-    out = real(along.x)
+    radius = rounded(rim.x)
+    out = rounded(along.x)
     # how far beyond the rim is (rho^2 - R^2)/(rho + R): a small difference of squares, which is taken in wide
     beyond0 = rounded(x.x * x.x + x.y * x.y - rim.x * rim.x)
     beyond1 = rounded(x.x * a.x + x.y * a.y)
     beyond2 = rounded(a.x * a.x + a.y * a.y)
     up0 = rounded((x.z - rim.z) * along.z)
     up1 = rounded(a.z * along.z)
-    ends = real(half)
+    ends = rounded(half)
     near = real(1e-6) * ends
     s = -ends
     slope = zero
@@ -70,6 +70,14 @@ def leaves_plate(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide):
 
 
 @func
+def pull(s: real, ca: real, radius: real, passes: real, a2: real, b2: real):
+    """g of `nearest_to_rim` at s, and the distance rho from the axis there [m]: rho^2 = b2 + a2 (s - passes)^2."""
+    t = s - passes
+    rho = max(sqrt(b2 + a2 * t * t), real(1e-12))
+    return s + ca - radius * (a2 * t) / rho, rho
+
+
+@func
 def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     """The first point between `first` and `last` at which the distance from the rim stops falling [m].
 
@@ -81,11 +89,11 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     zero = real(0.0)
     one = real(1.0)
     tiny = real(1e-12)
-    radius = real(rim.x)
+    radius = rounded(rim.x)
     begin = rounded(first)
     end = rounded(last)
     ca = rounded(dot(x, a) - rim.z * a.z)
-    # rho^2 = b^2 + a^2 (s - passes)^2, but for rods within 1e-6 of upright, which the last step puts right
+    # `pull` is wrong of rods within 1e-6 of upright, which the last step puts right
     a2 = max(rounded(a.x * a.x + a.y * a.y), tiny)
     passes = -rounded(x.x * a.x + x.y * a.y) / a2
     across = rounded(x.x * a.y - x.y * a.x)
@@ -94,10 +102,8 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     m = min(passes - reach, end)
     n = passes + reach
     # g at `first` and at m
-    t = begin - passes
-    at_first = begin + ca - radius * (a2 * t) / max(sqrt(b2 + a2 * t * t), tiny)
-    t = m - passes
-    at_m = m + ca - radius * (a2 * t) / max(sqrt(b2 + a2 * t * t), tiny)
+    at_first, rho = pull(begin, ca, radius, passes, a2, b2)
+    at_m, rho = pull(m, ca, radius, passes, a2, b2)
     before = m > begin and at_m >= zero
     low = begin if before else max(begin, n)
     high = m if before else end
@@ -107,9 +113,7 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
     moved = end - begin
     left = int(8)
     while left > 0 and moved > near:
-        t = s - passes
-        rho = max(sqrt(b2 + a2 * t * t), tiny)
-        g = s + ca - radius * (a2 * t) / rho
+        g, rho = pull(s, ca, radius, passes, a2, b2)
         slope = one - radius * a2 * b2 / (rho * rho * rho)
         step = g / slope if slope > tiny else zero
         to = min(max(s - step, low), high) if before or g > zero else s

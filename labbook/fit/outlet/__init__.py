@@ -16,7 +16,7 @@ from labbook.fit.outlet.joint import (
     fit_profiles,
 )
 from labbook.fit.outlet.saturation import Saturation, fit_saturation
-from labbook.fit.outlet.shape import Outlet, dome, tilted
+from labbook.fit.outlet.shape import Outlet, dome, middle_speed, tilted
 
 __all__ = [
     "COVERAGE",
@@ -39,5 +39,6 @@ __all__ = [
     "fit_approach",
     "fit_profiles",
     "fit_saturation",
+    "middle_speed",
     "tilted",
 ]

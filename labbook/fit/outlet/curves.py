@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.fit.band import half_width, scatter
 from labbook.fit.outlet.saturation import Saturation
-from labbook.fit.outlet.shape import tilted
+from labbook.fit.outlet.shape import middle_speed, tilted
 from labbook.fit.result import Parameter
 from labbook.stats.pooling import Pooled
 
@@ -41,7 +41,7 @@ def laws(parameters: Mapping[str, float], R: np.ndarray, g: float) -> dict[str, 
         "area_fraction": tilted(PLACES, parameters["b"]),
         "tilted_velocity": tilted(PLACES, parameters["sigma1"], delta[0]),
         "tilted_area_fraction": tilted(PLACES, parameters["sigma2"], delta[1]),
-        "v_c": np.sqrt(2 * g * parameters["gamma"] * widths(R)),
+        "v_c": middle_speed(parameters["gamma"], widths(R), g),
     }
     if "phi_inf" in parameters:
         found["phi_c"] = _saturation(parameters).at(widths(R))
@@ -68,7 +68,7 @@ def curves(
     """
     values = {name: parameter.value for name, parameter in parameters.items()}
     off = dict(misfits)
-    at_outlets = {"v_c": (np.sqrt(2 * g * values["gamma"] * R), 1)}
+    at_outlets = {"v_c": (middle_speed(values["gamma"], R, g), 1)}
     if "phi_inf" in values:
         at_outlets["phi_c"] = (_saturation(values).at(R), 3)
     for name, (expected, used) in at_outlets.items():

@@ -60,6 +60,11 @@ def tilted(x: np.ndarray, exponent: float, tilt: float = 0.0) -> np.ndarray:
     return tilt * x + (1 - x**2) ** exponent
 
 
+def middle_speed(gamma: float, R: float | np.ndarray, g: float) -> np.ndarray:
+    """v_c = sqrt(2 g gamma R) [m/s] in the middle of outlets of half widths R [m] (Fan et al. 2023, eq 10)."""
+    return np.sqrt(2 * g * gamma * np.asarray(R, float))
+
+
 def dome(edges: np.ndarray, exponent: float | np.ndarray) -> np.ndarray:
     """Mean of (1 - x^2)^p over each bin: exact, by incomplete beta functions; shape of `exponent` + [m]."""
     from scipy.special import beta, betainc

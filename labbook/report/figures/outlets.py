@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fit.outlet import Saturation
+from labbook.fit.outlet import Saturation, middle_speed
 from labbook.fit.outlet.flow import centred_flow, eccentric_flow
 from labbook.report import display
 from labbook.report.comparison import of_reference
@@ -97,7 +97,7 @@ def _draw(
             continue
         drawn = {"color": style["color"], "linestyle": line, "linewidth": 0.9, "zorder": 1}
         gamma = parameters.get("gamma", parameters.get("epsilon1", np.nan) ** 2)
-        axes[0].plot(np.sqrt(fine * 1e3), np.sqrt(2 * scene.gravity * gamma * fine), **drawn)
+        axes[0].plot(np.sqrt(fine * 1e3), middle_speed(gamma, fine, scene.gravity), **drawn)
         if parameters.keys() >= {"phi_inf", "tau1", "tau2"}:
             law = Saturation(parameters["phi_inf"], parameters["tau1"], parameters["tau2"])
             axes[1].plot(fine * 1e3, law.at(fine), **drawn)
@@ -129,7 +129,7 @@ def _flow(p: "Mapping[str, float]", R: np.ndarray, d: float, rho: float, g: floa
         cover = p["delta2"], p["epsilon2"], p["sigma2"]
         flows = [eccentric_flow(d, rho, g, r, phi, speed, cover) for r, phi in zip(R, limit, strict=True)]
     elif p.keys() >= {"a", "b", "gamma"}:
-        speeds = np.sqrt(2 * g * p["gamma"] * R)
+        speeds = middle_speed(p["gamma"], R, g)
         flows = [centred_flow(d, rho, phi, v, r, p["a"], p["b"]) for r, phi, v in zip(R, limit, speeds, strict=True)]
     else:
         return None

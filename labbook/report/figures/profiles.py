@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fit.outlet import Saturation, tilted
+from labbook.fit.outlet import Saturation, middle_speed, tilted
 from labbook.report import display
 from labbook.report.comparison import of_reference
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, band, beside_title, from_zero, house, look
@@ -152,7 +152,7 @@ def _speeds(ax: "Axes", fit: "ProfileFit", R: np.ndarray, g: float, known: Mappi
     ax.plot(x, curve.value, color=COLOURS[1], label=f"γ = {fit.parameters['gamma'].value:.3g}")
     _bands(ax, curve, x, COLOURS[1])
     if "gamma" in known:
-        ax.plot(x, np.sqrt(2 * g * known["gamma"] * curve.at), label=f"{source}, γ = {known['gamma']:.3g}", **_DOTS)
+        ax.plot(x, middle_speed(known["gamma"], curve.at, g), label=f"{source}, γ = {known['gamma']:.3g}", **_DOTS)
     values, errors = [one.v_c.value for one in fit.outlets], [np.nan_to_num(one.v_c.error) for one in fit.outlets]
     ax.errorbar(np.sqrt(R * 1e3), values, yerr=errors, color=INK, marker="o", linestyle="none")
     from_zero(ax)

@@ -6,12 +6,11 @@ from itertools import product
 
 import numpy as np
 import pytest
-from turning_runs import ROD, RODS, ROUND, SINKING, SPHERE, STATED, F, Run, point, state
+from turning_runs import ROD, RODS, ROUND, SPHERE, STATED, F, Run, point, state
 
 from labbook.export.numbers import frames
 from labbook.report import figures, page
 from labbook.report.analysis import analyse
-from labbook.report.pattern import flow_patterns, moments
 from labbook.report.plain import plain
 from labbook.report.rotation import Rotation
 from labbook.report.statements import Judged, judge, statement_table, summed_up
@@ -276,61 +275,6 @@ def test_exports_hold_ratios_and_statements(analysis):
     assert set(rows["pairs"]) == {8}
     assert list(tables["statements"]["verdict"]).count("does not hold") == 2
     assert "accelerations" not in tables
-
-
-def test_maps_are_of_three_instants_of_the_window(synthetic, tmp_path):
-    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
-    runs = [Run(p, seed, filmed=seed == 1) for p in points for seed in (1, 2)]
-    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), runs)
-    result = analysis.points[1]
-    trace = result.runs[0].trace
-    assert trace is not None
-    assert trace.window is not None
-    begin, end = trace.window
-    found = moments(result)
-    middles = [sum(one.window) / 2 for one in found]
-    assert middles == pytest.approx([begin + (end - begin) * part for part in (1 / 6, 1 / 2, 5 / 6)])
-    assert all(one.window[1] - one.window[0] <= 1 for one in found)
-    for one, t in zip(found, middles, strict=True):
-        r, z = one.fields.grid.points
-        inside = np.ix_(r < 0.05, (z > 0.03) & (z < 0.1))
-        assert one.fields.velocity[2][inside] == pytest.approx(-SINKING)
-        assert np.nanmax(z[one.pattern.bed.any(axis=0)]) == pytest.approx(0.3 - SINKING * t, abs=0.015)
-        assert one.pattern.kind == "mass flow"
-    speed = figures.speed_maps([moments(one) for one in analysis.points])
-    titles = [ax.get_title(loc="left") for ax in speed.axes[:6]]
-    assert [title.split(",")[0] for title in titles] == ["f = 0 Hz"] * 3 + ["f = 0.32 Hz"] * 3
-    text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
-    assert "(Pongó et al. 2022, Fig. 6)" in text
-    assert "add `record:" not in text
-    kinds = ("packing", "speed", "patterns", "order")
-    assert {f"rotation-{kind}.svg" for kind in kinds} <= {p.name for p in tmp_path.iterdir()}
-
-
-def test_few_frames_make_maps_of_packing_but_not_of_speed(synthetic, tmp_path):
-    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
-    runs = [Run(p, 1, filmed=True, every=0.15) for p in points]
-    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), runs)
-    assert all(4 <= one.frames < 8 for one in moments(analysis.points[1]))
-    text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
-    made = {p.name for p in tmp_path.iterdir()}
-    assert "rotation-packing.svg" in made
-    assert "rotation-speed.svg" not in made
-    assert "Maps of speed at instants need frames 100 ms apart or closer" in text
-
-
-def test_maps_of_orientation_are_those_of_the_rods(synthetic):
-    """All are upright: O_zz and S are 1 in the bed, and nothing is drawn above it."""
-    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
-    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), [Run(p, 1, filmed=True) for p in points])
-    figure = figures.order_maps([flow_patterns(one)[0] for one in analysis.points])
-    panels = [ax for ax in figure.axes if ax.get_title(loc="left")]
-    assert [ax.get_title(loc="left") for ax in panels] == ["f = 0 Hz", "f = 0.32 Hz"] * 2
-    for ax in panels:
-        values = ax.collections[0].get_array()
-        assert values is not None
-        assert np.ma.compressed(values) == pytest.approx(1)
-        assert 0.5 < np.ma.count(values) / values.size < 1
 
 
 def test_sentences_say_what_turning_does(analysis):
