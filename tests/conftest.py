@@ -1,12 +1,19 @@
-"""How tests are shared out among processes: those that need the same compiled kernels go to one of them.
+"""How tests are shared out among processes, and that no clock decides one.
 
-Each kernel is compiled once then; two processes that need it at the same time would both compile it. (Marks for
-pytest-xdist's own `--dist loadgroup` do nothing with pytest 9.2.)
+Tests that need the same compiled kernels go to one process: each kernel is compiled once then; two processes that need
+it at the same time would both compile it. (Marks for pytest-xdist's own `--dist loadgroup` do nothing with pytest 9.2.)
+
+Hypothesis by itself fails a test whose examples take long, which on a loaded machine, or in a fresh checkout that has
+yet to build its table of characters, says nothing of the test.
 """
 
 import re
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")
 
 STAND = re.compile(r"(numba|warp)-(double|mixed)-(cpu|cuda:\d+)")
 """In the name of a test that is repeated for every stand."""

@@ -22,7 +22,7 @@ def from_strip(start, end, x):
     return strip.strip_distance(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], vec3(*x))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(start=point2, end=point2, x=point3)
 def test_no_point_of_a_strip_is_nearer_than_its_distance(start, end, x):
     if math.dist(start, end) < 1e-6:
@@ -65,7 +65,7 @@ def test_on_the_strip_itself_there_is_no_normal_and_no_division_by_zero():
     assert (normal.x, normal.y, normal.z) == (0, 0, 0)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(point=point3, normal=point3, x=point3)
 def test_a_plane_s_distance_is_the_projection_on_its_normal(point, normal, x):
     size = math.hypot(*normal)

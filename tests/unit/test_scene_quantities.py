@@ -72,7 +72,7 @@ def test_diameter_is_a_unit_only_where_there_are_grains():
         parse("1.01 d", "m")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.text(max_size=40), st.sampled_from(["m", "rad", "", "kg/m^3", None]))
 def test_any_text_is_a_number_or_refused(text, unit):
     try:
@@ -82,7 +82,7 @@ def test_any_text_is_a_number_or_refused(text, unit):
     assert isinstance(value, float)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.floats(allow_nan=False, allow_infinity=False, min_value=-1e100, max_value=1e100))
 def test_numbers_survive(number):
     assert parse(repr(number), "") == pytest.approx(number, rel=1e-15)
