@@ -87,6 +87,7 @@ def module_text(
         "UNIFORM": uniform,
         "LANES": lanes,
         "SHARED": lanes > 1,
+        "LOOKERS": 32 if lanes > 1 else 1,
         "APART": bool(apart),
         "WORDS": Codec(precision == "mixed", turns).words,
         "PARTS": most_parts(switches),

@@ -110,6 +110,18 @@ def load_bits_now(array: Bits, k: int) -> wp.uint32: ...
 def add_lanes(v: wp.int64, lanes: int) -> wp.int64: ...
 
 
+@wp.func_native({ask_for_lists!r})
+def ask_for_lists(springs: Vectors, neighbours: Ints, at: int, cap: int): ...
+
+
+@wp.func_native({this_thread!r})
+def this_thread(i: int) -> int: ...
+
+
+@wp.func_native({other_of_two!r})
+def other_of_two(v: wide) -> wide: ...
+
+
 @wp.func_native({most_lanes!r})
 def most_lanes(v: real, lanes: int) -> real: ...
 
@@ -226,6 +238,34 @@ _ADD_LANES = """
 #endif
     return v;
 """
+# Lists come from afar, and loads wait for them. So the threads of 32 grains in a row ask beforehand for a line of 128
+# bytes each: the first 24 for springs, as far as that goes, the rest for the third to the tenth neighbours (the step
+# knows the first two by then). A list has room for 16. at: where that of this thread's grain begins.
+_ASK_FOR_LISTS = """
+#if defined(__CUDA_ARCH__)
+    const int l = threadIdx.x & 31;
+    const int lines = sizeof(*springs.data) / 4;
+    const char* line = l < 24
+        ? reinterpret_cast<const char*>(springs.data + (at - l) + l / lines * cap) + l % lines * 128
+        : reinterpret_cast<const char*>(neighbours.data + (at - l) + (l - 22) * cap);
+    asm volatile("prefetch.global.L2 [%0];" :: "l"(line));
+#endif
+"""
+# What Warp gives is worked out for launches of any size and shape.
+_THIS_THREAD = """
+#if defined(__CUDA_ARCH__)
+    return (int)(blockIdx.x * blockDim.x + threadIdx.x);
+#else
+    return i;
+#endif
+"""
+_OTHER_OF_TWO = """
+#if defined(__CUDA_ARCH__)
+    return __shfl_xor_sync(3u << (threadIdx.x & 30u), v, 1);
+#else
+    return v;
+#endif
+"""
 _FIRST_BIT = """
 #if defined(__CUDA_ARCH__)
     return __ffs((int)mask) - 1;
@@ -273,6 +313,9 @@ def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16)
         store_wide4=_STORE_FOUR_DOUBLES,
         load_now=_LOAD_NOW,
         add_lanes=_ADD_LANES,
+        other_of_two=_OTHER_OF_TWO,
+        ask_for_lists=_ASK_FOR_LISTS,
+        this_thread=_THIS_THREAD,
         or_lanes=_ADD_LANES.replace("v +=", "v |="),
         most_lanes=_ADD_LANES.replace("v += __shfl_xor_sync(mask, v, o)", "v = max(v, __shfl_xor_sync(mask, v, o))"),
         first_bit=_FIRST_BIT,

@@ -19,8 +19,10 @@ NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; bo
 MOST_NEAR = 32  # bits of a mask
 SATURATED = 82_000  # threads that fill a large GPU
 MOST_LANES = 8
+FEW_RODS = ((5_600, 8), (50_000, 4))
+"""Threads a rod up to so many rods. Fewer than the parts of a rod at a wall would have to share these out."""
 REGISTERS = {"linear": {"mixed": 72, "double": 128}, "hertz-mindlin": {"mixed": 80, "double": 128}}
-REGISTERS_OF_RODS = {"mixed": 128, "double": 168}
+REGISTERS_OF_RODS = {"mixed": 96, "double": 168}
 """A thread of the step, where grains are many."""
 REGISTERS_OF_FEW_RODS = {"mixed": 168, "double": 0}
 """The same where threads share grains; spheres take as many there as the compiler likes."""
@@ -80,7 +82,9 @@ def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
     if not device.is_cuda:
         return 1
     if asked:
-        return min(asked, MOST_LANES)
+        return min(max(asked, sizes.parts) if asked > 1 else 1, MOST_LANES)
+    if sizes.rods:
+        return next((lanes for rows, lanes in FEW_RODS if sizes.rows <= rows), 1)
     wanted = min(MOST_LANES, max(1, SATURATED // max(1, sizes.rows)))
     return 1 << (wanted.bit_length() - 1)
 

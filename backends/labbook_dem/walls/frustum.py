@@ -131,12 +131,15 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
 
 
 @func
-def frustum_end(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, part: int):
-    """Distance [m] of an end of a rod from the plate that it is over, unit normal, and where on the segment it is."""
-    s = -half if part == 0 else half
+def frustum_part(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, part: int, on: wide):
+    """Distance [m] of an end of a rod from the plate that it is over, unit normal, and where on the segment it is.
+
+    on: where on the segment an edge is, which is asked for as part 2 or 3: the nearest point of the plate, then.
+    """
+    s = on if part > 1 else (half if part == 1 else -half)
     p = x + a * s
     distance, normal = frustum_distance(rim, along, length, p)
-    there = frustum_over(rim, along, p) >= wide(0.0) and (part == 0 or half > wide(0.0))
+    there = part > 1 or (frustum_over(rim, along, p) >= wide(0.0) and (part == 0 or half > wide(0.0)))
     return (distance if there else wide(1e9)), normal, s
 
 
@@ -163,6 +166,18 @@ def rim_met(
 
 
 @func
+def is_across(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide, first: wide, last: wide, at: wide):
+    """Whether a stretch from `first` to `last` of the segment is beyond the rim, as its point at `at` should be."""
+    return first <= last and frustum_over(rim, along, x + a * at) <= wide(1e-9) * (rim.x + half)
+
+
+@func
+def two_minima(s: wide, back: wide, half: wide):
+    """Whether the minima at s and at `back`, found from the two ends, are two."""
+    return back - s > wide(1e-3) * half
+
+
+@func
 def frustum_rims(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide):
     """Distances [m] from the rim of a rod that lies across it, and where on the segment, of part 2 and of part 3.
 
@@ -173,11 +188,11 @@ def frustum_rims(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, hal
     zero = wide(0.0)
     first = leaves_plate(rim, along, x, a, half)
     last = -leaves_plate(rim, along, x, -a, half)
-    if first > last or frustum_over(rim, along, x + a * first) > wide(1e-9) * (rim.x + half):
+    if not is_across(rim, along, x, a, half, first, last, first):
         return none, zero, none, zero
     s = nearest_to_rim(rim, x, a, first, last)
     back = -nearest_to_rim(rim, x, -a, -last, -first)
-    two = back - s > wide(1e-3) * half
+    two = two_minima(s, back, half)
     met = rim_met(rim, along, length, x, a, half, radius, s, two)
     other = none
     if two:
@@ -195,11 +210,8 @@ def frustum_rod(
     x: centre [m]; a: unit axis; half: half the length of the segment [m]. met, on, other, back: both edges, as
     `frustum_rims` gives them.
     """
-    if part < 2:
-        return frustum_end(rim, along, length, x, a, half, part)
-    s = on if part == 2 else back
-    _, normal = frustum_distance(rim, along, length, x + a * s)
-    return (met if part == 2 else other), normal, s
+    distance, normal, s = frustum_part(rim, along, length, x, a, half, part, on if part == 2 else back)
+    return (distance if part < 2 else (met if part == 2 else other)), normal, s
 
 
 def parameters(shape: Frustum) -> tuple[float, ...]:

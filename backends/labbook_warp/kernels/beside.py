@@ -11,7 +11,7 @@ from labbook_dem.words import wide
 from labbook_warp.kernels.spheres import at_walls, grain
 from labbook_warp.kernels.sums import Sums, put_aside
 from labbook_warp.kernels.system import System, material
-from labbook_warp.kernels.words import EDGES, PARKED, Words, kernel, wall_kernel, wp
+from labbook_warp.kernels.words import EDGES, PARKED, Words, kernel, this_thread, wall_kernel, wp
 
 
 @kernel
@@ -38,7 +38,7 @@ def meet_walls(a: System, p: Words, keep: bool):
 
     keep: whether springs are advanced in memory.
     """
-    n = wp.tid()
+    n = this_thread(wp.tid())
     # first come those by edges of all members, 32 of one side by side, and then the others
     slots = a.rows.shape[0]
     s = (n // 32) % slots

@@ -5,7 +5,7 @@ from __future__ import annotations
 from labbook_dem.words import FRICTION, func, struct, wide
 
 from labbook_warp.kernels.spheres import Grain, at_walls, with_neighbour
-from labbook_warp.kernels.sums import Sums, amount, of_walls, over_lanes, plus
+from labbook_warp.kernels.sums import Sums, amount, joined_sums, of_walls, over_lanes, plus
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.words import (
     ANY_WALLS,
@@ -67,9 +67,6 @@ def forces(
     sums = Sums()
     held = wp.uint32(0)
     wall_held = wp.uint32(0)
-    if APART:
-        if near.walls != wp.uint32(0):
-            sums = of_walls(a, i)
     # neighbours are looked up two ahead: the store of a spring would hold the next load back
     following = int(near.first)
     beyond = int(near.second)
@@ -86,6 +83,9 @@ def forces(
             if FRICTION:
                 if keep:
                     a.spring[at] = c.spring
+    if APART:
+        if near.walls != wp.uint32(0):
+            sums = joined_sums(sums, of_walls(a, i))
     if ANY_WALLS and not APART:
         walls = near.walls
         old = near.wall_held

@@ -12,7 +12,7 @@ from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.mixed import spot
 from labbook_warp.kernels.spheres import Grain, apart2, grain, mark, near_walls, strayed
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
-from labbook_warp.kernels.words import ANY_WALLS, LANES, PARKED, REACH, SHARED, Words, float32, kernel, wp
+from labbook_warp.kernels.words import ANY_WALLS, LOOKERS, PARKED, REACH, SHARED, Words, float32, kernel, wp
 
 
 @kernel
@@ -90,7 +90,7 @@ def fill(a: System, p: Words):
 
 @func
 def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane: int):
-    """Put the rows near row r into its new list: in order of distance, unless threads share the grain. How many."""
+    """Put the rows near row r into its new list, in any order. How many, where no other threads share the grain."""
     i = s * a.cap + r
     b = a.place[s]
     cx = wrapped(g.x[0], b.cell, b.gx)
@@ -98,7 +98,7 @@ def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane
     cz = wrapped(g.x[2], b.cell, b.gz)
     across = 2 * REACH + 1
     found = int(0)
-    for side in range(lane, across * across * across, LANES):
+    for side in range(lane, across * across * across, LOOKERS):
         dx = side % across - REACH
         dy = side // across % across - REACH
         dz = side // (across * across) - REACH
@@ -111,14 +111,11 @@ def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane
                 if d2 < listed2(a, m, i, s * a.cap + o) and o != r:
                     if SHARED:
                         found = wp.atomic_add(a.found, i, 1)
-                        if found < a.near:
-                            to = entry(a, s, a.near, found, r)
-                            a.new_key[to] = wp.float32(d2)
-                            a.new_nbr[to] = o
-                    else:
-                        if found < a.near:
-                            insert(a, s, r, found, o, wp.float32(d2))
-                        found = found + 1
+                    if found < a.near:
+                        to = entry(a, s, a.near, found, r)
+                        a.new_key[to] = wp.float32(d2)
+                        a.new_nbr[to] = o
+                    found = found + 1
     return found
 
 
@@ -126,14 +123,14 @@ def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane
 def gather(a: System, p: Words):
     """Where threads share a grain: let them look for its neighbours together."""
     thread = wp.tid()
-    i = thread // LANES
+    i = thread // LOOKERS
     s = i // a.cap
     r = i - s * a.cap
     if a.flag[s] == 1 and r < a.rows[s]:
         m = material(a, s)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            look_around(a, p, m, s, r, g, thread - i * LANES)
+            look_around(a, p, m, s, r, g, thread - i * LOOKERS)
 
 
 @kernel
@@ -152,11 +149,12 @@ def build(a: System, p: Words):
             if SHARED:
                 found = a.found[i]
                 a.found[i] = 0
-                for k in range(1, min(found, a.near)):
-                    at = entry(a, s, a.near, k, r)
-                    insert(a, s, r, k, a.new_nbr[at], a.new_key[at])
             else:
                 found = look_around(a, p, m, s, r, g, 0)
+            # sorted after all are found: threads side by side find theirs one after another, but sort at the same time
+            for k in range(1, min(found, a.near)):
+                at = entry(a, s, a.near, k, r)
+                insert(a, s, r, k, a.new_nbr[at], a.new_key[at])
             if found > a.near:
                 wp.atomic_max(a.overflow, 2 * s, found)
                 found = a.near
@@ -194,10 +192,11 @@ def carry(a: System, s: int, r: int, i: int, found: int):
             to = entry(a, s, a.near, k, r)
             o = a.new_nbr[to]
             for b in range(count):
-                at = entry(a, s, a.near, b, r)
-                if a.nbr[at] == o and has_bit(old, b):
-                    a.new_spring[to] = a.spring[at]
-                    held = held | (wp.uint32(1) << wp.uint32(k))
+                if has_bit(old, b):
+                    at = entry(a, s, a.near, b, r)
+                    if a.nbr[at] == o:
+                        a.new_spring[to] = a.spring[at]
+                        held = held | (wp.uint32(1) << wp.uint32(k))
     for k in range(found):
         to = entry(a, s, a.near, k, r)
         a.nbr[to] = a.new_nbr[to]

@@ -8,12 +8,12 @@ from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
 
 from labbook_warp.kernels.mixed_rods import motion, spot
-from labbook_warp.kernels.rod_walls import edge_near, edges, part_distance
+from labbook_warp.kernels.rod_walls import edge_near, edge_of_two, edges, part_distance
 from labbook_warp.kernels.rods import Grain
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, uint32, wp
+from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, or_lanes, uint32, wp
 
 
 @func
@@ -111,19 +111,71 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
 
 
 @func
+def without_walls(near: uint32, n: int):
+    """The walls that are near, but for the first n of them."""
+    for _k in range(n):
+        if near != wp.uint32(0):
+            near = near & ~(wp.uint32((1 << PARTS) - 1) << wp.uint32(first_bit(near) // PARTS * PARTS))
+    return near
+
+
+@func
 def at_walls(
     a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
 ):  # fmt: skip
-    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held."""
+    """`sums` with the contacts with all walls that are `near`, and at which springs are held; old: were held.
+
+    Of threads that share the grain, each gives its share.
+    """
     held = wp.uint32(0)
-    turn = int(0)  # the threads that share a grain take whole walls in turn: parts hand their springs on
+    if SHARED:
+        sums, held = abreast(a, m, s, r, lane, g, near, old, sums, keep)
+    else:
+        sums, held = one_by_one(a, m, s, r, g, near, old, sums, keep)
+    return sums, held
+
+
+@func
+def abreast(
+    a: System, m: Material, s: int, r: int, lane: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
+):  # fmt: skip
+    """Each thread takes one part of one wall at a time. No spring is read that another writes: see `heir`."""
+    held = wp.uint32(0)
+    part = lane % PARTS
+    near = without_walls(near, lane // PARTS)
+    while near != wp.uint32(0):
+        q = first_bit(near) // PARTS
+        parts = parts_of(near, q)
+        near = without_walls(near, LANES // PARTS)
+        wall = s * a.walls + q
+        met, on = edge_of_two(a, wall, g.x, g.axis, m.half, m.reach, parts, part)
+        distance, normal, at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part, met, on, met, on)
+        touches = wp.uint32(0)
+        if has(parts, part) and distance < m.reach:
+            touches = wp.uint32(1) << wp.uint32(part)
+        now = int(or_lanes(touches, PARTS))
+        if has(now, part):
+            source = heir(part, parts_of(old, q), now)
+            first = entry(a, s, a.walls * PARTS, q * PARTS, r)
+            c = with_wall(a, m, wall, first + source * a.cap, source >= 0, g, distance, normal, at)
+            sums = plus(sums, c, m)
+            held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+            if FRICTION:
+                if keep:
+                    a.wall_spring[first + part * a.cap] = c.spring
+    return sums, held
+
+
+@func
+def one_by_one(
+    a: System, m: Material, s: int, r: int, g: Grain, near: uint32, old: uint32, sums: Sums, keep: bool
+):  # fmt: skip
+    """One thread takes all parts of all walls."""
+    held = wp.uint32(0)
     while near != wp.uint32(0):
         q = first_bit(near) // PARTS
         left = parts_of(near, q)
-        near = near & ~(wp.uint32((1 << PARTS) - 1) << wp.uint32(q * PARTS))
-        if turn != lane and SHARED:
-            left = 0
-        turn = (turn + 1) % LANES
+        near = without_walls(near, 1)
         # once to see which parts touch, and once more for their forces: who inherits a spring depends on all
         now = int(0)
         looking = bool(True)

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from labbook_dem.walls.frustum import frustum_distance, frustum_end, frustum_rims
+from labbook_dem.walls.frustum import (
+    frustum_distance,
+    frustum_part,
+    frustum_rims,
+    is_across,
+    leaves_plate,
+    nearest_to_rim,
+    rim_met,
+    two_minima,
+)
 from labbook_dem.walls.plane import plane_rod
 from labbook_dem.walls.strip import strip_distance, strip_rod
 from labbook_dem.words import func, wide, wide3
 
 from labbook_warp.kernels.system import System
-from labbook_warp.kernels.words import FRUSTUMS, LOOKS, PLANES, STRIPS, rare_func
+from labbook_warp.kernels.words import FRUSTUMS, LOOKS, PLANES, STRIPS, other_of_two, rare_func
 
 
 @rare_func
@@ -31,6 +40,39 @@ def edges(a: System, wall: int, x: wide3, axis: wide3, half: wide, radius: wide,
             rim = wide3(b[0], wide(0.0), b[1])
             met, s, other, back = rims(rim, wide3(b[2], wide(0.0), b[3]), b[4], x, axis, half, radius)
     return met, s, other, back
+
+
+@func
+def rim_of_two(rim: wide3, along: wide3, length: wide, x: wide3, axis: wide3, half: wide, radius: wide, second: bool):
+    """As `frustum_rims`, one edge each of two neighbouring threads: the `second` looks from the other end."""
+    a = -axis if second else axis
+    first = leaves_plate(rim, along, x, a, half)
+    last = -other_of_two(first)
+    met = wide(1e9)
+    s = wide(0.0)
+    if is_across(rim, along, x, a, half, first, last, last if second else first):
+        s = nearest_to_rim(rim, x, a, first, last)
+        back = -other_of_two(s)
+        two = two_minima(s, back, half)
+        if two or not second:
+            met = rim_met(rim, along, length, x, a, half, radius, s, two)
+    return met, (-s if second else s)
+
+
+@func
+def edge_of_two(a: System, wall: int, x: wide3, axis: wide3, half: wide, radius: wide, parts: int, part: int):
+    """Of part 2 or 3, by threads side by side: distance [m] from a frustum's edge, and where on the segment.
+
+    parts: those that are near the wall, as bits.
+    """
+    met = wide(1e9)
+    s = wide(0.0)
+    if FRUSTUMS:
+        if a.wall_kind[wall] == 2 and parts > 3 and part > 1:
+            b = a.wall_shape[wall]
+            rim = wide3(b[0], wide(0.0), b[1])
+            met, s = rim_of_two(rim, wide3(b[2], wide(0.0), b[3]), b[4], x, axis, half, radius, part == 3)
+    return met, s
 
 
 @func
@@ -58,11 +100,8 @@ def part_distance(
         if kind == 2:
             rim = wide3(b[0], wide(0.0), b[1])
             along = wide3(b[2], wide(0.0), b[3])
-            if part < 2:
-                distance, normal, s = frustum_end(rim, along, b[4], x, axis, half, part)
-            else:
-                s = on if part == 2 else back
-                _distance, normal = frustum_distance(rim, along, b[4], x + axis * s)
+            distance, normal, s = frustum_part(rim, along, b[4], x, axis, half, part, on if part == 2 else back)
+            if part > 1:
                 distance = met if part == 2 else other
     return distance, normal, s
 

@@ -8,7 +8,7 @@ from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces, listed
 from labbook_warp.kernels.spheres import Grain, Own, at_rest, grain, moved, own, spinning, store, whole
-from labbook_warp.kernels.system import Material, System, material
+from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.words import (
     APART,
     BAD_OVERLAP,
@@ -25,11 +25,13 @@ from labbook_warp.kernels.words import (
     SHARED,
     WORDS,
     Words,
+    ask_for_lists,
     hot_kernel,
     int64,
     kernel,
     load_word,
     store_word,
+    this_thread,
     widen,
     wp,
 )
@@ -117,7 +119,7 @@ def pass_on(p: Words, q: Words, i: int):
 @hot_kernel
 def step(a: System, p: Words, q: Words, sub: int):
     """Step `sub` of this beat, for every member: from p to q."""
-    thread = wp.tid()
+    thread = this_thread(wp.tid())
     i = thread // LANES
     lane = thread - i * LANES
     s = i // a.cap
@@ -126,6 +128,8 @@ def step(a: System, p: Words, q: Words, sub: int):
         m = material(a, s)
         near = listed(a, s, r, lane)
         g = grain(p, m, i)
+        if not SHARED:
+            ask_for_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap)
         if g.x[2] > wide(0.5) * wide(PARKED):
             o = Own()
             if SHARED:  # where grains are many, it would occupy registers meanwhile

@@ -124,6 +124,21 @@ def of_walls(a: System, i: int):
 
 
 @func
+def joined_sums(one: Sums, other: Sums):
+    """Both together."""
+    new = Sums()
+    new.force = one.force + other.force
+    new.deepest = max(one.deepest, other.deepest)
+    if FINE:
+        new.fine_force = one.fine_force + other.fine_force
+    if TORQUES:
+        new.torque = one.torque + other.torque
+        if FINE:
+            new.fine_torque = one.fine_torque + other.fine_torque
+    return new
+
+
+@func
 def over_lanes(sums: Sums):
     """Sums over all threads that share a grain."""
     new = Sums()
