@@ -7,7 +7,7 @@ from labbook.numerics import Numerics
 from labbook.probes import Probe
 from labbook.scene import Scene
 
-CACHE_VERSION = 3
+CACHE_VERSION = 4
 
 
 class Backend:

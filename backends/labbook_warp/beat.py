@@ -76,7 +76,7 @@ class Beat:
         self._launch(k.clear, self._cells)
         self._launch(k.fill, self._rows, self.arrays.p)
         if self.lanes > 1:
-            self._launch(k.gather, self._rows * k.LOOKERS, self.arrays.p)
+            self._launch(k.gather, self._rows * self.lanes, self.arrays.p)
         self._launch(k.build, self._rows, self.arrays.p)
         self._launch(k.finish, self._slots)
         self._line_up()

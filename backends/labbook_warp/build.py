@@ -77,7 +77,8 @@ def _edges(parts: int) -> int:
 
 
 def module_text(
-    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int, apart: int
+    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int, apart: int,
+    asked: int,
 ) -> str:  # fmt: skip
     """Source of the kernel module of one specialisation."""
     turns = bool(switches["RODS"])
@@ -87,8 +88,8 @@ def module_text(
         "UNIFORM": uniform,
         "LANES": lanes,
         "SHARED": lanes > 1,
-        "LOOKERS": 32 if lanes > 1 else 1,
         "APART": bool(apart),
+        "ASKED": asked,
         "WORDS": Codec(precision == "mixed", turns).words,
         "PARTS": most_parts(switches),
         "EDGES": _edges(most_parts(switches)),
@@ -109,14 +110,15 @@ def module_text(
 @lru_cache(maxsize=64)
 def kernels(
     law: str, precision: str, switches: tuple[tuple[str, int], ...], uniform: bool = False, lanes: int = 1,
-    registers: int = 0, apart: int = 0,
+    registers: int = 0, apart: int = 0, asked: int = 0,
 ) -> ModuleType:  # fmt: skip
     """The kernel module of one specialisation. Compiling happens at first use, per device.
 
     registers: how many a thread of the step may use, and apart: one that meets walls; 0 leaves it to the compiler, and
-    meets walls in the step. Only where threads do not share grains can walls be met apart.
+    meets walls in the step. asked: for how many entries of lists the step asks beforehand. Only where threads do not
+    share grains can walls be met apart, or lists be asked for.
     """
-    assert lanes == 1 or not apart
-    text = module_text(law, precision, dict(switches), uniform, lanes, registers, apart)
+    assert lanes == 1 or not (apart or asked)
+    text = module_text(law, precision, dict(switches), uniform, lanes, registers, apart, asked)
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)

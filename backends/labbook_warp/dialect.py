@@ -7,7 +7,13 @@ import sys
 import warp as wp
 
 wp.set_module_options(
-    {{"enable_backward": False, "fast_math": {fast}, "max_unroll": {unroll}, "default_grid_stride": False}},
+    {{
+        "enable_backward": False,
+        "fast_math": {fast},
+        "fuse_fp": {fast},
+        "max_unroll": {unroll},
+        "default_grid_stride": False,
+    }},
     module=sys.modules[__name__],
 )
 
@@ -111,7 +117,7 @@ def add_lanes(v: wp.int64, lanes: int) -> wp.int64: ...
 
 
 @wp.func_native({ask_for_lists!r})
-def ask_for_lists(springs: Vectors, neighbours: Ints, at: int, cap: int): ...
+def ask_for_lists(springs: Vectors, neighbours: Ints, at: int, cap: int, entries: int): ...
 
 
 @wp.func_native({this_thread!r})
@@ -238,17 +244,18 @@ _ADD_LANES = """
 #endif
     return v;
 """
-# Lists come from afar, and loads wait for them. So the threads of 32 grains in a row ask beforehand for a line of 128
-# bytes each: the first 24 for springs, as far as that goes, the rest for the third to the tenth neighbours (the step
-# knows the first two by then). A list has room for 16. at: where that of this thread's grain begins.
+# Lists that have not stayed in a cache come from afar, and loads wait for them. So the threads of 32 grains in a row
+# ask beforehand for a line of 128 bytes each: of springs, and of the neighbours two entries on, since the step knows of
+# the first two by then. at: where the list of this thread's grain begins; entries: for how many, as far as 32 lines go.
 _ASK_FOR_LISTS = """
 #if defined(__CUDA_ARCH__)
     const int l = threadIdx.x & 31;
     const int lines = sizeof(*springs.data) / 4;
-    const char* line = l < 24
-        ? reinterpret_cast<const char*>(springs.data + (at - l) + l / lines * cap) + l % lines * 128
-        : reinterpret_cast<const char*>(neighbours.data + (at - l) + (l - 22) * cap);
-    asm volatile("prefetch.global.L2 [%0];" :: "l"(line));
+    const int entry = l / (lines + 1), line = l % (lines + 1);
+    const char* there = line < lines
+        ? reinterpret_cast<const char*>(springs.data + (at - l) + entry * cap) + line * 128
+        : reinterpret_cast<const char*>(neighbours.data + (at - l) + (entry + 2) * cap);
+    if (entry < entries) asm volatile("prefetch.global.L2 [%0];" :: "l"(there));
 #endif
 """
 # What Warp gives is worked out for launches of any size and shape.
@@ -288,8 +295,9 @@ _HALVED = """
 def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16) -> str:
     """The header of a kernel module in `double`, or `mixed` (positions in double, all else in single).
 
-    registers, walls: how many a thread of the step, or of the walls, may use; 0 leaves it to the compiler. unroll:
-    loops that are longer are compiled as loops.
+    In double, products and sums are not fused: whether a compiler fuses them depends on what else stands around a
+    formula, and so would its last bit. registers, walls: how many a thread of the step, or of the walls, may use; 0
+    leaves it to the compiler. unroll: loops that are longer are compiled as loops.
     """
     single = precision == "mixed"
     vector, kind = ("float4", "wp::vec4f") if single else ("double2", "wp::vec2d")

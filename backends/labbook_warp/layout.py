@@ -65,7 +65,7 @@ STATE = {
 }
 OF_RODS = {"facing": "one", "turned": "one", "momentum": "one"}
 OF_MIXTURES = {"body": "one"}
-BESIDE = ("beside", "wall_force", "wall_torque", "wall_deep")
+BESIDE = ("beside", "wall_touching", "wall_force", "wall_torque", "wall_deep")
 BESIDE_FINE = ("wall_fine_force", "wall_fine_torque")
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")

@@ -21,15 +21,19 @@ SATURATED = 82_000  # threads that fill a large GPU
 MOST_LANES = 8
 FEW_RODS = ((5_600, 8), (50_000, 4))
 """Threads a rod up to so many rods. Fewer than the parts of a rod at a wall would have to share these out."""
-REGISTERS = {"linear": {"mixed": 72, "double": 128}, "hertz-mindlin": {"mixed": 80, "double": 128}}
+REGISTERS = {"mixed": 80, "double": 128}
 REGISTERS_OF_RODS = {"mixed": 96, "double": 168}
 """A thread of the step, where grains are many."""
 REGISTERS_OF_FEW_RODS = {"mixed": 168, "double": 0}
 """The same where threads share grains; spheres take as many there as the compiler likes."""
 WALLS_OF_RODS = {"mixed": 128, "double": 168}
 """A thread that meets walls, where these have a kernel of their own."""
-ROUND_WALLS = 8
+ROUND_WALLS = {"mixed": 0, "double": 8}
 """Registers more of a sphere that may meet one."""
+BYTES, CACHE = {False: 240, True: 480}, 60_000_000
+"""What a step moves for a grain, a sphere or a rod, and what a large GPU's second cache holds of it, about."""
+ASKED = {False: 4, True: 8}
+"""Entries of a list that are asked for beforehand, where lists do not stay in that cache: of a sphere, or a rod."""
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
@@ -70,11 +74,13 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     if sizes.rods:
         most = (REGISTERS_OF_RODS if many else REGISTERS_OF_FEW_RODS)[precision]
     else:
-        most = REGISTERS[law][precision] + ROUND_WALLS * spec.feature("FRUSTUMS") if many else 0
+        most = REGISTERS[precision] + ROUND_WALLS[precision] * spec.feature("FRUSTUMS") if many else 0
     switches = tuple((name, spec.feature(name)) for name in SWITCHES)
     # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
     apart = WALLS_OF_RODS[precision] if many and sizes.rods and spec.feature("ANY_WALLS") else 0
-    return kernels(law, precision, switches, uniform, lanes, most, apart=apart)
+    far = sizes.rows * BYTES[sizes.rods] > CACHE
+    asked = ASKED[sizes.rods] if many and far else 0
+    return kernels(law, precision, switches, uniform, lanes, most, apart=apart, asked=asked)
 
 
 def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:

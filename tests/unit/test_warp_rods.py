@@ -192,7 +192,7 @@ def test_a_kernel_of_their_own_for_walls_decides_no_bit(precision, bed, monkeypa
     scene, how = silo(40), numerics(precision)
     start, kernels, ends = opened(bed, scene.close(), scene), room.kernels, []
     for one in (128, 0):
-        monkeypatch.setattr(room, "kernels", lambda *key, apart, one=one: kernels(*key, apart=one))
+        monkeypatch.setattr(room, "kernels", lambda *key, apart, one=one, **how: kernels(*key, apart=one, **how))
         ends.append(run(scene, how, start, 20)[0])
     assert identical(*ends)
     assert (ends[0].wall_part > 1).any(), "none lies across the edge"

@@ -56,7 +56,7 @@ def meet_walls(a: System, p: Words, keep: bool):
         g = grain(p, m, i)
         if r < a.rows[s] and g.x[2] > wide(0.5) * wide(PARKED):
             sums, held = at_walls(a, m, s, r, 0, g, a.wall_near[i], a.wall_held[i], Sums(), keep)
-            put_aside(a, i, sums)
+            put_aside(a, i, held, sums)
             if keep:
                 if held != a.wall_held[i]:
                     a.wall_held[i] = held

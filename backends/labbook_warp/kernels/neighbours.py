@@ -12,7 +12,7 @@ from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.mixed import spot
 from labbook_warp.kernels.spheres import Grain, apart2, grain, mark, near_walls, strayed
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
-from labbook_warp.kernels.words import ANY_WALLS, LOOKERS, PARKED, REACH, SHARED, Words, float32, kernel, wp
+from labbook_warp.kernels.words import ANY_WALLS, LANES, PARKED, REACH, SHARED, Words, float32, kernel, wp
 
 
 @kernel
@@ -98,7 +98,7 @@ def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane
     cz = wrapped(g.x[2], b.cell, b.gz)
     across = 2 * REACH + 1
     found = int(0)
-    for side in range(lane, across * across * across, LOOKERS):
+    for side in range(lane, across * across * across, LANES):
         dx = side % across - REACH
         dy = side // across % across - REACH
         dz = side // (across * across) - REACH
@@ -123,14 +123,14 @@ def look_around(a: System, p: Words, m: Material, s: int, r: int, g: Grain, lane
 def gather(a: System, p: Words):
     """Where threads share a grain: let them look for its neighbours together."""
     thread = wp.tid()
-    i = thread // LOOKERS
+    i = thread // LANES
     s = i // a.cap
     r = i - s * a.cap
     if a.flag[s] == 1 and r < a.rows[s]:
         m = material(a, s)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
-            look_around(a, p, m, s, r, g, thread - i * LOOKERS)
+            look_around(a, p, m, s, r, g, thread - i * LANES)
 
 
 @kernel

@@ -11,6 +11,7 @@ from labbook_warp.kernels.spheres import Grain, Own, at_rest, grain, moved, own,
 from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.words import (
     APART,
+    ASKED,
     BAD_OVERLAP,
     BAD_SPEED,
     BAD_STATE,
@@ -128,8 +129,8 @@ def step(a: System, p: Words, q: Words, sub: int):
         m = material(a, s)
         near = listed(a, s, r, lane)
         g = grain(p, m, i)
-        if not SHARED:
-            ask_for_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap)
+        if ASKED > 0:
+            ask_for_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap, ASKED)
         if g.x[2] > wide(0.5) * wide(PARKED):
             o = Own()
             if SHARED:  # where grains are many, it would occupy registers meanwhile

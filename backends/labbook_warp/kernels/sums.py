@@ -11,7 +11,18 @@ from __future__ import annotations
 from labbook_dem.words import FRICTION, dot, func, narrow, real, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.system import Material, System
-from labbook_warp.kernels.words import FINE, LANES, NO_NUMBER, TORQUES, Vectors, add_lanes, most_lanes, quanta3, wp
+from labbook_warp.kernels.words import (
+    FINE,
+    LANES,
+    NO_NUMBER,
+    TORQUES,
+    Vectors,
+    add_lanes,
+    most_lanes,
+    quanta3,
+    uint32,
+    wp,
+)
 
 
 @struct
@@ -96,16 +107,18 @@ def plus(sums: Sums, c: Contact, m: Material):
 
 
 @func
-def put_aside(a: System, i: int, sums: Sums):
-    """Keep the sums over contacts of grain i with walls."""
-    a.wall_force[i] = sums.force
-    a.wall_deep[i] = sums.deepest
-    if FINE:
-        a.wall_fine_force[i] = sums.fine_force
-    if TORQUES:
-        a.wall_torque[i] = sums.torque
+def put_aside(a: System, i: int, touching: uint32, sums: Sums):
+    """Keep which walls grain i touches, as bits, and the sums over its contacts with them, where there are any."""
+    a.wall_touching[i] = touching
+    if touching != wp.uint32(0):
+        a.wall_force[i] = sums.force
+        a.wall_deep[i] = sums.deepest
         if FINE:
-            a.wall_fine_torque[i] = sums.fine_torque
+            a.wall_fine_force[i] = sums.fine_force
+        if TORQUES:
+            a.wall_torque[i] = sums.torque
+            if FINE:
+                a.wall_fine_torque[i] = sums.fine_torque
 
 
 @func

@@ -113,6 +113,7 @@ class System:
     # where walls are met apart: rows of a slot that have a wall near, those by an edge at the end, and how many of each
     beside: Ints
     beside_count: Ints
+    wall_touching: Bits  # walls, or parts of them, that are touched now: of a grain that has any near
     wall_force: Quanta  # sums over contacts with walls; an array of records would be copied byte by byte
     wall_torque: Quanta
     wall_fine_force: Quanta
