@@ -26,7 +26,13 @@ class Backend:
     )
 
     def __init__(self, lanes: int | None = None):
-        """lanes: threads a grain on a GPU, a power of two up to 8, or None for as many as keep it busy."""
+        """lanes: threads a grain on a GPU, or None for as many as suit. Where several share a rod, each part of it that
+        may touch a wall has one of its own: they are four at least, or two if all walls are planes.
+
+        Raises ValueError unless they are 1, 2, 4 or 8.
+        """
+        if lanes not in (None, 1, 2, 4, 8):
+            raise ValueError(f"{lanes} threads a grain are not possible: take 1, 2, 4 or 8")
         self._lanes = lanes
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:

@@ -258,10 +258,10 @@ _ASK_FOR_LISTS = """
     if (entry < entries) asm volatile("prefetch.global.L2 [%0];" :: "l"(there));
 #endif
 """
-# What Warp gives is worked out for launches of any size and shape.
+# What Warp gives is worked out in 64 bits, for launches of any shape. This is the same for all that have one dimension.
 _THIS_THREAD = """
 #if defined(__CUDA_ARCH__)
-    return (int)(blockIdx.x * blockDim.x + threadIdx.x);
+    return (int)(((blockIdx.z * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x) * blockDim.x + threadIdx.x);
 #else
     return i;
 #endif

@@ -20,7 +20,8 @@ MOST_NEAR = 32  # bits of a mask
 SATURATED = 82_000  # threads that fill a large GPU
 MOST_LANES = 8
 FEW_RODS = ((5_600, 8), (50_000, 4))
-"""Threads a rod up to so many rods. Fewer than the parts of a rod at a wall would have to share these out."""
+"""Threads a rod up to so many rods, and one where there are more. Each part of a rod that may touch a wall has a thread
+of its own, where threads share it."""
 REGISTERS = {"mixed": 80, "double": 128}
 REGISTERS_OF_RODS = {"mixed": 96, "double": 168}
 """A thread of the step, where grains are many."""
@@ -33,7 +34,8 @@ ROUND_WALLS = {"mixed": 0, "double": 8}
 BYTES, CACHE = {False: 240, True: 480}, 60_000_000
 """What a step moves for a grain, a sphere or a rod, and what a large GPU's second cache holds of it, about."""
 ASKED = {False: 4, True: 8}
-"""Entries of a list that are asked for beforehand, where lists do not stay in that cache: of a sphere, or a rod."""
+"""Entries of a list that are asked for beforehand, where lists do not stay in that cache: of a sphere, or a rod (in
+double as many as 32 lines hold, some four)."""
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
@@ -79,12 +81,13 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
     apart = WALLS_OF_RODS[precision] if many and sizes.rods and spec.feature("ANY_WALLS") else 0
     far = sizes.rows * BYTES[sizes.rods] > CACHE
-    asked = ASKED[sizes.rods] if many and far else 0
+    asked = ASKED[sizes.rods] if many and far and spec.feature("FRICTION") else 0
+    assert not asked or asked + 2 <= sizes.near, "lines are asked for whether lists are as long or not"
     return kernels(law, precision, switches, uniform, lanes, most, apart=apart, asked=asked)
 
 
 def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
-    """Threads a grain, a power of two; unless asked for, as many as keep the device busy. They decide no bit."""
+    """Threads a grain, a power of two; unless asked for, what is fastest. They decide no bit."""
     if not device.is_cuda:
         return 1
     if asked:

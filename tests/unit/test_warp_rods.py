@@ -54,6 +54,19 @@ def trough() -> Scene:
     return silo(40).model_copy(update={"container": Primitives(parts=(*sides, *plates), outlet_plane=0.0)})
 
 
+def planes() -> Scene:
+    """A box: a rod touches each wall at two parts at most."""
+    return silo(40).model_copy(update={"container": Box(width=0.08, depth=0.08, height=1.0)})
+
+
+def on_the_floor(scene: Scene, bed: Packing) -> Packing:
+    """The bed in another container, or its own opened; without springs at walls, whose names are others there."""
+    if scene == silo(40):
+        return opened(bed, scene.close(), scene)
+    none = {"wall_grain": np.zeros(0, np.int64), "wall_name": np.zeros(0, "U40"), "wall_part": np.zeros(0, np.int64)}
+    return replace(bed, wall_spring=np.zeros((0, 3)), **none)
+
+
 @pytest.mark.parametrize(
     ("precision", "scene"),
     [
@@ -216,15 +229,25 @@ def test_forces_too_large_to_be_counted_are_caught(spin, precision, bed):
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("precision", PRECISIONS)
-def test_threads_that_share_a_grain_decide_no_bit(precision, bed):
-    """On a GPU, where one thread a grain leaves walls to a kernel of their own, and several meet them in the step."""
+@pytest.mark.parametrize("scene", [silo(40), trough(), planes()], ids=["frustums", "strips and planes", "planes"])
+def test_threads_that_share_a_grain_decide_no_bit(scene, precision, bed, monkeypatch):
+    """On a GPU, where one thread a grain leaves walls to a kernel of their own, and several meet them in the step; and
+    whether lists are asked for beforehand."""
     if not wp.get_cuda_device_count():
         pytest.skip("there is no CUDA device")
-    scene, how = silo(40), numerics(precision)
-    start = opened(bed, scene.close(), scene)
+    how, start = numerics(precision), on_the_floor(scene, bed)
     ends = [run(scene, how, start, 20, lanes=lanes, device="cuda:0")[0] for lanes in (1, 2, 4, 8)]
+    monkeypatch.setattr(room, "CACHE", 0)
+    ends.append(run(scene, how, start, 20, lanes=1, device="cuda:0")[0])
     assert all(identical(end, ends[0]) for end in ends[1:])
-    assert (ends[0].wall_part > 1).any(), "none lies across the edge"
+    if scene == silo(40):
+        assert (ends[0].wall_part > 1).any(), "none lies across the edge"
+
+
+@pytest.mark.parametrize("lanes", [0, 3, 16])
+def test_a_number_of_threads_that_masks_cannot_name_is_refused(lanes):
+    with pytest.raises(ValueError, match="1, 2, 4 or 8"):
+        Backend(lanes=lanes)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

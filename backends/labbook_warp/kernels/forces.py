@@ -32,7 +32,8 @@ class Listed:
     first: int  # the row of the first neighbour of this thread, and of the second
     second: int
     walls: uint32  # walls, or parts of them, that are near, as bits; where they are asked for early, as the next
-    wall_held: uint32  # springs held there, or where walls are met apart those that are touched now
+    wall_held: uint32  # springs held there
+    touching: uint32  # where walls are met apart: those that are touched now, if any are near
 
 
 @func
@@ -48,7 +49,7 @@ def listed(a: System, s: int, r: int, lane: int):
     found.second = second
     if APART:
         found.walls = load_bits_now(a.wall_near, i)
-        found.wall_held = load_bits_now(a.wall_touching, i)
+        found.touching = load_bits_now(a.wall_touching, i)
     if SHARED and ANY_WALLS:
         found.walls = load_bits_now(a.wall_near, i)
         found.wall_held = load_bits_now(a.wall_held, i)
@@ -85,7 +86,7 @@ def forces(
                 if keep:
                     a.spring[at] = c.spring
     if APART:
-        if (near.walls & near.wall_held) != wp.uint32(0):  # of grains that have none near, what is touched is of old
+        if (near.walls & near.touching) != wp.uint32(0):  # the bits of grains that have none near are stale
             sums = joined_sums(sums, of_walls(a, i))
     if ANY_WALLS and not APART:
         walls = near.walls

@@ -114,7 +114,9 @@ class System:
     beside: Ints
     beside_count: Ints
     wall_touching: Bits  # walls, or parts of them, that are touched now: of a grain that has any near
-    wall_force: Quanta  # sums over contacts with walls; an array of records would be copied byte by byte
+    wall_force: (
+        Quanta  # sums over contacts with walls, where any is touched; an array of records would be copied byte by byte
+    )
     wall_torque: Quanta
     wall_fine_force: Quanta
     wall_fine_torque: Quanta
