@@ -91,9 +91,9 @@ def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
     if not device.is_cuda:
         return 1
     if asked:
-        return min(max(asked, sizes.parts) if asked > 1 else 1, MOST_LANES)
+        return max(asked, sizes.parts) if asked > 1 else 1
     if sizes.rods:
-        return next((lanes for rows, lanes in FEW_RODS if sizes.rows <= rows), 1)
+        return next((threads for rows, threads in FEW_RODS if sizes.rows <= rows), 1)
     wanted = min(MOST_LANES, max(1, SATURATED // max(1, sizes.rows)))
     return 1 << (wanted.bit_length() - 1)
 

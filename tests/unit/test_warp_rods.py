@@ -240,8 +240,7 @@ def test_threads_that_share_a_grain_decide_no_bit(scene, precision, bed, monkeyp
     monkeypatch.setattr(room, "CACHE", 0)
     ends.append(run(scene, how, start, 20, lanes=1, device="cuda:0")[0])
     assert all(identical(end, ends[0]) for end in ends[1:])
-    if scene == silo(40):
-        assert (ends[0].wall_part > 1).any(), "none lies across the edge"
+    assert (ends[0].wall_part > 1).any() or scene == planes(), "none lies across the edge"
 
 
 @pytest.mark.parametrize("lanes", [0, 3, 16])

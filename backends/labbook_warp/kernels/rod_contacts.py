@@ -81,6 +81,25 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain, 
 
 
 @func
+def meet(
+    a: System, m: Material, s: int, r: int, q: int, part: int, was: int, now: int, g: Grain, distance: wide,
+    normal: wide3, at: wide, keep: bool,
+):  # fmt: skip
+    """The contact of row r with a part of wall q at the point `at` [m] of the segment, and the spring it goes on with.
+
+    was, now: the parts of that wall that touched a step ago and that touch now, as bits; keep: whether the spring is
+    advanced in memory.
+    """
+    source = heir(part, was, now)
+    first = entry(a, s, a.walls * PARTS, q * PARTS, r)
+    c = with_wall(a, m, s * a.walls + q, first + source * a.cap, source >= 0, g, distance, normal, at)
+    if FRICTION:
+        if keep:
+            a.wall_spring[first + part * a.cap] = c.spring
+    return c
+
+
+@func
 def parts_of(mask: uint32, q: int):
     """The bits of wall q."""
     return int((mask >> wp.uint32(q * PARTS)) & wp.uint32((1 << PARTS) - 1))
@@ -104,9 +123,7 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     c = Contact()
     if has(now, part):
         distance, normal, at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part, met, on, twin, back)
-        source = heir(part, parts_of(old, q), now)
-        spring = entry(a, s, a.walls * PARTS, q * PARTS + source, r)
-        c = with_wall(a, m, wall, spring, source >= 0, g, distance, normal, at)
+        c = meet(a, m, s, r, q, part, parts_of(old, q), now, g, distance, normal, at, False)
     return c
 
 
@@ -155,14 +172,9 @@ def abreast(
             touches = wp.uint32(1) << wp.uint32(part)
         now = int(or_lanes(touches, PARTS))
         if has(now, part):
-            source = heir(part, parts_of(old, q), now)
-            first = entry(a, s, a.walls * PARTS, q * PARTS, r)
-            c = with_wall(a, m, wall, first + source * a.cap, source >= 0, g, distance, normal, at)
+            c = meet(a, m, s, r, q, part, parts_of(old, q), now, g, distance, normal, at, keep)
             sums = plus(sums, c, m)
             held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
-            if FRICTION:
-                if keep:
-                    a.wall_spring[first + part * a.cap] = c.spring
     return sums, held
 
 
@@ -193,16 +205,9 @@ def one_by_one(
                     left = now
                     looking = False
             else:
-                source = heir(part, parts_of(old, q), now)
-                first = entry(a, s, a.walls * PARTS, q * PARTS, r)
-                c = with_wall(
-                    a, m, s * a.walls + q, first + source * a.cap, source >= 0, g, distance, normal, at
-                )  # fmt: skip
+                c = meet(a, m, s, r, q, part, parts_of(old, q), now, g, distance, normal, at, keep)
                 sums = plus(sums, c, m)
                 held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
-                if FRICTION:
-                    if keep:
-                        a.wall_spring[first + part * a.cap] = c.spring
     return sums, held
 
 

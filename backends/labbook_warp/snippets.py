@@ -1,0 +1,140 @@
+"""What Warp has no words for, in C++: for the GPU, and the same for the processor. `dialect` gives it its names."""
+
+# A word is 16 bytes: one load, through the read-only path (a step never writes the words that it reads).
+LOAD = """
+#if defined(__CUDA_ARCH__)
+    {vector} t = __ldg(reinterpret_cast<const {vector}*>(array.data + k)); return {type}({parts});
+#else
+    return array.data[k];
+#endif
+"""
+STORE = """
+#if defined(__CUDA_ARCH__)
+    *reinterpret_cast<{vector}*>(array.data + k) = make_{vector}({parts});
+#else
+    array.data[k] = v;
+#endif
+"""
+LOAD_INT = """
+#if defined(__CUDA_ARCH__)
+    return __ldg(array.data + k);
+#else
+    return array.data[k];
+#endif
+"""
+# Four numbers as few loads or stores. Loads stay where they stand, as those below.
+LOAD_FOUR_SINGLES = """
+#if defined(__CUDA_ARCH__)
+    float a, b, c, d;
+    asm volatile("ld.volatile.global.v4.f32 {%0, %1, %2, %3}, [%4];"
+        : "=f"(a), "=f"(b), "=f"(c), "=f"(d) : "l"(array.data + k));
+    return wp::vec4f(a, b, c, d);
+#else
+    return array.data[k];
+#endif
+"""
+STORE_FOUR_SINGLES = """
+#if defined(__CUDA_ARCH__)
+    *reinterpret_cast<float4*>(array.data + k) = make_float4(v[0], v[1], v[2], v[3]);
+#else
+    array.data[k] = v;
+#endif
+"""
+LOAD_FOUR_DOUBLES = """
+#if defined(__CUDA_ARCH__)
+    double a, b, c, d;
+    asm volatile("ld.volatile.global.v2.f64 {%0, %1}, [%2];" : "=d"(a), "=d"(b) : "l"(array.data + k));
+    asm volatile("ld.volatile.global.v2.f64 {%0, %1}, [%2 + 16];" : "=d"(c), "=d"(d) : "l"(array.data + k));
+    return wp::vec4d(a, b, c, d);
+#else
+    return array.data[k];
+#endif
+"""
+STORE_FOUR_DOUBLES = """
+#if defined(__CUDA_ARCH__)
+    double2* to = reinterpret_cast<double2*>(array.data + k);
+    to[0] = make_double2(v[0], v[1]); to[1] = make_double2(v[2], v[3]);
+#else
+    array.data[k] = v;
+#endif
+"""
+# A load that stays where it stands: compilers would put it off to where the number is needed, and then wait for it.
+# What a kernel stores to the same place depends on what it has loaded, so that no store can come before.
+LOAD_NOW = """
+#if defined(__CUDA_ARCH__)
+    int t; asm volatile("ld.volatile.global.s32 %0, [%1];" : "=r"(t) : "l"(array.data + k)); return t;
+#else
+    return array.data[k];
+#endif
+"""
+# Approximate arithmetic treats the tiniest singles as zero, and looks for them in every conversion: not in these.
+ROUNDED = """
+#if defined(__CUDA_ARCH__)
+    float s; asm("cvt.rn.f32.f64 %0, %1;" : "=f"(s) : "d"(v)); return s;
+#else
+    return (float)v;
+#endif
+"""
+WIDENED = """
+#if defined(__CUDA_ARCH__)
+    double d; asm("cvt.f64.f32 %0, %1;" : "=d"(d) : "f"(v)); return d;
+#else
+    return (double)v;
+#endif
+"""
+SAME = " return v; "
+# Sum (elsewhere: bits, largest) over the `lanes` neighbouring threads that share a grain.
+ADD_LANES = """
+#if defined(__CUDA_ARCH__)
+    unsigned lane = threadIdx.x & 31u;
+    unsigned mask = ((1u << lanes) - 1u) << (lane & ~(unsigned)(lanes - 1));
+    for (int o = lanes >> 1; o > 0; o >>= 1) v += __shfl_xor_sync(mask, v, o);
+#endif
+    return v;
+"""
+# Lists that have not stayed in a cache come from afar, and loads wait for them. So the threads of 32 grains in a row
+# ask beforehand for a line of 128 bytes each: of springs, and of the neighbours two entries on, since the step knows of
+# the first two by then. at: where the list of this thread's grain begins; entries: for how many, as far as 32 lines go.
+ASK_FOR_LISTS = """
+#if defined(__CUDA_ARCH__)
+    const int l = threadIdx.x & 31;
+    const int lines = sizeof(*springs.data) / 4;
+    const int entry = l / (lines + 1), line = l % (lines + 1);
+    const char* there = line < lines
+        ? reinterpret_cast<const char*>(springs.data + (at - l) + entry * cap) + line * 128
+        : reinterpret_cast<const char*>(neighbours.data + (at - l) + (entry + 2) * cap);
+    if (entry < entries) asm volatile("prefetch.global.L2 [%0];" :: "l"(there));
+#endif
+"""
+# What Warp gives is worked out in 64 bits, for launches of any shape. This is the same for all that have one dimension.
+THIS_THREAD = """
+#if defined(__CUDA_ARCH__)
+    return (int)(((blockIdx.z * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x) * blockDim.x + threadIdx.x);
+#else
+    return i;
+#endif
+"""
+OTHER_OF_TWO = """
+#if defined(__CUDA_ARCH__)
+    return __shfl_xor_sync(3u << (threadIdx.x & 30u), v, 1);
+#else
+    return v;
+#endif
+"""
+FIRST_BIT = """
+#if defined(__CUDA_ARCH__)
+    return __ffs((int)mask) - 1;
+#else
+    int k = 0; while (!((mask >> k) & 1u)) k++; return k;
+#endif
+"""
+WITHOUT_FIRST = """
+    for (int k = 0; k < n; k++) mask &= mask - 1u;
+    return mask;
+"""
+JOINED = """
+    union { float f[2]; double d; } u; u.f[0] = low; u.f[1] = high; return u.d;
+"""
+HALVED = """
+    union { float f[2]; double d; } u; u.d = v; return high ? u.f[1] : u.f[0];
+"""
