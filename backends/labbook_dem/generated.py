@@ -5,8 +5,16 @@ import importlib.util
 import os
 import sys
 import tempfile
+import threading
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from types import ModuleType
+from typing import ParamSpec, TypeVar
+
+Arguments = ParamSpec("Arguments")
+Made = TypeVar("Made")
+_making = threading.RLock()
 
 
 def cache_folder(engine: str) -> Path:
@@ -20,6 +28,21 @@ def cache_folder(engine: str) -> Path:
 def digest(*parts: str) -> str:
     """Hash of all that decides what a module compiles to."""
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
+
+
+def alone(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
+    """`make`, by one thread at a time, whichever engine it belongs to.
+
+    What generates or imports a module parses Python, and before 3.11.8 its parser fails now and then in two threads at
+    once (SystemError: AST constructor recursion depth mismatch).
+    """
+
+    @wraps(make)
+    def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+        with _making:
+            return make(*args, **kwargs)
+
+    return locked
 
 
 def load(name: str, text: str, folder: Path) -> ModuleType:

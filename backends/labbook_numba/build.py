@@ -143,6 +143,7 @@ def digest(text: str) -> str:
 
 
 @lru_cache(maxsize=64)
+@generated.alone
 def kernels(law: str, precision: str, switches: tuple[tuple[str, int], ...]) -> ModuleType:
     """The kernel module of one specialisation, written if it is not there yet. Compiling happens at first use."""
     text = module_text(law, precision, dict(switches))

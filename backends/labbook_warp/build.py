@@ -108,6 +108,7 @@ def module_text(
 
 
 @lru_cache(maxsize=64)
+@generated.alone
 def kernels(
     law: str, precision: str, switches: tuple[tuple[str, int], ...], uniform: bool = False, lanes: int = 1,
     registers: int = 0, apart: int = 0, asked: int = 0,
