@@ -7,9 +7,10 @@ import numpy as np
 import warp as wp
 
 from labbook_warp.arrays import Arrays, fetch
+from labbook_warp.dialect import BLOCK
+from labbook_warp.kernels.words import TOLD
 
 _PARTS = 64  # threads a member that add up energies
-_BLOCK = 128  # threads that are started together
 
 
 class Beat:
@@ -21,6 +22,10 @@ class Beat:
         sizes = arrays.sizes
         self._rows, self._cells, self._slots = sizes.rows, sizes.slots * sizes.cells, sizes.slots
         self._apart = self.kernels.APART
+        self.told = wp.zeros(1 + TOLD * self._slots, dtype=wp.int64, device=self.device)
+        """What the last beat left behind; see `labbook_warp.report`."""
+        self._arrived = wp.zeros(1, dtype=wp.uint32, device=self.device)
+        self._several = self.fit_at_once()
         self._graph: Any = None
         self._looked: Any = None
 
@@ -29,8 +34,19 @@ class Beat:
         material that all members share, as they were."""
         self.every, self._graph = every, None
 
+    def fit_at_once(self) -> bool:
+        """Whether all threads of a step are on the device at the same time, so that they can wait for one another.
+
+        They are if nothing else runs meanwhile. Programs take turns on a GPU, each with all of it, unless they share it
+        through NVIDIA's Multi-Process Service.
+        """
+        if not self.device.is_cuda or not self.kernels.SHARED:
+            return False
+        size, blocks = wp.get_suggested_block_size(self.kernels.several_steps, self.device)
+        return self._rows * self.lanes <= size * blocks
+
     def _launch(self, kernel: Any, dim: int, *inputs: Any) -> None:
-        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=_BLOCK)
+        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=BLOCK)
 
     def run(self) -> None:
         """Take the beat's steps with every member whose `rows` are not zero."""
@@ -38,7 +54,7 @@ class Beat:
             self._steps()
             return
         if self._graph is None:
-            wp.load_module(self.kernels, device=self.device, block_dim=_BLOCK)
+            wp.load_module(self.kernels, device=self.device, block_dim=BLOCK)
             with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
                 self._steps()
             self._graph = capture.graph
@@ -53,15 +69,21 @@ class Beat:
             some = min(self.every, self.steps - done)
             self._launch(k.check, self._rows, arrays.p, some)
             self._if_asked(self.rebuild)
-            here, there = arrays.p, arrays.q
-            for sub in range(done, done + some):
-                self._meet_walls(here, True)
-                self._launch(k.step, self._rows * self.lanes, here, there, sub)
-                here, there = there, here
+            if self._several:
+                self._launch(k.several_steps, self._rows * self.lanes, arrays.p, arrays.q, done, some, self._arrived)
+            else:
+                self._step_by_step(done, some)
             if some % 2:
                 self._launch(k.bring, self._rows, arrays.q, arrays.p)
             done += some
-        self._launch(k.tick, self._slots, self.steps)
+        self._launch(k.end, self._slots, self.steps, self.told)
+
+    def _step_by_step(self, first: int, some: int) -> None:
+        here, there = self.arrays.p, self.arrays.q
+        for sub in range(first, first + some):
+            self._meet_walls(here, True)
+            self._launch(self.kernels.step, self._rows * self.lanes, here, there, sub)
+            here, there = there, here
 
     def _if_asked(self, what: Callable[[], None]) -> None:
         asked = self.arrays.system.any_flag

@@ -27,6 +27,7 @@ from labbook_warp.kernels import (
     rod_contacts,
     rod_walls,
     rods,
+    several,
     spheres,
     step,
     sums,
@@ -59,6 +60,7 @@ STATE = {
 }
 PHYSICS = {False: [sphere_physics], True: [sphere_physics, rod_physics, rotation, segments, parts]}
 SHAPE = {False: [spheres], True: [rods, rod_walls, rod_contacts]}
+OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP", "NO_NUMBER", "TOLD")
 REACH = {False: 1, True: 2}
 """How many cells away a neighbour may be: rods have small cells, since most of what is within a length of them is not
 listed."""
@@ -97,14 +99,15 @@ def module_text(
         "REACH": REACH[turns],
         "COLUMNS": 17 if turns else 13,
     }
-    constants |= {
-        name: getattr(words, name) for name in ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP", "NO_NUMBER")
-    }
+    constants |= {name: getattr(words, name) for name in OF_WORDS}
     modules = [LAWS[law], contact, motion, plane, strip, frustum, *PHYSICS[turns], system, STATE[precision, turns]]
     modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
     if apart:
         modules.append(beside)
-    return source.generate(dialect.header(precision, registers, apart, 1 if turns else 16), constants, modules)
+    if lanes > 1:
+        modules.append(several)
+    header = dialect.header(precision, registers, apart, 1 if turns else 16, several=lanes > 1)
+    return source.generate(header, constants, modules)
 
 
 @lru_cache(maxsize=64)

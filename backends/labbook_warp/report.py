@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from labbook_warp.arrays import Arrays, fetch
-from labbook_warp.kernels.words import NO_FAILURE
+from labbook_warp.kernels.words import TOLD
 
 
 @dataclass(frozen=True)
@@ -42,17 +43,12 @@ class Report:
         return max((one.near for one in said), default=0), max((one.depth for one in said), default=0)
 
 
-def collect(arrays: Arrays) -> Report:
-    """Read what the last beat left behind, and make ready for the next one."""
-    system, n = arrays.system, arrays.sizes.slots
-    fail, late, left = fetch(system.fail), fetch(system.late), fetch(system.left)
-    crowded = fetch(system.overflow).reshape(n, 2)
-    crossed = int(fetch(system.crossed)[0])
+def collect(arrays: Arrays, told: Any) -> Report:
+    """Read what the last beat left behind. told: how many grains crossed, and what `end` has written of each slot."""
+    numbers = fetch(told)
+    crossed = int(numbers[0])
     columns = arrays.module.COLUMNS
-    rows = fetch(system.cross[: columns * crossed]).reshape(-1, columns) if crossed else np.zeros((0, columns))
-    system.late.zero_()
-    system.overflow.zero_()
-    system.crossed.zero_()
-    system.fail.fill_(NO_FAILURE)
-    slots = [Said(int(fail[s]), bool(late[s]), int(crowded[s, 0]), int(crowded[s, 1]), int(left[s])) for s in range(n)]
-    return Report(slots, rows[np.lexsort((rows[:, 1], rows[:, 2]))])
+    rows = fetch(arrays.system.cross[: columns * crossed]).reshape(-1, columns) if crossed else np.zeros((0, columns))
+    slots = numbers[1:].reshape(-1, TOLD).tolist()
+    said = [Said(fail, bool(late), near, depth, left) for fail, late, near, depth, left in slots]
+    return Report(said, rows[np.lexsort((rows[:, 1], rows[:, 2]))])

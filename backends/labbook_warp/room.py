@@ -17,16 +17,14 @@ from labbook_warp.run import Run
 
 NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; both grow when they are too few
 MOST_NEAR = 32  # bits of a mask
-SATURATED = 82_000  # threads that fill a large GPU
-MOST_LANES = 8
-FEW_RODS = ((5_600, 8), (50_000, 4))
-"""Threads a rod up to so many rods, and one where there are more. Each part of a rod that may touch a wall has a thread
-of its own, where threads share it."""
+THREADS = {False: ((5_000, 8), (15_000, 4), (42_000, 2)), True: ((5_600, 8), (50_000, 4))}
+"""Threads a sphere or a rod up to so many grains on a large GPU, and one where there are more. Each part of a rod that
+may touch a wall has a thread of its own, where threads share it."""
 REGISTERS = {"mixed": 80, "double": 128}
 REGISTERS_OF_RODS = {"mixed": 96, "double": 168}
 """A thread of the step, where grains are many."""
-REGISTERS_OF_FEW_RODS = {"mixed": 168, "double": 0}
-"""The same where threads share grains; spheres take as many there as the compiler likes."""
+REGISTERS_OF_FEW = {False: {"mixed": 96, "double": 0}, True: {"mixed": 168, "double": 0}}
+"""The same where threads share spheres or rods; 0 is as many as the compiler likes."""
 WALLS_OF_RODS = {"mixed": 128, "double": 168}
 """A thread that meets walls, where these have a kernel of their own."""
 ROUND_WALLS = {"mixed": 0, "double": 8}
@@ -73,10 +71,12 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
     law, precision = spec.feature("law"), spec.feature("precision")
     assert 2 * lanes <= sizes.near, "each thread asks for its first two neighbours, whether there are any or not"
     many = lanes == 1
-    if sizes.rods:
-        most = (REGISTERS_OF_RODS if many else REGISTERS_OF_FEW_RODS)[precision]
+    if not many:
+        most = REGISTERS_OF_FEW[sizes.rods][precision]
+    elif sizes.rods:
+        most = REGISTERS_OF_RODS[precision]
     else:
-        most = REGISTERS[precision] + ROUND_WALLS[precision] * spec.feature("FRUSTUMS") if many else 0
+        most = REGISTERS[precision] + ROUND_WALLS[precision] * spec.feature("FRUSTUMS")
     switches = tuple((name, spec.feature(name)) for name in SWITCHES)
     # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
     apart = WALLS_OF_RODS[precision] if many and sizes.rods and spec.feature("ANY_WALLS") else 0
@@ -92,10 +92,7 @@ def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:
         return 1
     if asked:
         return max(asked, sizes.parts) if asked > 1 else 1
-    if sizes.rods:
-        return next((threads for rows, threads in FEW_RODS if sizes.rows <= rows), 1)
-    wanted = min(MOST_LANES, max(1, SATURATED // max(1, sizes.rows)))
-    return 1 << (wanted.bit_length() - 1)
+    return next((threads for rows, threads in THREADS[sizes.rods] if sizes.rows <= rows), 1)
 
 
 def records_crossings(spec: Spec) -> bool:

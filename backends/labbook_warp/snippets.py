@@ -15,6 +15,17 @@ STORE = """
     array.data[k] = v;
 #endif
 """
+# The same where a launch takes several steps: the next one writes them. Which array it is, is chosen in the kernel, so
+# that a compiler has to be told that it is global memory.
+LOAD_CHANGING = """
+#if defined(__CUDA_ARCH__)
+    __builtin_assume(__isGlobal(array.data + k));
+    {vector} t = *reinterpret_cast<const {vector}*>(array.data + k); return {type}({parts});
+#else
+    return array.data[k];
+#endif
+"""
+STORE_CHANGING = STORE.replace("    *re", "    __builtin_assume(__isGlobal(array.data + k));\n    *re")
 LOAD_INT = """
 #if defined(__CUDA_ARCH__)
     return __ldg(array.data + k);
@@ -112,6 +123,27 @@ THIS_THREAD = """
     return (int)(((blockIdx.z * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x) * blockDim.x + threadIdx.x);
 #else
     return i;
+#endif
+"""
+# In a launch whose blocks are all on the device at once: no thread goes on before all have come, and then it sees what
+# they had stored. The counter's highest bit turns as the last block comes, so that it never has to be set back; it
+# cannot turn before this block has come itself. Looking at it leaves the first cache alone, which other blocks still
+# use; the fence empties it, once.
+WAIT_FOR_ALL = """
+#if defined(__CUDA_ARCH__)
+    __syncthreads();
+    if (threadIdx.x == 0) {
+        const unsigned own = blockIdx.x == 0 ? 0x80000000u - (gridDim.x - 1u) : 1u;
+        unsigned before, now, looks = 0;
+        asm volatile("ld.relaxed.gpu.global.u32 %0, [%1];" : "=r"(before) : "l"(arrived.data) : "memory");
+        asm volatile("red.release.gpu.global.add.u32 [%0], %1;" :: "l"(arrived.data), "r"(own) : "memory");
+        do {
+            asm volatile("ld.relaxed.gpu.global.u32 %0, [%1];" : "=r"(now) : "l"(arrived.data) : "memory");
+            if (++looks == 1u << 28) __trap();  // minutes: blocks that have no room here never come
+        } while (((before ^ now) >> 31) == 0u);
+        asm volatile("fence.acq_rel.gpu;" ::: "memory");
+    }
+    __syncthreads();
 #endif
 """
 OTHER_OF_TWO = """

@@ -179,7 +179,13 @@ class Stage:
         self.wake(runs)
         self.beats.run()
         self.changes += 1
-        return collect(self.arrays)
+        try:
+            return collect(self.arrays, self.beats.told)
+        except RuntimeError as error:
+            raise RuntimeError(
+                f"{self.device.alias} has failed in a beat ({error}); if other programs share it through NVIDIA's "
+                "Multi-Process Service, end that: steps that wait for one another need the device to themselves"
+            ) from error
 
     def make_room(self, report: Report, runs: Sequence[Run]) -> None:
         """Make arrays large enough for those of these members that were crowded. Raises Overflow, MemoryError."""

@@ -258,8 +258,8 @@ def test_a_beat_that_is_put_back_leaves_no_trace(precision, bed, monkeypatch):
     alone = [run(scene, how, start, 20)[0], run(small, how, smaller, 20)[0]]
     beats, collect = iter(range(10_000)), stage.collect
 
-    def late(arrays):
-        report, beat = collect(arrays), next(beats)
+    def late(*left_behind):
+        report, beat = collect(*left_behind), next(beats)
         if beat % 3 == 2:
             return report
         slots = [replace(slot, late=True) if (k + beat) % 2 else slot for k, slot in enumerate(report.slots)]

@@ -24,7 +24,9 @@ from labbook_warp.kernels.words import (
     PARKED,
     RODS,
     SHARED,
+    TOLD,
     WORDS,
+    Longs,
     Words,
     ask_for_lists,
     hot_kernel,
@@ -117,10 +119,9 @@ def pass_on(p: Words, q: Words, i: int):
         store_word(q, i * WORDS + k, load_word(p, i * WORDS + k))
 
 
-@hot_kernel
-def step(a: System, p: Words, q: Words, sub: int):
-    """Step `sub` of this beat, for every member: from p to q."""
-    thread = this_thread(wp.tid())
+@func
+def take_step(a: System, p: Words, q: Words, sub: int, thread: int):
+    """Step `sub` of this beat, from p to q: what one thread does of it."""
     i = thread // LANES
     lane = thread - i * LANES
     s = i // a.cap
@@ -159,6 +160,12 @@ def step(a: System, p: Words, q: Words, sub: int):
                 pass_on(p, q, i)
 
 
+@hot_kernel
+def step(a: System, p: Words, q: Words, sub: int):
+    """Step `sub` of this beat, for every member: from p to q."""
+    take_step(a, p, q, sub, this_thread(wp.tid()))
+
+
 @kernel
 def bring(a: System, p: Words, q: Words):
     """Copy what grains of running members show from p to q, after an odd number of steps."""
@@ -169,8 +176,21 @@ def bring(a: System, p: Words, q: Words):
 
 
 @kernel
-def tick(a: System, steps: int):
-    """Count the steps of a beat."""
+def end(a: System, steps: int, told: Longs):
+    """Count the steps of a beat; tell what happened in it, so that the host reads it at once; and forget it."""
     s = wp.tid()
     if a.rows[s] > 0:
         a.step[s] = a.step[s] + wp.int64(steps)
+    at = 1 + TOLD * s
+    told[at] = a.fail[s]
+    told[at + 1] = wp.int64(a.late[s])
+    told[at + 2] = wp.int64(a.overflow[2 * s])
+    told[at + 3] = wp.int64(a.overflow[2 * s + 1])
+    told[at + 4] = wp.int64(a.left[s])
+    a.fail[s] = (wp.int64(1) << wp.int64(62)) - wp.int64(1)  # NO_FAILURE
+    a.late[s] = 0
+    a.overflow[2 * s] = 0
+    a.overflow[2 * s + 1] = 0
+    if s == 0:
+        told[0] = wp.int64(a.crossed[0])
+        a.crossed[0] = 0

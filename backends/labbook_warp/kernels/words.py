@@ -36,7 +36,7 @@ def kernel(function: F) -> F:
 
 
 def hot_kernel(function: F) -> F:
-    """Marks the kernel that everything waits for; its registers are capped, so that enough threads fit."""
+    """Marks a kernel that takes steps: all else waits for it. Its registers are capped, so that enough threads fit."""
     return function
 
 
@@ -70,6 +70,7 @@ add_lanes: Any = None
 other_of_two: Any = None
 ask_for_lists: Any = None
 this_thread: Any = None
+wait_for_all: Any = None
 or_lanes: Any = None
 most_lanes: Any = None
 first_bit: Any = None
@@ -101,6 +102,7 @@ LOOKS = 16  # gaps between points of a rod that are looked at to tell how near a
 TORQUES = True  # whether contacts turn grains
 REACH = 1  # how many cells away a neighbour may be
 COLUMNS = 13  # of a row of crossings
+TOLD = 5  # numbers that a beat leaves behind for each slot
 PARKED = -1.0e9
 """z [m] at which grains are kept that have left."""
 BAD_STATE, BAD_SPEED, BAD_OVERLAP = 1, 2, 3

@@ -1,0 +1,131 @@
+"""The GPU engine takes several steps in one launch where grains are few."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+pytest.importorskip("warp")
+sys.path.insert(0, str(Path(__file__).parent))
+
+import warp as wp
+from labbook_warp import Backend, stage
+from labbook_warp.beat import Beat
+from rods_on_warp import DENSITY, PRECISIONS, D, numerics, run, silo
+
+from labbook.backend import Failed
+from labbook.numerics import Numerics
+from labbook.probes import Crossing
+from labbook.protocol.opening import opened
+from labbook.protocol.packing import Packing
+from labbook.protocol.placing import place
+from labbook.scene import HertzMindlin, Scene, Spheres
+from labbook.verify.stand import identical
+
+GPU = "cuda:0"
+
+
+def of_spheres(grains: int) -> Scene:
+    """The silo, with spheres in it."""
+    spheres = Spheres(diameter=D, density=DENSITY, count=grains)
+    law = HertzMindlin(shear_modulus=2e6, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.5)
+    return silo(1).model_copy(update={"grains": spheres, "contact": law})
+
+
+def falling(scene: Scene, how: Numerics, device: str) -> Packing:
+    """A bed that has not yet come to rest, opened."""
+    closed = scene.close()
+    bed, _ = run(closed, how, place(closed, "gas", 1), 150, device=device)
+    return opened(bed, closed, scene)
+
+
+class End(NamedTuple):
+    """What has become of some members."""
+
+    packings: Sequence[Packing]
+    crossed: dict
+    failures: Sequence[tuple[str, int, int]]
+
+
+def together(members: Sequence[tuple[Scene, Packing]], how: Numerics, lanes: int, device: str, beats: int) -> End:
+    """Members side by side; after a while one more that fails."""
+    engine, (scene, start) = Backend(lanes=lanes), members[0]
+    ensemble = engine.open(engine.specialise(scene, how, [Crossing()]), len(members) + 1, device)
+    admitted = [ensemble.admit(each, how, packing) for each, packing in members]
+    events = list(ensemble.advance(beats // 2))
+    ensemble.admit(scene, how.model_copy(update={"overlap_limit": 1e-4}), start)
+    events += [event for _ in range(beats // 2) for event in ensemble.advance(1)]
+    failures = [(event.guard, event.step, event.member.index) for event in events if isinstance(event, Failed)]
+    end = End([ensemble.packing(member) for member in admitted], dict(ensemble.drain()[Crossing()]), failures)
+    ensemble.close()
+    return end
+
+
+@pytest.fixture
+def a_gpu() -> str:
+    """The first GPU, if there is one."""
+    if not wp.get_cuda_device_count():
+        pytest.skip("there is no CUDA device")
+    return GPU
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize(
+    ("few", "fewer", "lanes"),
+    [(silo(300), silo(45), 4), (silo(300), silo(45), 8), *((of_spheres(500), of_spheres(97), n) for n in (2, 4, 8))],
+    ids=["rods-4", "rods-8", "spheres-2", "spheres-4", "spheres-8"],
+)
+def test_steps_taken_in_one_launch_are_those_taken_one_by_one(few, fewer, lanes, precision, a_gpu, monkeypatch):
+    """Bit for bit: of members of several sizes, in beats of an odd number of steps, some of which are taken again, and
+    beside one that fails within a beat."""
+    how = numerics(precision, steps_per_beat=249)
+    members = [(scene, falling(scene, how, a_gpu)) for scene in (few, fewer)]
+    fit, collect, ends = Beat.fit_at_once, stage.collect, []
+    for allowed in (True, False):
+        fitted, beats = [], iter(range(10_000))
+
+        def fit_at_once(beat, allowed=allowed, fitted=fitted):
+            fitted.append(fit(beat))
+            return fitted[-1] and allowed
+
+        def late(*left_behind, beats=beats):
+            report, beat = collect(*left_behind), next(beats)
+            slots = [replace(slot, late=beat % 3 == k) for k, slot in enumerate(report.slots)]
+            return replace(report, slots=slots)
+
+        monkeypatch.setattr(Beat, "fit_at_once", fit_at_once)
+        monkeypatch.setattr(stage, "collect", late)
+        monkeypatch.setattr(stage.Stage, "check_oftener", lambda _: None)
+        ends.append(together(members, how, lanes, a_gpu, 80))
+        assert all(fitted)
+    one, other = ends
+    assert all(identical(*both) for both in zip(one.packings, other.packings, strict=True))
+    assert len(one.crossed["id"]) > 10
+    assert all((one.crossed[name] == other.crossed[name]).all() for name in one.crossed)
+    assert [guard for guard, _, _ in one.failures] == ["overlap"]
+    assert one.failures[0][1:] == other.failures[0][1:]
+
+
+@pytest.mark.gpu
+def test_as_many_threads_as_fit_wait_for_one_another_and_more_do_not(a_gpu, monkeypatch):
+    """Up to the last block that has room; beyond it every step has a launch of its own."""
+    how, scene = numerics("mixed", steps_per_beat=100), of_spheres(32)
+    bed = place(scene.close(), "gas", 1)
+    fit, found = Beat.fit_at_once, []
+    monkeypatch.setattr(Beat, "fit_at_once", lambda beat: found.append((beat, fit(beat))) or found[-1][1])
+    alone, _ = run(scene, how, bed, 3, lanes=8, device=a_gpu)
+    (first, _), *_ = found
+    size, blocks = wp.get_suggested_block_size(first.kernels.several_steps, a_gpu)
+    room = size * blocks // (32 * 8)
+    for members in (room, room + 1):
+        engine = Backend(lanes=8)
+        ensemble = engine.open(engine.specialise(scene, how), members, a_gpu)
+        admitted = [ensemble.admit(scene, how, bed) for _ in range(members)]
+        assert not ensemble.advance(3)
+        assert found[-1][1] == (members == room)
+        assert all(identical(ensemble.packing(admitted[k]), alone) for k in (0, members // 2, members - 1))
+        ensemble.close()
