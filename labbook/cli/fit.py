@@ -31,6 +31,7 @@ def _show(analysis) -> None:
     from labbook.report import outlet_tables, tables
     from labbook.report.comparison import at_series
     from labbook.report.fitted_tables import fit_table
+    from labbook.report.numerical import numerical_table
     from labbook.report.page import summary
     from labbook.report.statements import statement_table
 
@@ -39,6 +40,8 @@ def _show(analysis) -> None:
     for sentence in summary(analysis):
         console.print(sentence, markup=False)
     print_table(console, tables.flow_table(analysis), "Flow rates")
+    if analysis.numerical:
+        print_table(console, numerical_table(analysis.numerical), "Do numerics matter?")
     further = tables.further_table(analysis)
     if further is not None:
         print_table(console, further, "Further measurements")

@@ -16,7 +16,7 @@ from labbook.measure.measure import MeasureError, Window
 from labbook.measure.packing import PackingStructure
 from labbook.scene import Scene
 from labbook.stats import Measured
-from labbook.stats.equivalence import Equivalence, replicates_needed, tost
+from labbook.stats.equivalence import replicates_needed, tost
 
 ALPHA = 0.05
 USED = ("flow_rate", "packing")
@@ -89,7 +89,7 @@ def contrast(quantity: str, unit: str, first: Numbers, second: Numbers, margin: 
     if min(len(a), len(b)) < 2 or scale == 0:
         return _told(quantity, unit, paired, seeds, a, b, "untested", note)
     result = tost(a, b, margin * scale, ALPHA, paired=paired)
-    return _told(quantity, unit, paired, seeds, a, b, finding(result), note).model_copy(
+    return _told(quantity, unit, paired, seeds, a, b, result.finding, note).model_copy(
         update={
             "difference": result.difference / scale,
             "error": result.error / scale,
@@ -100,14 +100,6 @@ def contrast(quantity: str, unit: str, first: Numbers, second: Numbers, margin: 
             "replicates_needed": replicates_needed(result, min(len(a), len(b))),
         }
     )
-
-
-def finding(result: Equivalence) -> Finding:
-    """What a test shows: equivalence, a difference beyond the margin, or neither."""
-    if result.equivalent:
-        return "equivalent"
-    beyond = result.low > result.margin or result.high < -result.margin
-    return "different" if beyond else "undecided"
 
 
 def _told(

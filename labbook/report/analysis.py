@@ -25,6 +25,7 @@ from labbook.stats import Measured, Pooled, StoppingRule
 if TYPE_CHECKING:
     from labbook.fields import Fields
     from labbook.report.comparison import Comparison
+    from labbook.report.numerical import Numerical
     from labbook.report.rotation import Rotation
     from labbook.report.series import Series
     from labbook.report.statements import Judged
@@ -179,6 +180,8 @@ class Analysis:
     """Points that differ in the rotation of the bottom only."""
     judged: tuple["Judged", ...] = ()
     """Statements of the reference, held against ours."""
+    numerical: tuple["Numerical", ...] = ()
+    """Points that differ in numerics only."""
 
     @property
     def source(self) -> str:
@@ -195,6 +198,7 @@ def analyse(
     """
     from labbook.catalogue import Unreadable
     from labbook.report.comparison import compare
+    from labbook.report.numerical import numerical
     from labbook.report.rotation import rotations
     from labbook.report.series import series_of
     from labbook.report.statements import judge
@@ -215,7 +219,8 @@ def analyse(
     comparisons = compare(study.reference, points, series)
     turning = rotations(points, [_swept(point, extra) for point in missing])
     judged = judge(study.reference, points, series, turning)
-    return Analysis(study, points, missing, tuple(unreadable), series, comparisons, turning, judged)
+    changed = numerical(study.points, points, study.accuracy.numerics)
+    return Analysis(study, points, missing, tuple(unreadable), series, comparisons, turning, judged, changed)
 
 
 def redundant(points: Sequence["Point"]) -> frozenset[str]:

@@ -10,6 +10,8 @@ from labbook.report import display, figures, tables
 from labbook.report.across import outlet_pictures, ratio_sections
 from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
+from labbook.report.numerical import numerical_table
+from labbook.report.numerical import summed_up as numerics_summed_up
 from labbook.report.sections import Picture, picture, series_section
 from labbook.report.statements import statement_table, summed_up
 from labbook.report.turning import scaling, turning_section
@@ -38,6 +40,7 @@ def write(analysis: Analysis, folder: Path) -> Path:
         ratios=ratio_sections(analysis, folder),
         series=[series_section(analysis, k, folder) for k in range(len(analysis.series))],
         flow=tables.flow_table(analysis),
+        numerics=numerical_table(analysis.numerical) if analysis.numerical else None,
         further=tables.further_table(analysis),
         outcomes=tables.outcomes_table(analysis),
         provenance=tables.provenance_table(analysis),
@@ -77,6 +80,8 @@ def summary(analysis: Analysis) -> list[str]:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
     if analysis.comparisons:
         sentences.append(agreement(analysis.comparisons, analysis.source))
+    if tested := numerics_summed_up(analysis.numerical):
+        sentences.append(tested)
     if analysis.judged:
         sentences.append(summed_up(analysis.judged, analysis.source))
     return sentences

@@ -8,6 +8,7 @@ from labbook.fit import Parameter
 from labbook.fit.outlet import FORMULA, OF_OUTLET, VERSION, ProfileFit
 from labbook.report.analysis import Analysis, PointResult
 from labbook.report.comparison import Comparison
+from labbook.report.numerical import Numerical
 from labbook.report.series import Series
 from labbook.report.statements import Judged
 
@@ -22,6 +23,7 @@ def plain(analysis: Analysis) -> dict[str, Any]:
         "series": [_series(one) for one in analysis.series],
         "reference": [_comparison(one) for one in analysis.comparisons],
         "statements": [_judged(one) for one in analysis.judged],
+        "numerics": [_numerical(one) for one in analysis.numerical],
     }
 
 
@@ -80,6 +82,18 @@ def _judged(one: Judged) -> dict[str, Any]:
     interval = {"low": _finite(one.low), "high": _finite(one.high), "pairs": one.pairs}
     return {"quantity": stated.quantity, "at": one.label, "says": stated.says, **ends, **ours, **interval,
             "verdict": one.verdict, "why": one.why}  # fmt: skip
+
+
+def _numerical(one: Numerical) -> dict[str, Any]:
+    told = {"key": one.key, "first": one.first.point.label, "other": one.other.point.label, "margin": one.margin}
+    test = one.test
+    if test is None:
+        return {**told, "why": one.why}
+    names = ("difference", "error", "low", "high")
+    parts = {name: _finite(getattr(test, name) / one.mean) for name in names}
+    if not one.finding:
+        return {**told, **parts}
+    return {**told, **parts, "p": test.p, "power": test.power, "finding": one.finding}
 
 
 def _profiles(fit: ProfileFit) -> dict[str, Any]:

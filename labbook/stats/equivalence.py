@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
@@ -39,6 +40,14 @@ class Equivalence:
     def equivalent(self) -> bool:
         """Whether equivalence within the margin is shown at level alpha."""
         return self.p < self.alpha
+
+    @property
+    def finding(self) -> Literal["equivalent", "different", "undecided"]:
+        """What the test shows: equivalence, a difference beyond the margin, or neither."""
+        if self.equivalent:
+            return "equivalent"
+        beyond = self.low > self.margin or self.high < -self.margin
+        return "different" if beyond else "undecided"
 
 
 def tost(

@@ -63,6 +63,8 @@ class Accuracy(Model):
     """Relative half-width of the 95 % interval of the flow rate; none: as many replicates as stated, no more."""
     max_replicates: Annotated[int, Field(ge=2, le=10_000, strict=True)] = 10
     """Replicates that are not exceeded, even if the error is still larger."""
+    numerics: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
+    """Margin within which flow rates at other numerics of a sweep count as the same; none: that is not tested."""
 
 
 class Record(Model):

@@ -1,0 +1,143 @@
+"""Whether numerics matter: points that differ in one key of `numerics` only, against the one that is listed first."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from labbook.report import display
+from labbook.report.analysis import FLOW_RATE, PointResult
+from labbook.report.tables import Table
+from labbook.stats.equivalence import Equivalence, replicates_needed, tost
+from labbook.study import Point
+
+NUMERICS = "numerics."
+
+
+@dataclass(frozen=True)
+class Numerical:
+    """W of a point against that of the one whose value of `key` is listed first.
+
+    `test`: of both means, in kg/s, independent of one another, for a packing is filled with the numerics of its point;
+    None where `why` says why not. `mean`: of the first; `margin`: within which both count as the same, as a part of it;
+    None: nothing is tested.
+    """
+
+    key: str
+    first: PointResult
+    other: PointResult
+    margin: float | None
+    mean: float
+    test: Equivalence | None
+    why: str = ""
+
+    @property
+    def label(self) -> str:
+        """What differs."""
+        first = f"{display.amount(self.key, self.first.at[self.key])} {display.key(self.key).unit}".rstrip()
+        return f"{display.setting(self.key, self.other.at[self.key])} instead of {first}"
+
+    @property
+    def where(self) -> str:
+        """What is the same."""
+        return display.label(self.other.at, {self.key})
+
+    @property
+    def finding(self) -> str:
+        """What the test shows; empty without one."""
+        return self.test.finding if self.test is not None and self.margin is not None else ""
+
+
+def numerical(
+    asked: Sequence[Point], points: Sequence[PointResult], margin: float | None
+) -> tuple[Numerical, ...]:  # fmt: skip
+    """Every point of a sweep over numerics against its first one. asked: all points of the study, in its order."""
+    known = {result.point.index: result for result in points}
+    found = []
+    for key in dict.fromkeys(name for one in points for name in one.at if name.startswith(NUMERICS)):
+        groups: dict[tuple, list[Point]] = {}
+        for point in asked:
+            groups.setdefault(tuple((k, v) for k, v in point.at.items() if k != key), []).append(point)
+        for first, *others in groups.values():
+            if first.index in known:
+                there = (known[other.index] for other in others if other.index in known)
+                found += [_against(key, known[first.index], other, margin) for other in there]
+    return tuple(found)
+
+
+def _against(key: str, first: PointResult, other: PointResult, margin: float | None) -> Numerical:
+    a, b = _rates(first), _rates(other)
+    mean = math.fsum(a) / len(a) if a else 0.0
+    if first.partial or other.partial:
+        return Numerical(key, first, other, margin, mean, None, "runs are lacking")
+    if min(len(a), len(b)) < 2 or not mean > 0:
+        return Numerical(key, first, other, margin, mean, None, "two runs of each that flowed are needed")
+    return Numerical(key, first, other, margin, mean, tost(a, b, (margin or 1.0) * mean))
+
+
+def _rates(result: PointResult) -> list[float]:
+    runs = (run for run in result.runs if run.outcome != "diverged" and FLOW_RATE in run.measured)
+    return [rate for run in runs if math.isfinite(rate := run.measured[FLOW_RATE].value)]
+
+
+def summed_up(found: Sequence[Numerical]) -> str:
+    """What came of all tests, in a sentence; empty if nothing was tested."""
+    tested = [one for one in found if one.finding]
+    margins = [one.margin for one in tested if one.margin is not None]
+    if not margins:
+        return ""
+    same, beyond = (sum(one.finding == finding for one in tested) for finding in ("equivalent", "different"))
+    more = f", a larger difference in {beyond}" if beyond else ""
+    of = f"{len(tested)} comparison{'' if len(tested) == 1 else 's'}"
+    return f"Numerics: the same flow rate within ±{100 * margins[0]:.3g} % is shown in {same} of {of}{more}."
+
+
+def numerical_table(found: Sequence[Numerical]) -> Table:
+    """Every comparison: both means, their difference with its interval, and what the test of equivalence shows."""
+    shown = display.quantity(FLOW_RATE)
+    rows, notes = [], [_CONVENTIONS]
+    for one in found:
+        means = [
+            "–" if flow is None else display.with_error(flow.value, flow.error, shown.scale)
+            for flow in (one.first.flow_rate, one.other.flow_rate)
+        ]
+        runs = f"{len(one.first.runs)}, {len(one.other.runs)}"
+        rows.append((one.label, one.where or "–", runs, *means, *_cells(one)))
+        if one.test is not None and one.finding == "undecided":
+            need = replicates_needed(one.test, min(len(one.first.runs), len(one.other.runs)))
+            many = "more than 1000" if need is None else str(need)
+            notes.append(f"{one.label}: {many} replicates of each would decide with a power of 90 %, were W the same.")
+    margin = next((one.margin for one in found if one.margin is not None), None)
+    if margin is None:
+        notes.append("No margin is stated (accuracy.numerics), so that equivalence is not tested.")
+    else:
+        notes.insert(1, _TEST.format(margin=100 * margin))
+    headings = ("changed", "at", "runs", f"first {shown.heading}", f"other {shown.heading}", "difference")
+    return Table(
+        (*headings, "90 % interval", "p", "power", "finding"),
+        tuple(rows),
+        frozenset({0, 1, 9}),
+        frozenset(k for k, one in enumerate(found) if one.finding == "different"),
+        tuple(notes),
+    )
+
+
+def _cells(one: Numerical) -> tuple[str, ...]:
+    test = one.test
+    if test is None:
+        return ("–", "–", "–", "–", one.why)
+    percent = 100 / one.mean
+    low, high = (display.number(end, test.error, percent) for end in (test.low, test.high))
+    difference = f"{display.with_error(test.difference, test.error, percent)} %"
+    if not one.finding:
+        return (difference, f"{low} to {high} %", "–", "–", "–")
+    return (difference, f"{low} to {high} %", f"{test.p:.2g}", f"{test.power:.0%}".replace("%", " %"), one.finding)
+
+
+_CONVENTIONS = (
+    "Differences are parts of the mean with the value that is listed first; ± is one standard error, of means that are "
+    "independent (Welch)."
+)
+_TEST = (
+    "Two one-sided tests at 5 % with a margin of ±{margin:.3g} %: equivalent if the interval lies within the margin, "
+    "different if it lies beyond, undecided otherwise. Power: the chance to show equivalence, were W the same."
+)
