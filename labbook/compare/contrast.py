@@ -88,13 +88,13 @@ def contrast(quantity: str, unit: str, first: Numbers, second: Numbers, margin: 
     scale = abs(sum(a) / len(a)) if a else 0.0
     if min(len(a), len(b)) < 2 or scale == 0:
         return _told(quantity, unit, paired, seeds, a, b, "untested", note)
-    result = tost(a, b, margin * scale, ALPHA, paired=paired)
+    result = tost(a, b, margin * scale, ALPHA, paired=paired).over(scale)
     return _told(quantity, unit, paired, seeds, a, b, result.finding, note).model_copy(
         update={
-            "difference": result.difference / scale,
-            "error": result.error / scale,
-            "low": result.low / scale,
-            "high": result.high / scale,
+            "difference": result.difference,
+            "error": result.error,
+            "low": result.low,
+            "high": result.high,
             "p": result.p,
             "power": result.power,
             "replicates_needed": replicates_needed(result, min(len(a), len(b))),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from labbook.report import display
 from labbook.report.analysis import FLOW_RATE, PointResult
+from labbook.report.rotation import by_seed
 from labbook.report.tables import Table
 from labbook.stats.equivalence import Equivalence, replicates_needed, tost
 from labbook.study import Point
@@ -17,16 +18,15 @@ NUMERICS = "numerics."
 class Numerical:
     """W of a point against that of the one whose value of `key` is listed first.
 
-    `test`: of both means, in kg/s, independent of one another, for a packing is filled with the numerics of its point;
-    None where `why` says why not. `mean`: of the first; `margin`: within which both count as the same, as a part of it;
-    None: nothing is tested.
+    `test`: of both means, in parts of the first; they are independent of one another, for a packing is filled with the
+    numerics of its point. None where `why` says why not. `margin`: within which both count as the same, a part of the
+    first mean; None: nothing is tested, and of `test` only difference, error and interval mean something.
     """
 
     key: str
     first: PointResult
     other: PointResult
     margin: float | None
-    mean: float
     test: Equivalence | None
     why: str = ""
 
@@ -47,15 +47,13 @@ class Numerical:
         return self.test.finding if self.test is not None and self.margin is not None else ""
 
 
-def numerical(
-    asked: Sequence[Point], points: Sequence[PointResult], margin: float | None
-) -> tuple[Numerical, ...]:  # fmt: skip
+def numerical(asked: Sequence[Point], points: Sequence[PointResult], margin: float | None) -> tuple[Numerical, ...]:
     """Every point of a sweep over numerics against its first one. asked: all points of the study, in its order."""
     known = {result.point.index: result for result in points}
     found = []
     for key in dict.fromkeys(name for one in points for name in one.at if name.startswith(NUMERICS)):
         groups: dict[tuple, list[Point]] = {}
-        for point in asked:
+        for point in (point for point in asked if key in point.at):
             groups.setdefault(tuple((k, v) for k, v in point.at.items() if k != key), []).append(point)
         for first, *others in groups.values():
             if first.index in known:
@@ -65,18 +63,13 @@ def numerical(
 
 
 def _against(key: str, first: PointResult, other: PointResult, margin: float | None) -> Numerical:
-    a, b = _rates(first), _rates(other)
-    mean = math.fsum(a) / len(a) if a else 0.0
     if first.partial or other.partial:
-        return Numerical(key, first, other, margin, mean, None, "runs are lacking")
+        return Numerical(key, first, other, margin, None, "runs are lacking")
+    a, b = (list(by_seed(result, FLOW_RATE).values()) for result in (first, other))
+    mean = math.fsum(a) / len(a) if a else 0.0
     if min(len(a), len(b)) < 2 or not mean > 0:
-        return Numerical(key, first, other, margin, mean, None, "two runs of each that flowed are needed")
-    return Numerical(key, first, other, margin, mean, tost(a, b, (margin or 1.0) * mean))
-
-
-def _rates(result: PointResult) -> list[float]:
-    runs = (run for run in result.runs if run.outcome != "diverged" and FLOW_RATE in run.measured)
-    return [rate for run in runs if math.isfinite(rate := run.measured[FLOW_RATE].value)]
+        return Numerical(key, first, other, margin, None, "two runs of each that flowed are needed")
+    return Numerical(key, first, other, margin, tost(a, b, (margin or 1.0) * mean).over(mean))
 
 
 def summed_up(found: Sequence[Numerical]) -> str:
@@ -125,9 +118,8 @@ def _cells(one: Numerical) -> tuple[str, ...]:
     test = one.test
     if test is None:
         return ("–", "–", "–", "–", one.why)
-    percent = 100 / one.mean
-    low, high = (display.number(end, test.error, percent) for end in (test.low, test.high))
-    difference = f"{display.with_error(test.difference, test.error, percent)} %"
+    low, high = (display.number(end, test.error, 100) for end in (test.low, test.high))
+    difference = f"{display.with_error(test.difference, test.error, 100)} %"
     if not one.finding:
         return (difference, f"{low} to {high} %", "–", "–", "–")
     return (difference, f"{low} to {high} %", f"{test.p:.2g}", f"{test.power:.0%}".replace("%", " %"), one.finding)

@@ -89,8 +89,7 @@ def _numerical(one: Numerical) -> dict[str, Any]:
     test = one.test
     if test is None:
         return {**told, "why": one.why}
-    names = ("difference", "error", "low", "high")
-    parts = {name: _finite(getattr(test, name) / one.mean) for name in names}
+    parts = {name: _finite(getattr(test, name)) for name in ("difference", "error", "low", "high")}
     if not one.finding:
         return {**told, **parts}
     return {**told, **parts, "p": test.p, "power": test.power, "finding": one.finding}

@@ -6,7 +6,7 @@ A t test that finds no difference proves nothing; this one has to reject "they d
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -48,6 +48,11 @@ class Equivalence:
             return "equivalent"
         beyond = self.low > self.margin or self.high < -self.margin
         return "different" if beyond else "undecided"
+
+    def over(self, scale: float) -> "Equivalence":
+        """The same, with difference, error, margin and interval as parts of `scale`, which is positive."""
+        parts = {name: getattr(self, name) / scale for name in ("difference", "error", "margin", "low", "high")}
+        return replace(self, **parts)
 
 
 def tost(

@@ -72,6 +72,16 @@ def a_gpu() -> str:
     return GPU
 
 
+def test_a_device_that_fails_in_a_beat_is_named(monkeypatch):
+    def fails(*_):
+        raise RuntimeError("CUDA error 719")
+
+    monkeypatch.setattr(stage, "collect", fails)
+    scene = of_spheres(5)
+    with pytest.raises(RuntimeError, match=r"cpu has failed in a beat \(CUDA error 719\).*Multi-Process Service"):
+        run(scene, numerics("mixed"), place(scene, "gas", 1), 1)
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize(

@@ -47,7 +47,8 @@ def test_every_step_is_tested_against_the_first_one_listed(synthetic):
         _, above = stats.ttest_ind(rates + margin, first, equal_var=False, alternative="greater")
         assert told.test is not None
         assert told.test.p == pytest.approx(np.max([below, above]), rel=1e-6)
-        assert told.test.difference == pytest.approx(np.mean(rates) - np.mean(first), rel=1e-12)
+        assert told.test.difference == pytest.approx(np.mean(rates) / np.mean(first) - 1, rel=1e-12)
+        assert told.test.margin == pytest.approx(0.05, rel=1e-12)
     assert [told.finding for told in (one, other)] == ["equivalent", "different"]
     assert summed_up(analysis.numerical) == (
         "Numerics: the same flow rate within ±5 % is shown in 1 of 2 comparisons, a larger difference in 1."
@@ -81,6 +82,12 @@ def test_points_are_compared_only_with_those_that_are_alike_otherwise(synthetic)
         (0, 1), (0, 2), (3, 4), (3, 5),
     ]  # fmt: skip
     assert [told.where for told in analysis.numerical] == ["angle = 90 deg"] * 2 + ["angle = 57.2958 deg"] * 2
+
+
+def test_a_point_without_the_key_is_compared_with_none(synthetic):
+    first, *others = swept(synthetic)
+    analysis = found(synthetic, [replace(first, at={"container.orifice": 0.03}), *others], 0.05, seeds=3)
+    assert [(told.first.point.index, told.other.point.index) for told in analysis.numerical] == [(1, 2)]
 
 
 def test_points_that_lack_runs_are_not_tested(synthetic):
