@@ -46,8 +46,15 @@ def alone(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
 
 
 def load(name: str, text: str, folder: Path) -> ModuleType:
-    """Import module `name` from `folder`; written there, by a rename, if it is missing."""
+    """Import module `name` from `folder`; written there, by a rename, if it is missing.
+
+    A module is imported once, also where two callers have missed it in a cache of theirs: importing it again would
+    register its kernels with the compiler a second time, in place of those that the first caller may be launching.
+    """
     path = folder / f"{name}.py"
+    known = sys.modules.get(name)
+    if known is not None and known.__file__ == str(path):
+        return known
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False, encoding="utf-8") as file:
@@ -58,5 +65,9 @@ def load(name: str, text: str, folder: Path) -> ModuleType:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
     return module

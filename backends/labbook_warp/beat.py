@@ -42,7 +42,7 @@ class Beat:
         """
         if not self.device.is_cuda or not self.kernels.SHARED:
             return False
-        size, blocks = wp.get_suggested_block_size(self.kernels.several_steps, self.device)
+        size, blocks = wp.get_suggested_block_size(self.kernels.step, self.device)
         return self._rows * self.lanes <= size * blocks
 
     def _launch(self, kernel: Any, dim: int, *inputs: Any) -> None:
@@ -69,20 +69,18 @@ class Beat:
             some = min(self.every, self.steps - done)
             self._launch(k.check, self._rows, arrays.p, some)
             self._if_asked(self.rebuild)
-            if self._several:
-                self._launch(k.several_steps, self._rows * self.lanes, arrays.p, arrays.q, done, some, self._arrived)
-            else:
-                self._step_by_step(done, some)
+            self._move(done, some)
             if some % 2:
                 self._launch(k.bring, self._rows, arrays.q, arrays.p)
             done += some
         self._launch(k.end, self._slots, self.steps, self.told)
 
-    def _step_by_step(self, first: int, some: int) -> None:
+    def _move(self, first: int, some: int) -> None:
         here, there = self.arrays.p, self.arrays.q
-        for sub in range(first, first + some):
+        at_once = some if self._several else 1
+        for sub in range(first, first + some, at_once):
             self._meet_walls(here, True)
-            self._launch(self.kernels.step, self._rows * self.lanes, here, there, sub)
+            self._launch(self.kernels.step, self._rows * self.lanes, here, there, sub, at_once, self._arrived)
             here, there = there, here
 
     def _if_asked(self, what: Callable[[], None]) -> None:

@@ -27,7 +27,6 @@ from labbook_warp.kernels import (
     rod_contacts,
     rod_walls,
     rods,
-    several,
     spheres,
     step,
     sums,
@@ -104,8 +103,6 @@ def module_text(
     modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
     if apart:
         modules.append(beside)
-    if lanes > 1:
-        modules.append(several)
     header = dialect.header(precision, registers, apart, 1 if turns else 16, several=lanes > 1)
     return source.generate(header, constants, modules)
 

@@ -1,5 +1,7 @@
-"""Generated modules: made by one thread at a time."""
+"""Generated modules: made by one thread at a time, and once."""
 
+import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
@@ -38,3 +40,30 @@ def test_one_thread_at_a_time_makes_kernels_whichever_engine_they_are_for(monkey
         on_the_gpu.kernels.cache_clear()
     assert len(most) == 8
     assert max(most) == 1
+
+
+@pytest.mark.parametrize("build", [on_the_processor, on_the_gpu], ids=["numba", "warp"])
+def test_threads_that_ask_for_the_same_kernels_get_the_same(build, monkeypatch, tmp_path):
+    """A second import would take the place of the first in Warp's books, while kernels of the first are launched."""
+    monkeypatch.setenv("LABBOOK_CACHE", str(tmp_path))
+    together = threading.Barrier(4)
+    switches = tuple((name, 0) for name in build.SWITCHES)
+
+    def ask(_):
+        together.wait()
+        return build.kernels("linear", "double", switches)
+
+    build.kernels.cache_clear()
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            first, *others = pool.map(ask, range(4))
+    finally:
+        build.kernels.cache_clear()
+    assert all(other is first for other in others)
+
+
+def test_a_generated_module_that_cannot_be_imported_is_not_taken_for_one_that_was(tmp_path):
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            generated.load("labbook_broken", "x = 1 / 0\n", tmp_path)
+    assert "labbook_broken" not in sys.modules

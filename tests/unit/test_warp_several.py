@@ -129,7 +129,7 @@ def test_as_many_threads_as_fit_wait_for_one_another_and_more_do_not(a_gpu, monk
     monkeypatch.setattr(Beat, "fit_at_once", lambda beat: found.append((beat, fit(beat))) or found[-1][1])
     alone, _ = run(scene, how, bed, 3, lanes=8, device=a_gpu)
     (first, _), *_ = found
-    size, blocks = wp.get_suggested_block_size(first.kernels.several_steps, a_gpu)
+    size, blocks = wp.get_suggested_block_size(first.kernels.step, a_gpu)
     room = size * blocks // (32 * 8)
     for members in (room, room + 1):
         engine = Backend(lanes=8)

@@ -26,6 +26,7 @@ from labbook_warp.kernels.words import (
     SHARED,
     TOLD,
     WORDS,
+    Bits,
     Longs,
     Words,
     ask_for_lists,
@@ -35,6 +36,7 @@ from labbook_warp.kernels.words import (
     load_word,
     store_word,
     this_thread,
+    wait_for_all,
     widen,
     wp,
 )
@@ -119,51 +121,57 @@ def pass_on(p: Words, q: Words, i: int):
         store_word(q, i * WORDS + k, load_word(p, i * WORDS + k))
 
 
-@func
-def take_step(a: System, p: Words, q: Words, sub: int, thread: int):
-    """Step `sub` of this beat, from p to q: what one thread does of it."""
+@hot_kernel
+def step(a: System, p: Words, q: Words, first: int, some: int, arrived: Bits):
+    """Step `first` of this beat, for every member: from p to q. Where threads share grains, which then are few, `some`
+    steps from `first` on, from p to q and back: each begins when all threads have ended the one before."""
+    thread = this_thread(wp.tid())
     i = thread // LANES
     lane = thread - i * LANES
     s = i // a.cap
     r = i - s * a.cap
-    if r < a.rows[s]:
-        m = material(a, s)
-        near = listed(a, s, r, lane)
-        g = grain(p, m, i)
-        if ASKED > 0:
-            ask_for_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap, ASKED)
-        if g.x[2] > wide(0.5) * wide(PARKED):
-            o = Own()
-            if SHARED:  # where grains are many, it would occupy registers meanwhile
-                o = own(a, p, i)
-            now = a.step[s] + wp.int64(sub)
-            f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, near, True)
-            sound = deepest <= m.deepest
-            if not sound:
-                code = BAD_OVERLAP
-                if deepest == real(NO_NUMBER):
-                    code = BAD_STATE
-                fails(a, s, i, now, code, deepest)
-            if lane == 0 and sound:
-                if held != near.held:
-                    a.held[i] = held
-                if not APART:
-                    if wall_held != a.wall_held[i]:
-                        a.wall_held[i] = wall_held
-                if LEDGER:
-                    a.deep[i] = wide(deepest)
-                if not SHARED:
+    steps = int(1)
+    if SHARED:
+        steps = some
+    for k in range(steps):
+        if SHARED:
+            if k > 0:
+                wait_for_all(arrived)
+                here = p
+                p = q
+                q = here
+        if r < a.rows[s]:
+            m = material(a, s)
+            near = listed(a, s, r, lane)
+            g = grain(p, m, i)
+            if ASKED > 0:
+                ask_for_lists(a.spring, a.nbr, entry(a, s, a.near, 0, r), a.cap, ASKED)
+            if g.x[2] > wide(0.5) * wide(PARKED):
+                o = Own()
+                if SHARED:  # where grains are many, it would occupy registers meanwhile
                     o = own(a, p, i)
-                advance(a, q, m, s, i, now, whole(g, o), o.rest, f, t)
-        else:
-            if lane == 0:
-                pass_on(p, q, i)
-
-
-@hot_kernel
-def step(a: System, p: Words, q: Words, sub: int):
-    """Step `sub` of this beat, for every member: from p to q."""
-    take_step(a, p, q, sub, this_thread(wp.tid()))
+                now = a.step[s] + wp.int64(first + k)
+                f, t, held, wall_held, deepest = forces(a, p, m, s, r, lane, g, near, True)
+                sound = deepest <= m.deepest
+                if not sound:
+                    code = BAD_OVERLAP
+                    if deepest == real(NO_NUMBER):
+                        code = BAD_STATE
+                    fails(a, s, i, now, code, deepest)
+                if lane == 0 and sound:
+                    if held != near.held:
+                        a.held[i] = held
+                    if not APART:
+                        if wall_held != a.wall_held[i]:
+                            a.wall_held[i] = wall_held
+                    if LEDGER:
+                        a.deep[i] = wide(deepest)
+                    if not SHARED:
+                        o = own(a, p, i)
+                    advance(a, q, m, s, i, now, whole(g, o), o.rest, f, t)
+            else:
+                if lane == 0:
+                    pass_on(p, q, i)
 
 
 @kernel
