@@ -49,6 +49,7 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
         sizes,
         slots=max(sizes.slots, seated + len(new)),
         cap=max(sizes.cap, *(_rounded(run.rows) for run in new)),
+        near=max(sizes.near, *(run.near for run in new)),
         walls=max(sizes.walls, *(len(run.names) for run in new)),
         cells=max(sizes.cells, *(run.cells for run in new)),
     )

@@ -29,6 +29,8 @@ class Run:
     begin: Packing | Checkpoint | None
     slot: int = -1
     rows: int = 0
+    near: int = 0
+    """Neighbours a grain for which the lists that it starts with have room."""
     left: int = 0
     step: int = 0
     failure: Failure | None = None
@@ -57,6 +59,7 @@ class Run:
         """Stand where a checkpoint was taken; grains that had left by then have no row any more."""
         arrays = stored.arrays
         self.rows, self.left, self.past_work = len(arrays["ids"]), 0, arrays["past_work"]
+        self.near = len(arrays["nbr"])
         self.step, self.rebuilds = int(arrays["step"]), int(arrays["rebuilds"])
 
     @property

@@ -1,5 +1,7 @@
 """The GPU engine knows what its members take, and how many of them a device can hold."""
 
+from contextlib import closing
+
 import pytest
 
 pytest.importorskip("warp")
@@ -12,6 +14,7 @@ from labbook_warp.layout import memory
 from labbook.bench.scenes import FAN_STEP, cylinder, fan
 from labbook.probes import Contacts, Crossing
 from labbook.protocol.placing import place
+from labbook.verify.stand import identical
 
 GIB = 1 << 30
 PROBES = (Crossing(),)
@@ -72,3 +75,27 @@ def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch):
     monkeypatch.setattr(wp, "zeros", exhausted)
     with pytest.raises(MemoryError, match="cpu has no memory for 1 members: Failed to allocate 99 bytes"):
         ensemble.advance(1)
+
+
+@pytest.mark.parametrize("rods", [False, True], ids=["spheres", "rods"])
+def test_a_member_brings_along_how_long_its_lists_had_to_be(monkeypatch, rods):
+    """Lists that have grown are taken up by an ensemble that has not met a crowd yet; also beside another member."""
+    scene = cylinder(rods=rods, grains=40)
+    engine, how = Backend(), FAN_STEP.model_copy(update={"precision": "mixed"})
+    spec = engine.specialise(scene, how, PROBES)
+    bed = place(scene.close(), "gas", 1)
+    monkeypatch.setattr(room, "NEAR", 21)
+    with closing(engine.open(spec, 1, "cpu")) as grown:
+        member = grown.admit(scene, how, bed)
+        grown.advance(1)
+        checkpoint = grown.checkpoint(member)
+        grown.advance(2)
+        end = grown.packing(member)
+    assert len(checkpoint.arrays["nbr"]) == 21
+    monkeypatch.setattr(room, "NEAR", 16)
+    with closing(engine.open(spec, 2, "cpu")) as fresh:
+        fresh.admit(scene, how, bed)
+        fresh.advance(1)
+        member = fresh.admit(scene, how, checkpoint)
+        fresh.advance(2)
+        assert identical(fresh.packing(member), end)
