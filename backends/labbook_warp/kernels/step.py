@@ -133,13 +133,14 @@ def step(a: System, p: Words, q: Words, first: int, some: int, arrived: Bits):
     steps = int(1)
     if SHARED:
         steps = some
+        even = p
+        odd = q
     for k in range(steps):
         if SHARED:
             if k > 0:
                 wait_for_all(arrived)
-                here = p
-                p = q
-                q = here
+            p = wp.where(k % 2 == 1, odd, even)
+            q = wp.where(k % 2 == 1, even, odd)
         if r < a.rows[s]:
             m = material(a, s)
             near = listed(a, s, r, lane)

@@ -85,8 +85,8 @@ def test_what_is_not_there_is_an_error_with_its_remedy(toy, done, tmp_path, word
     assert remedy in ended.stderr
 
 
-@pytest.mark.parametrize("width", [60, 80, 200])
-def test_no_number_of_a_table_is_cut_off(width):
+def printed(cells: list[str], text: frozenset[int], width: int) -> str:
+    """A table of one row."""
     from io import StringIO
 
     from rich.console import Console
@@ -94,8 +94,21 @@ def test_no_number_of_a_table_is_cut_off(width):
     from labbook.cli.tables import print_table
     from labbook.report.tables import Table
 
+    out, headings = StringIO(), tuple("abcdefg"[: len(cells)])
+    print_table(Console(file=out, width=width), Table(headings, (tuple(cells),), text), "numbers")
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_no_number_of_a_table_is_cut_off(width):
     cells = [f"0.{k}2967 ± 0.{k}0045" for k in range(1, 6)]
-    out = StringIO()
-    print_table(Console(file=out, width=width), Table(tuple("abcde"), (tuple(cells),), frozenset()), "numbers")
-    assert "…" not in out.getvalue()
-    assert all(word in out.getvalue() for cell in cells for word in cell.split())
+    shown = printed(cells, frozenset(), width)
+    assert "…" not in shown
+    assert all(word in shown for cell in cells for word in cell.split())
+
+
+@pytest.mark.parametrize("width", [60, 80, 94, 120])
+def test_text_beside_numbers_wraps_between_words_only(width):
+    cells = ["dt = 2.5 µs instead of 5 µs", *(f"0.{k}2967 ± 0.{k}0045" for k in range(1, 4)), "equivalent, surely"]
+    shown = printed(cells, frozenset({0, 4}), width)
+    assert all(word in shown for cell in cells for word in cell.split())
