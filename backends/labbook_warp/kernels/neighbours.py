@@ -20,11 +20,14 @@ def check(a: System, p: Words, every: int):
     """Ask for a rebuild if a grain could have moved by half of the skin before the next check, `every` steps on.
 
     A grain that has already moved farther (it was hit in between) was checked `late`: the beat is taken again,
-    with checks more often. Checked at every step, lists are never older than half of the skin.
+    with checks more often. Checked at every step, lists are never older than half of the skin. A member of which a
+    grain has failed rests.
     """
     i = wp.tid()
     s = i // a.cap
-    if i - s * a.cap < a.rows[s]:
+    if a.fail[s] < wp.int64(1) << wp.int64(61):
+        a.rows[s] = 0
+    elif i - s * a.cap < a.rows[s]:
         m = material(a, s)
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):

@@ -44,11 +44,13 @@ from labbook_warp.kernels.words import (
 
 @func
 def fails(a: System, s: int, i: int, now: int64, code: int, value: real):
-    """Note the first failure of a member (smallest step, then code, then grain), and let it rest."""
-    a.bad[i] = wide(value)
+    """Note the first failure of a member: smallest step, then code, then grain, whichever thread comes first.
+
+    The member goes on until the next check, so that all that fail in the same step are heard.
+    """
     word = (now << wp.int64(26)) | (wp.int64(code) << wp.int64(24)) | wp.int64(a.ids[i])
-    wp.atomic_min(a.fail, s, word)
-    a.rows[s] = 0
+    if word < wp.atomic_min(a.fail, s, word):
+        a.bad[i] = wide(value)
 
 
 @func
