@@ -59,7 +59,7 @@ STATE = {
 }
 PHYSICS = {False: [sphere_physics], True: [sphere_physics, rod_physics, rotation, segments, parts]}
 SHAPE = {False: [spheres], True: [rods, rod_walls, rod_contacts]}
-OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_OVERLAP", "NO_NUMBER", "TOLD")
+OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "TOLD")
 REACH = {False: 1, True: 2}
 """How many cells away a neighbour may be: rods have small cells, since most of what is within a length of them is not
 listed."""

@@ -22,7 +22,7 @@ from labbook_warp.stage import Stage
 from labbook_warp.traffic import weigh
 from labbook_warp.view import View
 
-GUARDS = {1: "state", 2: "speed", 3: "overlap"}
+GUARDS = {0: "state", 1: "speed", 2: "state", 3: "overlap"}
 
 
 class Ensemble(ensemble.Ensemble[Run]):
@@ -65,12 +65,23 @@ class Ensemble(ensemble.Ensemble[Run]):
         return events
 
     def _beat(self, runs: list[Run]) -> None:
-        """Take a beat with these members; those whose lists were short or late take it again."""
-        stage = self._stage
+        """Take a beat with these members.
+
+        Lists that were late may have let a grain fail, which runs into another unseen. So a failure counts only if it
+        comes again with lists checked at every step.
+        """
+        failed = self._attempt(runs)
+        if failed:
+            with self._stage.checking_every_step():
+                for run, word in self._attempt(list(failed)).items():
+                    self._fails(run, word)
+
+    def _attempt(self, runs: list[Run]) -> Mapping[Run, int]:
+        """Take a beat with these members; those whose lists were short or late take it again. What failed, if anything,
+        of those that are back at its beginning."""
+        stage, failed = self._stage, {}
         while runs:
             report = stage.beat(runs)
-            if any(report[run.slot].late for run in runs):
-                stage.check_oftener()
             again = []
             for run in runs:
                 said = report[run.slot]
@@ -79,13 +90,16 @@ class Ensemble(ensemble.Ensemble[Run]):
                     run.step += self._spec.steps_per_beat
                     run.crossed = report.crossings[report.crossings[:, 0] == run.slot, 1:]
                     continue
-                if said.fail != NO_FAILURE:
-                    self._fails(run, said.fail)
-                else:
+                if said.fail == NO_FAILURE:
                     again.append(run)
+                else:
+                    failed[run] = said.fail
                 stage.restore(run)
+            if any(report[run.slot].late for run in again):
+                stage.check_oftener()
             stage.make_room(report, again)
             runs = again
+        return failed
 
     def _fails(self, run: Run, word: int) -> None:
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & 0xFFFFFF

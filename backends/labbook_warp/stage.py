@@ -1,6 +1,7 @@
 """The slots of an ensemble: members get their seats, in larger arrays if need be, and take beats."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import warp as wp
@@ -195,8 +196,20 @@ class Stage:
 
     def check_oftener(self) -> None:
         """Halve the steps between two checks of displacements, down to one."""
-        self._every = max(OFTENEST, 2 * (self._every // 4))
-        self.beats.renew(self._every)
+        self._check(max(OFTENEST, 2 * (self._every // 4)))
+
+    @contextmanager
+    def checking_every_step(self) -> Iterator[None]:
+        """So long as this lasts no list is ever late."""
+        every = self._every
+        self._check(OFTENEST)
+        yield
+        self._check(every)
+
+    def _check(self, every: int) -> None:
+        if every != self._every:
+            self._every = every
+            self.beats.renew(every)
 
     def restore(self, run: Run) -> None:
         """Put a member back to the beginning of the beat."""

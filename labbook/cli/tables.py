@@ -13,7 +13,7 @@ _BESIDE = 3
 
 def print_table(console: "Console", table: "Table", title: str) -> None:
     """Print a table of a report with its title and notes; marked rows are bold. No number is cut off: where there is no
-    room for all beside each other, they wrap between value and error; and text between words."""
+    room for all beside each other, they wrap between value and error, and text between words."""
     from rich import box
     from rich.cells import cell_len
     from rich.markup import escape
@@ -23,20 +23,15 @@ def print_table(console: "Console", table: "Table", title: str) -> None:
     columns = list(zip(table.headings, *table.rows, strict=True))
     whole = [max(map(cell_len, cells)) for cells in columns]
     words = [max(map(cell_len, " ".join(cells).split()), default=0) for cells in columns]
-    room = console.width - _BESIDE * len(columns) - 1
-    spare = room - sum(words[k] if k in table.text else whole[k] for k in range(len(columns)))
-    for k, heading in enumerate(table.headings):
-        text, width = k in table.text, None
-        if text and sum(words) <= room:
-            width = min(whole[k], words[k] + max(spare, 0))
+    spare = console.width - _BESIDE * len(columns) - 1 - sum(words)
+    widths: list[int | None] = [None] * len(columns)
+    if spare >= 0:
+        for k in sorted(range(len(columns)), key=lambda k: k in table.text):  # numbers come first
+            widths[k] = width = min(whole[k], words[k] + spare)
             spare -= width - words[k]
-        shown.add_column(
-            escape(heading),
-            justify="left" if text else "right",
-            no_wrap=not text and spare >= 0,
-            overflow="fold",
-            width=width,
-        )
+    for k, heading in enumerate(table.headings):
+        justify = "left" if k in table.text else "right"
+        shown.add_column(escape(heading), justify=justify, overflow="fold", width=widths[k])
     for place, row in enumerate(table.rows):
         shown.add_row(*map(escape, row), style="bold" if place in table.marked else None)
     console.print(shown)

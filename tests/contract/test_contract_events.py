@@ -142,17 +142,6 @@ def test_grains_that_overlap_too_far_are_caught_and_named(silo):
     assert status.step == 0
 
 
-def test_of_grains_that_fail_in_the_same_step_the_one_with_the_smallest_id_is_named(silo):
-    """Whichever the engine looks at first: they lie from the top of the bed upwards, larger ids below smaller ones."""
-    d, start = silo.scene.grains.diameter, silo.start
-    x, y, top = start.x[np.argmax(start.x[:, 2])]
-    for k, grain in enumerate((41, 33, 21, 9)):
-        height = (2 + 3 * (k // 2) + 0.7 * (k % 2)) * d
-        start = with_changed(start, grain, x=[x, y, top + height], v=[0, 0, 0])
-    event, _, _ = failures(silo, start)
-    assert (event.guard, event.step, event.grain) == ("overlap", 0, 9)
-
-
 def test_a_time_step_far_too_large_does_not_pass_unseen(silo):
     with silo.ensemble() as ensemble:
         member = ensemble.admit(silo.scene, silo.numerics(dt=100 * DT), silo.start)

@@ -12,6 +12,7 @@ from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.words import (
     APART,
     ASKED,
+    BAD_FORCE,
     BAD_OVERLAP,
     BAD_SPEED,
     BAD_STATE,
@@ -126,7 +127,8 @@ def pass_on(p: Words, q: Words, i: int):
 @hot_kernel
 def step(a: System, p: Words, q: Words, first: int, some: int, arrived: Bits):
     """Step `first` of this beat, for every member: from p to q. Where threads share grains, which then are few, `some`
-    steps from `first` on, from p to q and back: each begins when all threads have ended the one before."""
+    steps from `first` on, from p to q and back: each begins when all threads have ended the one before.
+    """
     thread = this_thread(wp.tid())
     i = thread // LANES
     lane = thread - i * LANES
@@ -159,7 +161,7 @@ def step(a: System, p: Words, q: Words, first: int, some: int, arrived: Bits):
                 if not sound:
                     code = BAD_OVERLAP
                     if deepest == real(NO_NUMBER):
-                        code = BAD_STATE
+                        code = BAD_FORCE
                     fails(a, s, i, now, code, deepest)
                 if lane == 0 and sound:
                     if held != near.held:

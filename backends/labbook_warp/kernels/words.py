@@ -105,7 +105,8 @@ COLUMNS = 13  # of a row of crossings
 TOLD = 5  # numbers that a beat leaves behind for each slot
 PARKED = -1.0e9
 """z [m] at which grains are kept that have left."""
-BAD_STATE, BAD_SPEED, BAD_OVERLAP = 1, 2, 3
+BAD_STATE, BAD_SPEED, BAD_FORCE, BAD_OVERLAP = 0, 1, 2, 3
+"""What guards find, in the order in which they look: at motion after a step, and at contacts in the next."""
 NO_NUMBER = 1.0e30
 """An overlap [m] that stands for a force that is no number, or too large to be counted."""
 NO_FAILURE = (1 << 62) - 1
