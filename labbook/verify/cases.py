@@ -1,6 +1,20 @@
 """All cases, in the order in which they are best read: simple contacts first, flow last."""
 
-from labbook.verify import bed, collision, edge, energy, flow, gas, mixture, rods, rolling, round, symmetry, turntable
+from labbook.verify import (
+    bed,
+    collision,
+    edge,
+    energy,
+    flow,
+    gas,
+    mixture,
+    rim,
+    rods,
+    rolling,
+    round,
+    symmetry,
+    turntable,
+)
 from labbook.verify.case import Case
 
 CASES: tuple[Case, ...] = (
@@ -11,6 +25,7 @@ CASES: tuple[Case, ...] = (
     *edge.CASES,
     *round.CASES,
     *rods.CASES,
+    *rim.CASES,
     *energy.CASES,
     *mixture.CASES,
     *symmetry.CASES,

@@ -36,6 +36,10 @@ def segments(seed: int, count: int):
         yield x, a / np.linalg.norm(a), half
 
 
+def root(f, low, high) -> float:
+    return float(np.real(brentq(f, low, high, xtol=1e-15)))  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+
 def minima(shape: str, x: np.ndarray, a: np.ndarray, half: float) -> np.ndarray | None:
     """Where on the segment the distance from the rim is least, near and far: all minima of its part beyond the rim.
 
@@ -62,12 +66,12 @@ def minima(shape: str, x: np.ndarray, a: np.ndarray, half: float) -> np.ndarray 
     if there.max() < 0:
         return np.zeros(0)
     inside = np.flatnonzero(there > 0)
-    first = -half if inside[0] == 0 else brentq(beyond, s[inside[0] - 1], s[inside[0]], xtol=1e-15)
-    last = half if inside[-1] == 4000 else brentq(beyond, s[inside[-1]], s[inside[-1] + 1], xtol=1e-15)
+    first = -half if inside[0] == 0 else root(beyond, s[inside[0] - 1], s[inside[0]])
+    last = half if inside[-1] == 4000 else root(beyond, s[inside[-1]], s[inside[-1] + 1])
     s = np.linspace(first, last, 4001)
     g = slope(s)
     found = [first] if g[0] >= 0 else []
-    found += [brentq(slope, s[k], s[k + 1], xtol=1e-15) for k in np.flatnonzero((g[:-1] < 0) & (g[1:] >= 0))]
+    found += [root(slope, s[k], s[k + 1]) for k in np.flatnonzero((g[:-1] < 0) & (g[1:] >= 0))]
     return np.array([*found, last] if g[-1] < 0 else found, float)
 
 

@@ -28,6 +28,10 @@ IN_ONE = {
     "rod-over-rim",
     "rod-on-turntable",
     "rod-without-length",
+    "rod-on-two-rim-points",
+    "rod-rocks-on-rim",
+    "rod-on-turning-rim",
+    "turning-rim-impact",
     # of mixtures at unlike-impact-linear and unlike-stack-linear
     "renumbering-mixture",
     # long runs of what renumbering, mirror, scale-invariance, resting-bed and rods of the contract see in both
