@@ -22,6 +22,7 @@ IN_ONE = {
     # of the walls at others: turntable-round; the hopper and rim-without-slip; rods of the contract
     "turntable",
     "edge-roll-off",
+    "rim-roll-off",
     "edge-without-slip",
     "rolling-round-a-cylinder",
     "rod-landing",
