@@ -13,6 +13,7 @@ from labbook.verify import (
     rolling,
     round,
     symmetry,
+    turned,
     turntable,
 )
 from labbook.verify.case import Case
@@ -29,6 +30,7 @@ CASES: tuple[Case, ...] = (
     *energy.CASES,
     *mixture.CASES,
     *symmetry.CASES,
+    *turned.CASES,
     *bed.CASES,
     *flow.CASES,
 )

@@ -33,6 +33,8 @@ IN_ONE = {
     "rod-rocks-on-rim",
     "rod-on-turning-rim",
     "turning-rim-impact",
+    "rods-turned",
+    "rods-mirrored",
     # of mixtures at unlike-impact-linear and unlike-stack-linear
     "renumbering-mixture",
     # long runs of what renumbering, mirror, scale-invariance, resting-bed and rods of the contract see in both
