@@ -1,6 +1,21 @@
 """All cases, in the order in which they are best read: simple contacts first, flow last."""
 
-from labbook.verify import bed, collision, edge, energy, flow, gas, mixture, rods, rolling, round, symmetry, turntable
+from labbook.verify import (
+    bed,
+    collision,
+    edge,
+    energy,
+    flow,
+    gas,
+    mixture,
+    rim,
+    rods,
+    rolling,
+    round,
+    symmetry,
+    turned,
+    turntable,
+)
 from labbook.verify.case import Case
 
 CASES: tuple[Case, ...] = (
@@ -11,9 +26,11 @@ CASES: tuple[Case, ...] = (
     *edge.CASES,
     *round.CASES,
     *rods.CASES,
+    *rim.CASES,
     *energy.CASES,
     *mixture.CASES,
     *symmetry.CASES,
+    *turned.CASES,
     *bed.CASES,
     *flow.CASES,
 )

@@ -124,9 +124,9 @@ def _around(t: float, rate: float, spin: float) -> list[float]:
     return [R * s, R * c, R * rate * c, -R * rate * s, spin]
 
 
-def _follows(stand: Stand) -> Mapping[str, float]:
+def _follows(stand: Stand, rim: bool = False) -> Mapping[str, float]:
     speed, run_up, friction = 0.06, 0.5 * R, 0.5
-    plate = ledge(friction)
+    plate = ledge(friction, rim)
     arm = lever(plate)
     start = at_edge(-run_up, arm, (speed, 0.0), speed / arm)
     motion = stand.run(Start(plate, DT, start), 6000, STEPS, PROBES)
@@ -165,16 +165,19 @@ CASES = [
         measures={"|cos t / (10/17 cos t0) - 1|": limited(1e-3)},
         run=partial(_leaves, rim=True),
     ),
-    Case(
-        name="edge-roll-off",
-        statement="rolling, turning about the edge, slipping on it and flying as integrated for a rigid sphere",
-        source="SciPy DOP853, rigid body",
-        measures={
-            "position": limited(1e-5, "R", steps=2.4e5),
-            "velocity, of sqrt(g R)": limited(1e-3),
-            "spin, of the last": limited(1e-5, steps=2.4e5),
-            "passage time": limited(1e-6, steps=2.4e5),
-        },
-        run=_follows,
+    *(
+        Case(
+            name=f"{name}-roll-off",
+            statement=f"rolling, turning about {edge}, slipping on it and flying as integrated for a rigid sphere",
+            source="SciPy DOP853, rigid body",
+            measures={
+                "position": limited(1e-5, "R", steps=2.4e5),
+                "velocity, of sqrt(g R)": limited(1e-3),
+                "spin, of the last": limited(1e-5, steps=2.4e5),
+                "passage time": limited(1e-6, steps=2.4e5),
+            },
+            run=partial(_follows, rim=name == "rim"),
+        )
+        for name, edge in (("edge", "the edge"), ("rim", "the rim of a round hole"))
     ),
 ]

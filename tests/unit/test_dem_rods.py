@@ -102,19 +102,53 @@ def test_at_a_wall_the_contact_moves_as_the_rod_s_surface_does(seed):
     assert array(torque) == pytest.approx(array(t) + np.cross(array(lever), array(f)), rel=1e-9)
 
 
-def test_force_and_torque_stay_continuous_as_rods_turn_through_parallel():
-    """Rods of 20 mm x 6 mm that overlap by 3e-8 m, as one that lies on another, turning by microradians."""
-    law = linear.coefficients(LinearSpringDashpot(normal_stiffness=200.0), Surface(friction=0.5, restitution=0.9))
-    zero = vec3(0.0, 0.0, 0.0)
+RUBBING = Surface(friction=0.5, rolling_friction=0.01, restitution=0.9)
+LAWS = {
+    "linear": (linear, linear.coefficients(LinearSpringDashpot(normal_stiffness=200.0), RUBBING)),
+    # without the tangential dashpot, which ends with infinite slope as the spring reaches its limit
+    "hertz-mindlin": (
+        hertz_mindlin,
+        hertz_mindlin.coefficients(
+            HertzMindlin(shear_modulus=1e10, poisson_ratio=0.25, tangential_damping=0.0), RUBBING
+        ),
+    ),
+}
+RATE_OF_TURN, LASTS = 0.02, 2e-4
+"""At which one rod turns through parallel [rad/s], and for how long [s]."""
 
-    def torque(angle: float) -> np.ndarray:
-        a, b = vec3(1.0, 0.0, 0.0), vec3(float(np.cos(angle)), 0.0, float(np.sin(angle)))
-        s, t, away = closest(vec3(1e-3, 0.0, 2 * R - 3e-8), a, b, HALF)
+
+def through_parallel(c, velocity, n: int) -> np.ndarray:
+    """Force, torque on i, torque on j and friction spring at n times: shape [n, 4, 3].
+
+    Rods of 20 mm x 6 mm that overlap by 3e-8 m, as one that lies on another. The lower turns up by 4 microradians, and
+    half as fast across; the upper slides over it at `velocity` [m/s] and rolls. The spring goes on from step to step.
+    """
+    dt, s, found = LASTS / (n - 1), vec3(1e-8, -5e-9, 0.0), []
+    u, wi, wj = vec3(*velocity), vec3(0.1 * RATE_OF_TURN, 0.0, 0.0), vec3(0.0, -RATE_OF_TURN, 0.5 * RATE_OF_TURN)
+    for time in np.linspace(-LASTS / 2, LASTS / 2, n):
+        b = np.array([1.0, 0.5 * RATE_OF_TURN * time, RATE_OF_TURN * time])  # whose rate is wj x b
+        a, b = vec3(1.0, 0.0, 0.0), vec3(*(b / np.linalg.norm(b)))
+        p, q, away = closest(vec3(1e-3, 0.0, 2 * R - 3e-8) + u * time, a, b, HALF)
         gap = (2 * R) ** 2 - (away.x**2 + away.y**2 + away.z**2)
-        found = rods.rod_on_rod(law, R, M, away, gap, a * s, b * t, zero, zero, zero, zero, zero, zero, zero, DT, RATE)
-        return np.concatenate([array(part) for part in found[:2]])
+        *forces, s, _ = rods.rod_on_rod(
+            c, R, M, away, gap, a * p, b * q, u, u, wi, wj, wi, wj, s, dt, RATE
+        )  # fmt: skip
+        found.append([array(part) for part in (*forces, s)])
+    return np.array(found)
 
-    coarse, fine = (np.array([torque(angle) for angle in np.linspace(-2e-6, 2e-6, n)]) for n in (401, 4001))
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("velocity", "slides"), [((0.0, 0.0, 0.0), False), ((1.5e-4, 1e-4, 0.0), True), ((4e-4, -2e-4, 0.0), True)]
+)
+def test_force_torques_and_spring_stay_continuous_as_rods_turn_through_parallel(law, velocity, slides, monkeypatch):
+    """What changes from one time to the next falls with the time between them: by 10 where that does."""
+    module, c = LAWS[law]
+    monkeypatch.setattr(spheres, "respond", module.respond)
+    coarse, fine = (through_parallel(c, velocity, n) for n in (401, 4001))
+    force, torques = fine[:, 0], fine[:, 1:3, 1]
+    # the contact runs from end to end, and takes both torques along
+    assert np.all(np.ptp(torques, axis=0) > 0.5 * HALF * np.abs(force[:, 2]).max())
+    assert bool(np.any(np.hypot(force[:, 0], force[:, 1]) > 0.5 * force[:, 2] * (1 - 1e-4))) == slides
     jump = [np.abs(np.diff(found, axis=0)).max(axis=0) for found in (coarse, fine)]
-    assert np.ptp(fine[:, 4]) > 0.5 * HALF * np.abs(fine[:, 2]).max()  # the torque does change, from end to end
     assert np.all(jump[1] <= 0.12 * jump[0] + 1e-15)

@@ -22,12 +22,19 @@ IN_ONE = {
     # of the walls at others: turntable-round; the hopper and rim-without-slip; rods of the contract
     "turntable",
     "edge-roll-off",
+    "rim-roll-off",
     "edge-without-slip",
     "rolling-round-a-cylinder",
     "rod-landing",
     "rod-over-rim",
     "rod-on-turntable",
     "rod-without-length",
+    "rod-on-two-rim-points",
+    "rod-rocks-on-rim",
+    "rod-on-turning-rim",
+    "turning-rim-impact",
+    "rods-turned",
+    "rods-mirrored",
     # of mixtures at unlike-impact-linear and unlike-stack-linear
     "renumbering-mixture",
     # long runs of what renumbering, mirror, scale-invariance, resting-bed and rods of the contract see in both
