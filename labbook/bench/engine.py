@@ -62,7 +62,10 @@ def run(
     boxes: tuple[int, ...] = BOXES,
     rods: int = RODS,
 ) -> EngineBench:
-    """Measure the engine called `name` on Fan's hopper with `grains`, on `boxes`, and on `rods` where it has them."""
+    """Measure the engine called `name` on Fan's hopper with `grains`, on `boxes`, and on `rods` where it has them.
+
+    The CPU engine takes some five minutes of processor time.
+    """
     from labbook.bench.hardware import hardware
 
     whole = backend.load(name)
