@@ -15,7 +15,7 @@ def test_rates_are_of_the_settled_and_the_flowing_hopper(monkeypatch):
     """Of what switches save, one is timed: each is a kernel more."""
     case = "without friction"
     monkeypatch.setattr(savings, "variants", lambda scene: {case: variants(scene)[case]})
-    result = engine.run("numba", repeats=1, grains=600, boxes=(500,), rods=60)
+    result = engine.run("numba", repeats=1, grains=600, boxes=(500,), rods=200)
     resting, flowing, *mixed, stack = [rate for rate in result.rates if not rate.case.startswith("rods")]
     assert (resting.case, resting.grains) == ("fan settled", 600)
     assert 0 < flowing.grains < 600
@@ -27,8 +27,8 @@ def test_rates_are_of_the_settled_and_the_flowing_hopper(monkeypatch):
         (f"rods {how}", precision) for how in ("settled", "flowing") for precision in ("double", "mixed")
     }
     for precision in ("double", "mixed"):
-        assert rods["rods settled", precision].grains == 60
-        assert 0 < rods["rods flowing", precision].grains < 60
+        assert rods["rods settled", precision].grains == 200
+        assert 0 < rods["rods flowing", precision].grains < 200
     assert all(0 < rate.low <= rate.median <= rate.high for rate in rods.values())
     saved = {saving.case: saving for saving in result.savings}
     assert case in saved
