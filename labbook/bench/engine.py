@@ -1,4 +1,4 @@
-"""Speed of an engine: Fan's hopper settled and flowing, a box of spheres, what its switches save, its start.
+"""Speed of an engine: Fan's hopper settled and flowing, a box of spheres, rods, what its switches save, its start.
 
 Rates are grain-steps per second of processor time, of one thread: other jobs on the machine cost little. Only what many
 cores gain is taken from the wall clock, and is a ratio within one run.
@@ -14,34 +14,21 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from labbook import backend
-from labbook.backend import Ensemble, Failed, Member, Settled
+from labbook.bench.beds import settled
+from labbook.bench.rate import TIMED, Rate, timed
+from labbook.bench.rods import RODS, has_rods, rod_rates
 from labbook.bench.savings import Saving, savings
 from labbook.bench.scenes import BOX_STEP, FAN_STEP, box, fan
 from labbook.bench.starting import Starting, starting
 from labbook.numerics import Numerics
-from labbook.probes import Crossing, Probe
+from labbook.probes import Crossing
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
 from labbook.scene import Scene
 
 SETTLED = 1e-6  # kinetic energy per grain [m g d] of the bed that is timed
 OUTFLOW = 0.2  # s of discharge before the flow is timed
 BOXES = (10_000, 100_000)
-TIMED = 12_000_000  # grain-steps of one timing, about
-
-
-@dataclass(frozen=True)
-class Rate:
-    """Millions of grain-steps per second of processor time: median and range over `repeats`."""
-
-    case: str
-    precision: str
-    median: float
-    low: float
-    high: float
-    grains: int
-    repeats: int
 
 
 @dataclass(frozen=True)
@@ -73,8 +60,12 @@ def run(
     say: Callable[[str], None] = lambda _: None,
     grains: int = 3000,
     boxes: tuple[int, ...] = BOXES,
+    rods: int = RODS,
 ) -> EngineBench:
-    """Measure the engine called `name` on Fan's hopper with `grains`, and `boxes`. Takes some five minutes."""
+    """Measure the engine called `name` on Fan's hopper with `grains`, on `boxes`, and on `rods` where it has them.
+
+    The CPU engine takes some five minutes of processor time.
+    """
     from labbook.bench.hardware import hardware
 
     whole = backend.load(name)
@@ -82,18 +73,20 @@ def run(
     scene = fan(grains=grains)
     closed = scene.close()
     say(f"settling {grains} grains")
-    packing = _settle(engine, closed)
+    packing = settled(engine, closed, FAN_STEP, SETTLED)
     rates = []
     for precision in sorted(engine.capabilities.precisions):
         numerics = FAN_STEP.model_copy(update={"precision": precision})
         say(f"timing the settled bed and the discharge, {precision}")
-        rates.append(_timed(engine, "fan settled", closed, numerics, packing, repeats))
+        rates.append(timed(engine, "fan settled", closed, numerics, packing, repeats))
         start = opened(packing, closed, scene)
-        rates.append(_timed(engine, "fan flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
+        rates.append(timed(engine, "fan flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
     for count in boxes:
         say(f"timing a box of {count}")
         stack, at_rest = box(count)
-        rates.append(_timed(engine, "box at rest", stack, BOX_STEP, at_rest, repeats))
+        rates.append(timed(engine, "box at rest", stack, BOX_STEP, at_rest, repeats))
+    if has_rods(engine):
+        rates += rod_rates(engine, repeats, say, rods)
     say("timing what switches save")
     saved = savings(engine, closed, packing, repeats)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # peak; Linux counts in KiB
@@ -113,55 +106,6 @@ def on_one_thread(engine: backend.Backend) -> backend.Backend | None:
     """The same engine, with one thread a member; None if it has no such choice."""
     maker: Any = type(engine)
     return maker(threads=1) if "threads" in inspect.signature(maker).parameters else None
-
-
-def _settle(engine: backend.Backend, closed: Scene) -> Packing:
-    ensemble = engine.open(engine.specialise(closed, FAN_STEP), 1)
-    bed = ensemble.admit(closed, FAN_STEP, place(closed, "gas", 1), settled_below=SETTLED)
-    while True:
-        for event in ensemble.advance(4):
-            if isinstance(event, Failed):
-                raise RuntimeError(f"the bed did not settle: {event.message}")
-            if isinstance(event, Settled):
-                packing = ensemble.packing(bed)
-                ensemble.close()
-                return packing
-
-
-def _timed(
-    engine: backend.Backend,
-    case: str,
-    scene: Scene,
-    numerics: Numerics,
-    start: Packing,
-    repeats: int,
-    probes: list[Probe] | None = None,
-    after: float = 0.0,
-) -> Rate:
-    """Rate of one member, from `after` [s] on; a first beat, in which kernels may be compiled, is not timed."""
-    ensemble = engine.open(engine.specialise(scene, numerics, probes or []), 1)
-    member = ensemble.admit(scene, numerics, start)
-    ensemble.advance(max(1, round(after / numerics.beat)))
-    beats = max(1, TIMED // (len(start) * numerics.steps_per_beat))
-    rate = _rate(case, numerics.precision, ensemble, [member], beats, repeats)
-    ensemble.close()
-    return rate
-
-
-def _rate(case: str, precision: str, ensemble: Ensemble, members: list[Member], beats: int, repeats: int) -> Rate:
-    rates = []
-    for _ in range(repeats):
-        before = [ensemble.status(member) for member in members]
-        began = time.process_time()
-        events = ensemble.advance(beats)
-        if failed := [event for event in events if isinstance(event, Failed)]:
-            raise RuntimeError(f"{case}: {failed[0].message}")
-        spent = time.process_time() - began
-        after = [ensemble.status(member) for member in members]
-        done = sum((b.step - a.step) * (a.grains + b.grains) / 2 for a, b in zip(before, after, strict=True))
-        rates.append(done / spent / 1e6)
-    grains = ensemble.status(members[0]).grains
-    return Rate(case, precision, statistics.median(rates), min(rates), max(rates), grains, repeats)
 
 
 def _quicker(

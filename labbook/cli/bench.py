@@ -26,7 +26,7 @@ def register(app: typer.Typer) -> None:
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Measure grain-steps per second on Fan's hopper and in three dimensions, and what each switch saves.
+        """Measure grain-steps per second on Fan's hopper, in three dimensions and of rods, and what each switch saves.
 
         `fields`: seconds that fields of 10 000 rods in 100 frames take.
         """

@@ -4,8 +4,9 @@ import pytest
 
 from labbook.backend import load
 from labbook.bench import engine, savings
+from labbook.bench.beds import settled
 from labbook.bench.savings import STILL, bed_of
-from labbook.bench.scenes import fan, variants
+from labbook.bench.scenes import FAN_STEP, fan, variants
 from labbook.probes import Contacts
 
 
@@ -14,13 +15,21 @@ def test_rates_are_of_the_settled_and_the_flowing_hopper(monkeypatch):
     """Of what switches save, one is timed: each is a kernel more."""
     case = "without friction"
     monkeypatch.setattr(savings, "variants", lambda scene: {case: variants(scene)[case]})
-    result = engine.run("numba", repeats=1, grains=600, boxes=(500,))
-    settled, flowing, *mixed, stack = result.rates
-    assert (settled.case, settled.grains) == ("fan settled", 600)
+    result = engine.run("numba", repeats=1, grains=600, boxes=(500,), rods=200)
+    resting, flowing, *mixed, stack = [rate for rate in result.rates if not rate.case.startswith("rods")]
+    assert (resting.case, resting.grains) == ("fan settled", 600)
     assert 0 < flowing.grains < 600
-    assert settled.low <= settled.median <= settled.high
+    assert resting.low <= resting.median <= resting.high
     assert {rate.precision for rate in mixed} == {"mixed"}
     assert (stack.case, stack.grains) == ("box at rest", 500)
+    rods = {(rate.case, rate.precision): rate for rate in result.rates if rate.case.startswith("rods")}
+    assert set(rods) == {
+        (f"rods {how}", precision) for how in ("settled", "flowing") for precision in ("double", "mixed")
+    }
+    for precision in ("double", "mixed"):
+        assert rods["rods settled", precision].grains == 200
+        assert 0 < rods["rods flowing", precision].grains < 200
+    assert all(0 < rate.low <= rate.median <= rate.high for rate in rods.values())
     saved = {saving.case: saving for saving in result.savings}
     assert case in saved
     assert all(0 < saving.low <= saving.times <= saving.high for saving in result.savings)
@@ -36,7 +45,7 @@ def test_the_bed_stays_as_it_is_while_switches_are_timed():
     """Whatever is left out, there are as many contacts afterwards: rates differ by what a contact costs."""
     closed = fan(grains=200).close()
     numba = load("numba")
-    bed = engine._settle(numba, closed)
+    bed = settled(numba, closed, FAN_STEP, engine.SETTLED)
     scenes = {"as it is": closed, **variants(closed)}
     found = {}
     for what in ("as it is", "without friction", "without front and back", "with several sizes", "with two kinds"):

@@ -1,4 +1,4 @@
-"""Rods in the GPU engine, on the processor: against plain Python, spheres and brute force, and their bits."""
+"""Rods in the GPU engine, on the processor: against spheres, and their bits."""
 
 import math
 import sys
@@ -13,18 +13,17 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import warp as wp
 from labbook_warp import Backend, room, stage
-from plain_rods import PlainRods
-from rods_on_warp import DENSITY, PRECISIONS, ROUNDING, D, law, numerics, run, silo
+from rods_in_silo import DENSITY, PRECISIONS, ROUNDING, D, law, numerics, silo, trough
+from rods_on_warp import run
 
 from labbook.backend import Failed
-from labbook.probes import Contacts, Crossing, Ledger, Sample
+from labbook.probes import Crossing, Ledger
 from labbook.protocol.opening import opened
 from labbook.protocol.packing import Packing
 from labbook.protocol.placing import place
-from labbook.protocol.segments import axes, distances, random_turns
+from labbook.protocol.segments import random_turns
 from labbook.scene import (
     Box,
-    HertzMindlin,
     Primitives,
     Scene,
     Spheres,
@@ -43,17 +42,6 @@ def bed() -> Packing:
     return state
 
 
-def trough() -> Scene:
-    """Planes, and strips with a slot between them: the other walls."""
-    half, edge = 0.04, 0.012
-    sides = Box(width=2 * half, depth=2 * half, height=1.0).walls()[:4]
-    plates = (
-        Wall(name="bottom-left", shape=Strip(start=(-half, 0), end=(-edge, 0))),
-        Wall(name="bottom-right", shape=Strip(start=(edge, 0), end=(half, 0))),
-    )
-    return silo(40).model_copy(update={"container": Primitives(parts=(*sides, *plates), outlet_plane=0.0)})
-
-
 def planes() -> Scene:
     """A box: a rod touches each wall at two parts at most."""
     return silo(40).model_copy(update={"container": Box(width=0.08, depth=0.08, height=1.0)})
@@ -65,51 +53,6 @@ def on_the_floor(scene: Scene, bed: Packing) -> Packing:
         return opened(bed, scene.close(), scene)
     none = {"wall_grain": np.zeros(0, np.int64), "wall_name": np.zeros(0, "U40"), "wall_part": np.zeros(0, np.int64)}
     return replace(bed, wall_spring=np.zeros((0, 3)), **none)
-
-
-@pytest.mark.parametrize(
-    ("precision", "scene"),
-    [
-        pytest.param("double", silo(40), id="double-frustums"),
-        pytest.param("mixed", silo(40), id="mixed-frustums"),
-        pytest.param("double", trough(), id="double-planes and strips"),
-    ],
-)
-def test_rods_move_as_in_plain_python(precision, scene, bed):
-    """A hundred steps of rods in motion: pairs, ends at sides and on plates, one of which turns, and edges."""
-    rng = np.random.default_rng(2)
-    start = replace(
-        opened(bed, silo(40).close(), silo(40)),
-        v=bed.v + rng.normal(0, 0.1, bed.v.shape), omega=bed.omega + rng.normal(0, 5, bed.v.shape),
-        pairs=np.zeros((0, 2), np.int64), pair_spring=np.zeros((0, 3)), wall_grain=np.zeros(0, np.int64),
-        wall_name=np.zeros(0, "U40"), wall_spring=np.zeros((0, 3)), wall_part=np.zeros(0, np.int64),
-    )  # fmt: skip
-    hertz = HertzMindlin(shear_modulus=2e6, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.5)
-    scene = scene.model_copy(update={"contact": hertz})
-    touched = edges = 0
-    how = numerics(precision, steps_per_beat=25, overlap_limit=1.0)
-    plain = PlainRods(scene, how, start)
-    for _ in range(100):
-        plain.step()
-        touched = max(touched, sum(key[1] != "wall" for key in plain.springs))
-        edges = max(edges, sum(key[1] == "wall" and key[3] > 1 for key in plain.springs))
-    assert touched > 10
-    assert edges > 2
-    found, _ = run(scene, how, start, 4)
-    assert found.q is not None
-    rounding = ROUNDING[precision]
-    assert np.abs(found.x - plain.x).max() < rounding * np.abs(plain.x - start.x).max()
-    assert np.abs(axes(found.q) - axes(plain.q)).max() < rounding
-    names = [wall.name for wall in scene.container.walls()]
-    stored = {
-        (int(g), "wall", names.index(str(name)), int(part)): s
-        for g, name, part, s in zip(found.wall_grain, found.wall_name, found.wall_part, found.wall_spring, strict=True)
-    }
-    stored |= {(int(i), int(j)): s for (i, j), s in zip(found.pairs, found.pair_spring, strict=True)}
-    assert set(stored) == set(plain.springs)
-    size = max(np.linalg.norm((s.x, s.y, s.z)) for s in plain.springs.values())
-    for key, s in plain.springs.items():
-        assert np.abs(stored[key] - (s.x, s.y, s.z)).max() < 10 * rounding * size, key
 
 
 def test_rods_as_short_as_thick_are_spheres():
@@ -149,22 +92,6 @@ def test_energy_balances(precision, bed):
     # in mixed precision every kick rounds velocities, this way or that
     rounding = 1e-12 if precision == "double" else np.finfo(np.float32).eps * math.sqrt(rows["step"][-1])
     assert np.ptp(total) < rounding * np.abs(total).max()
-
-
-def test_all_pairs_that_touch_are_listed(bed):
-    """Rows of contacts against the distances of all pairs."""
-    probes = [Contacts(), Sample(fields=("x", "q"))]
-    _, tables = run(silo(40).close(), numerics("double"), bed, 8, [*probes, Ledger()])
-    contacts, sample = tables[probes[0]], tables[probes[1]]
-    for step in np.unique(sample["step"]):
-        now, rows = sample["step"] == step, contacts["step"] == step
-        x = np.stack([sample[axis][now] for axis in "xyz"], axis=1)
-        a = axes(np.stack([sample["q" + axis][now] for axis in "wxyz"], axis=1))
-        i, j = np.triu_indices(len(x), 1)
-        near = distances(x[i] - x[j], a[i], a[j], 1.15 * D) - D
-        listed = set(zip(contacts["i"][rows].tolist(), contacts["j"][rows].tolist(), strict=True))
-        for k in np.flatnonzero(np.abs(near) > 1e-9):
-            assert ((i[k], j[k]) in listed) == (near[k] < 0)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

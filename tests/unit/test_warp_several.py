@@ -14,7 +14,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import warp as wp
 from labbook_warp import Backend, stage
 from labbook_warp.beat import Beat
-from rods_on_warp import DENSITY, PRECISIONS, D, numerics, run, silo
+from rods_in_silo import DENSITY, PRECISIONS, D, numerics, silo
+from rods_on_warp import run
 
 from labbook.backend import Failed
 from labbook.numerics import Numerics

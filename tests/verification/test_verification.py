@@ -49,7 +49,7 @@ IN_ONE = {
 or they are long. Each feature is there in the other precision as well, in the cases that are named."""
 ON_A_GPU = {"flow-outlet", "flow-friction", "turntable", "turntable-round", "resting-bed-round"}
 """Of the GPU engine only where it is quick. On a processor it takes flow-height, and test_compare_engines has it beside
-the CPU engine, which takes all flows and beds; turntables are two million launches for one grain: there test_warp_rods
+the CPU engine, which takes all flows and beds; turntables are two million launches for one grain: there test_rods_plain
 has rods over a turning bottom beside plain Python."""
 
 

@@ -1,0 +1,22 @@
+"""Beds that have settled."""
+
+from labbook.backend import Backend, Failed, Settled
+from labbook.numerics import Numerics
+from labbook.protocol.packing import Packing
+from labbook.protocol.placing import place
+from labbook.scene import Scene
+
+
+def settled(engine: Backend, closed: Scene, numerics: Numerics, below: float) -> Packing:
+    """The grains of the scene `closed`, fallen as a gas of the first seed until each has less than `below` [m g d] of
+    kinetic energy, on average."""
+    ensemble = engine.open(engine.specialise(closed, numerics), 1)
+    bed = ensemble.admit(closed, numerics, place(closed, "gas", 1), settled_below=below)
+    while True:
+        for event in ensemble.advance(4):
+            if isinstance(event, Failed):
+                raise RuntimeError(f"the bed did not settle: {event.message}")
+            if isinstance(event, Settled):
+                packing = ensemble.packing(bed)
+                ensemble.close()
+                return packing

@@ -1,0 +1,38 @@
+"""Speed with rods: Pongó's cylinder with few of them, settled, and flowing over its turning bottom."""
+
+from collections.abc import Callable
+
+from labbook.backend import Backend
+from labbook.bench.batch import CYLINDER_STEP, FILLING_STEP, OUTFLOW, SETTLED
+from labbook.bench.beds import settled
+from labbook.bench.rate import Rate, timed
+from labbook.bench.scenes import cylinder
+from labbook.probes import Crossing
+from labbook.protocol.opening import opened
+
+RODS = 1500  # few enough to settle within half a minute of processor time
+
+
+def has_rods(engine: Backend) -> bool:
+    """Whether the engine has rods in round silos."""
+    can = engine.capabilities
+    return "spherocylinder" in can.shapes and "frustum" in can.walls
+
+
+def rod_rates(engine: Backend, repeats: int, say: Callable[[str], None], rods: int = RODS) -> list[Rate]:
+    """Rates in the closed cylinder and, from OUTFLOW [s] on, in the open one, in every precision.
+
+    The bed settles with a larger time step than it is timed with.
+    """
+    scene = cylinder(rods=True, grains=rods)
+    closed = scene.close()
+    say(f"settling {rods} rods")
+    bed = settled(engine, closed, CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP}), SETTLED)
+    start = opened(bed, closed, scene)
+    rates = []
+    for precision in sorted(engine.capabilities.precisions):
+        numerics = CYLINDER_STEP.model_copy(update={"precision": precision})
+        say(f"timing settled rods and their discharge, {precision}")
+        rates.append(timed(engine, "rods settled", closed, numerics, bed, repeats))
+        rates.append(timed(engine, "rods flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
+    return rates
