@@ -45,10 +45,9 @@ def neighbours(curves: Sequence[Rotation]) -> Iterator[tuple[Rotation, Rotation,
 
 def gained(shorter: Rotation, longer: Rotation, quantity: str) -> Pooled | None:
     """Drop of the longer grains less that of the shorter, with Welch's interval: their packings are no pairs."""
-    drops = drop_of(shorter, quantity), drop_of(longer, quantity)
-    if drops[0] is None or drops[1] is None:
+    a, b = drop_of(shorter, quantity), drop_of(longer, quantity)
+    if a is None or b is None:
         return None
-    a, b = drops
     n, value, error = min(a.n, b.n), b.value - a.value, math.hypot(a.error, b.error)
     if n < 2:
         return Pooled(value, math.nan, math.inf, n, CONFIDENCE)

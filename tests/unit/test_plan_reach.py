@@ -40,6 +40,7 @@ def test_a_bed_discharges_down_to_the_asked_height_or_the_asked_part(tmp_path):
     shared = PointDemand(asked, asked.points[0])
     scene = shared.scene
     ahead = height_ahead(scene)
+    assert ahead is not None
     assert ahead == pytest.approx(200 * scene.grains.volume / (PACKED * 0.06 * 1.01 * 0.003))
     assert reach(shared) == pytest.approx(1 - 0.02 / ahead)
     assert reach(shared, 0.025) == pytest.approx(0.2)
