@@ -22,11 +22,13 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Show what is done, missing, partial or stale and why, with a forecast of time and disk."""
         from labbook.backend import Unsupported
+        from labbook.catalogue.lab import Lab as Folder
         from labbook.measure import MeasureError
         from labbook.plan.check import check
         from labbook.plan.demand import Conflict
         from labbook.plan.forecast import forecast
         from labbook.plan.plan import Planner
+        from labbook.plan.reach import cut_short
         from labbook.runner.provenance import cores, provenance
 
         asked, engine = read_study(study), engine_called(backend)
@@ -38,10 +40,13 @@ def register(app: typer.Typer) -> None:
             fail(problem)
         lanes = cores() if device == "cpu" else 1
         ahead = forecast(made, catalogue, provenance(device)["machine"], device, lanes)
+        warnings = list(cut_short(made, Folder(lab)))
         if as_json:
-            typer.echo(json.dumps(plain(made, ahead), indent=2, allow_nan=False))
+            typer.echo(json.dumps({**plain(made, ahead), "warnings": warnings}, indent=2, allow_nan=False))
         else:
             _show(made, ahead)
+            for line in warnings:
+                typer.echo(line)
 
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from labbook.cli.lab import Device, engine_called
+from labbook.cli.lab import Device, engine_called, open_catalogue
 from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, fail, read_study
 
 if TYPE_CHECKING:
@@ -28,11 +28,20 @@ def register(app: typer.Typer) -> None:
         from labbook.catalogue.lab import Lab as Folder
         from labbook.measure import MeasureError
         from labbook.plan.demand import Conflict
+        from labbook.plan.plan import Planner
+        from labbook.plan.reach import cut_short
         from labbook.runner.progress import Bar
         from labbook.runner.runner import Runner
 
         asked, engine = read_study(study), engine_called(backend)
         console = Console(highlight=False, markup=False)
+        if asked.stop.fill_height is not None:
+            try:
+                ahead = Planner(asked, open_catalogue(lab), engine.capabilities).plan()
+            except (Conflict, MeasureError) as problem:
+                fail(problem)
+            for line in cut_short(ahead, Folder(lab)):
+                typer.echo(line, err=True)
         with Bar(Console(stderr=True)) as bar:
             runner = Runner(asked, Folder(lab), engine, device, checkpoint_every, bar)
             try:

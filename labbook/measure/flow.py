@@ -13,6 +13,10 @@ from labbook.probes import Crossing, Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
 
+ENDED = "the run ended within the window ({})"
+CUT_SHORT = ENDED.format("finished")
+"""Note on a run that met its stop rule before the window ended."""
+
 
 class FlowRate(Measure):
     """Mass flow rate W, of each grain's own mass, and grain flow rate Q over the steady part of a discharge.
@@ -90,7 +94,7 @@ def _notes(flow: SteadyFlow, run: RunData, window: Window) -> list[str]:
         plural = "gap" if flow.gaps == 1 else "gaps"
         notes.append(f"{flow.gaps} {plural} without flow left out, {flow.gap_time:.3g} s together")
     if flow.fraction[1] < window.end - 1.5 * flow.heaviest:
-        notes.append(f"the run ended within the window ({run.outcome})")
+        notes.append(ENDED.format(run.outcome))
     return notes
 
 

@@ -101,9 +101,7 @@ class PointDemand:
     @cached_property
     def stop(self) -> StopRule:
         """When a run ends."""
-        stop, end = self.study.stop, self.study.window.end
-        discharged = end if stop.discharged is None else stop.discharged
-        return StopRule(discharged=discharged, max_time=stop.max_time, stall=stop.stall, fill_height=stop.fill_height)
+        return StopRule.model_validate(self.study.stop.model_dump())
 
     @cached_property
     def probe_names(self) -> frozenset[str]:

@@ -8,6 +8,7 @@ from labbook.catalogue.catalogue import Catalogue
 from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Plan
+from labbook.plan.reach import PACKED, reach
 from labbook.probes import Contacts, Probe, Sample, Zone
 from labbook.protocol import placing
 
@@ -20,7 +21,6 @@ _GRAIN = 400  # bytes of one grain's share of a checkpoint
 _FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
 _FRAMES = 200
 _NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
-_PACKED = 0.55
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,12 @@ def discharge_time(shared: PointDemand) -> float:
     flow = mass_flow(scene)
     if flow <= 0:
         return stop.max_time
-    return min(stop.max_time, stop.discharged * scene.grains.count * scene.grains.mass / flow)
+    return min(stop.max_time, reach(shared) * scene.grains.count * scene.grains.mass / flow)
 
 
 def discharge_work(shared: PointDemand) -> float:
     """Grain-steps of a discharge; grains that left cost nothing."""
-    mean = shared.scene.grains.count * (1 - shared.stop.discharged / 2)
+    mean = shared.scene.grains.count * (1 - reach(shared) / 2)
     return mean * discharge_time(shared) / shared.numerics.dt
 
 
@@ -88,10 +88,10 @@ def fill_time(demand: Demand) -> float:
 
 def disk_of(demand: Demand) -> float:
     """Bytes that a run will keep."""
-    count = demand.shared.scene.grains.count
-    film = _FRAME * count * _FRAMES * (1 - demand.shared.stop.discharged / 2) if demand.recorded else 0.0
+    count, there = demand.shared.scene.grains.count, reach(demand.shared)
+    film = _FRAME * count * _FRAMES * (1 - there / 2) if demand.recorded else 0.0
     seen = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
-    return 5000 + count * (_ROW * demand.shared.stop.discharged + _GRAIN) + film + seen
+    return 5000 + count * (_ROW * there + _GRAIN) + film + seen
 
 
 def _bytes_of(probe: Probe, shared: PointDemand) -> float:
@@ -102,7 +102,7 @@ def _bytes_of(probe: Probe, shared: PointDemand) -> float:
     frames = discharge_time(shared) / (probe.every * shared.numerics.beat)
     if isinstance(probe, Zone):
         around, above = probe.radius**2 * probe.high, probe.core**2 * (probe.top - probe.high)
-        within = _PACKED * math.pi * (around + above) / (math.pi / 6 * grains.equivalent_diameter**3)
+        within = PACKED * math.pi * (around + above) / (math.pi / 6 * grains.equivalent_diameter**3)
         return _NEAR * within * frames * (2 if probe.again else 1)
-    mean = grains.count * (1 - shared.stop.discharged / 2)
+    mean = grains.count * (1 - reach(shared) / 2)
     return mean * frames * (_NEAR if isinstance(probe, Sample) else _CONTACTS)

@@ -13,6 +13,7 @@ from labbook.fit import COVERAGE, CROSSINGS
 from labbook.fit.outlet import Outlet
 from labbook.measure import MEASURES, RunData
 from labbook.measure.acceleration import AccelerationProfile
+from labbook.measure.flow import CUT_SHORT
 from labbook.measure.orifice import OrificeMeans, acceleration_of
 from labbook.measure.outlet import outlet_profile
 from labbook.measure.series import crossings, flow_series
@@ -155,10 +156,16 @@ class PointResult:
         return len(self.runs) < self.asked
 
     @property
+    def cut_short(self) -> bool:
+        """Whether the stop rule was met before the window ended, in any replicate."""
+        return self.notes[CUT_SHORT] > 0
+
+    @property
     def remark(self) -> str:
         """What a reader must know of this point, in a few words; empty if nothing."""
         parts = [f"{len(self.runs)} of {self.asked} runs so far"] if self.partial else []
         parts += ["trending"] if self.trending else []
+        parts += ["stopped within the window"] if self.cut_short else []
         ended = {how: n for how, n in self.outcomes.items() if how in ("clogged", "diverged")}
         return ", ".join(parts + [f"{n} of {len(self.runs)} {how}" for how, n in ended.items()])
 

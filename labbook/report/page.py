@@ -78,6 +78,11 @@ def summary(analysis: Analysis) -> list[str]:
     trending = [result.label for result in analysis.points if result.trending]
     if trending:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
+    if cut := [result.label for result in analysis.points if result.cut_short]:
+        sentences.append(
+            f"The bed fell to stop.fill_height before the window ended (window.end, {study.window.end:g}) at "
+            f"{'; '.join(cut)}, so that W is a mean over less than the window: lower one of them in {study.path.name}."
+        )
     if analysis.comparisons:
         sentences.append(agreement(analysis.comparisons, analysis.source))
     if tested := numerics_summed_up(analysis.numerical):

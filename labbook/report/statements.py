@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 from labbook.report import display
 from labbook.report.analysis import PointResult
 from labbook.report.comparison import Comparison, entry_of, matches
+from labbook.report.elongation import drop_of, gained, neighbours
 from labbook.report.rotation import CONFIDENCE, FLOW, ROTATION, Rotation, by_seed
 from labbook.report.tables import Table
 from labbook.stats import Pooled
@@ -87,7 +88,10 @@ def _judge(
     statement: "Statement", points: Sequence[PointResult], series: Sequence["Series"], turning: Sequence[Rotation]
 ) -> Iterator[Judged]:
     head, _, quantity = statement.quantity.partition(".")
-    if head == TURNING:
+    name, _, feature = quantity.partition(".")
+    if head == TURNING and feature == "drop_with_length":
+        found = list(_with_length(statement, name, turning))
+    elif head == TURNING:
         found = [one for curve in turning for one in _turning(statement, quantity or FLOW, curve)]
     else:
         found = [_other(statement, one) for one in entry_of(statement.quantity, statement.at, points, series)]
@@ -139,11 +143,23 @@ def _turning(statement: "Statement", name: str, curve: Rotation) -> Iterator[Jud
         assert slowest is not None
         yield _of_ratio(statement, where, curve.ratio(quantity, len(curve.points) - 1, slowest))
     else:
-        slowest = curve.lowest(quantity, first=1)
-        assert slowest is not None
-        one = curve.ratio(quantity, slowest)
-        drop = one and Pooled(1 - one.value, one.error, one.half_width, one.n, one.confidence)
-        yield _of_ratio(statement, where, drop)
+        yield _of_ratio(statement, where, drop_of(curve, quantity))
+
+
+def _with_length(statement: "Statement", quantity: str, turning: Sequence[Rotation]) -> Iterator[Judged]:
+    """Each shape against the next shorter one; those of which the longer is at what the statement asks for."""
+    for shorter, longer, alike in neighbours(turning):
+        if not matches(statement.at, longer.points[0].point):
+            continue
+        where = f"{longer.shape} less {shorter.shape}, {alike}"
+        if not (shorter.has(quantity) and longer.has(quantity)):
+            yield Judged(statement, where, None, why=f"{quantity} was not measured at two frequencies")
+        elif shorter.unfinished or longer.unfinished:
+            yield Judged(statement, where, None, why=_LACKING)
+        elif min(len(shorter.points), len(longer.points)) < 3:
+            yield Judged(statement, where, None, why="a minimum needs three frequencies")
+        else:
+            yield _of_ratio(statement, where, gained(shorter, longer, quantity))
 
 
 def _exchange(curve: Rotation, k: int) -> Pooled | None:

@@ -26,8 +26,10 @@ from labbook.catalogue.record import (
 from labbook.catalogue.tables import write_checkpoint, write_table
 from labbook.keys import Keys
 from labbook.plan.demand import Demand, film_probe
+from labbook.plan.reach import reach
 from labbook.probes import Contacts, Crossing, Probe, Sample, Table, Zone
-from labbook.protocol import Bodies, Packing, opened
+from labbook.protocol import Packing, opened
+from labbook.protocol.column import bed_height, parts_of_mass
 from labbook.runner.earlier import at_its_end
 from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Journal, Saved
@@ -181,26 +183,19 @@ class DischargeJob(Job):
 
     @cached_property
     def _bed_height(self) -> float:
-        """Height [m] of the settled bed above the outlet plane: of a column, twice that of its centre of mass."""
-        packing, grains = self._packing(), self.scene.grains
-        z = packing.x[:, 2]
-        middle = self._part_of_mass[packing.ids] @ z if grains.varied else np.mean(z)
-        return 2 * float(middle - (self._plane or 0.0))
+        """Height [m] of the settled bed above the outlet plane."""
+        return bed_height(self.scene.grains, self._packing(), self._plane or 0.0)
 
     @cached_property
     def _part_of_mass(self) -> np.ndarray:
         """Of the mass of all grains, the part that each is, by id."""
-        packing = self._packing()
-        mass = Bodies.of(self.scene.grains, packing).mass
-        return mass[packing.rows(np.arange(len(mass)))] / mass.sum()
+        return parts_of_mass(self.scene.grains, self._packing())
 
     @cached_property
     def _enough(self) -> float:
         """Discharged fraction at which the run has come far enough."""
-        stop = self.demand.shared.stop
-        if stop.fill_height is None:
-            return stop.discharged
-        return min(stop.discharged, 1 - stop.fill_height / self._bed_height)
+        shared = self.demand.shared
+        return reach(shared, self._bed_height) if shared.stop.fill_height is not None else shared.stop.discharged
 
     # end
 

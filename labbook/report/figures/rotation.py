@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.report import display
+from labbook.report.elongation import CLOSE
 from labbook.report.rotation import FLOW, aspect_ratio, by_seed, relative_orifice
 from labbook.report.style import COLUMN, FAINT, MILLIMETRE, PAGE, from_zero, house, look
 
@@ -29,8 +30,6 @@ _PANELS = {
     "orifice_O_tt": (r"$\langle O_{tt}\rangle$", 1.0),
     "orifice_S": (r"$\langle S\rangle$", 1.0),
 }
-_CLOSE = 0.03
-"""Outlets of D/d* that differ by less than this part count as equally wide."""
 
 
 def flow_against_rotation(curves: Sequence["Rotation"]) -> "Figure":
@@ -134,7 +133,7 @@ def _lines(curves: Sequence["Rotation"]) -> list[tuple[str, list["Rotation"], bo
         lines.append((f"D = {orifice * 1e3:.4g} mm", group, True))
     for first in curves:
         wide = relative_orifice(first.points[0])
-        group = [one for one in curves if abs(relative_orifice(one.points[0]) / wide - 1) < _CLOSE]
+        group = [one for one in curves if abs(relative_orifice(one.points[0]) / wide - 1) < CLOSE]
         if group[0] is first and len({one.orifice for one in group}) > 1:
             lines.append((f"D/d* = {wide:.2g}", group, False))
     return [(text, group, dashed) for text, group, dashed in lines if len({one.shape for one in group}) > 1]
