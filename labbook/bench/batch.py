@@ -90,37 +90,43 @@ def run(
     for bed in _beds(engine, device, say):
         for count in members:
             say(f"{bed.name}: {count} members")
-            timings.append(_timed(engine, device, bed, count, beats))
+            timings.append(timed(engine, device, bed, count, beats))
         many = max(count for count in members if count <= 64)
         for precision in sorted(engine.capabilities.precisions - {"mixed"}):
             say(f"{bed.name}: {precision}")
-            timings.append(_timed(engine, device, bed, many, beats, precision=precision))
+            timings.append(timed(engine, device, bed, many, beats, precision=precision))
         for skin in SKINS:
             say(f"{bed.name}: skin {skin} d")
-            timings.append(_timed(engine, device, bed, many, beats, skin=skin))
+            timings.append(timed(engine, device, bed, many, beats, skin=skin))
         for lanes in LANES:
             say(f"{bed.name}: {lanes} threads a grain")
             maker: Any = type(engine)  # the lanes of an engine that has them are an argument of its own
-            timings.append(_timed(maker(lanes=lanes), device, bed, 1, beats))
+            timings.append(timed(maker(lanes=lanes), device, bed, 1, beats))
     return BatchBench(name, device, hardware(), tuple(timings))
 
 
 def _beds(engine: Backend, device: str, say: Callable[[str], None]) -> Iterator[Bed]:
-    def flowing(
-        name: str, scene: Scene, closed: Scene, start: Packing, numerics: Numerics, filling: float | None = None
-    ) -> Bed:  # fmt: skip
+    def bed(name: str, *parts: Any) -> Bed:
         say(f"{name}: settling")
-        how = numerics.model_copy(update={"precision": "mixed"})
-        coarse = how.model_copy(update={"dt": filling or how.dt})
-        bed = _advanced(engine, device, closed, coarse, start, SETTLED)
-        return Bed(name, scene, how, _advanced(engine, device, scene, coarse, opened(bed, closed, scene)))
+        return flowing(engine, device, name, *parts)
 
-    yield flowing("fan", fan(), fan().close(), place(fan().close(), "gas", 1), FAN_STEP)
-    yield flowing("silo", *silo(), SILO_STEP)
+    yield bed("fan", fan(), fan().close(), place(fan().close(), "gas", 1), FAN_STEP)
+    yield bed("silo", *silo(), SILO_STEP)
     for rods in (False, True):
         scene = cylinder(rods)
         closed, name = scene.close(), "rods" if rods else "cylinder"
-        yield flowing(name, scene, closed, place(closed, "gas", 1), CYLINDER_STEP, FILLING_STEP)
+        yield bed(name, scene, closed, place(closed, "gas", 1), CYLINDER_STEP, FILLING_STEP)
+
+
+def flowing(
+    engine: Backend, device: str, name: str, scene: Scene, closed: Scene, start: Packing, numerics: Numerics,
+    filling: float | None = None,
+) -> Bed:  # fmt: skip
+    """The bed to which `start` settles, OUTFLOW after it is opened. filling: another step [s] to use until then."""
+    how = numerics.model_copy(update={"precision": "mixed"})
+    coarse = how.model_copy(update={"dt": filling or how.dt})
+    bed = _advanced(engine, device, closed, coarse, start, SETTLED)
+    return Bed(name, scene, how, _advanced(engine, device, scene, coarse, opened(bed, closed, scene)))
 
 
 def _advanced(
@@ -140,7 +146,8 @@ def _advanced(
     return packing
 
 
-def _timed(engine: Backend, device: str, bed: Bed, members: int, beats: int, **numerics: object) -> Timing:
+def timed(engine: Backend, device: str, bed: Bed, members: int, beats: int, **numerics: object) -> Timing:
+    """Speed of `members` copies of a bed over `beats` beats. numerics: what to change in the bed's."""
     how = bed.numerics.model_copy(update=numerics)
     ensemble = engine.open(engine.specialise(bed.scene, how, [Crossing(0.0)]), members, device)
     handles = [ensemble.admit(bed.scene, how, bed.start) for _ in range(members)]

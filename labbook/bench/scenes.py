@@ -102,13 +102,28 @@ def cylinder(rods: bool, grains: int = 10_000) -> Scene:
 
     rods: 20 mm x 6 mm, else spheres of the same volume; linear law, stiffness 2e5 m g/d.
     """
-    rod = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=grains)
-    kind = rod if rods else Spheres(diameter=9.9e-3, density=620, count=grains)
-    law = LinearSpringDashpot(normal_stiffness=2e5 * kind.mass * 9.8 / kind.diameter, friction=0.5, restitution=0.9)
+    if rods:
+        return _pongo(Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=grains))
+    return _pongo(Spheres(diameter=9.9e-3, density=620, count=grains))
+
+
+def elongated(aspect_ratio: float, grains: int) -> Scene:
+    """`cylinder` with grains of the same volume that are so many times as long as thick (spheres where that is 1), and
+    narrower where they are fewer than 10 000, so that the bed keeps its shape."""
+    silo = max(0.08, 0.19 * min(1.0, (grains / 10_000) ** (1 / 3)))  # the orifice stays as wide
+    if aspect_ratio == 1:
+        return _pongo(Spheres(diameter=9.9e-3, density=620, count=grains), silo)
+    of_unit_diameter = math.pi / 6 + math.pi / 4 * (aspect_ratio - 1)
+    d = (math.pi / 6 / of_unit_diameter) ** (1 / 3) * 9.9e-3
+    return _pongo(Spherocylinders(diameter=d, length=aspect_ratio * d, density=620, count=grains), silo)
+
+
+def _pongo(grains: Spheres | Spherocylinders, diameter: float = 0.19) -> Scene:
+    stiffness = 2e5 * grains.mass * 9.8 / grains.diameter
     return Scene(
-        grains=kind,
-        contact=law,
-        container=CylinderSilo(diameter=0.19, height=2.0, orifice=0.054, rotation=0.32),
+        grains=grains,
+        contact=LinearSpringDashpot(normal_stiffness=stiffness, friction=0.5, restitution=0.9),
+        container=CylinderSilo(diameter=diameter, height=2.0, orifice=0.054, rotation=0.32),
         gravity=9.8,
     )
 

@@ -13,15 +13,16 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def bench(
         what: Annotated[
-            Literal["engine", "batch", "fields"],
+            Literal["engine", "batch", "elongation", "fields"],
             typer.Argument(
-                help="engine: one member a core. batch: many members on one device. fields: coarse-graining."
+                help="engine: one member a core. batch: many members on one device. elongation: rods of several "
+                "aspect ratios. fields: coarse-graining."
             ),
         ],
         backend: Annotated[
             str | None, typer.Option(help="Engine to measure.", show_default="numba; for batch, warp")
         ] = None,
-        device: Annotated[str, typer.Option(help="Device that batch is measured on.")] = "cuda:0",
+        device: Annotated[str, typer.Option(help="GPU that an engine is measured on, where it has one.")] = "cuda:0",
         repeats: Annotated[int, typer.Option(min=1, help="Times that each rate is measured.")] = 7,
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -33,7 +34,7 @@ def register(app: typer.Typer) -> None:
         from rich.console import Console
 
         from labbook.backend import BackendMissing, Unsupported
-        from labbook.bench import batch, engine, fields
+        from labbook.bench import batch, elongation, engine, fields
 
         console = Console(stderr=True)
         try:
@@ -42,6 +43,9 @@ def register(app: typer.Typer) -> None:
                     result = fields.run(say=status.update)
                 elif what == "batch":
                     result = batch.run(backend or "warp", device, say=status.update)
+                elif what == "elongation":
+                    name = backend or "numba"
+                    result = elongation.run(name, "cpu" if name == "numba" else device, repeats, status.update)
                 else:
                     result = engine.run(backend or "numba", repeats, say=status.update)
         except BackendMissing as error:
@@ -58,6 +62,8 @@ def register(app: typer.Typer) -> None:
             _show_fields(result)
         elif isinstance(result, batch.BatchBench):
             _show_batch(result)
+        elif isinstance(result, elongation.ElongationBench):
+            _show_elongation(result)
         else:
             _show(result)
 
@@ -99,6 +105,20 @@ def _show_batch(result) -> None:
         )
     console = Console()
     console.print(f"engine {result.backend} on {result.device} ({result.hardware.get('gpu') or 'no GPU'})")
+    console.print(table)
+
+
+def _show_elongation(result) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("L/d", "members", "grains", "ns a grain-step", "range", "times the first's", "(L/d)²")
+    for case in result.cases:
+        times, square = f"{case.cost / result.cases[0].cost:.2f}", f"{case.aspect_ratio**2:.3g}"
+        cost, span = f"{case.cost:.3g}", f"{case.low:.3g}-{case.high:.3g}"
+        table.add_row(f"{case.aspect_ratio:g}", str(case.members), str(case.grains), cost, span, times, square)
+    console = Console()
+    console.print(f"engine {result.backend} on {result.device} ({result.hardware.get('gpu') or 'a core'})")
     console.print(table)
 
 
