@@ -111,11 +111,12 @@ def elongated(aspect_ratio: float, grains: int) -> Scene:
     """`cylinder` with grains of the same volume that are so many times as long as thick (spheres where that is 1), and
     narrower where they are fewer than 10 000, so that the bed keeps its shape."""
     silo = max(0.08, 0.19 * min(1.0, (grains / 10_000) ** (1 / 3)))  # the orifice stays as wide
+    spheres = Spheres(diameter=9.9e-3, density=620, count=grains)
     if aspect_ratio == 1:
-        return _pongo(Spheres(diameter=9.9e-3, density=620, count=grains), silo)
-    of_unit_diameter = math.pi / 6 + math.pi / 4 * (aspect_ratio - 1)
-    d = (math.pi / 6 / of_unit_diameter) ** (1 / 3) * 9.9e-3
-    return _pongo(Spherocylinders(diameter=d, length=aspect_ratio * d, density=620, count=grains), silo)
+        return _pongo(spheres, silo)
+    thick = Spherocylinders(diameter=9.9e-3, length=aspect_ratio * 9.9e-3, density=620, count=grains)
+    d = thick.diameter * (spheres.volume / thick.volume) ** (1 / 3)
+    return _pongo(thick.model_copy(update={"diameter": d, "length": aspect_ratio * d}), silo)
 
 
 def _pongo(grains: Spheres | Spherocylinders, diameter: float = 0.19) -> Scene:

@@ -156,16 +156,11 @@ class PointResult:
         return len(self.runs) < self.asked
 
     @property
-    def cut_short(self) -> bool:
-        """Whether the stop rule was met before the window ended, in any replicate."""
-        return self.notes[CUT_SHORT] > 0
-
-    @property
     def remark(self) -> str:
         """What a reader must know of this point, in a few words; empty if nothing."""
         parts = [f"{len(self.runs)} of {self.asked} runs so far"] if self.partial else []
         parts += ["trending"] if self.trending else []
-        parts += ["stopped within the window"] if self.cut_short else []
+        parts += ["stopped within the window"] if self.notes[CUT_SHORT] else []
         ended = {how: n for how, n in self.outcomes.items() if how in ("clogged", "diverged")}
         return ", ".join(parts + [f"{n} of {len(self.runs)} {how}" for how, n in ended.items()])
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 from labbook.report.rotation import CONFIDENCE, Rotation, aspect_ratio, relative_orifice
 from labbook.stats import Pooled
-from labbook.stats.pooling import student
+from labbook.stats.pooling import student, welch
 
 CLOSE = 0.03
 """Relative difference within which two D/d* count as one."""
@@ -51,6 +51,5 @@ def gained(shorter: Rotation, longer: Rotation, quantity: str) -> Pooled | None:
     n, value, error = min(a.n, b.n), b.value - a.value, math.hypot(a.error, b.error)
     if n < 2:
         return Pooled(value, math.nan, math.inf, n, CONFIDENCE)
-    spread = a.error**4 / (a.n - 1) + b.error**4 / (b.n - 1)
-    freedom = error**4 / spread if spread else float(a.n + b.n - 2)
+    freedom = welch(a.error**2, a.n, b.error**2, b.n)
     return Pooled(value, error, student(CONFIDENCE, freedom) * error, n, CONFIDENCE)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from labbook import __version__
 from labbook.fit import DEFINITIONS
+from labbook.measure.flow import CUT_SHORT
 from labbook.report import display, figures, tables
 from labbook.report.across import outlet_pictures, ratio_sections
 from labbook.report.analysis import Analysis, redundant
@@ -78,7 +79,7 @@ def summary(analysis: Analysis) -> list[str]:
     trending = [result.label for result in analysis.points if result.trending]
     if trending:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
-    if cut := [result.label for result in analysis.points if result.cut_short]:
+    if cut := [result.label for result in analysis.points if result.notes[CUT_SHORT]]:
         sentences.append(
             f"The bed fell to stop.fill_height before the window ended (window.end, {study.window.end:g}) at "
             f"{'; '.join(cut)}, so that W is a mean over less than the window: lower one of them in {study.path.name}."

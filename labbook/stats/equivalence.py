@@ -12,6 +12,8 @@ from typing import Literal
 
 import numpy as np
 
+from labbook.stats.pooling import welch
+
 _MOST = 1001
 
 
@@ -84,8 +86,7 @@ def tost(
         difference = float(y.mean() - x.mean())
         va, vb = float(x.var(ddof=1)) / len(x), float(y.var(ddof=1)) / len(y)
         error = math.sqrt(va + vb)
-        spread = va**2 / (len(x) - 1) + vb**2 / (len(y) - 1)
-        freedom = (va + vb) ** 2 / spread if spread else float(len(x) + len(y) - 2)
+        freedom = welch(va, len(x), vb, len(y))
     return _decide(difference, error, freedom, margin, alpha)
 
 

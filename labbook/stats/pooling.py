@@ -37,6 +37,13 @@ class Pooled:
         return self.half_width / abs(self.value) if self.value else math.inf
 
 
+def welch(a: float, n: int, b: float, m: int) -> float:
+    """Degrees of freedom of the difference of two means of n and m values, whose squared standard errors are `a` and
+    `b` (Welch, Biometrika 34 (1947) 28)."""
+    spread = a**2 / (n - 1) + b**2 / (m - 1)
+    return (a + b) ** 2 / spread if spread else float(n + m - 2)
+
+
 def student(confidence: float, degrees_of_freedom: float) -> float:
     """Two-sided Student quantile t: |T| < t with probability `confidence`; infinite without degrees of
     freedom.

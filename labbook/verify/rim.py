@@ -29,6 +29,15 @@ def wall(kind: str, spin: float = 0.0) -> Wall:
     return Wall(name="rim", shape=Frustum(lower=(RIM, 0), upper=ENDS[kind]), motion=SurfaceMotion(spin=spin))
 
 
+def lying(off: float, at: float, stiffness: float) -> tuple[np.ndarray, float, float]:
+    """A rod at rest on two points at -at and +at [m], its middle at `off` [m]: their forces [N] by the lever rule, its
+    tilt (slope), and the height [m] of its middle above them. stiffness: of a contact [N/m]."""
+    forces = ROD.mass * G * np.array([0.5 - off / (2 * at), 0.5 + off / (2 * at)])
+    low, high = R - forces / stiffness
+    tilt = (high - low) / (2 * at)
+    return forces, tilt, (low + high) / 2 + off * tilt
+
+
 def _lies(stand: Stand) -> Mapping[str, float]:
     """Rods at rest across the hole, their middles 1 mm off the middle of a chord: the lever rule."""
     stiffness, off, beside, errors = 2e4, 1e-3, 1.5e-3, {}
@@ -36,10 +45,7 @@ def _lies(stand: Stand) -> Mapping[str, float]:
     for kind in ENDS:
         at = HALF if kind == "plate" else math.sqrt(RIM**2 - beside**2)  # of the two points from the chord's middle
         shift = 0.0 if kind == "plate" else off
-        forces = ROD.mass * G * np.array([0.5 - shift / (2 * at), 0.5 + shift / (2 * at)])
-        low, high = R - forces / stiffness
-        tilt = (high - low) / (2 * at)
-        height = (low + high) / 2 + shift * tilt
+        forces, tilt, height = lying(shift, at, stiffness)
         scene = rods(1, Primitives(parts=(wall(kind),)), G, restitution=0.3)
         q = towards(np.array([1.0, 0.0, tilt]) / math.hypot(1, tilt))
         # a little too high: it has to come to rest
@@ -107,11 +113,9 @@ def _rides(stand: Stand) -> Mapping[str, float]:
     """A rod across the middle of a turning tube's open end, 1 mm off along itself: it cannot roll outwards."""
     spin, off, stiffness = 5.0, 1e-3, 2e4
     scene = rods(1, Primitives(parts=(wall("tube", spin),)), G, friction=0.8, restitution=0.5)
-    forces = ROD.mass * G * np.array([0.5 - off / (2 * RIM), 0.5 + off / (2 * RIM)])
-    low, high = R - forces / stiffness
-    tilt = (high - low) / (2 * RIM)
+    _, tilt, height = lying(off, RIM, stiffness)
     start = rods_at(
-        [[off, 0.0, (low + high) / 2 + off * tilt]], [towards(np.array([1.0, 0.0, tilt]) / math.hypot(1, tilt))],
+        [[off, 0.0, height]], [towards(np.array([1.0, 0.0, tilt]) / math.hypot(1, tilt))],
         [[0, spin * off, 0]], [[0, 0, spin]],
     )  # fmt: skip
     motion = stand.run(Start(scene, 2e-6, start), 100, 2000, [MOTION])

@@ -11,7 +11,7 @@ from stands import stands, where
 sys.path.insert(0, str(Path(__file__).parent))
 
 from plain_rods import PlainRods
-from rods_in_silo import ROUNDING, D, numerics, silo, trough
+from rods_in_silo import ROUNDING, D, advanced, numerics, silo, trough
 
 from labbook.probes import Contacts, Ledger, Sample
 from labbook.protocol.packing import Packing
@@ -47,13 +47,7 @@ def compiled_once(scene: Scene) -> Scene:
 def run(stand: Stand, scene: Scene, start: Packing, beats: int, **further):
     """One member, advanced: its packing and rows."""
     how = numerics(stand.precision, overlap_limit=1.0, **further)
-    ensemble = stand.engine.open(stand.engine.specialise(scene, how, PROBES), 1, stand.device)
-    member = ensemble.admit(scene, how, start)
-    events = ensemble.advance(beats)
-    assert not events, events
-    state, tables = ensemble.packing(member), ensemble.drain()
-    ensemble.close()
-    return state, tables
+    return advanced(stand.engine, scene, how, start, beats, PROBES, stand.device)
 
 
 @pytest.fixture(scope="module", params=[where(stand) for stand in stands() if stand.device == "cpu"])
