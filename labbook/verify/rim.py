@@ -51,10 +51,12 @@ def _lies(stand: Stand) -> Mapping[str, float]:
         # a little too high: it has to come to rest
         start = rods_at([[shift, beside, height + 0.1 * (R - height)]], [q])
         rows = stand.run(Start(scene, 2e-6, start), 10, 1000, [contacts]).rows(contacts)
-        require(len(rows["fz"]) == 2, f"the rod on the {kind} does not touch it at two points")
-        order = np.argsort(rows["bx"])
-        errors[f"forces, {kind}"] = float(np.abs(rows["fz"][order] - forces).max()) / (ROD.mass * G)
-        errors[f"places, {kind}"] = float(np.abs(rows["bx"][order] + shift - [-at, at]).max()) / HALF
+        # where its ends carry a rod, it is as far from the rim as a radius: rounding decides whether it touches
+        fz, bx = (rows[name][rows["fz"] > 1e-6 * ROD.mass * G] for name in ("fz", "bx"))
+        require(len(fz) == 2, f"{len(fz)} points carry the rod on the {kind}, not two")
+        order = np.argsort(bx)
+        errors[f"forces, {kind}"] = float(np.abs(fz[order] - forces).max()) / (ROD.mass * G)
+        errors[f"places, {kind}"] = float(np.abs(bx[order] + shift - [-at, at]).max()) / HALF
     return errors
 
 
