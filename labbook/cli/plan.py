@@ -1,6 +1,7 @@
 """`labbook plan`: what a study still needs, and why."""
 
 import json
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -82,6 +83,17 @@ def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
     }
 
 
+def spans(seeds: Iterable[int]) -> str:
+    """Whole numbers in few words: `1-3, 5` for 1, 2, 3 and 5."""
+    found: list[list[int]] = []
+    for seed in sorted(seeds):
+        if found and seed == found[-1][-1] + 1:
+            found[-1][1:] = [seed]
+        else:
+            found.append([seed])
+    return ", ".join("-".join(map(str, span)) for span in found)
+
+
 def _show(plan: "Plan", ahead: "Forecast") -> None:
     from collections import defaultdict
 
@@ -93,15 +105,15 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
     from labbook.runner.progress import duration, size
 
     console = Console(highlight=False)
-    groups: dict[tuple[str, str, str], list[str]] = defaultdict(list)
+    groups: dict[tuple[str, str, str], list[int]] = defaultdict(list)
     for item in plan.items:
-        groups[item.demand.point.label, item.state, item.reason].append(str(item.demand.seed))
+        groups[item.demand.point.label, item.state, item.reason].append(item.demand.seed)
     table = Table(title=escape(plan.study.name), title_justify="left", box=box.SIMPLE_HEAD)
     for heading in ("point", "seeds", "state", "why"):
-        table.add_column(heading, no_wrap=heading == "point")
+        table.add_column(heading, no_wrap=heading == "state", overflow="fold")
     colours = {"done": "green", "partial": "yellow", "stale": "yellow", "missing": "default"}
     for (label, state, reason), seeds in groups.items():
-        table.add_row(escape(label), ", ".join(seeds), f"[{colours[state]}]{state}[/]", escape(reason))
+        table.add_row(escape(label), spans(seeds), f"[{colours[state]}]{state}[/]", escape(reason))
     console.print(table)
     counts = plan.counts()
     console.print(", ".join(f"{counts[state]} {state}" for state in colours if counts[state]), markup=False)
