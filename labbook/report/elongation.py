@@ -1,7 +1,8 @@
-"""How much more the flow of longer grains drops when the bottom begins to turn (Pongo et al. 2022, Fig. 3a)."""
+"""How much more the flow of longer grains drops when the bottom begins to turn, and rises as it turns faster (Pongo et
+al. 2022, Fig. 3)."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from labbook.report.rotation import CONFIDENCE, Rotation, aspect_ratio, relative_orifice
 from labbook.stats import Pooled
@@ -20,6 +21,19 @@ def drop_of(curve: Rotation, quantity: str) -> Pooled | None:
     assert slowest is not None
     one = curve.ratio(quantity, slowest)
     return one and Pooled(1 - one.value, one.error, one.half_width, one.n, one.confidence)
+
+
+def rise_of(curve: Rotation, quantity: str) -> Pooled | None:
+    """The quantity at the fastest rotation over the smallest at slower ones; None as for `drop_of`."""
+    slowest = curve.lowest(quantity, first=1, before_last=True)
+    return None if slowest is None else curve.ratio(quantity, len(curve.points) - 1, slowest)
+
+
+WITH_LENGTH: dict[str, Callable[[Rotation, str], Pooled | None]] = {
+    "drop_with_length": drop_of,
+    "rise_with_length": rise_of,
+}
+"""What a curve has that may grow with the length of its grains, by the name of the feature in a statement."""
 
 
 def neighbours(curves: Sequence[Rotation]) -> Iterator[tuple[Rotation, Rotation, str]]:
@@ -43,9 +57,10 @@ def neighbours(curves: Sequence[Rotation]) -> Iterator[tuple[Rotation, Rotation,
                 yield nearest, longer, where
 
 
-def gained(shorter: Rotation, longer: Rotation, quantity: str) -> Pooled | None:
-    """Drop of the longer grains less that of the shorter, with Welch's interval: their packings are no pairs."""
-    a, b = drop_of(shorter, quantity), drop_of(longer, quantity)
+def gained(shorter: Rotation, longer: Rotation, quantity: str, feature: str = "drop_with_length") -> Pooled | None:
+    """Drop (or rise) of the longer grains less that of the shorter, with Welch's interval: their packings are no
+    pairs."""
+    a, b = (WITH_LENGTH[feature](one, quantity) for one in (shorter, longer))
     if a is None or b is None:
         return None
     n, value, error = min(a.n, b.n), b.value - a.value, math.hypot(a.error, b.error)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 from labbook.report import display
 from labbook.report.analysis import PointResult
 from labbook.report.comparison import Comparison, entry_of, matches
-from labbook.report.elongation import drop_of, gained, neighbours
+from labbook.report.elongation import WITH_LENGTH, drop_of, gained, neighbours, rise_of
 from labbook.report.rotation import CONFIDENCE, FLOW, ROTATION, Rotation, by_seed
 from labbook.report.tables import Table
 from labbook.stats import Pooled
@@ -89,8 +89,8 @@ def _judge(
 ) -> Iterator[Judged]:
     head, _, quantity = statement.quantity.partition(".")
     name, _, feature = quantity.partition(".")
-    if head == TURNING and feature == "drop_with_length":
-        found = list(_with_length(statement, name, turning))
+    if head == TURNING and feature in WITH_LENGTH:
+        found = list(_with_length(statement, name, feature, turning))
     elif head == TURNING:
         found = [one for curve in turning for one in _turning(statement, quantity or FLOW, curve)]
     else:
@@ -139,14 +139,12 @@ def _turning(statement: "Statement", name: str, curve: Rotation) -> Iterator[Jud
         else:
             yield Judged(statement, where, extreme.frequency, low=extreme.low, high=extreme.high)
     elif feature == "rise":
-        slowest = curve.lowest(quantity, first=1, before_last=True)
-        assert slowest is not None
-        yield _of_ratio(statement, where, curve.ratio(quantity, len(curve.points) - 1, slowest))
+        yield _of_ratio(statement, where, rise_of(curve, quantity))
     else:
         yield _of_ratio(statement, where, drop_of(curve, quantity))
 
 
-def _with_length(statement: "Statement", quantity: str, turning: Sequence[Rotation]) -> Iterator[Judged]:
+def _with_length(statement: "Statement", quantity: str, feature: str, turning: Sequence[Rotation]) -> Iterator[Judged]:
     """Each shape against the next shorter one; those of which the longer is at what the statement asks for."""
     for shorter, longer, alike in neighbours(turning):
         if not matches(statement.at, longer.points[0].point):
@@ -159,7 +157,7 @@ def _with_length(statement: "Statement", quantity: str, turning: Sequence[Rotati
         elif min(len(shorter.points), len(longer.points)) < 3:
             yield Judged(statement, where, None, why="a minimum needs three frequencies")
         else:
-            yield _of_ratio(statement, where, gained(shorter, longer, quantity))
+            yield _of_ratio(statement, where, gained(shorter, longer, quantity, feature))
 
 
 def _exchange(curve: Rotation, k: int) -> Pooled | None:

@@ -131,10 +131,10 @@ class ReferenceEntry:
 
 TURNING = "rotation"
 """Statements on `rotation.QUANTITY` speak of the quantity over that with the bottom at rest."""
-FEATURES = ("drop", "minimum", "rise", "for_O_zz", "drop_with_length")
+FEATURES = ("drop", "minimum", "rise", "for_O_zz", "drop_with_length", "rise_with_length")
 """What `rotation.QUANTITY.FEATURE` may be: 1 - smallest while turning/at rest; the frequency of the smallest; at the
-fastest over the smallest at slower ones, all in size; of O_rr, what it gains over what O_zz loses; and the drop less
-that of the next shorter grains, by L/d, at the same D or D/d*."""
+fastest over the smallest at slower ones, all in size; of O_rr, what it gains over what O_zz loses; and drop or rise
+less that of the next shorter grains, by L/d, at the same D or D/d*."""
 
 
 @dataclass(frozen=True)

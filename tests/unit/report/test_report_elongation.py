@@ -8,7 +8,7 @@ import pytest
 from turning_runs import ROD, SPHERE, F, Run, point, state
 
 from labbook.report.analysis import analyse
-from labbook.report.elongation import drop_of, gained, neighbours
+from labbook.report.elongation import WITH_LENGTH, gained, neighbours
 from labbook.report.rotation import aspect_ratio
 from labbook.study.schema import Reference
 
@@ -21,7 +21,11 @@ def analysis(synthetic):
     places = [*product((SPHERE, WIDE, ROD), (0.06,), F), *((WIDE, 0.07178, f) for f in F)]
     points = [point(k, f, size, D) for k, (size, D, f) in enumerate(places)]
     stated = tuple(state("rotation.grain_rate.drop_with_length", low, high) for low, high in LIMITS)
-    stated = (*stated, replace(stated[0], at={"grains.length": 9.9e-3}))
+    stated = (
+        *stated,
+        replace(stated[0], at={"grains.length": 9.9e-3}),
+        state("rotation.grain_rate.rise_with_length", 0.2),
+    )
     study = synthetic.study_of(points, fit=(), reference=Reference("someone", (), stated), replicates=8)
     return analyse(study, [Run(p, seed) for p in points for seed in range(1, 9)])
 
@@ -39,29 +43,31 @@ def test_each_shape_is_held_against_the_next_shorter_one(analysis):
     ]
 
 
-def test_the_gain_is_the_difference_of_the_drops_with_an_error_of_both(analysis):
-    """Rods of both lengths drop by a half, spheres not at all (they rise by 1 %)."""
+@pytest.mark.parametrize(("feature", "of_rods"), [("drop_with_length", 0.51), ("rise_with_length", 0.28)])
+def test_the_gain_is_the_difference_of_both_with_an_error_of_both(analysis, feature, of_rods):
+    """Rods of both lengths drop by a half and rise by 30 %, spheres rise at once by 1 % and then by 2 % more."""
     pairs = list(neighbours(analysis.turning))
     for short, long, _ in pairs:
-        gain = gained(short, long, "grain_rate")
-        below, above = (drop_of(one, "grain_rate") for one in (short, long))
+        gain = gained(short, long, "grain_rate", feature)
+        below, above = (WITH_LENGTH[feature](one, "grain_rate") for one in (short, long))
         assert gain is not None
         assert below is not None
         assert above is not None
         assert gain.value == pytest.approx(above.value - below.value)
         assert gain.error == pytest.approx(math.hypot(below.error, above.error))
-        expected = 0.51 if short.shape == "spheres" else 0.0
+        expected = of_rods if short.shape == "spheres" else 0.0
         assert abs(gain.value - expected) < 4 * gain.error
         assert max((below, above), key=lambda one: one.error).half_width < gain.half_width < 3 * gain.error
 
 
 def test_statements_are_judged_by_each_pair_of_which_the_longer_is_there(analysis):
-    above, within, none, of_spheres = (
+    above, within, none, of_spheres, rising = (
         [one for one in analysis.judged if one.statement is stated] for stated in analysis.study.reference.statements
     )
     assert [one.verdict for one in above] == ["holds", "holds", "does not hold", "does not hold"]
     assert [one.verdict for one in within] == ["does not hold", "does not hold", "undecided", "undecided"]
     assert [one.verdict for one in none] == ["does not hold", "does not hold", "holds", "holds"]
+    assert [one.verdict for one in rising] == ["holds", "holds", "does not hold", "does not hold"]
     assert above[0].label == "rods, L/d = 2.5 less spheres, D = 60 mm"
     (alone,) = of_spheres
     assert (alone.ours, alone.verdict) == (None, "undecided"), "nothing is shorter than a sphere"
