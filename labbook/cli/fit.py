@@ -33,7 +33,7 @@ def _show(analysis) -> None:
     from labbook.report.fitted_tables import fit_table
     from labbook.report.numerical import numerical_table
     from labbook.report.page import summary
-    from labbook.report.statements import statement_table
+    from labbook.report.statement_tables import statement_digest, statement_table
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
     console.print(f"[bold]{analysis.study.name}[/bold]")
@@ -62,7 +62,11 @@ def _show(analysis) -> None:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:
             console.print(series.verdict, markup=False)
-    if analysis.judged:
+    if digest := statement_digest(analysis.judged):
+        print_table(console, digest, f"What {analysis.source} state")
+        if open_ones := [one for one in analysis.judged if one.verdict != "holds"]:
+            print_table(console, statement_table(open_ones), "Where that does not hold, or is undecided")
+    elif analysis.judged:
         print_table(console, statement_table(analysis.judged), f"What {analysis.source} state")
     if analysis.comparisons:
         print_table(console, tables.comparison_table(analysis.comparisons), f"Beside {analysis.source}")

@@ -26,9 +26,12 @@ def print_table(console: "Console", table: "Table", title: str) -> None:
     spare = console.width - _BESIDE * len(columns) - 1 - sum(words)
     widths: list[int | None] = [None] * len(columns)
     if spare >= 0:
-        for k in sorted(range(len(columns)), key=lambda k: k in table.text):  # numbers come first
-            widths[k] = width = min(whole[k], words[k] + spare)
-            spare -= width - words[k]
+        lacks = [most - least for most, least in zip(whole, words, strict=True)]
+        order = sorted(range(len(columns)), key=lambda k: (k in table.text, lacks[k]))
+        for place, k in enumerate(order):  # numbers come first; of text what lacks least, so that the longest share
+            grant = min(lacks[k], spare // (len(order) - place) if k in table.text else spare)
+            widths[k] = words[k] + grant
+            spare -= grant
     for k, heading in enumerate(table.headings):
         justify = "left" if k in table.text else "right"
         shown.add_column(escape(heading), justify=justify, overflow="fold", width=widths[k])

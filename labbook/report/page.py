@@ -14,7 +14,8 @@ from labbook.report.comparison import agreement
 from labbook.report.numerical import numerical_table
 from labbook.report.numerical import summed_up as numerics_summed_up
 from labbook.report.sections import Picture, picture, series_section
-from labbook.report.statements import statement_table, summed_up
+from labbook.report.statement_tables import statement_digest, statement_table
+from labbook.report.statements import summed_up
 from labbook.report.turning import scaling, turning_section
 
 FILE = "report.html"
@@ -34,6 +35,7 @@ def write(analysis: Analysis, folder: Path) -> Path:
         comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
         digest=tables.digest_table(analysis.comparisons),
         statements=statement_table(analysis.judged) if analysis.judged else None,
+        statement_digest=statement_digest(analysis.judged),
         turning=turning_section(analysis, folder),
         overview=_overview(analysis, folder),
         scaling=None if analysis.turning else scaling(analysis, folder),

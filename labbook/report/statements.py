@@ -11,7 +11,6 @@ from labbook.report.analysis import PointResult
 from labbook.report.comparison import Comparison, entry_of, matches
 from labbook.report.elongation import WITH_LENGTH, drop_of, gained, neighbours, rise_of
 from labbook.report.rotation import CONFIDENCE, FLOW, ROTATION, Rotation, by_seed
-from labbook.report.tables import Table
 from labbook.stats import Pooled
 from labbook.stats.ratio import paired_ratio
 from labbook.study.schema import TURNING
@@ -68,7 +67,7 @@ def summed_up(judged: Sequence[Judged], source: str) -> str:
 
     One that speaks of several points counts once: it holds if it does at all of them, and does not if it fails at one.
     """
-    found = [_at_all(one.verdict for one in group) for _, group in groupby(judged, lambda one: one.statement)]
+    found = [at_all(group) for _, group in by_statement(judged)]
     holds, fails, open_ones = (found.count(verdict) for verdict in get_args(Verdict))
     statements = "statement" if len(found) == 1 else "statements"
     return (
@@ -77,8 +76,14 @@ def summed_up(judged: Sequence[Judged], source: str) -> str:
     )
 
 
-def _at_all(verdicts: Iterable[Verdict]) -> Verdict:
-    found = set(verdicts)
+def by_statement(judged: Sequence[Judged]) -> list[tuple["Statement", list[Judged]]]:
+    """What was judged, statement by statement, in their order."""
+    return [(statement, list(group)) for statement, group in groupby(judged, lambda one: one.statement)]
+
+
+def at_all(places: Iterable[Judged]) -> Verdict:
+    """The verdict on a statement that speaks of several places."""
+    found = {one.verdict for one in places}
     if "does not hold" in found:
         return "does not hold"
     return "undecided" if "undecided" in found else "holds"
@@ -174,42 +179,3 @@ def _of_ratio(statement: "Statement", where: str, ratio: Pooled | None) -> Judge
     if ratio is None:
         return Judged(statement, where, None, why="no seed has both runs")
     return Judged(statement, where, ratio.value, ratio.error, ratio.low, ratio.high, pairs=ratio.n)
-
-
-def statement_table(judged: Sequence[Judged]) -> Table:
-    """Every statement with ours, its interval, what it asks, and the verdict; those that do not hold are marked."""
-    rows, marked, reasons = [], set(), []
-    for place, one in enumerate(judged):
-        stated, (scale, unit) = one.statement, _shown(one.statement.quantity)
-        ends = [display.number(end, None, scale) for end in (stated.low, stated.high)]
-        asked = f"{ends[0]} to {ends[1]}{unit}"
-        if math.isinf(stated.low) or math.isinf(stated.high):
-            asked = f"at most {ends[1]}{unit}" if math.isinf(stated.low) else f"at least {ends[0]}{unit}"
-        if one.ours is None:
-            rows.append((stated.says, one.label, asked, "–", "–", one.verdict))
-            reasons.append(f"{stated.says} ({one.label}): {one.why}." if one.label else f"{stated.says}: {one.why}.")
-            continue
-        error = None if math.isnan(one.error) else one.error
-        interval = " to ".join(display.number(end, error, scale) for end in (one.low, one.high))
-        rows.append(
-            (stated.says, one.label, asked, display.with_error(one.ours, one.error, scale), interval, one.verdict)
-        )
-        if one.verdict == "does not hold":
-            marked.add(place)
-    note = (
-        "A statement holds if our interval lies within what it says, does not hold if it lies outside (bold), and is "
-        "undecided otherwise or where nothing was measured. Ratios to the bottom at rest are of means over the seeds "
-        "that both have, with 90 % intervals; so is the frequency of a minimum, from curves drawn from the scatter "
-        "between seeds; other numbers have 95 % intervals. The smallest of several means is a little too small by "
-        "being chosen."
-    )
-    headings = ("statement", "at", "asks for", "ours", "interval", "verdict")
-    return Table(headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *dict.fromkeys(reasons)))
-
-
-def _shown(quantity: str) -> tuple[float, str]:
-    """Factor from SI to the unit that is shown, and that unit after a space; ratios have none."""
-    if quantity.partition(".")[0] == TURNING:
-        return 1.0, " Hz" if quantity.endswith(".minimum") else ""
-    shown = display.quantity(quantity)
-    return shown.scale, f" {shown.unit}" if shown.unit else ""

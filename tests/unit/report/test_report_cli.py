@@ -113,3 +113,10 @@ def test_text_beside_numbers_wraps_between_words_only(width):
     cells = ["dt = 2.5 µs instead of 5 µs", "12", *(f"{10**k}.2967 ± 0.0045" for k in range(3)), "equivalent, surely"]
     shown = printed(cells, frozenset({0, 5}), width)
     assert all(word in shown for cell in cells for word in cell.split())
+
+
+def test_long_texts_share_the_room_that_short_ones_leave():
+    shown = printed(["one " * 20, "two " * 20, "at 1 of 4"], frozenset({0, 1, 2}), 100).splitlines()
+    assert "at 1 of 4" in "".join(shown)
+    for word in ("one", "two"):
+        assert sum(word in line for line in shown) == 2, "80 characters each, in columns of some 40"

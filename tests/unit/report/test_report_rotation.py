@@ -13,7 +13,8 @@ from labbook.report import figures, page
 from labbook.report.analysis import analyse
 from labbook.report.plain import plain
 from labbook.report.rotation import Rotation
-from labbook.report.statements import Judged, judge, statement_table, summed_up
+from labbook.report.statement_tables import statement_digest, statement_table
+from labbook.report.statements import Judged, judge, summed_up
 from labbook.report.turning import sentence
 from labbook.stats import pool
 from labbook.study.schema import Reference
@@ -136,6 +137,26 @@ def test_statements_hold_fail_or_stay_open(analysis):
     assert table.rows[2][2] == "0.16 to 0.32 Hz"
     assert [table.rows[k][-1] for k in table.marked] == ["does not hold"] * 2
     assert summed_up(analysis.judged, "Them").startswith("Of 6 statements of Them, 4 hold, 1 does not, and 1 is")
+
+
+def test_of_a_statement_on_several_places_a_row_tells_how_it_fares_there():
+    def judged(stated, *places):
+        return [Judged(stated, f"f = {k} Hz", one, 0.01, one - 0.02, one + 0.02) for k, one in enumerate(places)]
+
+    low, few, mixed = (state("rotation.grain_rate", *ends) for ends in ((0.5, 0.9), (0.9, 1.1), (0.8, 1.0)))
+    table = statement_digest([*judged(low, 0.7, 0.6), *judged(few, 1.0), *judged(mixed, 0.99, 0.9, 0.5)])
+    assert table is not None
+    assert [row[1:] for row in table.rows] == [
+        ("0.5 to 0.9", "0.600 to 0.700", "holds at all 2"),
+        ("0.9 to 1.1", "1.000", "holds"),
+        ("0.8 to 1", "0.500 to 0.990", "does not hold at 1 of 3"),
+    ]
+    assert table.marked == {2}
+    nothing = [Judged(low, "here", None), Judged(low, "there", None)]
+    table = statement_digest(nothing)
+    assert table is not None
+    assert table.rows[0][1:] == ("0.5 to 0.9", "–", "undecided at all 2")
+    assert statement_digest([*judged(low, 0.7), *judged(few, 1.0)]) is None, "the full table says it"
 
 
 @pytest.mark.parametrize(
