@@ -57,9 +57,9 @@ def neighbours(curves: Sequence[Rotation]) -> Iterator[tuple[Rotation, Rotation,
                 yield nearest, longer, where
 
 
-def gained(shorter: Rotation, longer: Rotation, quantity: str, feature: str = "drop_with_length") -> Pooled | None:
-    """Drop (or rise) of the longer grains less that of the shorter, with Welch's interval: their packings are no
-    pairs."""
+def gained(shorter: Rotation, longer: Rotation, quantity: str, feature: str) -> Pooled | None:
+    """A feature of `WITH_LENGTH` of the longer grains less that of the shorter, with Welch's interval: their packings
+    are no pairs."""
     a, b = (WITH_LENGTH[feature](one, quantity) for one in (shorter, longer))
     if a is None or b is None:
         return None

@@ -51,7 +51,7 @@ def statement_digest(judged: Sequence[Judged]) -> Table | None:
         verdict = at_all(group)
         there = sum(one.verdict == verdict for one in group)
         found = sorted((one for one in group if one.ours is not None), key=lambda one: one.ours or 0.0)
-        ours = [_number(one) for one in (found[:1] + found[-1:] if len(found) > 1 else found)]
+        ours = [_number(one) for one in (*found[:1], *found[-1:])]
         where = "" if len(group) == 1 else f" at all {there}" if there == len(group) else f" at {there} of {len(group)}"
         rows.append((stated.says, _asked(stated), " to ".join(dict.fromkeys(ours)) or "–", verdict + where))
         if verdict == "does not hold":

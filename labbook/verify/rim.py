@@ -52,7 +52,8 @@ def _lies(stand: Stand) -> Mapping[str, float]:
         start = rods_at([[shift, beside, height + 0.1 * (R - height)]], [q])
         rows = stand.run(Start(scene, 2e-6, start), 10, 1000, [contacts]).rows(contacts)
         # where its ends carry a rod, it is as far from the rim as a radius: rounding decides whether it touches
-        fz, bx = (rows[name][rows["fz"] > 1e-6 * ROD.mass * G] for name in ("fz", "bx"))
+        force = np.linalg.norm([rows[name] for name in ("fx", "fy", "fz")], axis=0)
+        fz, bx = (rows[name][force > 1e-6 * ROD.mass * G] for name in ("fz", "bx"))
         require(len(fz) == 2, f"{len(fz)} points carry the rod on the {kind}, not two")
         order = np.argsort(bx)
         errors[f"forces, {kind}"] = float(np.abs(fz[order] - forces).max()) / (ROD.mass * G)
