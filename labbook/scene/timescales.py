@@ -1,9 +1,11 @@
-"""Time scales that a time step can be stated as a fraction of."""
+"""Time scales that a time step can be stated as a fraction of, and the largest step with which a bed comes to rest."""
 
 import math
+from collections.abc import Iterator
 
 from labbook.scene.contact import HertzMindlin, LinearSpringDashpot
-from labbook.scene.grains import Grains
+from labbook.scene.damping import damping_ratio
+from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.scene import Scene
 
 
@@ -50,5 +52,37 @@ def effective_modulus(law: HertzMindlin) -> float:
 # Twice the integral of dx / sqrt(1 - x^{5/2}) from 0 to 1, times (15/16)^{2/5}: the duration in units of
 # (m_eff^2 / (R_eff E*^2 v))^{1/5}.
 HERTZ_DURATION = 0.8 * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9) * (15 / 16) ** 0.4
+
+_SPRINGS = {"hertz-mindlin": 2.5, "linear": 1.8}
+_DASHPOTS = {"hertz-mindlin": (3.5, 3.5), "linear": (5.7, 6.5)}
+"""A and B of `largest_stable_step`; of B the second is of rods. Fitted to some 3000 beds of benchmarks/step_limit.py
+(results: benchmarks/results/2026-11-22-step-limit-h100.json), the deep ones, which are the first to fail."""
+
+
+def largest_stable_step(scene: Scene) -> float:
+    """The step [s] beyond which deep beds never come to rest, or explode.
+
+    A grain in a bed has several contacts at once. With w = pi dt/t_c (for a linear spring: its frequency times dt) and
+    z the damping ratio, the explicit step is unstable where A w^2 + 2 B z w > 1. A and B were measured with friction
+    springs of 2/7 of the normal stiffness and tangential dashpots as strong as normal ones. Stiffer springs and
+    stronger dashpots are taken to count in proportion.
+    """
+    law = scene.contact
+    a, b = _SPRINGS[law.law], _DASHPOTS[law.law][isinstance(scene.grains, Spherocylinders)]
+    if isinstance(law, LinearSpringDashpot):
+        a *= max(1.0, 3.5 * law.tangential_stiffness)
+    bz = b * max(1.0, law.tangential_damping) * max(damping_ratio(law, e) for e in _restitutions(scene))
+    return (math.sqrt(bz**2 + a) - bz) / a * collision(scene) / math.pi
+
+
+def _restitutions(scene: Scene) -> Iterator[float]:
+    """Of all contacts that the scene has."""
+    kinds = range(max(1, len(scene.grains.kinds)))
+    for one in kinds:
+        for other in kinds[: one + 1]:
+            yield scene.surface_between(one, other).restitution or 1.0
+        for wall in scene.container.walls():
+            yield scene.surface(wall, one).restitution or 1.0
+
 
 TIME_SCALES = {"rayleigh": rayleigh, "collision": collision}

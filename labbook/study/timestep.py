@@ -5,14 +5,14 @@ import re
 from labbook.scene.contact import HertzMindlin, LinearSpringDashpot
 from labbook.scene.quantities import parse
 from labbook.scene.scene import Scene
-from labbook.scene.timescales import TIME_SCALES, collision
+from labbook.scene.timescales import TIME_SCALES, collision, largest_stable_step
 from labbook.study.problems import instead
 
 DEFAULT = {"hertz-mindlin": "0.1 rayleigh", "linear": "0.02 collision"}
 """The papers' steps: at most 0.1 Rayleigh times (Fan et al. 2023), below 2 % of a collision (Pongó et al. 2022)."""
 
-COARSEST = 0.2
-"""Part of a collision's duration above which a step is refused: a collision must last five steps."""
+WITHIN = 0.75
+"""Part of the largest stable step that the default does not exceed."""
 
 _FRACTION = re.compile(r"\s*(\S.*?)\s*\*?\s*([a-z]+)\s*")
 
@@ -26,28 +26,32 @@ class TimeStepError(Exception):
 
 
 def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
-    """The step [s] that `stated` (`2.5 us`, `0.1 rayleigh`, `0.02 collision`; None: the law's DEFAULT) means.
+    """The step [s] that `stated` (`2.5 us`, `0.1 rayleigh`, `0.02 collision`) means; None: the law's DEFAULT, or less
+    where that is near the largest stable step.
 
     Time scales are those of the scene with its stiffness times `stiffness_scale`. A part of one is rounded to six
     digits, so that keys do not hang on the last bit of a square root. Raises TimeStepError.
     """
     remedy = f"write a time such as 2.5 us, or a part of a time scale ({', '.join(TIME_SCALES)}) such as 0.02 collision"
+    scaled = _scaled(scene, stiffness_scale)
+    limit = largest_stable_step(scaled)
     if stated is None:
-        stated = DEFAULT[scene.contact.law]
+        usual = _part_of_a_scale(DEFAULT[scene.contact.law], scaled, remedy)
+        assert usual is not None
+        return min(usual, float(f"{WITHIN * limit:.6g}"))
     if isinstance(stated, bool) or not isinstance(stated, str):
         number = isinstance(stated, int | float) and not isinstance(stated, bool)
         raise TimeStepError("the unit is missing" if number else "a time is needed", remedy)
-    scaled = _scaled(scene, stiffness_scale)
     step = _part_of_a_scale(stated, scaled, remedy)
     if step is None:
         try:
             step = parse(stated, "s", scene.grains.diameter)
         except ValueError as error:
             raise TimeStepError(str(error), remedy) from None
-    limit = COARSEST * collision(scaled)
     if not 0 < step <= limit:
-        reason = f"a step of {step:.3g} s is not between 0 and {limit:.3g} s, a fifth of a collision"
-        raise TimeStepError(reason, f"use {DEFAULT[scene.contact.law]} or less", clash=True)
+        part = limit / collision(scaled)
+        reason = f"a step of {step:.3g} s is not between 0 and {limit:.3g} s, beyond which beds do not come to rest"
+        raise TimeStepError(reason, f"use at most {part:.2g} collision, or leave numerics.dt out", clash=True)
     return step
 
 

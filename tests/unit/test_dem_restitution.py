@@ -10,7 +10,7 @@ from labbook_dem import restitution
 from labbook_dem.laws import hertz_mindlin, linear
 from scipy.integrate import solve_ivp
 
-from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface, damping
 
 M, R = 2e-5, 1e-3  # effective mass [kg] and radius [m]
 
@@ -36,7 +36,7 @@ def test_linear_restitution_is_that_of_the_clamped_collision(ratio):
     k = 5e4
     gamma = 2 * ratio * math.sqrt(k * M)
     found = collide(lambda x, v: k * x + gamma * v, 0.3, math.sqrt(M / k))
-    assert restitution.linear_restitution(ratio) == pytest.approx(found, rel=1e-6)
+    assert damping.linear_restitution(ratio) == pytest.approx(found, rel=1e-6)
 
 
 @pytest.mark.parametrize("c_n", [0.02, 0.4, 0.6675, 2.0])
@@ -49,32 +49,32 @@ def test_hertz_restitution_is_that_of_the_clamped_collision(c_n, speed):
         return 4 / 3 * modulus * math.sqrt(R) * x**1.5 + c_n * math.sqrt(8 * M * modulus * math.sqrt(R * x)) * v
 
     scale = (M**2 / (R * modulus**2 * speed)) ** 0.2
-    assert restitution.hertz_restitution(c_n) == pytest.approx(collide(force, speed, scale), rel=1e-5)
+    assert damping.hertz_restitution(c_n) == pytest.approx(collide(force, speed, scale), rel=1e-5)
 
 
 @settings(max_examples=40)
 @given(e=st.floats(0.02, 1.0))
 def test_damping_solved_for_e_gives_back_e(e):
-    assert restitution.linear_restitution(restitution.linear_ratio(e)) == pytest.approx(e, abs=1e-10)
-    assert restitution.hertz_restitution(restitution.hertz_c_n(e)) == pytest.approx(e, abs=1e-8)
+    assert damping.linear_restitution(damping.linear_ratio(e)) == pytest.approx(e, abs=1e-10)
+    assert damping.hertz_restitution(damping.hertz_c_n(e)) == pytest.approx(e, abs=1e-8)
 
 
 def test_no_damping_is_elastic():
-    assert restitution.linear_ratio(1) == restitution.hertz_c_n(1) == 0
-    assert restitution.linear_restitution(0) == restitution.hertz_restitution(0) == 1
+    assert damping.linear_ratio(1) == damping.hertz_c_n(1) == 0
+    assert damping.linear_restitution(0) == damping.hertz_restitution(0) == 1
 
 
 @pytest.mark.parametrize(("asked", "realised"), [(0.9, 0.902), (0.2, 0.325), (0.05, 0.214)])
 def test_textbook_damping_of_the_linear_law_gives_more_than_asked(asked, realised):
-    ratio = restitution.linear_textbook(asked)
+    ratio = damping.linear_textbook(asked)
     assert ratio == pytest.approx(1 / math.sqrt((math.pi / math.log(asked)) ** 2 + 1), rel=1e-12)
-    assert restitution.linear_restitution(ratio) == pytest.approx(realised, abs=5e-4)
+    assert damping.linear_restitution(ratio) == pytest.approx(realised, abs=5e-4)
 
 
 def test_textbook_damping_of_hertz_gives_more_than_asked():
-    assert restitution.hertz_textbook(0.2) == pytest.approx(0.416, abs=5e-4)
-    assert restitution.hertz_restitution(restitution.hertz_textbook(0.2)) == pytest.approx(0.325, abs=5e-4)
-    assert restitution.hertz_c_n(0.2) == pytest.approx(0.6675, abs=5e-5)
+    assert damping.hertz_textbook(0.2) == pytest.approx(0.416, abs=5e-4)
+    assert damping.hertz_restitution(damping.hertz_textbook(0.2)) == pytest.approx(0.325, abs=5e-4)
+    assert damping.hertz_c_n(0.2) == pytest.approx(0.6675, abs=5e-5)
 
 
 LAWS = [

@@ -8,7 +8,7 @@ the damping ratio; gamma_t is a multiple of gamma_n.
 import math
 
 from labbook.scene import LinearSpringDashpot, Surface
-from labbook_dem import restitution
+from labbook.scene.damping import damping_ratio
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 
@@ -20,7 +20,7 @@ def coefficients(
     wall: whether it is of a grain and a wall, whose m* is twice that of two grains.
     """
     e = surface.restitution or 1.0
-    ratio = restitution.linear_ratio(e) if law.damping == "clamped" else restitution.linear_textbook(e)
+    ratio = damping_ratio(law, e)
     if wall and law.damping == "printed":
         ratio /= math.sqrt(2)  # the same gamma_n as between grains
     mu, mu_r = surface.friction or 0.0, surface.rolling_friction or 0.0
