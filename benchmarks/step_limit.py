@@ -13,9 +13,10 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,8 @@ from labbook.backend import Failed
 from labbook.bench.hardware import hardware
 from labbook.numerics import Numerics
 from labbook.protocol import Packing, place
-from labbook.scene import CylinderSilo, HertzMindlin, LinearSpringDashpot, Scene, Spheres, Spherocylinders
+from labbook.protocol.rest import fastest_points
+from labbook.scene import CylinderSilo, Grains, HertzMindlin, LinearSpringDashpot, Scene, Spheres, Spherocylinders
 from labbook.scene.timescales import collision
 
 D, DENSITY, G = 3e-3, 2500.0, 9.81
@@ -78,7 +80,7 @@ class Bed:
 
 def beds(law: str, shape: str, seeds: int, fractions: tuple[float, ...]) -> Iterator[Bed]:
     """All beds of a law and a shape."""
-    values = itertools.product(
+    values: Iterable[Any] = itertools.product(
         DAMPING[law], RESTITUTIONS, STIFFNESS[law], LENGTHS[shape], GRAINS[shape], fractions, range(1, seeds + 1)
     )
     for value in values:
@@ -118,7 +120,11 @@ def follow(engine: backend.Backend, device: str, asked: list[Bed], longest: floa
             calm[member] = calm[member] + 1 if status.kinetic < 1e-6 else 0
             if calm[member]:
                 row.setdefault("rest", status.time)
-            if beat % LOOK == 0 and row["length"] > 1 and quick(ensemble.packing(member), row["length"]) < REST:
+            if (
+                beat % LOOK == 0
+                and row["length"] > 1
+                and quick(ensemble.packing(member), scenes[member.index].grains) < REST
+            ):
                 row.setdefault("quiet", status.time)
             rests = calm[member] >= 3
             if rests or status.time >= longest:
@@ -131,10 +137,9 @@ def follow(engine: backend.Backend, device: str, asked: list[Bed], longest: floa
     return found
 
 
-def quick(packing: Packing, length: float) -> float:
+def quick(packing: Packing, grains: Grains) -> float:
     """Speed [sqrt(g d)] that one grain in a hundred exceeds with its fastest point."""
-    fastest = np.linalg.norm(packing.v, axis=1) + length * D / 2 * np.linalg.norm(packing.omega, axis=1)
-    return float(np.quantile(fastest, 0.99)) / math.sqrt(G * D)
+    return float(np.quantile(fastest_points(grains, packing), 0.99)) / math.sqrt(G * D)
 
 
 def main() -> None:

@@ -95,6 +95,8 @@ class Filling:
     """Kinetic energy per grain [m g d] below which a packing is at rest."""
     placing: int
     """Version of the rules that place the grains."""
+    moving: float = 0.0
+    """Fraction of the grains that may still move; part of the key where there is one."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,7 @@ def _how(numerics: Numerics, engine: str) -> dict[str, Any]:
 def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:
     return {
         "scene": closed,
-        "filling": vars(filling),
+        "filling": {name: value for name, value in vars(filling).items() if name != "moving" or value},
         "numerics": numerics_identity(numerics),
         "maker": maker,
     }

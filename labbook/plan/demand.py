@@ -11,7 +11,7 @@ from labbook.catalogue.record import StopRule, describe_probe, table_name
 from labbook.keys import Filling, Keys, Maker
 from labbook.numerics import Numerics, Precision
 from labbook.probes import Crossing, Probe, Sample
-from labbook.protocol import placing
+from labbook.protocol import placing, rest
 from labbook.scene import Grains, Scene, Spheres
 
 if TYPE_CHECKING:
@@ -131,7 +131,11 @@ class Demand:
     def filling(self) -> Filling:
         """How its packing is made."""
         fill = self.point.fill
-        return Filling(fill.kind, self.seed, fill.settled_below, placing.VERSION)
+        moving = fill.moving
+        if moving is None:
+            rolls = "settled_below" not in fill.model_fields_set and rest.unbraked(self.shared.closed)
+            moving = rest.ROLLING if rolls else 0.0
+        return Filling(fill.kind, self.seed, fill.settled_below, placing.VERSION, moving)
 
     @property
     def film(self) -> Sample | None:

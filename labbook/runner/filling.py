@@ -12,8 +12,12 @@ from labbook.plan.demand import Demand
 from labbook.plan.forecast import fill_time
 from labbook.probes import Probe, Table
 from labbook.protocol import Packing, PlacingError, place
+from labbook.protocol.rest import at_rest
 from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Saved
+
+_LOOK_EVERY = 20  # beats: a look copies the state of a member from its device
+_LOOKS = 2  # on end that have to find it at rest
 
 
 class FillJob(Job):
@@ -26,6 +30,7 @@ class FillJob(Job):
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
         self._longest = demand.point.fill.max_time
+        self._quiet = 0
 
     def begin(self) -> Packing | Checkpoint:
         """As every job, but an engine never fills in another one's place. Raises JobFailed."""
@@ -46,11 +51,13 @@ class FillJob(Job):
 
     def recall(self, saved: Saved | None) -> Saved | None:
         """As saved."""
+        if saved is not None:
+            self._quiet = int(saved.state.get("quiet", 0))
         return saved
 
     def state(self) -> dict[str, Any]:
-        """Nothing beside the step."""
-        return {}
+        """How often on end it was found at rest."""
+        return {"quiet": self._quiet}
 
     def absorb(self, probe: Probe, table: Table) -> None:
         """Fillings observe nothing."""
@@ -61,11 +68,20 @@ class FillJob(Job):
         assert self.settled_below is not None
         return self.status.kinetic >= self.settled_below
 
+    def look(self, ensemble: Ensemble, member: Member) -> None:
+        """Where some grains may move, look now and then at each grain's speed."""
+        moving = self.demand.filling.moving
+        if moving == 0 or self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
+            return
+        assert self.settled_below is not None
+        calm = at_rest(self.scene, ensemble.packing(member), self.settled_below, moving)
+        self._quiet = self._quiet + 1 if calm else 0
+
     def verdict(self, events: Sequence[Event]) -> str | None:
         """Settled, stopped by a guard, or out of time."""
         if failure(events):
             return str(failure(events))
-        if any(isinstance(event, Settled) for event in events):
+        if self._quiet >= _LOOKS or any(isinstance(event, Settled) for event in events):
             return "settled"
         return "late" if self.status.time >= self._longest else None
 

@@ -86,6 +86,10 @@ class Job(ABC):
     def progress(self) -> float:
         """Part of the work that is done, from 0 to 1, as far as can be told."""
 
+    def look(self, ensemble: Ensemble, member: Member) -> None:
+        """Take a look at the state after a beat, where the verdict needs more of it than `status` tells."""
+        return
+
     @property
     def may_save(self) -> bool:
         """Whether a restart from here would go on exactly as without it."""

@@ -169,6 +169,7 @@ class Runner:
             work = (status.step - before.step) * (status.grains + before.grains) / 2
             self._meter.add(work)
             job.after(status, rows[member], took.wall, took.process / share, work)
+            job.look(ensemble, member)
             verdict = job.verdict([event for event in took.events if event.member == member])
             if verdict:
                 self._end(lane, member, job, verdict)

@@ -23,6 +23,10 @@ class Fill(Model):
     """Friction of grains and walls while filling; none: the study's own."""
     settled_below: Annotated[Ratio, Field(gt=0, le=1)] = 1e-6
     """Kinetic energy per grain, in units of m g d, below which the bed is at rest."""
+    moving: Fraction | None = None
+    """Fraction of the grains that may still move in a bed at rest: the slow ones each have less than `settled_below`.
+    None: 1 % where nothing brakes rolling (rods, spheres without rolling friction), 0 elsewhere and where
+    `settled_below` is stated."""
     max_time: Duration = 60.0
     """A bed that has not settled by this time is an error."""
 

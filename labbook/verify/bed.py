@@ -9,6 +9,7 @@ import numpy as np
 from labbook.probes import Contacts, Ledger, Sample
 from labbook.protocol import Bodies
 from labbook.protocol.placing import place
+from labbook.protocol.rest import fastest_points
 from labbook.scene import Box, Primitives, Scene, WedgeHopper
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.collision import STUDY_STEP
@@ -61,9 +62,8 @@ def borne(stand: Stand, bed: Scene, dt: float, beats: int) -> Mapping[str, float
         force = np.array([rows[axis][walls].sum() for axis in ("fx", "fy", "fz")])
         weight = float(Bodies.of(bed.grains, motion.end).mass.sum()) * G
         errors.append(float(np.linalg.norm(force - [0, 0, weight])) / weight)
-        reach = getattr(bed.grains, "length", bed.grains.diameter) / 2
-        fastest = np.linalg.norm(motion.end.v, axis=1) + reach * np.linalg.norm(motion.end.omega, axis=1)
-        slow = np.sort(fastest)[: len(fastest) * 19 // 20]
+        fastest = np.sort(fastest_points(bed.grains, motion.end))
+        slow = fastest[: len(fastest) * 19 // 20]
         energies.append(float(np.mean(slow**2)) / (2 * G * bed.grains.diameter))
     return {FORCE: float(np.median(errors)), ENERGY: float(np.median(energies))}
 

@@ -129,11 +129,21 @@ def test_a_new_version_of_the_engine_is_another_run_of_the_same_lineage():
     assert old.lineage == new.lineage
 
 
-@pytest.mark.parametrize("change", [{"seed": 2}, {"kind": "gas"}, {"settled_below": 1e-7}, {"placing": 2}])
+@pytest.mark.parametrize(
+    "change", [{"seed": 2}, {"kind": "gas"}, {"settled_below": 1e-7}, {"placing": 2}, {"moving": 0.01}]
+)
 def test_the_filling_decides_the_packing(change):
     filling = Filling(**{"kind": "rain", "seed": 1, "settled_below": 1e-6, "placing": 1, **change})
     assert identities(filling=filling).packing != identities().packing
     assert identities(filling=filling).scene == identities().scene
+
+
+def test_a_filling_in_which_no_grain_may_move_keeps_the_key_it_had_before_there_was_a_choice():
+    filling = {"kind": "rain", "seed": 1, "settled_below": 1e-6, "placing": 1}
+    numerics, closed = Numerics(dt=2.5e-6), keys.scene_key(scene().close())
+    without = {"scene": closed, "filling": filling, "numerics": keys.numerics_identity(numerics), "maker": "numba"}
+    expected = keys.digest({**without, "cache_version": engine().cache_version})
+    assert keys.packing_key(closed, Filling(**filling, moving=0.0), numerics, engine()) == expected
 
 
 def test_a_packings_maker_decides_the_experiment_and_not_who_goes_on_from_it():

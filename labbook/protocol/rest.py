@@ -1,0 +1,29 @@
+"""When a bed is at rest although a grain goes on rolling."""
+
+import math
+
+import numpy as np
+
+from labbook.protocol.packing import Packing
+from labbook.scene import Grains, Scene, Spherocylinders
+
+ROLLING = 0.01
+"""Fraction of grains that may go on moving where nothing brakes rolling."""
+
+
+def unbraked(scene: Scene) -> bool:
+    """Whether a grain of the scene may roll for ever: rods, and spheres without rolling friction."""
+    return isinstance(scene.grains, Spherocylinders) or scene.contact.rolling_friction == 0
+
+
+def fastest_points(grains: Grains, packing: Packing) -> np.ndarray:
+    """Speed [m/s] that no point of a grain exceeds, shape [n]: |v| + |omega| times half the grain's length."""
+    reach = grains.radius + grains.half_length
+    return np.linalg.norm(packing.v, axis=1) + reach * np.linalg.norm(packing.omega, axis=1)
+
+
+def at_rest(scene: Scene, packing: Packing, below: float, moving: float) -> bool:
+    """Whether all but the fraction `moving` of the grains (one grain at least) are so slow that the kinetic energy of
+    each is less than `below` [m g d]."""
+    still = fastest_points(scene.grains, packing) < math.sqrt(2 * below * scene.gravity * scene.grains.diameter)
+    return len(still) - int(still.sum()) <= max(1, int(moving * len(still)))

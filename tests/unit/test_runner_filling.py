@@ -1,0 +1,114 @@
+"""When a filling ends: at rest, at rest but for a grain that rolls on, or not at all."""
+
+import math
+
+import labbook_toy
+import numpy as np
+import pytest
+from toy_lab import carry_out, study
+
+from labbook.plan.demand import demands
+from labbook.protocol import Packing
+from labbook.protocol.rest import at_rest, fastest_points
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spheres, Spherocylinders
+from labbook.study import load
+
+BRAKED = "rolling_friction: 0.01, friction: 0.5"
+
+
+def rolls_on(grains: int, speed: float):
+    """The toy's beat, but for some grains of a closed container, which keep `speed` [m/s]."""
+    beat = labbook_toy.Glass.beat
+
+    def rolling(glass):
+        rows = beat(glass)
+        if labbook_toy._outlet(glass.scene) is None:
+            glass.v[:grains] = [speed, 0, 0]
+        return rows
+
+    return rolling
+
+
+def asked_of(folder, *more, braked=False, **sizes):
+    path = study(folder, *more, replicates=1, orifices="[24]", **sizes).path
+    if braked:
+        path.write_text(path.read_text().replace("friction: 0.5", BRAKED))
+    return load(path)
+
+
+def test_one_grain_that_rolls_on_does_not_keep_a_bed_from_resting(tmp_path, monkeypatch):
+    monkeypatch.setattr(labbook_toy.Glass, "beat", rolls_on(1, 0.3))
+    assert not carry_out(asked_of(tmp_path), tmp_path / "lab").tally.failed
+
+
+@pytest.mark.parametrize(
+    ("grains", "more", "braked"),
+    [
+        (3, "", False),  # of 200 grains at most two may move
+        (1, "fill: {settled_below: 1e-6, max_time: 0.4 s}", False),
+        (1, "fill: {moving: 0, max_time: 0.4 s}", False),
+        (1, "", True),
+    ],
+)
+def test_more_grains_or_one_that_should_come_to_rest_do(tmp_path, monkeypatch, grains, more, braked):
+    monkeypatch.setattr(labbook_toy.Glass, "beat", rolls_on(grains, 0.3))
+    more = more or "fill: {max_time: 0.4 s}"
+    (said,) = carry_out(asked_of(tmp_path, more, braked=braked), tmp_path / "lab").tally.failed
+    assert "not at rest after 0.4 s" in said
+
+
+def test_a_stated_fraction_may_move(tmp_path, monkeypatch):
+    monkeypatch.setattr(labbook_toy.Glass, "beat", rolls_on(10, 0.3))
+    asked = asked_of(tmp_path, "fill: {moving: 5 %, settled_below: 1e-6}")
+    assert not carry_out(asked, tmp_path / "lab").tally.failed
+
+
+@pytest.mark.parametrize(
+    ("more", "braked", "moving"),
+    [
+        ("", False, 0.01),
+        ("", True, 0.0),
+        ("fill: {settled_below: 1e-6}", False, 0.0),
+        ("fill: {settled_below: 1e-6, moving: 2 %}", False, 0.02),
+        ("fill: {moving: 2 %}", True, 0.02),
+    ],
+)
+def test_grains_may_move_where_nothing_brakes_them_and_no_threshold_is_stated(tmp_path, more, braked, moving):
+    (demand,) = demands(asked_of(tmp_path, *([more] if more else []), braked=braked), 1)
+    assert demand.filling.moving == moving
+
+
+def bed(grains) -> Scene:
+    silo = CylinderSilo(diameter=0.05, height=1, orifice=0.02)
+    return Scene(grains=grains, contact=LinearSpringDashpot(normal_stiffness=1e3), container=silo, gravity=9.81)
+
+
+def packing_of(v, omega) -> Packing:
+    return Packing(x=np.zeros_like(v), v=v, omega=omega)
+
+
+def test_the_fastest_point_of_a_grain_is_that_of_a_rigid_body():
+    rng = np.random.default_rng(1)
+    for grains in (Spheres(diameter=3e-3, density=2e3, count=50), Spherocylinders(
+        diameter=3e-3, length=9e-3, density=2e3, count=50
+    )):  # fmt: skip
+        v, omega = rng.normal(size=(2, 50, 3))
+        ends = rng.normal(size=(500, 3))
+        ends *= (grains.radius + grains.half_length) / np.linalg.norm(ends, axis=1)[:, None]
+        points = v[:, None] + np.cross(omega[:, None], ends[None])
+        fastest = np.linalg.norm(points, axis=2).max(axis=1)
+        assert (fastest <= fastest_points(grains, packing_of(v, omega)) * (1 + 1e-12)).all()
+
+
+def test_a_bed_is_at_rest_when_its_slow_grains_have_the_energy_asked_for():
+    scene = bed(Spheres(diameter=3e-3, density=2e3, count=100))
+    just = math.sqrt(2 * 1e-6 * 9.81 * 3e-3)  # v^2/2 = 1e-6 g d
+    v = np.zeros((100, 3))
+    v[:, 0] = 0.99 * just
+    v[:2, 0] = 1.0
+    still = np.zeros_like(v)
+    assert at_rest(scene, packing_of(v, still), 1e-6, 0.02)
+    assert not at_rest(scene, packing_of(v, still), 1e-6, 0.01)
+    assert not at_rest(scene, packing_of(1.02 * v, still), 1e-6, 0.02)
+    few = bed(Spheres(diameter=3e-3, density=2e3, count=30))
+    assert at_rest(few, packing_of(v[1:31], still[:30]), 1e-6, 0.01), "one grain may always move"
