@@ -12,7 +12,7 @@ from labbook.colour_bar import BACKGROUND
 from labbook.recording import CLOCK, need_rerun
 
 _SIZE = "1100x1200"
-_PATIENCE = 60.0  # s: to start, and to have drawn everything
+_PATIENCE = 120.0  # s: to start, and to have drawn everything
 _LATER = 0.5  # s between two looks
 _LOOKS = 2  # in a row that have to show the same as the one before
 _NOTICE = 4.0  # s: for two seconds the viewer says on which port it listens
