@@ -1,6 +1,6 @@
 """Recordings of finished runs for the rerun viewer: grains coloured by speed, walls, and W(t) on the same clock.
 
-Grains of several kinds have a colour a kind, the lighter the faster.
+Grains of several kinds have a colour a kind, the lighter the faster; a bar below them says which colour is what.
 
 rerun is imported only here and in `labbook.viewer`, and only when a recording is made or shown.
 """
@@ -9,30 +9,38 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from labbook.colour_bar import BACKGROUND, colour_bar, kind_colours, speed_colours
 from labbook.measure import RunData
 from labbook.measure.series import crossing_times, smooth_flow
 from labbook.protocol import Bodies, Packing
 from labbook.protocol.segments import axes
-from labbook.scene import Scene
-from labbook.wall_shapes import WALL_COLOUR, round_walls, wall_quads
+from labbook.scene import Scene, WedgeHopper
+from labbook.wall_shapes import WALL_COLOUR, flat_walls, round_walls, wall_points
 
-VERSION = 1
+if TYPE_CHECKING:
+    from labbook.study import Point
+
+VERSION = 2
 """Raised when recordings made before are no longer what would be written now."""
 FRAMES = 200
-"""Most frames of a recording: its size is frames x grains x 16 bytes."""
+"""Most frames of a recording: its size is frames x grains x 16 bytes, of rods 32."""
 CLOCK = "sim_time"
 """Name of the timeline: seconds since the opening."""
 EDGE_COLOUR = (60, 66, 80)
+SPOKE_COLOUR = (213, 94, 0)  # of one spoke of a wall that turns: whole turns can be counted by it
 FLOW_COLOUR = (86, 180, 233)
 _GRAINS_SMOOTHED = 30
+_EDGE = 1.2  # points on the screen: half the width of an edge, however large the silo is
+_BAR = "colours"
+_FIELD_OF_VIEW = math.radians(55)  # vertical, of rerun's eye: it cannot be set, nor can a parallel projection
+_NARROWEST = 0.9  # width over height of a view that shows all
+_MARGIN = 1.08
+_SEEN_FROM = math.radians(12)
 Q_COLUMNS = ("qw", "qx", "qy", "qz")
-
-KIND_COLOURS = np.array([(230, 159, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167), (213, 94, 0), (86, 180, 233)])
-"""Okabe and Ito's, which people of all kinds of sight can tell apart."""
 
 
 class Frame(NamedTuple):
@@ -44,6 +52,11 @@ class Frame(NamedTuple):
     ids: np.ndarray
     q: np.ndarray | None = None
 
+    def empty(self, time: float) -> "Frame":
+        """Such a frame at another time, without any grain."""
+        q = None if self.q is None else self.q[:0]
+        return Frame(time, self.x[:0], self.speed[:0], self.ids[:0], q)
+
 
 class ViewerMissing(Exception):
     """rerun is not installed; the message says how to get it."""
@@ -53,24 +66,52 @@ class NotRecorded(Exception):
     """The run kept no frames; the message says how to ask for them."""
 
 
-def of_run(folder: Path, lab: Path) -> Path:
-    """The recording of the finished run in `folder`, in `lab`/recordings; made if it is not there yet.
+def of_run(folder: Path, lab: Path, study: str | None = None, point: "Point | None" = None) -> Path:
+    """The recording of the finished run in `folder`: lab/recordings/STUDY/point-1-seed-1-BACKEND.rrd.
 
+    It is made if it is not there yet, or if another run's or an older recording has that name. `study`, `point`: as
+    which the run is shown; None: as which it was made.
     Raises Unreadable (of labbook.catalogue), NotRecorded or ViewerMissing.
     """
-    from labbook.catalogue import RunRecord
+    from labbook.catalogue import RunRecord, Unreadable
     from labbook.catalogue.finished import RECORDING, run_data
     from labbook.catalogue.tables import read_table
 
-    # Only the viewer's own and the next minor version are promised to read a recording.
-    minor = ".".join(need_rerun().__version__.split(".")[:2])
     record = RunRecord.read(folder)
-    path = lab / "recordings" / f"{record.run_key}-{VERSION}-rerun-{minor}.rrd"
-    if path.exists():
+    name, seed = study or record.study, record.seed
+    index, label = (record.point, record.label) if point is None else (point.index, point.label)
+    path = lab / "recordings" / name / f"point-{index + 1}-seed-{seed}-{record.engine}.rrd"
+    if holds(path, record.run_key):
         return path
-    sample = read_table(folder / RECORDING) if (folder / RECORDING).exists() else None
-    name = f"{record.study}: {record.label}, seed {record.seed}"
-    return write(run_data(folder, record), sample, path, name=name, run_key=record.run_key)
+    stored = folder / RECORDING
+    try:
+        sample = read_table(stored) if stored.exists() else None
+    except (OSError, ValueError) as error:
+        raise Unreadable(
+            f"{stored}: its frames cannot be read ({type(error).__name__}); remove {folder} and run the study again"
+        ) from error
+    title = f"{name}: {label}, seed {seed}"
+    return write(run_data(folder, record), sample, path, name=title, run_key=record.run_key)
+
+
+def holds(path: Path, run_key: str) -> bool:
+    """Whether `path` is a recording of the run `run_key` as it would be written now. Raises ViewerMissing."""
+    wanted = recording_id(run_key)
+    if not path.exists():
+        return False
+    from rerun.chunk import RrdReader
+
+    try:
+        return [entry.recording_id for entry in RrdReader(path).recordings()] == [wanted]
+    except (RuntimeError, OSError):  # it is no recording, or not all of one: written anew
+        return False
+
+
+def recording_id(run_key: str) -> str:
+    """What a recording of this run calls itself. Only the viewer's own and the next minor version are promised to read
+    it, so that the version is a part of it. Raises ViewerMissing."""
+    minor = ".".join(need_rerun().__version__.split(".")[:2])
+    return f"{run_key}-{VERSION}-rerun-{minor}"
 
 
 def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *, name: str, run_key: str) -> Path:
@@ -79,16 +120,20 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as `labbook.probes.Sample` lists them.
     Raises ViewerMissing, or NotRecorded if there are none.
     """
-    shown = frames_of(sample)
+    shown = frames_of(sample, FRAMES - 1 if data.outcome == "emptied" else FRAMES)
+    if data.outcome == "emptied" and data.duration > shown[-1].time:
+        shown.append(shown[-1].empty(data.duration))  # or the last grains would be seen until the end
     rr = need_rerun()
-    fastest = top_speed(shown)
+    fastest = top_speed(data.scene, shown)
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    stream = rr.RecordingStream("labbook", recording_id=run_key)
+    stream = rr.RecordingStream("labbook", recording_id=recording_id(run_key))
     try:
-        stream.save(partial, default_blueprint=_blueprint(data, fastest))
+        views = above_bar(front_view(data.scene, shown, name=name), data.scene, _flow_rate_views(data))
+        stream.save(partial, default_blueprint=resting(views))
         stream.send_recording_name(name)
         log_grains(stream, "", data.scene, data.start, shown, fastest)
+        log_bar(stream, data.scene, fastest)
         _send_flow_rate(rr, stream, data)
         stream.flush()
         stream.disconnect()
@@ -116,8 +161,12 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
     radius, half = scene.grains.radius, scene.grains.half_length
     if half > 0:
         q = np.concatenate([np.asarray(frame.q) for frame in frames])
-        stream.log(f"{at}grains", rr.Capsules3D.from_fields(lengths=[2 * half], radii=[radius]), static=True)
+        # The viewer draws as many capsules as there are lengths: each rod needs its own in every frame. Equal numbers
+        # are packed when they are written, and cost less than a byte a rod.
+        stream.log(f"{at}grains", rr.Capsules3D.from_fields(fill_mode="solid"), static=True)
         columns = rr.Capsules3D.columns(
+            lengths=np.full(len(q), 2 * half, np.float32),
+            radii=np.full(len(q), radius, np.float32),
             translations=positions - half * axes(q),  # a capsule begins at its lower end
             quaternions=q[:, [1, 2, 3, 0]],
             colors=colours,
@@ -129,11 +178,13 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         sizes = bodies.radius[which].astype(np.float32)
         columns = rr.Points3D.columns(positions=positions, colors=colours, radii=sizes)
     stream.send_columns(f"{at}grains", [clock], columns.partition(counts))
-    for wall, corners, colour in wall_quads(scene, positions):
-        mesh = rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=colour)
+    edge = rr.components.Radius.ui_points(_EDGE)
+    for wall, plate, colour in flat_walls(scene, positions):
+        fan = [[0, k, k + 1] for k in range(1, len(plate) - 1)]
+        mesh = rr.Mesh3D(vertex_positions=plate, triangle_indices=fan, albedo_factor=colour)
         stream.log(f"{at}walls/{wall}", mesh, static=True)
         if colour == WALL_COLOUR:  # seen from the front, a plate is its edge
-            outline = rr.LineStrips3D([[*corners, corners[0]]], colors=EDGE_COLOUR, radii=radius / 8)
+            outline = rr.LineStrips3D([[*plate, plate[0]]], colors=EDGE_COLOUR, radii=edge)
             stream.log(f"{at}walls/{wall}/outline", outline, static=True)
     for wall in round_walls(scene, positions):
         path = f"{at}walls/{wall.name}"
@@ -141,43 +192,23 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
             vertex_positions=wall.vertices, triangle_indices=wall.triangles, albedo_factor=wall.colour
         )  # fmt: skip
         stream.log(path, mesh, static=True)
-        stream.log(f"{path}/outline", rr.LineStrips3D(wall.lines, colors=EDGE_COLOUR, radii=radius / 8), static=True)
+        lines = [*wall.edges, *wall.spokes]
+        drawn = [EDGE_COLOUR] * (len(lines) - 1) + [SPOKE_COLOUR if wall.spokes else EDGE_COLOUR]
+        stream.log(f"{path}/outline", rr.LineStrips3D(lines, colors=drawn, radii=edge), static=True)
         if wall.spin:
             turns = [[0, 0, math.sin(wall.spin * t / 2), math.cos(wall.spin * t / 2)] for t in times]
             stream.send_columns(path, [clock], rr.Transform3D.columns(quaternion=turns))
 
 
-def speed_colours(speed: np.ndarray, top_speed: float) -> np.ndarray:
-    """RGBA bytes, shape [n, 4], of `speed` [m/s] on a square-root scale from 0 (dark) to `top_speed` (yellow).
-
-    The square root keeps slow zones, at a few per cent of the outlet's speed, apart from those at rest.
-    """
-    from matplotlib import colormaps
-
-    part = np.sqrt(np.clip(speed / top_speed, 0, 1)) if top_speed > 0 else np.zeros_like(speed)
-    return colormaps["viridis"](part, bytes=True)
-
-
-def kind_colours(kind: np.ndarray, speed: np.ndarray, top_speed: float) -> np.ndarray:
-    """RGBA bytes, shape [n, 4]: a colour a kind (places, shape [n]), two thirds white at `top_speed` [m/s] and beyond.
-
-    Speeds count by their square roots, as in `speed_colours`.
-    """
-    part = np.sqrt(np.clip(speed / top_speed, 0, 1)) if top_speed > 0 else np.zeros(len(kind))
-    plain = KIND_COLOURS[kind % len(KIND_COLOURS)]
-    mixed = plain + (255 - plain) * (part * 2 / 3)[:, None]
-    return np.column_stack([mixed, np.full(len(kind), 255)]).astype(np.uint8)
-
-
-def frames_of(table: Mapping[str, np.ndarray] | None) -> list[Frame]:
-    """At most FRAMES frames of a sample, evenly chosen. Raises NotRecorded if there are none."""
+def frames_of(table: Mapping[str, np.ndarray] | None, most: int = FRAMES) -> list[Frame]:
+    """At most `most` frames of a sample, evenly chosen. Raises NotRecorded if there are none."""
     if table is None or not len(table["time"]):
         raise NotRecorded(
             "this run kept no frames: add `record: {every: 10 ms, replicates: 1}` to its study and run it"
         )
     times, starts = np.unique(table["time"], return_index=True)
     ends = np.append(starts[1:], len(table["time"]))
-    chosen = np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(times) - 1, min(most, len(times))).round().astype(int))
     frames = []
     for k in chosen:
         rows = slice(starts[k], ends[k])
@@ -188,34 +219,70 @@ def frames_of(table: Mapping[str, np.ndarray] | None) -> list[Frame]:
     return frames
 
 
-def top_speed(frames: Sequence[Frame]) -> float:
-    """Speed [m/s] that only one grain in 200 exceeds."""
-    return float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995))
+def top_speed(scene: Scene, frames: Sequence[Frame]) -> float:
+    """Speed [m/s] at the upper end of the colours: only one grain in 200 exceeds it.
+
+    It is at least a hundredth of sqrt(g d), so that the last trembling of a bed at rest is not seen as motion.
+    """
+    rest = 0.01 * math.sqrt(scene.gravity * scene.grains.diameter)
+    return max(rest, float(np.quantile(np.concatenate([frame.speed for frame in frames]), 0.995)))
 
 
-def front_view(scene: Scene, x: np.ndarray, fastest: float, *, origin: str = "/", name: str = ""):
-    """A view from the front of what lies below `origin`: grains at `x` [m], shape [n, 3], at first."""
+def front_view(scene: Scene, frames: Sequence[Frame], *, origin: str = "", name: str):
+    """A view from the front of the grains and walls below the entity `origin`, all of them in all `frames`.
+
+    A quasi-2D hopper is seen straight from the front, anything else from a little above.
+    """
     import rerun.blueprint as rrb
 
-    low, high = x.min(axis=0), x.max(axis=0)
-    middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    eye, middle = seen_from(scene, np.concatenate([frame.x for frame in frames]))
     return rrb.Spatial3DView(
-        origin=origin,
-        name=f"{name or 'Grains'}{_legend(scene)} {fastest:.2g} m/s and more (square-root scale)",
+        origin=f"/{origin}",
+        contents=["$origin/grains", "$origin/walls/**"],
+        name=name,
         eye_controls=rrb.EyeControls3D(
-            position=middle + size * np.array([0.06, -1.05, 0.12]), look_target=middle, eye_up=(0, 0, 1)
+            position=eye,
+            look_target=middle,
+            eye_up=(0, 0, 1),
         ),
         line_grid=rrb.LineGrid3D(visible=False),
-        background=(244, 245, 247),
+        background=BACKGROUND,
     )
 
 
-def _legend(scene: Scene) -> str:
-    """What colours mean, up to the top speed."""
-    names = ("orange", "blue", "green", "pink", "red", "sky blue")
-    kinds = scene.grains.kinds
-    which = ", ".join(f"{kind.name} {names[k % len(names)]}" for k, kind in enumerate(kinds))
-    return f" by kind and speed: {which}; light at" if kinds else " by speed: dark 0, yellow"
+def seen_from(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the eye is and the point that it looks at [m]: as near as can be with all grains at `positions`, shape
+    [n, 3], and the walls around them in view."""
+    walls = wall_points(scene, positions)
+    reach = scene.grains.radius + scene.grains.half_length
+    low = np.minimum(positions.min(axis=0) - reach, walls.min(axis=0, initial=np.inf))
+    high = np.maximum(positions.max(axis=0) + reach, walls.max(axis=0, initial=-np.inf))
+    middle = (low + high) / 2
+    above = 0.0 if isinstance(scene.container, WedgeHopper) else _SEEN_FROM
+    back = np.array([0, -math.cos(above), math.sin(above)])  # from the middle to the eye
+    upward = np.array([0, math.sin(above), math.cos(above)])
+    # A point is seen if it is no farther from the line of sight than `half` times its distance from the eye along it.
+    half, away = math.tan(_FIELD_OF_VIEW / 2) / _MARGIN, 0.0
+    for points, size in ((walls, 0.0), (positions, reach)):
+        from_middle = points - middle
+        aside = np.maximum(np.abs(from_middle[:, 0]) / _NARROWEST, np.abs(from_middle @ upward)) + size
+        away = max(away, float((aside / half + from_middle @ back + size).max(initial=0)))
+    return middle + away * back, middle
+
+
+def log_bar(stream, scene: Scene, fastest: float) -> None:
+    """Send the bar that says what colours up to the speed `fastest` [m/s] mean."""
+    bar = colour_bar([kind.name for kind in scene.grains.kinds], fastest)
+    stream.log(_BAR, need_rerun().EncodedImage(contents=bar, media_type="image/png"), static=True)
+
+
+def above_bar(grains, scene: Scene, below: Sequence):
+    """The view `grains` above the bar of its colours, and other views below that."""
+    import rerun.blueprint as rrb
+
+    bar = rrb.Spatial2DView(origin=f"/{_BAR}", name="colours", titlebar=False, background=BACKGROUND)
+    rows = max(1, len(scene.grains.kinds))
+    return rrb.Vertical(grains, bar, *below, row_shares=[10, 1 + 0.25 * (rows - 1), *(2 for _ in below)])
 
 
 def resting(views):
@@ -230,19 +297,24 @@ def resting(views):
     )
 
 
-def _blueprint(data: RunData, fastest: float):
-    """The silo seen from the front, W(t) below it."""
+def _flow_rate_views(data: RunData) -> list:
+    """W(t), if grains have left."""
     import rerun.blueprint as rrb
 
-    grains = front_view(data.scene, data.start.x, fastest)
-    flow = rrb.TimeSeriesView(origin="flow_rate", name="W [g/s]", plot_legend=rrb.PlotLegend(visible=False))
-    return resting(rrb.Vertical(grains, flow, row_shares=[4, 1]))
+    if not _flows(data):
+        return []
+    return [rrb.TimeSeriesView(origin="/flow_rate", name="W [g/s]", plot_legend=rrb.PlotLegend(visible=False))]
+
+
+def _flows(data: RunData) -> bool:
+    return "crossing" in data.tables and len(crossing_times(data)) >= 2
 
 
 def _send_flow_rate(rr, stream, data: RunData) -> None:
     """W(t), smoothed over about 30 grains, as scalars on the clock of the grains."""
-    if "crossing" not in data.tables or len(times := crossing_times(data)) < 2:
+    if not _flows(data):
         return
+    times = crossing_times(data)
     at = np.linspace(0, data.duration, 500)
     width = _GRAINS_SMOOTHED / math.sqrt(2 * math.pi) * (times[-1] - times[0]) / (len(times) - 1)
     rate = smooth_flow(data, at, width) * 1e3

@@ -7,7 +7,10 @@ Hypothesis by itself fails a test whose examples take long, which on a loaded ma
 yet to build its table of characters, says nothing of the test.
 """
 
+import os
 import re
+import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -33,6 +36,24 @@ def group(test: str) -> str:
         if any(f"/{file}.py" in test for file in files):
             return name
     return test
+
+
+def can_render() -> bool:
+    """Whether the viewer has a Vulkan driver to draw with: a GPU's, or the software rasteriser. Elsewhere than on Linux
+    it needs none."""
+    folders = ("/usr/share/vulkan/icd.d", "/usr/local/share/vulkan/icd.d", "/etc/vulkan/icd.d")
+    named = os.environ.get("VK_DRIVER_FILES") or os.environ.get("VK_ICD_FILENAMES")
+    return sys.platform != "linux" or bool(named) or any(list(Path(folder).glob("*.json")) for folder in folders)
+
+
+def pytest_collection_modifyitems(items):
+    """Tests marked `render` need a Vulkan driver."""
+    if can_render():
+        return
+    skip = pytest.mark.skip(reason="no Vulkan driver is installed (Debian: apt-get install mesa-vulkan-drivers)")
+    for item in items:
+        if item.get_closest_marker("render"):
+            item.add_marker(skip)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -21,7 +21,9 @@ def register(app: typer.Typer) -> None:
         ] = None,
         screenshot: Annotated[
             Path | None,
-            typer.Option(help="Write a picture (.png) of the first recording; needs no screen.", show_default=False),
+            typer.Option(
+                help="Write a picture (.png) of the views of the first recording; needs no screen.", show_default=False
+            ),
         ] = None,
         open_viewer: Annotated[
             bool, typer.Option("--open/--no-open", help="Open the viewer, or only write the recordings.")
@@ -51,6 +53,7 @@ def register(app: typer.Typer) -> None:
 def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[Path]:
     """Recordings of what is asked for; those that are missing are made."""
     from labbook.catalogue import Catalogue
+    from labbook.catalogue.finished import RECORDING
     from labbook.recording import NotRecorded, of_run
 
     catalogue = Catalogue(lab)
@@ -62,9 +65,9 @@ def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[
         return [of_run(catalogue.lab.run(keys[0]), lab)]
     study = read_study(Path(target))
     runs = [run for run in catalogue.finished(study, engine) if point is None or run.point.index == point - 1]
-    recorded = [run for run in runs if run.recording() is not None]
+    recorded = [run for run in runs if (run.folder / RECORDING).exists()]
     if not runs:
         fail(f"{lab} has no such finished run of {study.name} on {engine}; make some: labbook run {target} --lab {lab}")
     if not recorded:
         raise NotRecorded(f"none of these runs kept frames: add `record: {{every: 10 ms}}` to {target} and run it")
-    return [of_run(run.folder, lab) for run in recorded]
+    return [of_run(run.folder, lab, study.name, run.point) for run in recorded]

@@ -12,7 +12,17 @@ from labbook.compare.lockstep import Frame, side_by_side
 from labbook.compare.pair import Pair
 from labbook.plan.demand import PointDemand, film_probe
 from labbook.protocol import opened
-from labbook.recording import FRAMES, frames_of, front_view, log_grains, need_rerun, resting, top_speed
+from labbook.recording import (
+    FRAMES,
+    above_bar,
+    frames_of,
+    front_view,
+    log_bar,
+    log_grains,
+    need_rerun,
+    resting,
+    top_speed,
+)
 from labbook.study import Point, Study
 
 
@@ -30,16 +40,18 @@ def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, pat
     with side_by_side(pair, shared.scene, numerics, start, film_probe(every, numerics, shared.scene.grains)) as both:
         seen = list(both.frames(seconds))
     films = [frames_of(_joined(seen, which)) for which in (0, 1)]
-    fastest = max(map(top_speed, films))
+    fastest = max(top_speed(shared.scene, film) for film in films)
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    views = [front_view(shared.scene, start.x, fastest, origin=f"/{one.name}", name=one.name) for one in pair]
+    shown = zip(pair, films, strict=True)
+    beside = rrb.Horizontal(*(front_view(shared.scene, film, origin=one.name, name=one.name) for one, film in shown))
     stream = rr.RecordingStream("labbook", recording_id="-".join(one.run for one in runs))
     try:
-        stream.save(partial, default_blueprint=resting(rrb.Horizontal(*views)))
+        stream.save(partial, default_blueprint=resting(above_bar(beside, shared.scene, [])))
         stream.send_recording_name(f"{study.name}: {point.label}, seed {SEED}, {pair[0].name} beside {pair[1].name}")
         for one, film in zip(pair, films, strict=True):
             log_grains(stream, one.name, shared.scene, start, film, fastest)
+        log_bar(stream, shared.scene, fastest)
         stream.flush()
         stream.disconnect()
         os.replace(partial, path)

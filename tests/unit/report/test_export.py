@@ -14,7 +14,7 @@ from labbook.export.vtk import write_fields, write_grains
 from labbook.fields import Contacts, Grains, Layer, Ring, Space, coarse_grain
 from labbook.fit.angle import brown, rose_tanaka
 from labbook.report.analysis import analyse
-from labbook.scene import Kind
+from labbook.scene import Kind, Spherocylinders
 
 
 def read_vtk(path):
@@ -191,6 +191,41 @@ def test_unlike_grains_have_radii_and_kinds_of_their_own(synthetic, tmp_path):
     assert set(found["kind"]) == {0, 1}
     np.testing.assert_allclose(found["radius"], np.where(found["id"] % 2 == 0, 0.0015, 0.001))
     np.testing.assert_array_equal(found["kind"], found["id"] % 2)
+
+
+def test_every_rod_of_a_recorded_run_is_there_with_its_axis_and_length(synthetic, tmp_path):
+    """A turn by an angle about the y axis takes the z axis to (sin, 0, cos) of it: another one for each rod."""
+    point = synthetic.point(0, 0.03)
+    rods = Spherocylinders(diameter=0.003, length=0.009, density=2500, count=point.scene.grains.count)
+    point = replace(point, scene=point.scene.model_copy(update={"grains": rods}))
+    angle = 1e-3 * np.arange(rods.count)
+
+    class Rods:
+        def __init__(self):
+            self.run = synthetic.FinishedDouble(point, 1, recorded=True)
+
+        def __getattr__(self, name):
+            return getattr(self.run, name)
+
+        def recording(self):
+            table, zero = self.run.recording(), np.zeros
+            turn = angle[table["id"]] / 2
+            return table | {"qw": np.cos(turn), "qx": zero(len(turn)), "qy": np.sin(turn), "qz": zero(len(turn))}
+
+    runs: Any = [Rods()]
+    table = runs[0].recording()
+    (_, *files) = write_recordings(analyse(synthetic.study_of([point]), runs), tmp_path)
+    times = np.unique(table["time"])
+    for k in (0, len(times) - 1):
+        _, found = read_vtk(files[k])
+        now = table["time"] == times[k]
+        assert sorted(found["id"]) == sorted(table["id"][now])
+        order = found["id"].astype(int)
+        np.testing.assert_allclose(
+            found["axis"], np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)[order], atol=1e-6
+        )
+        assert set(found["length"]) == {0.009}
+        assert set(found["radius"]) == {0.0015}
 
 
 def test_ratios_have_their_laws_beside_them(synthetic):

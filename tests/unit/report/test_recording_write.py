@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labbook.recording import CLOCK, FRAMES, NotRecorded, ViewerMissing, speed_colours, write
+from labbook.colour_bar import speed_colours, speed_ticks
+from labbook.protocol import Packing
+from labbook.recording import CLOCK, FRAMES, Frame, NotRecorded, ViewerMissing, log_grains, seen_from, top_speed, write
 from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
-from labbook.wall_shapes import round_walls, wall_quads
+from labbook.wall_shapes import flat_walls, round_walls
 
 rerun = pytest.importorskip("rerun")
 
@@ -44,8 +46,8 @@ def test_every_frame_has_the_grains_of_that_time(run, tmp_path):
     times, starts = np.unique(run.tables["sample"]["time"], return_index=True)
     counts = np.diff([*starts, len(run.tables["sample"]["time"])])
     positions, colours = column(parts, "Points3D:positions"), column(parts, "Points3D:colors")
-    assert sorted(map(len, positions)) == sorted(counts)
-    assert sorted(map(len, colours)) == sorted(counts)
+    assert sorted(map(len, positions)) == sorted([*counts, 0])  # in the end the silo is empty
+    assert sorted(map(len, colours)) == sorted([*counts, 0])
     fullest = max(positions, key=len)
     first = np.stack([run.tables["sample"][c][: counts[0]] for c in ("x", "y", "z")], axis=1)
     np.testing.assert_allclose(np.array(fullest), first, atol=1e-7)
@@ -102,9 +104,27 @@ def test_faster_grains_are_brighter():
     assert (speed_colours(np.zeros(3), 0.0) == colours[0]).all()
 
 
+def test_a_bed_at_rest_is_not_shown_as_moving(synthetic):
+    """Its grains tremble at 1e-8 m/s; a hundredth of sqrt(g d) = 1.7 mm/s is what the brightest colour is at least."""
+    rest = [Frame(0.0, np.zeros((50, 3), np.float32), np.full(50, 1e-8), np.arange(50))]
+    assert top_speed(synthetic.scene(), rest) == pytest.approx(0.01 * np.sqrt(9.81 * 0.003))
+    flowing = [rest[0]._replace(speed=np.full(50, 0.3))]
+    assert top_speed(synthetic.scene(), flowing) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("top", [1e-3, 0.0213, 0.1, 0.61, 5.0, 10.0])
+def test_numbers_of_the_colour_bar_are_round_and_apart(top):
+    ticks = speed_ticks(top)
+    places = np.sqrt(np.array(ticks) / top)
+    assert (ticks[0], ticks[-1]) == (0, top)
+    assert len(ticks) >= 5
+    assert np.diff(places).min() >= 0.06
+    assert all(f"{tick:e}"[0] in "125" and set(f"{tick:e}"[1:8]) <= set(".0") for tick in ticks[1:-1])
+
+
 def test_walls_lie_where_the_container_has_them(run):
     positions = run.start.x
-    quads = {name: corners for name, corners, _ in wall_quads(run.scene, positions)}
+    quads = {name: corners for name, corners, _ in flat_walls(run.scene, positions)}
     assert set(quads) == {wall.name for wall in run.scene.container.walls()}
     assert np.allclose(quads["left"][:, 0], -0.05)
     assert np.allclose(quads["bottom-right"][:, 2], 0)
@@ -114,11 +134,63 @@ def test_walls_lie_where_the_container_has_them(run):
     assert np.allclose(quads["back"][:, 1], 0.00303 / 2)
 
 
+def test_panes_of_a_hopper_end_where_its_plates_do(synthetic):
+    """However far grains have fallen below the outlet, and also beside an inclined bottom."""
+    scene = synthetic.scene(angle=np.pi / 4)
+    grains = np.vstack([synthetic.lattice(scene).x, [[0, 0, -0.05]]])
+    walls = {name: polygon for name, polygon, _ in flat_walls(scene, grains)}
+    pane = walls["front"]
+    assert pane[:, 2].min() == pytest.approx(0)
+    assert np.allclose(pane[:, 1], -scene.container.thickness / 2)
+    plates = np.vstack([walls[name] for name in ("left", "right", "bottom-left", "bottom-right")])
+    (x, z), rim = pane[:, [0, 2]].T, plates[:, [0, 2]]
+    assert all(np.linalg.norm(rim - corner, axis=1).min() < 1e-12 for corner in zip(x, z, strict=True))
+    # A hexagon: 35 mm below each of its upper, vertical sides the plates go in at 45 degrees to an outlet of 30 mm.
+    area = abs(np.dot(x, np.roll(z, 1)) - np.dot(z, np.roll(x, 1))) / 2
+    assert area == pytest.approx(0.1 * (z.max() - 0.035) + 0.035 * (0.1 + 0.03) / 2)
+
+
+@pytest.mark.parametrize("kind", ["flat hopper", "inclined hopper", "cylinder", "rods", "box"])
+def test_all_grains_and_walls_are_in_view_and_fill_it(synthetic, kind):
+    """The eye's field of view is 55 degrees high; a window is at least 0.9 times as wide as high."""
+    here = synthetic.scene()
+    changed = {
+        "flat hopper": here,
+        "inclined hopper": synthetic.scene(angle=np.pi / 4),
+        "cylinder": here.model_copy(
+            update={"container": CylinderSilo(diameter=0.1, height=0.5, orifice=0.03, rotation=1.0)}
+        ),
+        "rods": here.model_copy(
+            update={
+                "container": CylinderSilo(diameter=0.1, height=0.5, orifice=0.03),
+                "grains": Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=300),
+            }
+        ),
+        "box": here.model_copy(update={"container": Box(width=0.1, depth=0.1, height=0.1)}),
+    }[kind]
+    grains = np.random.default_rng(1).uniform((-0.04, -0.001, -0.01), (0.04, 0.001, 0.1), (300, 3))
+    eye, target = seen_from(changed, grains)
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, [0, 0, 1]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
+    up = np.cross(right, forward)
+    assert (forward[2] == 0) == ("hopper" in kind)  # quasi-2D: straight from the front
+    size = 10e-3 if kind == "rods" else 1.5e-3
+    ways = np.random.default_rng(2).normal(size=(100, 3))
+    around = (grains[:, None] + size * ways / np.linalg.norm(ways, axis=1)[:, None]).reshape(-1, 3)
+    walls = [polygon for _, polygon, _ in flat_walls(changed, grains)]
+    walls += [wall.vertices for wall in round_walls(changed, grains)]
+    seen = np.concatenate([around, *walls]) - eye
+    high = np.abs(seen @ up) / (seen @ forward) / np.tan(np.radians(55 / 2))
+    wide = np.abs(seen @ right) / (seen @ forward) / np.tan(np.radians(55 / 2)) / 0.9
+    assert (seen @ forward).min() > 0
+    assert 0.8 < max(high.max(), wide.max()) < 1
+
+
 def test_walls_of_a_box_are_patches_of_their_planes(synthetic):
     box = Box(width=0.1, depth=0.1, height=0.1)
     scene = synthetic.scene().model_copy(update={"container": box})
     grains = np.array([[-0.04, -0.03, 0.01], [0.04, 0.03, 0.09]])
-    quads = {name: corners for name, corners, _ in wall_quads(scene, grains)}
+    quads = {name: corners for name, corners, _ in flat_walls(scene, grains)}
     assert np.allclose(quads["bottom"][:, 2], 0)
     assert np.ptp(quads["bottom"][:, 0]) == pytest.approx(0.083)
     assert np.ptp(quads["bottom"][:, 1]) == pytest.approx(0.063)
@@ -137,9 +209,52 @@ def test_rods_are_capsules_and_the_bottom_turns(synthetic, tmp_path):
     table = {"time": np.array([0.0, 1.0]), **{name: np.full(2, value) for name, value in columns.items()}}
     found = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))
     (first, _) = column(found["/grains", False], "Capsules3D:translations")
+    assert np.ravel(column(found["/grains", True], "Capsules3D:fill_mode")) == [3]  # solid
     assert np.array(first[0]) == pytest.approx([0.003, 0.02, 0.03], abs=1e-7)
     (_, turned) = column(found["/walls/bottom", False], "Transform3D:quaternion")
     assert np.ravel(turned) == pytest.approx([0, 0, np.sqrt(0.5), np.sqrt(0.5)], abs=1e-6)  # a quarter turn
+
+
+def test_every_frame_has_a_length_and_a_radius_for_every_rod(synthetic, tmp_path):
+    """The viewer draws as many capsules as there are lengths: also after rods have left, and none when all have."""
+    rods = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=5)
+    silo = CylinderSilo(diameter=0.19, height=0.5, orifice=0.06)
+    scene = synthetic.scene().model_copy(update={"grains": rods, "container": silo})
+    run = replace(synthetic.observe(synthetic.scene(), seed=1), scene=scene, tables={}, outcome="emptied", duration=1.0)
+    counts, rng = [5, 4, 2], np.random.default_rng(1)
+    q = rng.normal(size=(sum(counts), 4))
+    table = dict(zip(("qw", "qx", "qy", "qz"), (q / np.linalg.norm(q, axis=1)[:, None]).T, strict=True))
+    table |= {name: rng.uniform(0, 0.05, sum(counts)) for name in ("x", "y", "z", "vx", "vy", "vz")}
+    table |= {"time": np.repeat([0.0, 0.4, 0.8], counts), "id": np.concatenate([np.arange(n) for n in counts])}
+    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))["/grains", False]
+    for name in ("lengths", "radii", "translations", "quaternions", "colors"):
+        assert [len(row) for row in column(parts, f"Capsules3D:{name}")] == [*counts, 0], name
+    assert np.concatenate(column(parts, "Capsules3D:lengths")) == pytest.approx(np.full(sum(counts), 14e-3))
+    assert np.concatenate(column(parts, "Capsules3D:radii")) == pytest.approx(np.full(sum(counts), 3e-3))
+
+
+def test_lengths_of_rods_cost_next_to_nothing(tmp_path):
+    """36 bytes a rod and frame without packing: 12 of place, 16 of orientation, 4 of colour, the rest packed."""
+    rods = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=500)
+    scene = Scene(
+        grains=rods,
+        contact=LinearSpringDashpot(normal_stiffness=1.0),
+        container=CylinderSilo(diameter=0.19, height=0.5, orifice=0.06),
+    )
+    rng = np.random.default_rng(1)
+    x = rng.uniform(0, 0.05, (500, 3))
+    start = Packing(x=x, v=np.zeros_like(x), omega=np.zeros_like(x))
+    frames = []
+    for time in np.linspace(0, 1, 40):
+        q = rng.normal(size=(500, 4))
+        place = rng.uniform(0, 0.05, (500, 3)).astype(np.float32)
+        frames.append(Frame(time, place, rng.uniform(0, 1, 500), np.arange(500), q))
+    stream = rerun.RecordingStream("labbook", recording_id="size")
+    stream.save(tmp_path / "a.rrd")
+    log_grains(stream, "", scene, start, frames, 1.0)
+    stream.flush()
+    stream.disconnect()
+    assert (tmp_path / "a.rrd").stat().st_size < 34 * 500 * 40
 
 
 def test_round_walls_are_meshes_of_their_surface():
@@ -155,5 +270,5 @@ def test_round_walls_are_meshes_of_their_surface():
     a, b, c = (bottom.vertices[bottom.triangles[:, k]] for k in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
     assert area == pytest.approx(np.pi * (0.095**2 - 0.03**2), rel=1e-3)
-    assert (side.spin, len(side.lines)) == (0, 2)
+    assert (side.spin, len(side.edges), side.spokes) == (0, 2, [])
     assert bottom.spin == pytest.approx(0.5 * np.pi)

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -48,16 +49,66 @@ def test_report_is_written_below_the_lab_or_where_asked(toy, done, tmp_path):
     assert "name: toy-study" in here.read_text(encoding="utf-8")
 
 
-def test_view_makes_what_is_missing_once(toy, done):
+def recordings(lab):
+    """Recordings of a lab, with the times when they were written."""
+    return {path: path.stat().st_mtime_ns for path in (lab / "recordings").rglob("*.*")}
+
+
+def test_view_makes_what_is_missing_once_and_names_it_by_point_and_seed(toy, done):
     pytest.importorskip("rerun")
     study, lab, where = done
     toy.labbook("view", study, "--no-open", *where)
-    made = {path: path.stat().st_mtime_ns for path in (lab / "recordings").iterdir()}
-    assert len(made) == 4  # one replicate of each point was to be recorded
+    made = recordings(lab)
+    folder = lab / "recordings/toy-study"
+    assert set(made) == {
+        folder / f"point-{n}-seed-1-toy.rrd" for n in (1, 2, 3, 4)
+    }  # one replicate of each is recorded
     toy.labbook("view", study, "--no-open", *where)
-    assert {path: path.stat().st_mtime_ns for path in (lab / "recordings").iterdir()} == made
-    key = next(iter(made)).name.split("-")[0]
-    assert key in toy.labbook("view", key[:12], "--no-open", "--lab", lab).stdout
+    assert recordings(lab) == made
+
+
+def test_view_of_a_run_by_its_key_is_the_same_recording(toy, done):
+    pytest.importorskip("rerun")
+    study, lab, where = done
+    toy.labbook("view", study, "--no-open", *where)
+    made = recordings(lab)
+    records = (json.loads((folder / "run.json").read_text()) for folder in (lab / "runs").iterdir())
+    key = next(one["run_key"] for one in records if (one["point"], one["seed"]) == (2, 1))
+    assert "toy-study/point-3-seed-1-toy.rrd" in toy.labbook("view", key[:12], "--no-open", "--lab", lab).stdout
+    assert recordings(lab) == made
+
+
+def test_a_recording_of_another_run_with_the_same_name_is_replaced(toy, done, tmp_path):
+    """The points of a study change places: what is shown is the run that now has the name, not what was there."""
+    rrd = pytest.importorskip("rerun.chunk")
+    study, lab, where = done
+    toy.labbook("view", study, "--no-open", *where)
+    first, last = (lab / f"recordings/toy-study/point-{n}-seed-1-toy.rrd" for n in (1, 4))
+    identity = {path: rrd.RrdReader(path).recordings()[0].recording_id for path in (first, last)}
+    turned = tmp_path / "toy.yaml"
+    turned.write_text(study.read_text().replace("[18, 24, 30, 36]", "[36, 30, 24, 18]"))
+    toy.labbook("view", turned, "--no-open", *where)
+    now = {path: rrd.RrdReader(path).recordings()[0].recording_id for path in (first, last)}
+    assert now == {first: identity[last], last: identity[first]}
+    assert identity[first] != identity[last]
+    last.write_bytes(b"no recording")
+    toy.labbook("view", turned, "--no-open", *where)
+    assert rrd.RrdReader(last).recordings()[0].recording_id == now[last]
+
+
+def test_damaged_frames_are_named_with_a_remedy(toy, done, tmp_path):
+    pytest.importorskip("rerun")
+    study, lab, _ = done
+    damaged = tmp_path / "lab"
+    shutil.copytree(lab, damaged)
+    shutil.rmtree(damaged / "recordings", ignore_errors=True)
+    frames = sorted(damaged.glob("runs/*/recording.npz"))
+    for path in frames:
+        path.write_bytes(path.read_bytes()[:100])
+    said = toy.labbook("view", study, "--no-open", "--lab", damaged, "--backend", "toy", check=False)
+    assert said.exit_code == 1
+    assert "recording.npz" in said.output
+    assert "run the study again" in " ".join(said.output.split())
 
 
 def test_view_of_one_point(toy, done):
