@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from labbook.backend import Checkpoint, Ensemble, Event, Member, Settled
+from labbook.backend import Checkpoint, Ensemble, Event, Failed, Member, Settled
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import ARRAYS, PackingRecord
 from labbook.keys import Keys, Maker
@@ -19,9 +19,12 @@ from labbook.runner.journal import Saved
 class FillJob(Job):
     """The packing that a demand, and all that share its packing key, starts from."""
 
-    kind = "filling"
+    kind = "packing"
 
-    def __init__(self, bench: Bench, demand: Demand, keys: Keys, claim: Claim):
+    def __init__(self, bench: Bench, demand: Demand, keys: Keys, claim: Claim, serves: str = ""):
+        """serves: the points whose runs start from it, in words; empty if those are all points."""
+        self._serves = serves
+        self._failure: Failed | None = None
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
@@ -63,8 +66,9 @@ class FillJob(Job):
 
     def verdict(self, events: Sequence[Event]) -> str | None:
         """Settled, stopped by a guard, or out of time."""
-        if failure(events):
-            return str(failure(events))
+        self._failure = failure(events)
+        if self._failure:
+            return "failed"
         if any(isinstance(event, Settled) for event in events):
             return "settled"
         return "late" if self.status.time >= self._longest else None
@@ -80,7 +84,8 @@ class FillJob(Job):
                 f"{self.status.kinetic:.2g} m g d, not below {self.settled_below:.2g}; "
                 "raise fill.max_time (it goes on from here) or fill.settled_below"
             )
-        raise JobFailed(f"{self.label}: {verdict}; its last good state is in {self.journal.folder}")
+        why = self._failure.message if self._failure else verdict
+        raise JobFailed(f"{self.label}: {why} (while filling; the last good state is in {self.journal.folder})")
 
     def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
         """The packing and how it was made."""
@@ -104,3 +109,24 @@ class FillJob(Job):
     def progress(self) -> float:
         """By the time that a filling is expected to take; settling has no end that can be seen coming."""
         return min(0.95, self.status.time / fill_time(self.demand))
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether it takes longer to settle than expected."""
+        return self.status.time > fill_time(self.demand)
+
+    def doing(self) -> tuple[str, ...]:
+        """The kinetic energy against that at rest, and the simulated time against the longest."""
+        assert self.settled_below is not None
+        now, below = short(self.status.kinetic), short(self.settled_below)
+        return f"settling: {now} of m g d, rests below {below}", f"{self.status.time:.2f} of {self._longest:g} s"
+
+    @property
+    def label(self) -> str:
+        """For people: the packing of which points, which seed."""
+        return f"packing{self._serves and f' of {self._serves}'}, seed {self.demand.seed}"
+
+
+def short(energy: float) -> str:
+    """A kinetic energy for people: 12, 0.3, 4e-5."""
+    return f"{energy:.2g}" if energy >= 0.01 else f"{energy:.0e}".replace("e-0", "e-")

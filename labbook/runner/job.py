@@ -86,6 +86,15 @@ class Job(ABC):
     def progress(self) -> float:
         """Part of the work that is done, from 0 to 1, as far as can be told."""
 
+    @abstractmethod
+    def doing(self) -> tuple[str, ...]:
+        """How far it is, for people: parts of a line, the most telling one first."""
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether it goes on for longer than expected, so that nobody can tell how long."""
+        return False
+
     @property
     def may_save(self) -> bool:
         """Whether a restart from here would go on exactly as without it."""
@@ -170,7 +179,7 @@ class Job(ABC):
     @property
     def label(self) -> str:
         """For people: what, where, which seed."""
-        return f"{self.kind} {self.demand.point.label} seed {self.demand.seed}"
+        return f"{self.kind} of {self.demand.point.label}, seed {self.demand.seed}"
 
 
 def failure(events: Sequence[Event]) -> Failed | None:
