@@ -22,7 +22,7 @@ _JOBS = 3
 """Jobs that are shown one by one."""
 _SPOKEN_EVERY = 30.0  # s between two lines where there is no terminal
 _WORTH_SAYING = 60.0  # s: a lower bound of the time left
-_NARROWEST, _WIDEST = 8, 40  # of the bar
+_NARROWEST, _WIDEST = 12, 40  # of the bar
 _TOGETHER: tuple[Phase, ...] = ("compiling", "preparing")
 """Phases in which all jobs wait for the same."""
 
@@ -103,6 +103,8 @@ class Bar:
 def heading(view: View, width: int) -> tuple[str, str]:
     """Words on the left and right of the bar, with room for the bar: of the right ones the rate goes first."""
     counted = counts(view)
+    if len(counted) > width - 2:
+        return f"{counted[: width - 3]}…", ""
     rate = f"{view.rate / 1e6:.1f} M grain-steps/s" if view.rate else ""
     for parts in ((remaining(view), rate), (remaining(view),)):
         words = ", ".join(filter(None, parts))
