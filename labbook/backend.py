@@ -9,6 +9,7 @@ slot, or how `advance` is split.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -215,6 +216,15 @@ class Backend(Protocol):
 
 
 @runtime_checkable
+class Compiles(Protocol):
+    """An engine that can tell when it compiles."""
+
+    def compiling(self) -> bool:
+        """Whether this process is compiling kernels of the engine now; cheap, and from any thread."""
+        ...
+
+
+@runtime_checkable
 class Rationed(Protocol):
     """An engine on whose devices memory limits how many members run at once."""
 
@@ -258,14 +268,24 @@ def installed() -> dict[str, str]:
 
 
 def load(name: str) -> Backend:
-    """The engine called `name`. Raises BackendMissing with the reason, also when it is there but broken."""
+    """The engine called `name`. Raises BackendMissing with the reason, also when it is there but broken.
+
+    Engines import late what is heavy. The modules that they name in `requires` are looked for here, not imported.
+    """
     for entry in entry_points(group=GROUP):
         if entry.name == name:
             try:
-                return entry.load()()
+                engine = entry.load()()
             except ImportError as error:
                 raise BackendMissing(
-                    f"the engine {name} is there but cannot be loaded ({error}); try: pip install 'labbook[{name}]'"
+                    f"the backend {name} is there but cannot be loaded ({error}); try: pip install 'labbook[{name}]'"
                 ) from error
+            for module in getattr(engine, "requires", ()):
+                if find_spec(module) is None:
+                    raise BackendMissing(
+                        f"the backend {name} needs the package {module}, which is not installed; "
+                        f"install it: pip install 'labbook[{name}]'"
+                    )
+            return engine
     known = ", ".join(sorted(installed())) or "none"
     raise BackendMissing(f"no engine is called {name}; there are: {known}")

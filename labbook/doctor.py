@@ -1,6 +1,7 @@
 """What is installed, and whether the engines work: each lets a grain bounce once on each of its devices."""
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 
@@ -64,13 +65,17 @@ class Examination:
         return asdict(self)
 
 
-def examine() -> Examination:
-    """Look at packages and engines; an engine that fails is reported with its reason, never raised."""
+def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
+    """Look at packages and engines; an engine that fails is reported with its reason, never raised.
+
+    say: called with what is going on.
+    """
     packages = tuple(Package(name, _version(name), purpose) for name, purpose in PACKAGES.items())
     engines: list[EngineHealth] = []
     versions: dict[str, dict[str, str]] = {}
     for name in sorted(backend.installed()):
         try:
+            say(f"loading {name}")
             engine = backend.load(name)
             found = engine.survey() if isinstance(engine, backend.Surveys) else backend.Survey({}, ())
         except Exception as error:  # whatever is wrong with an engine is what a doctor is for
@@ -78,7 +83,7 @@ def examine() -> Examination:
             continue
         if found.versions:
             versions[name] = dict(found.versions)
-        engines += _try(engine, {device.alias: _what(device) for device in found.devices})
+        engines += _try(engine, {device.alias: _what(device) for device in found.devices}, say)
     return Examination(__version__, hardware(), packages, tuple(engines), versions)
 
 
@@ -97,10 +102,14 @@ def _version(name: str) -> str | None:
         return None
 
 
-def _try(engine: backend.Backend, here: dict[str, str]) -> list[EngineHealth]:
+def _try(engine: backend.Backend, here: dict[str, str], say: Callable[[str], None]) -> list[EngineHealth]:
     """One line for each device that the engine is made for, and for each further one that is here."""
     devices = dict.fromkeys((*engine.capabilities.devices, *here))
-    return [replace(_try_on(engine, device), what=here.get(device, "")) for device in devices]
+    tried = []
+    for device in devices:
+        say(f"letting a grain bounce with {engine.capabilities.name} on {device} (compiles the first time)")
+        tried.append(replace(_try_on(engine, device), what=here.get(device, "")))
+    return tried
 
 
 def _try_on(engine: backend.Backend, device: str) -> EngineHealth:

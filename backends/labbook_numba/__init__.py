@@ -16,6 +16,8 @@ class Backend:
     `threads`: that one large scene may use while cores are idle (None: as many as there are).
     """
 
+    requires = ("numba",)
+
     capabilities = Capabilities(
         name="numba",
         cache_version=CACHE_VERSION,
@@ -41,16 +43,24 @@ class Backend:
 
         Raises Unsupported for a device other than `cpu`.
         """
+        from labbook_numba import compiling
         from labbook_numba.build import SWITCHES, kernels
         from labbook_numba.ensemble import Ensemble
         from labbook_numba.parts import cores
 
         if device != "cpu":
             raise Unsupported("device", f"the engine numba runs on cpu, not on {device}")
+        compiling.watch()
         switches = tuple((name, spec.feature(name)) for name in SWITCHES)
         module = kernels(spec.feature("law"), spec.feature("precision"), switches)
         many = cores()
         return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many)
+
+    def compiling(self) -> bool:
+        """Whether Numba is compiling a kernel now."""
+        from labbook_numba import compiling
+
+        return compiling.going()
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

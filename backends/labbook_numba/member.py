@@ -5,7 +5,7 @@ from types import ModuleType
 import numpy as np
 from labbook_dem.ensemble import Failure, check_checkpoint
 from labbook_dem.features import is_rod
-from labbook_dem.guards import explain, finest
+from labbook_dem.guards import explain
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.rotation import axes, momenta
 from labbook_dem.springs import places
@@ -135,17 +135,16 @@ class Run:
         st = self.state
         if code != self.kernels.DONE:
             grain = int(st.count[S.FAIL_GRAIN])
-            message = explain(GUARDS[code], grain, self.step, float(st.sums[S.FAIL_VALUE]), finest(self.scene))
-            self._fail(GUARDS[code], grain, message, before)
+            self._fail(GUARDS[code], grain, float(st.sums[S.FAIL_VALUE]), before)
             return
         # speeds are watched at every step; a spin moves nothing until its grain touches another, so a look a beat does
         lost = ~np.isfinite(st.w[: st.count[S.GRAINS]]).all(axis=1)
         if lost.any():
-            grain = int(st.ids[np.argmax(lost)])
-            self._fail("state", grain, f"grain {grain} at step {self.step} has a spin that is no number", before)
+            self._fail("spin", int(st.ids[np.argmax(lost)]), np.nan, before)
 
-    def _fail(self, guard: str, grain: int, message: str, before: Checkpoint) -> None:
-        self.failure = Failure(guard, self.step, grain, message)
+    def _fail(self, guard: str, grain: int, value: float, before: Checkpoint) -> None:
+        message = explain(guard, grain, self.step, value, self.scene, self.numerics)
+        self.failure = Failure("state" if guard == "spin" else guard, self.step, grain, message)
         self.restore(before)
 
     def _rebuild(self) -> None:

@@ -13,6 +13,8 @@ CACHE_VERSION = 4
 class Backend:
     """See `labbook.backend.Backend`. Nothing of Warp is loaded before `specialise` or `open`."""
 
+    requires = ("warp",)
+
     capabilities = Capabilities(
         name="warp",
         cache_version=CACHE_VERSION,

@@ -1,5 +1,7 @@
 """Finding the device that was asked for; never another one."""
 
+from collections.abc import Sequence
+
 import warp as wp
 
 from labbook.backend import Device, Survey, Unsupported
@@ -12,12 +14,19 @@ def find(name: str):
     wp.init()
     here = [device.alias for device in wp.get_devices()]
     if name not in here:
-        reason = "no CUDA device is here" if wp.get_cuda_device_count() == 0 else f"there are {', '.join(here)}"
-        remedy = (
-            f"there is no device {name} ({reason}); use --device cpu, or the engine numba, which is faster on a CPU"
-        )
-        raise Unsupported("device", remedy)
+        raise Unsupported("device", _instead(name, here))
     return wp.get_device(name)
+
+
+def _instead(name: str, here: Sequence[str]) -> str:
+    """What to do where the device `name` is not among those that are `here`."""
+    found = f"Warp finds {', '.join(here)}" if here else "Warp finds no device"
+    if "cpu" not in here and name == "cpu":
+        found = f"this build of Warp has no CPU device; {found}"
+    elif not any(device.startswith("cuda") for device in here):
+        found = "no CUDA device is here"
+    device = f"--device {here[0]}, or " if here else ""
+    return f"there is no device {name} ({found}); use {device}--backend numba, which is faster on a CPU"
 
 
 def free(device: wp.Device) -> int | None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import warp as wp
 from labbook_dem import ensemble
 from labbook_dem.features import is_rod
-from labbook_dem.guards import explain, finest
+from labbook_dem.guards import explain
 from labbook_dem.reading import read
 
 from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Spec, Status
@@ -104,9 +104,8 @@ class Ensemble(ensemble.Ensemble[Run]):
     def _fails(self, run: Run, word: int) -> None:
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & 0xFFFFFF
         value = self._stage.bad_value(run, grain)
-        run.failure = ensemble.Failure(
-            guard, step, grain, explain(guard, grain, step, value, finest(run.scene))
-        )  # fmt: skip
+        message = explain(guard, grain, step, value, run.scene, run.numerics)
+        run.failure = ensemble.Failure(guard, step, grain, message)
 
     def status(self, member: Member) -> Status:
         """Where a member stands."""

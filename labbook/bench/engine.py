@@ -11,7 +11,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from labbook import backend
 from labbook.bench.beds import settled
@@ -33,10 +33,11 @@ BOXES = (10_000, 100_000)
 
 @dataclass(frozen=True)
 class EngineBench:
-    """What one engine does on this machine. `savings`: by the switches of the settled bed, in double.
+    """What one engine does on this machine. `savings`: by the switches of the settled bed, in double; none unless all
+    is measured.
 
     `speed_up`: of `members` side by side over one; `large`: of the largest box on all cores over one thread, None if
-    the engine has no say in that.
+    the engine has no say in that or no box is measured.
     """
 
     backend: str
@@ -54,17 +55,23 @@ class EngineBench:
         return asdict(self)
 
 
+Extent = Literal["quick", "usual", "full"]
+"""`quick`: only Fan's hopper, and the start. `usual`: boxes and rods in double too. `full`: rods in every precision and
+what switches save too."""
+
+
 def run(
     name: str = "numba",
-    repeats: int = 7,
+    repeats: int = 5,
     say: Callable[[str], None] = lambda _: None,
+    extent: Extent = "usual",
     grains: int = 3000,
     boxes: tuple[int, ...] = BOXES,
     rods: int = RODS,
 ) -> EngineBench:
     """Measure the engine called `name` on Fan's hopper with `grains`, on `boxes`, and on `rods` where it has them.
 
-    The CPU engine takes some five minutes of processor time.
+    Most of the time goes into compiling: of the CPU engine 5 scenes if `quick`, 8 if `usual`, 17 if `full`.
     """
     from labbook.bench.hardware import hardware
 
@@ -77,29 +84,32 @@ def run(
     rates = []
     for precision in sorted(engine.capabilities.precisions):
         numerics = FAN_STEP.model_copy(update={"precision": precision})
-        say(f"timing the settled bed and the discharge, {precision}")
+        say(f"timing the settled bed, {precision} (compiles)")
         rates.append(timed(engine, "fan settled", closed, numerics, packing, repeats))
         start = opened(packing, closed, scene)
+        say(f"timing its discharge, {precision} (compiles)")
         rates.append(timed(engine, "fan flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
-    for count in boxes:
+    for count in boxes if extent != "quick" else ():
         say(f"timing a box of {count}")
         stack, at_rest = box(count)
         rates.append(timed(engine, "box at rest", stack, BOX_STEP, at_rest, repeats))
-    if has_rods(engine):
-        rates += rod_rates(engine, repeats, say, rods)
-    say("timing what switches save")
-    saved = savings(engine, closed, packing, repeats)
+    if has_rods(engine) and extent != "quick":
+        precisions = sorted(engine.capabilities.precisions) if extent == "full" else ["double"]
+        rates += rod_rates(engine, repeats, say, rods, precisions)
+    saved = savings(engine, closed, packing, repeats, say) if extent == "full" else ()
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # peak; Linux counts in KiB
     say("timing members side by side")
     members = _cores()
     bed = closed, FAN_STEP, packing
     speed_up = members * _quicker(engine, engine, bed, members)
-    say("timing one large scene on all cores")
-    stack, at_rest = box(max(boxes))
-    threaded = on_one_thread(whole) is not None
-    large = _quicker(engine, whole, (stack, BOX_STEP, at_rest), 1) if threaded else None
-    say("timing a fresh start")
-    return EngineBench(name, hardware(), tuple(rates), saved, members, speed_up, large, memory, starting(name))
+    large = None
+    if on_one_thread(whole) is not None and extent != "quick":
+        say("timing one large scene on all cores")
+        stack, at_rest = box(max(boxes))
+        large = _quicker(engine, whole, (stack, BOX_STEP, at_rest), 1)
+    say("timing a fresh start (compiles)")
+    fresh = starting(name, 1 if extent == "quick" else 3)
+    return EngineBench(name, hardware(), tuple(rates), saved, members, speed_up, large, memory, fresh)
 
 
 def on_one_thread(engine: backend.Backend) -> backend.Backend | None:

@@ -11,6 +11,7 @@ from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 
 TIMED = 12_000_000  # grain-steps of one timing, about
+LONGEST = 1.5  # s of processor time of one timing, about; at least one beat
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,15 @@ def timed(
     probes: list[Probe] | None = None,
     after: float = 0.0,
 ) -> Rate:
-    """Rate of one member, from `after` [s] on; a first beat, in which kernels may be compiled, is not timed."""
+    """Rate of one member, from `after` [s] on; the first two beats are not timed: kernels may be compiled in one, and
+    the other tells how many beats to time."""
     ensemble = engine.open(engine.specialise(scene, numerics, probes or []), 1)
     member = ensemble.admit(scene, numerics, start)
     ensemble.advance(max(1, round(after / numerics.beat)))
-    beats = max(1, TIMED // (len(start) * numerics.steps_per_beat))
+    began = time.process_time()
+    ensemble.advance(1)
+    beat = max(time.process_time() - began, 1e-6)
+    beats = max(1, min(TIMED // (len(start) * numerics.steps_per_beat), round(LONGEST / beat)))
     rate = _rate(case, numerics.precision, ensemble, [member], beats, repeats)
     ensemble.close()
     return rate

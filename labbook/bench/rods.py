@@ -1,6 +1,6 @@
 """Speed with rods: Pongó's cylinder with few of them, settled, and flowing over its turning bottom."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from labbook.backend import Backend
 from labbook.bench.batch import CYLINDER_STEP, FILLING_STEP, OUTFLOW, SETTLED
@@ -19,8 +19,10 @@ def has_rods(engine: Backend) -> bool:
     return "spherocylinder" in can.shapes and "frustum" in can.walls
 
 
-def rod_rates(engine: Backend, repeats: int, say: Callable[[str], None], rods: int = RODS) -> list[Rate]:
-    """Rates in the closed cylinder and, from OUTFLOW [s] on, in the open one, in every precision.
+def rod_rates(
+    engine: Backend, repeats: int, say: Callable[[str], None], rods: int = RODS, precisions: Sequence[str] = ("double",)
+) -> list[Rate]:
+    """Rates in the closed cylinder and, from OUTFLOW [s] on, in the open one, in each of `precisions`.
 
     The bed settles with a larger time step than it is timed with.
     """
@@ -30,9 +32,10 @@ def rod_rates(engine: Backend, repeats: int, say: Callable[[str], None], rods: i
     bed = settled(engine, closed, CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP}), SETTLED)
     start = opened(bed, closed, scene)
     rates = []
-    for precision in sorted(engine.capabilities.precisions):
+    for precision in precisions:
         numerics = CYLINDER_STEP.model_copy(update={"precision": precision})
-        say(f"timing settled rods and their discharge, {precision}")
+        say(f"timing settled rods, {precision} (compiles)")
         rates.append(timed(engine, "rods settled", closed, numerics, bed, repeats))
+        say(f"timing the discharge of rods, {precision} (compiles)")
         rates.append(timed(engine, "rods flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
     return rates

@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,18 +35,22 @@ def bed_of(scene: Scene, bed: Packing) -> Packing:
     return replace(bed, kind=np.arange(len(bed)) % kinds) if kinds else bed
 
 
-def savings(engine: Backend, closed: Scene, bed: Packing, rounds: int) -> tuple[Saving, ...]:
+def savings(
+    engine: Backend, closed: Scene, bed: Packing, rounds: int, say: Callable[[str], None] = lambda _: None
+) -> tuple[Saving, ...]:
     """Time the settled `bed` of the scene `closed` and of its variants, in turn, by processor time."""
     cases = {"as it is": (closed, []), **{what: (scene, []) for what, scene in variants(closed).items()}}
     cases["with a ledger"] = (closed, [Ledger()])
     open_ones = {}
     for what, (scene, probes) in cases.items():
+        say(f"preparing the settled bed {what} (compiles)")
         ensemble = engine.open(engine.specialise(scene, STILL, probes), 1)
         ensemble.admit(scene, STILL, bed_of(scene, bed))
         ensemble.advance(1)  # kernels are compiled
         open_ones[what] = ensemble
     spent = {what: [] for what in cases}
-    for _ in range(rounds):
+    for turn in range(rounds):
+        say(f"timing what switches save, round {turn + 1} of {rounds}")
         for what, ensemble in open_ones.items():
             began = time.process_time()
             ensemble.advance(max(1, TIMED // STILL.steps_per_beat))

@@ -3,7 +3,7 @@
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from labbook.catalogue.parts import Part, Record
 from labbook.keys import canonical
@@ -11,12 +11,15 @@ from labbook.numerics import Numerics
 from labbook.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
 from labbook.scene import Scene
 
-Outcome = Literal["finished", "precise", "emptied", "clogged", "diverged", "interrupted"]
+Outcome = Annotated[
+    Literal["finished", "precise", "emptied", "clogged", "diverged", "time-limit"],
+    BeforeValidator(lambda word: "time-limit" if word == "interrupted" else word),  # as older runs have it
+]
 """How a discharge ended; every one of them is physics, none an error.
 
 `finished`: the asked part was discharged. `precise`: stopped because the answer was precise enough.
 `emptied`: no grain is left. `clogged`: no grain left for the stall time, a censored waiting time. `diverged`:
-a guard stopped it. `interrupted`: the longest time was reached.
+a guard stopped it. `time-limit`: it came to the end of `stop.max_time`.
 """
 
 

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from labbook.cli.lab import saying
+
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
@@ -23,31 +25,36 @@ def register(app: typer.Typer) -> None:
             str | None, typer.Option(help="Engine to measure.", show_default="numba; for batch, warp")
         ] = None,
         device: Annotated[str, typer.Option(help="GPU that an engine is measured on, where it has one.")] = "cuda:0",
-        repeats: Annotated[int, typer.Option(min=1, help="Times that each rate is measured.")] = 7,
+        repeats: Annotated[int, typer.Option(min=1, help="Times that each rate is measured.")] = 5,
+        quick: Annotated[bool, typer.Option("--quick", help="engine: only Fan's hopper; a minute or two.")] = False,
+        full: Annotated[
+            bool, typer.Option("--full", help="engine: also rods in every precision, and what each switch saves.")
+        ] = False,
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Measure grain-steps per second on Fan's hopper, in three dimensions and of rods, and what each switch saves.
+        """Measure grain-steps per second on Fan's hopper, in three dimensions and of rods.
 
+        `engine` takes some five minutes on a slow machine, most of them compiling; `--full` more than twice that.
         `fields`: seconds that fields of 10 000 rods in 100 frames take.
         """
-        from rich.console import Console
-
         from labbook.backend import BackendMissing, Unsupported
         from labbook.bench import batch, elongation, engine, fields
 
-        console = Console(stderr=True)
+        if (quick or full) and (what != "engine" or quick == full):
+            raise typer.BadParameter("--quick and --full are for `engine`, one at a time")
         try:
-            with console.status("preparing") as status:
+            with saying("preparing") as say:
                 if what == "fields":
-                    result = fields.run(say=status.update)
+                    result = fields.run(say=say)
                 elif what == "batch":
-                    result = batch.run(backend or "warp", device, say=status.update)
+                    result = batch.run(backend or "warp", device, say=say)
                 elif what == "elongation":
                     name = backend or "numba"
-                    result = elongation.run(name, "cpu" if name == "numba" else device, repeats, status.update)
+                    result = elongation.run(name, "cpu" if name == "numba" else device, repeats, say)
                 else:
-                    result = engine.run(backend or "numba", repeats, say=status.update)
+                    extent = "quick" if quick else "full" if full else "usual"
+                    result = engine.run(backend or "numba", repeats, say, extent)
         except BackendMissing as error:
             raise typer.BadParameter(str(error), param_hint="--backend") from None
         except Unsupported as error:
@@ -131,12 +138,14 @@ def _show(result) -> None:
         table.add_row(
             rate.case, str(rate.grains), rate.precision, f"{rate.median:.1f}", f"{rate.low:.1f}-{rate.high:.1f}"
         )
-    saved = Table("fan settled, double", "times as fast", "range")
-    for saving in result.savings:
-        saved.add_row(saving.case, f"{saving.times:.2f}", f"{saving.low:.2f}-{saving.high:.2f}")
+    tables = [table]
+    if result.savings:
+        tables.append(Table("fan settled, double", "times as fast", "range"))
+        for saving in result.savings:
+            tables[1].add_row(saving.case, f"{saving.times:.2f}", f"{saving.low:.2f}-{saving.high:.2f}")
     console = Console()
     console.print(f"engine {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
-    console.print(table, saved)
+    console.print(*tables)
     start = result.starting
     large = f"one large scene on all cores: {result.large:.2f} times one thread; " if result.large else ""
     console.print(

@@ -1,12 +1,13 @@
 """`labbook compare`: two engines on the same study."""
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from labbook.cli.options import LAB, AsJson, Lab, StudyFile, fail, read_study
+from labbook.cli.options import GO_ON, LAB, STOPPED, AsJson, Lab, StudyFile, fail, leave, read_study
 
 if TYPE_CHECKING:
     from labbook.compare.verdict import Verdict
@@ -125,9 +126,16 @@ def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points
         fail(problem)
     except (NoCatalogue, Unreadable, DiskFull, ViewerMissing) as problem:
         fail(problem)
-    except Stopped:
-        typer.echo("Stopped early; everything is saved: the same command goes on from here", err=True)
-        raise typer.Exit(130) from None
+    except Stopped as stopped:
+        with suppress(OSError):
+            typer.echo(f"Stopped early; everything is saved: {GO_ON}", err=True)
+        if stopped.left_behind:
+            leave(STOPPED)
+        raise typer.Exit(STOPPED) from None
+    except KeyboardInterrupt:
+        with suppress(OSError):
+            typer.echo(f"Left at once; what was saved last is kept: {GO_ON}", err=True)
+        leave(STOPPED)
     return verdict, failed
 
 

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from labbook.cli.lab import saying
+
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
@@ -16,7 +18,8 @@ def register(app: typer.Typer) -> None:
         """Tell what is installed, and let every engine work a little on each device. Exit status 1 if none works."""
         from labbook.doctor import examine
 
-        found = examine()
+        with saying("looking around") as say:
+            found = examine(say)
         if as_json:
             print(json.dumps(found.as_dict(), indent=2))
         else:
@@ -27,6 +30,7 @@ def register(app: typer.Typer) -> None:
 
 def _show(found) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console()
@@ -47,6 +51,6 @@ def _show(found) -> None:
             "yes" if engine.works else "no",
             ", ".join(engine.precisions),
             ", ".join(engine.laws),
-            engine.note,
+            escape(engine.note),  # which may name an extra in brackets
         )
     console.print(engines)

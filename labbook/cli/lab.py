@@ -1,4 +1,4 @@
-"""What verbs that look into a lab share: opening its catalogue, finding the engine, a bar for indexing."""
+"""What verbs that look into a lab share: opening its catalogue, finding the engine, progress of what takes a while."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -34,6 +34,29 @@ def open_catalogue(lab: Path) -> "Catalogue":
         return Catalogue(lab)
     except NoCatalogue as error:
         fail(error)
+
+
+@contextmanager
+def saying(what: str) -> Iterator[Callable[[str], None]]:
+    """What is going on, on standard error: in one line that changes on a terminal, elsewhere line by line with the
+    time since the beginning. Gives a function to call with the next."""
+    import time
+
+    from rich.console import Console
+
+    from labbook.runner.progress import duration
+
+    console, begun = Console(stderr=True, markup=False), time.monotonic()
+    if console.is_terminal:
+        with console.status(what) as status:
+            yield status.update
+        return
+
+    def say(text: str) -> None:
+        typer.echo(f"{duration(time.monotonic() - begun):>6}: {text}", err=True)
+
+    say(what)
+    yield say
 
 
 @contextmanager

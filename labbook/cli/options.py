@@ -1,5 +1,8 @@
 """Arguments that several verbs share, and how their mistakes are told."""
 
+import os
+import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -16,12 +19,23 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 LAB = Path("lab")
 ENGINE = "numba"
+STOPPED = 130
+"""Exit status of what was asked to stop, as shells give it for Ctrl-C."""
+GO_ON = "the same command goes on from here"
 
 
 def fail(message: object) -> NoReturn:
     """End with exit status 1 and the message on standard error."""
     typer.echo(f"Error: {message}", err=True)
     raise typer.Exit(1)
+
+
+def leave(status: int) -> NoReturn:
+    """End the process now, whatever its threads are doing: they may be compiling or in the middle of a long beat."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # the terminal is gone, or the stream is closed
+            stream.flush()
+    os._exit(status)
 
 
 def read_study(path: Path) -> "Study":

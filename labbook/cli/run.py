@@ -1,11 +1,14 @@
 """`labbook run`: carry out what a study still needs."""
 
+import shlex
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from labbook.cli.lab import Device, engine_called, open_catalogue
-from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, fail, read_study
+from labbook.cli.options import ENGINE, GO_ON, LAB, STOPPED, Engine, Lab, StudyFile, fail, leave, read_study
 
 if TYPE_CHECKING:
     from labbook.runner.runner import Summary
@@ -20,7 +23,11 @@ def register(app: typer.Typer) -> None:
     def run(
         study: StudyFile, lab: Lab = LAB, backend: Engine = ENGINE, device: Device = "cpu", checkpoint_every: Every = 20
     ) -> None:
-        """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again."""
+        """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
+
+        A second Ctrl-C leaves at once; what was saved last is kept. Exit status: 0 if all runs of the study are there,
+        1 if some failed or diverged, 130 if it was stopped.
+        """
         from rich.console import Console
 
         from labbook.backend import Unsupported
@@ -42,17 +49,25 @@ def register(app: typer.Typer) -> None:
                 fail(problem)
             for line in cut_short(ahead, Folder(lab)):
                 typer.echo(line, err=True)
-        with Bar(Console(stderr=True)) as bar:
-            runner = Runner(asked, Folder(lab), engine, device, checkpoint_every, bar)
-            try:
-                summary = runner.run()
-            except (Unsupported, Conflict, MeasureError, DiskFull) as problem:
-                fail(problem)
-        for line in report(summary):
-            console.print(line)
+        try:
+            with Bar(Console(stderr=True)) as bar:
+                summary = Runner(asked, Folder(lab), engine, device, checkpoint_every, bar).run()
+        except (Unsupported, Conflict, MeasureError, DiskFull) as problem:
+            fail(problem)
+        except KeyboardInterrupt:
+            with suppress(OSError):
+                typer.echo(f"Left at once; what was saved last is kept: {GO_ON}", err=True)
+            leave(STOPPED)
+        with suppress(OSError):  # the terminal is gone: all is saved, and nobody reads it
+            for line in report(summary):
+                console.print(line, soft_wrap=not console.is_terminal)
+            for line in advice(summary, study, lab, backend):
+                console.print(line, soft_wrap=True)  # commands stay in one piece
+        if summary.left_behind:
+            leave(STOPPED)
         if summary.stopped:
-            raise typer.Exit(130)
-        if summary.tally.failed:
+            raise typer.Exit(STOPPED)
+        if summary.tally.failed or diverged(summary):
             raise typer.Exit(1)
 
 
@@ -82,8 +97,41 @@ def report(summary: "Summary") -> list[str]:
                 f"{point.shared.point.label}: flow rate to {decision.pooled.relative:.2%} "
                 f"with {decision.pooled.n} replicates{short}"
             )
+    for label, seeds in diverged(summary).items():
+        many = f"seeds {', '.join(map(str, seeds))}" if len(seeds) > 1 else f"seed {seeds[0]}"
+        lines.append(f"Diverged: {label}, {many}: stopped by a guard, and left out of every mean")
     lines += [f"Failed: {why}" for why in tally.failed]
     lines += [f"Unreadable: {problem}" for problem in summary.problems]
     if summary.stopped:
-        lines.append("Stopped early; everything is saved: the same command goes on from here")
+        lines.append(f"Stopped early; everything is saved: {GO_ON}")
+    return lines
+
+
+def diverged(summary: "Summary") -> dict[str, list[int]]:
+    """Seeds of the runs that diverged, now or earlier, by the label of their point."""
+    found: dict[str, list[int]] = {}
+    for point in summary.points:
+        for item in point.items:
+            if item.state == "done" and item.outcome == "diverged":
+                found.setdefault(item.demand.point.label, []).append(item.demand.seed)
+    return found
+
+
+def advice(summary: "Summary", study: Path, lab: Path, backend: str) -> list[str]:
+    """What to do next, as commands."""
+    from labbook.plan.plan import counted
+
+    there = f" --lab {shlex.quote(str(lab))}" if lab != LAB else ""
+    given = shlex.quote(str(study)) + there + (f" --backend {backend}" if backend != ENGINE else "")
+    lost = diverged(summary)
+    lines = (
+        [f"Which runs diverged, and how: labbook runs --outcome diverged{there}; labbook show RUN{there}"]
+        if lost
+        else []
+    )
+    done, _ = counted(summary.points)
+    if done and not summary.stopped:
+        lines.append(f"Next: labbook report {given}")
+        if any(item.demand.recorded for point in summary.points for item in point.items):
+            lines.append(f"      labbook view {given}")
     return lines

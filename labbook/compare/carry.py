@@ -10,7 +10,11 @@ from labbook.study import Study
 
 
 class Stopped(Exception):
-    """The runner was asked to stop; everything is saved."""
+    """The runner was asked to stop; everything is saved. `left_behind` as in its Summary."""
+
+    def __init__(self, *, left_behind: bool = False):
+        super().__init__()
+        self.left_behind = left_behind
 
 
 @dataclass
@@ -61,7 +65,7 @@ def carry_out(
         summary = runner.run()
         session.add(summary)
         if summary.stopped:
-            raise Stopped
+            raise Stopped(left_behind=summary.left_behind)
 
     sessions = Session(), Session()
     run(first, sessions[0])

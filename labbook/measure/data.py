@@ -16,7 +16,7 @@ class RunData:
 
     `tables`: rows of the probes by their lower-case names (`crossing`, `sample`, `slab`, `zone`, `contacts`, `ledger`),
     columns as `labbook.probes` lists them. `duration`: simulated time covered since the opening [s].
-    `outcome`: how it ended (finished, precise, emptied, clogged, diverged, interrupted).
+    `outcome`: how it ended (finished, precise, emptied, clogged, diverged, time-limit).
     """
 
     scene: Scene

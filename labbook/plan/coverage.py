@@ -51,8 +51,9 @@ def shortfall(
         return NOTHING
     if had.duration >= stop.max_time * (1 - 1e-12):
         return NOTHING
+    ended = "out of time" if outcome in ("time-limit", "interrupted") else outcome  # the latter in older indexes
     return Shortfall(
         "shorter",
-        f"{outcome} after {had.duration:.4g} s with {had.discharged:.1%} discharged; "
+        f"{ended} after {had.duration:.4g} s with {had.discharged:.1%} discharged; "
         f"asked: {stop.discharged:.1%}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s",
     )

@@ -1,7 +1,7 @@
 """What is still to be done, and who does it: fillings first, then the runs whose packings are there."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from labbook.backend import Checkpoint, Spec
@@ -54,9 +54,13 @@ class Board:
         """Keys of jobs that need another Spec than one that was asked for: beginning a job to learn that is dear."""
         self.points: dict[int, PointPlan] = {}
         self._sharing: dict[str, set[int]] = defaultdict(set)
+        self._standing: dict[str, set[int]] = defaultdict(set)
+        """Points by the key of the packing that their runs start from."""
         """Points by the key of a run that they ask for: points that come to the same run share it."""
         self.elsewhere = 0
         """Jobs that another process was found to hold at the last look."""
+        self.beginning: Callable[[Job], None] = lambda job: None
+        """Called before a job is begun: placing many grains takes a while."""
 
     def pin(self, plan: Plan) -> None:
         """Take up a plan."""
@@ -69,6 +73,7 @@ class Board:
         for item in point.items:
             key = item.keys.run
             self._sharing[key].add(point.shared.point.index)
+            self._standing[item.keys.packing].add(point.shared.point.index)
             # what ended here is not begun again: points with other guards could hand it to and fro
             known = key in self.going or key in self._lost or key in self.tally.ran
             lacking = not item.packed if self._packings_only else item.state != "done"
@@ -112,7 +117,15 @@ class Board:
             claim.release()
             self._packed(key)
             return None
-        return self._begin(FillJob(self._bench, item.demand, item.keys, claim), spec)
+        return self._begin(FillJob(self._bench, item.demand, item.keys, claim, self._served(key)), spec)
+
+    def _served(self, packing: str) -> str:
+        """The points whose runs start from a packing, in words; empty if those are all points."""
+        of = self._standing[packing]
+        if len(of) == len(self.points):
+            return ""
+        first, more = self.points[min(of)].shared.point.label, len(of) - 1
+        return first + (f" and {more} more point{'s' if more > 1 else ''}" if more else "")
 
     def _discharge(self, item: Item, spec: Spec | None) -> Started | None:
         key, lab = item.keys.run, self._bench.lab
@@ -130,6 +143,7 @@ class Board:
         return self._begin(job, spec)
 
     def _begin(self, job: Job, spec: Spec | None) -> Started | None:
+        self.beginning(job)
         try:
             start = job.begin()
         except JobFailed as problem:
@@ -198,6 +212,10 @@ class Board:
     def fillings_left(self) -> int:
         """Packings that runs still wait for, also those being made."""
         return len({item.keys.packing for item in self.todo.values() if not item.packed})
+
+    def open_ended(self) -> bool:
+        """Whether a job goes on for longer than expected, so that more work may be left than `work_left` says."""
+        return any(job.open_ended for job in self.going.values())
 
     def work_left(self) -> float:
         """Grain-steps still to be done here, as far as can be told."""

@@ -174,12 +174,20 @@ class DischargeJob(Job):
             return "emptied"
         if self._plane is not None and self.status.time - self._last >= stop.stall:
             return "clogged"
-        return "interrupted" if self.status.time >= stop.max_time else None
+        return "time-limit" if self.status.time >= stop.max_time else None
 
     def progress(self) -> float:
         """By discharged fraction or by time, whichever is nearer to its end."""
         stop = self.demand.shared.stop
         return min(1.0, max(self._discharged / self._enough, self.status.time / stop.max_time))
+
+    def doing(self) -> tuple[str, ...]:
+        """The part of the mass that has left, where that ends the run, how long the flow rests, and the simulated
+        time."""
+        discharged = f"{self._discharged:.0%} discharged, ends at {self._enough:.0%}"
+        still, stall = self.status.time - self._last, self.demand.shared.stop.stall
+        waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if still > _STILL * stall else ()
+        return discharged, *waiting, f"{self.status.time:.2f} s"
 
     @cached_property
     def _bed_height(self) -> float:
@@ -257,6 +265,8 @@ class DischargeJob(Job):
 
 
 FILM_TABLE = "recording"
+_STILL = 0.3
+"""Part of the stall time without a grain leaving that is worth a word."""
 
 
 def parse_film(text: str | None) -> Sample | None:

@@ -1,10 +1,11 @@
 """Making a packing: grains placed at random fall into the closed container until they rest."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from labbook.backend import Checkpoint, Ensemble, Event, Member, Settled
+from labbook.backend import Checkpoint, Ensemble, Event, Failed, Member, Settled, Status
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import ARRAYS, PackingRecord
 from labbook.keys import Keys, Maker
@@ -15,22 +16,28 @@ from labbook.protocol import Packing, PlacingError, place
 from labbook.protocol.rest import at_rest
 from labbook.runner.job import Bench, Job, JobFailed, failure
 from labbook.runner.journal import Saved
+from labbook.scene.timescales import collision
 
 _LOOK_EVERY = 20  # beats: a look copies the state of a member from its device
 _LOOKS = 2  # on end that have to find it at rest
+_REMEDY = "If it never rests, use a smaller numerics.dt, fill.moving: 1 %, or a larger fill.settled_below."
 
 
 class FillJob(Job):
     """The packing that a demand, and all that share its packing key, starts from."""
 
-    kind = "filling"
+    kind = "packing"
 
-    def __init__(self, bench: Bench, demand: Demand, keys: Keys, claim: Claim):
+    def __init__(self, bench: Bench, demand: Demand, keys: Keys, claim: Claim, serves: str = ""):
+        """serves: the points whose runs start from it, in words; empty if those are all points."""
+        self._serves = serves
+        self._failure: Failed | None = None
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
         self._longest = demand.point.fill.max_time
         self._quiet = 0
+        self._lowest, self._fell, self._warned = math.inf, 0.0, False
 
     def begin(self) -> Packing | Checkpoint:
         """As every job, but an engine never fills in another one's place. Raises JobFailed."""
@@ -59,6 +66,39 @@ class FillJob(Job):
         """How often on end it was found at rest."""
         return {"quiet": self._quiet}
 
+    def after(
+        self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
+    ) -> None:
+        """As every job; when the kinetic energy last fell to half of what it had been is noted."""
+        super().after(status, tables, wall, process, grain_steps)
+        if status.kinetic <= self._lowest / 2:
+            self._lowest, self._fell = status.kinetic, status.time
+
+    @property
+    def stalled(self) -> bool:
+        """Whether the kinetic energy has not halved for as long as a whole filling is expected to take."""
+        usual = fill_time(self.demand)
+        return self.status.time > 2 * usual and self.status.time - self._fell > usual
+
+    def warning(self) -> str | None:
+        """Said once, of a filling that does not seem to come to rest."""
+        if self._warned or not self.stalled:
+            return None
+        self._warned = True
+        return (
+            f"{self.label}: does not seem to come to rest: {self._standing()}. It goes on until fill.max_time "
+            f"({self._longest:g} s). {_REMEDY}"
+        )
+
+    def _standing(self) -> str:
+        """Energy, threshold and step, in words."""
+        part = self.numerics.dt / collision(self.scene.stiffened(self.numerics.stiffness_scale))
+        return (
+            f"at {self.status.time:.3g} s its kinetic energy is {short(self.status.kinetic)} m g d per grain, "
+            f"at rest below {short(self.settled_below or 0)}, and has not halved since {self._fell:.3g} s; "
+            f"the step is {self.numerics.dt:.3g} s, {part:.2g} of a collision"
+        )
+
     def absorb(self, probe: Probe, table: Table) -> None:
         """Fillings observe nothing."""
 
@@ -79,8 +119,9 @@ class FillJob(Job):
 
     def verdict(self, events: Sequence[Event]) -> str | None:
         """Settled, stopped by a guard, or out of time."""
-        if failure(events):
-            return str(failure(events))
+        self._failure = failure(events)
+        if self._failure:
+            return "failed"
         if self._quiet >= _LOOKS or any(isinstance(event, Settled) for event in events):
             return "settled"
         return "late" if self.status.time >= self._longest else None
@@ -92,11 +133,11 @@ class FillJob(Job):
         self.save(ensemble, member)
         if verdict == "late":
             raise JobFailed(
-                f"{self.label}: not at rest after {self.status.time:.3g} s: the kinetic energy per grain is "
-                f"{self.status.kinetic:.2g} m g d, not below {self.settled_below:.2g}; "
-                "raise fill.max_time (it goes on from here) or fill.settled_below"
+                f"{self.label}: not at rest after {self.status.time:.3g} s: {self._standing()}. "
+                f"Raise fill.max_time (it goes on from here). {_REMEDY}"
             )
-        raise JobFailed(f"{self.label}: {verdict}; its last good state is in {self.journal.folder}")
+        why = self._failure.message if self._failure else verdict
+        raise JobFailed(f"{self.label}: {why} (while filling; the last good state is in {self.journal.folder})")
 
     def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
         """The packing and how it was made."""
@@ -120,3 +161,24 @@ class FillJob(Job):
     def progress(self) -> float:
         """By the time that a filling is expected to take; settling has no end that can be seen coming."""
         return min(0.95, self.status.time / fill_time(self.demand))
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether it takes longer to settle than expected."""
+        return self.status.time > fill_time(self.demand)
+
+    def doing(self) -> tuple[str, ...]:
+        """The kinetic energy against that at rest, and the simulated time against the longest."""
+        assert self.settled_below is not None
+        now, below = short(self.status.kinetic), short(self.settled_below)
+        return f"settling: {now} of m g d, rests below {below}", f"{self.status.time:.2f} of {self._longest:g} s"
+
+    @property
+    def label(self) -> str:
+        """For people: the packing of which points, which seed."""
+        return f"packing{self._serves and f' of {self._serves}'}, seed {self.demand.seed}"
+
+
+def short(energy: float) -> str:
+    """A kinetic energy for people: 12, 0.3, 4e-5."""
+    return f"{energy:.2g}" if energy >= 0.01 else f"{energy:.0e}".replace("e-0", "e-")

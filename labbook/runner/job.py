@@ -90,6 +90,19 @@ class Job(ABC):
         """Take a look at the state after a beat, where the verdict needs more of it than `status` tells."""
         return
 
+    @abstractmethod
+    def doing(self) -> tuple[str, ...]:
+        """How far it is, for people: parts of a line, the most telling one first."""
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether it goes on for longer than expected, so that nobody can tell how long."""
+        return False
+
+    def warning(self) -> str | None:
+        """What the user has to know now, once; None if there is nothing."""
+        return None
+
     @property
     def may_save(self) -> bool:
         """Whether a restart from here would go on exactly as without it."""
@@ -174,7 +187,7 @@ class Job(ABC):
     @property
     def label(self) -> str:
         """For people: what, where, which seed."""
-        return f"{self.kind} {self.demand.point.label} seed {self.demand.seed}"
+        return f"{self.kind} of {self.demand.point.label}, seed {self.demand.seed}"
 
 
 def failure(events: Sequence[Event]) -> Failed | None:

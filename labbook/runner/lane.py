@@ -6,9 +6,11 @@ GPU one lane holds all members of a Spec.
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from queue import SimpleQueue
 
 import numpy as np
 
@@ -31,6 +33,36 @@ class Turn:
     """Processor time of the whole process meanwhile."""
 
 
+class Hand:
+    """A thread that does one thing after another. It does not keep the process from ending."""
+
+    def __init__(self) -> None:
+        self._calls: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        threading.Thread(target=self._work, name="labbook-lane", daemon=True).start()
+
+    def do(self, call: Callable[[], Turn]) -> "Future[Turn]":
+        """Do this next."""
+        future: Future[Turn] = Future()
+
+        def carry_out() -> None:
+            try:
+                future.set_result(call())
+            except BaseException as problem:  # for whoever waits for the result
+                future.set_exception(problem)
+
+        self._calls.put(carry_out)
+        return future
+
+    def end(self, last: Callable[[], None]) -> None:
+        """Do this `last`, once everything else is done, and end."""
+        self._calls.put(last)
+        self._calls.put(None)
+
+    def _work(self) -> None:
+        while call := self._calls.get():
+            call()
+
+
 @dataclass(eq=False)
 class Lane:
     """An ensemble and the jobs of its members. `slots`: how many members it takes."""
@@ -41,16 +73,25 @@ class Lane:
     jobs: dict[Member, Job] = field(default_factory=dict)
     spec: Spec | None = None
     ensemble: Ensemble | None = None
+    preparing: bool = False
+    """Whether its kernels are being compiled or loaded. Its jobs have taken no step then: there is nothing to save."""
+    _hand: Hand = field(default_factory=Hand)
 
-    def turn(self, new: Sequence[Started]) -> Turn:
-        """Admit `new` and take one beat."""
+    def start(self, new: Sequence[Started]) -> "Future[Turn]":
+        """Admit `new` and take one beat, in the lane's thread."""
+        spec = new[0].spec if new else self.spec
+        assert spec is not None
+        use = spec.engine, spec, self.device
+        self.preparing = use not in _used
+        return self._hand.do(lambda: self._turn(new, use))
+
+    def _turn(self, new: Sequence[Started], use: tuple[str, Spec, str]) -> Turn:
         for started in new:
             self._admit(started)
-        assert self.spec is not None
-        use = self.spec.engine, self.spec, self.device
         with nullcontext() if use in _used else _preparing:
             turn = self._beat()
         _used.add(use)
+        self.preparing = False
         return turn
 
     def _beat(self) -> Turn:
@@ -92,6 +133,10 @@ class Lane:
         assert self.ensemble is not None
         self.ensemble.retire(member)
         del self.jobs[member]
+
+    def end(self) -> None:
+        """Free the ensemble and the thread, once the turn that is going on has ended; does not wait for that."""
+        self._hand.end(self.close)
 
     def close(self) -> None:
         """Free the ensemble."""

@@ -1,16 +1,12 @@
 """Carrying out a study: lanes take jobs from the board, step them by beats, save them, and end them by the
 stop rule."""
 
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from labbook.backend import Backend, Member, Overflow
+from labbook.backend import Backend, Compiles, Member, Overflow
 from labbook.catalogue.catalogue import Catalogue
 from labbook.catalogue.index import Index
 from labbook.catalogue.lab import Lab, room
@@ -19,11 +15,13 @@ from labbook.plan.check import check
 from labbook.plan.demand import PackingsOf
 from labbook.plan.plan import Planner, PointPlan
 from labbook.runner.board import Board, Started, Tally
+from labbook.runner.filling import FillJob
 from labbook.runner.job import Bench, Job, JobFailed
 from labbook.runner.lane import Lane, Turn
 from labbook.runner.provenance import cores
 from labbook.runner.slots import slots
-from labbook.runner.watch import Meter, Unwatched, View, Watcher
+from labbook.runner.stopping import Request
+from labbook.runner.watch import Going, Meter, Unwatched, View, Watcher
 
 if TYPE_CHECKING:
     from labbook.study import Study
@@ -32,6 +30,7 @@ CHECKPOINT_EVERY = 20.0
 """Wall time between two saves of a job [s]: what a kill loses at most."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _POLL = 0.5  # s: how often claims that others hold are tried again
+_MANY = 10_000  # grains that take a while to place
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,9 @@ class Summary:
     """Grain-steps."""
     problems: tuple[str, ...]
     """Folders of the lab that cannot be read."""
+    left_behind: bool = False
+    """Whether threads of this process still compile for jobs that were dropped: nothing waits for them but the end of
+    the process, unless it is ended by `os._exit`."""
 
 
 Turns = dict[Future[Turn], tuple[Lane, list[Started]]]
@@ -71,17 +73,19 @@ class Runner:
     """Make the packings that the runs would start from, and no runs."""
 
     def run(self) -> Summary:
-        """Run what is missing; Ctrl-C or SIGTERM saves what is going on and ends early.
+        """Run what is missing; Ctrl-C, SIGTERM or SIGHUP saves what is going on and ends early.
 
-        Raises DiskFull; Unsupported, Conflict or MeasureError before anything runs.
+        Raises KeyboardInterrupt when asked again meanwhile; the last saves stay good, and threads of lanes may still be
+        in the middle of a beat. Raises DiskFull; Unsupported, Conflict or MeasureError before anything runs.
         """
         with room(self.lab.folder):
             return self._run()
 
     def _run(self) -> Summary:
         begun = time.perf_counter()
-        self._stop = threading.Event()
-        self._meter, self._told = Meter(), begun
+        self._stop = Request()
+        self._left_behind = False
+        self._meter, self._told = Meter(), float("-inf")
         self._saved: dict[Job, float] = {}
         window = self.study.window
         observe = Observe(measure=self.study.measure, start=window.start, end=window.end)
@@ -96,8 +100,9 @@ class Runner:
                 plan = planner.plan()
             bench = Bench(self.lab, self.backend, self.device)
             self._board = Board(bench, planner, index, observe, packings_only=self.packings_only)
+            self._board.beginning = self._tell_beginning
             self._board.pin(plan)
-            with self._signals():
+            with self._stop.listening(self.watcher.tell):
                 self._carry_out(slots(self.backend, self.device, plan.points))
             self._tell()
         finally:
@@ -105,50 +110,52 @@ class Runner:
             index.close()
         points = tuple(self._board.points[at] for at in sorted(self._board.points))
         wall = time.perf_counter() - begun
-        return Summary(
-            self._board.tally, points, self._stop.is_set(), wall, self._meter.work, tuple(index.found.problems)
-        )
+        problems, work = tuple(index.found.problems), self._meter.work
+        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, self._left_behind)
 
     def _carry_out(self, slots: int) -> None:
         many = self.lanes or (cores() if self.device == "cpu" else 1)
-        lanes = [Lane(self.backend, self.device, slots) for _ in range(many)]
+        self._lanes = lanes = [Lane(self.backend, self.device, slots) for _ in range(many)]
         turns: Turns = {}
-        with ThreadPoolExecutor(many, thread_name_prefix="labbook-lane") as pool:
-            try:
-                while not self._stop.is_set():
-                    busy = [lane for lane, _ in turns.values()]
-                    for lane in lanes:
-                        if lane not in busy:
-                            turns |= self._next_turn(pool, lane)
-                    if not turns:
-                        if not self._board.todo:
-                            return
-                        self._tell()
-                        self._stop.wait(_POLL)  # others hold what is left
-                        continue
-                    for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
-                        self._visit(*turns.pop(turn), turn)
-                    self._tell()
-                self._leave(turns, lanes)
-            finally:
-                wait(turns)
+        try:
+            while not self._stop.made:
+                busy = [lane for lane, _ in turns.values()]
                 for lane in lanes:
+                    if lane not in busy:
+                        turns |= self._next_turn(lane)
+                if self._stop.made:
+                    break
+                if not turns:
+                    if not self._board.todo:
+                        return
+                    self._tell()
+                    time.sleep(_POLL)  # others hold what is left
+                    continue
+                for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
+                    self._visit(*turns.pop(turn), turn)
+                self._tell()
+            self._leave(turns, lanes)
+        finally:
+            busy = [lane for lane, _ in turns.values()]
+            for lane in lanes:
+                if lane not in busy:
                     lane.close()
-                for job in list(self._board.going.values()):
-                    self._board.dropped(job)
+                lane.end()
+            for job in list(self._board.going.values()):
+                self._board.dropped(job)
 
-    def _next_turn(self, pool: ThreadPoolExecutor, lane: Lane) -> "Turns":
+    def _next_turn(self, lane: Lane) -> "Turns":
         new: list[Started] = []
-        while len(lane.jobs) + len(new) < lane.slots:
+        while len(lane.jobs) + len(new) < lane.slots and not self._stop.made:
             spec = lane.spec if lane.jobs else new[0].spec if new else None
             started = self._board.next(spec)
             if started is None:
                 break
             new.append(started)
             self._saved[started.job] = time.perf_counter()
-        if not lane.jobs and not new:
+        if self._stop.made or not (lane.jobs or new):
             return {}
-        return {pool.submit(lane.turn, new): (lane, new)}
+        return {lane.start(new): (lane, new)}
 
     def _visit(self, lane: Lane, new: list[Started], turn: "Future[Turn]") -> None:
         """Account for a turn; end, save or leave going each of its jobs."""
@@ -170,6 +177,8 @@ class Runner:
             self._meter.add(work)
             job.after(status, rows[member], took.wall, took.process / share, work)
             job.look(ensemble, member)
+            if warning := job.warning():
+                self.watcher.tell(warning)
             verdict = job.verdict([event for event in took.events if event.member == member])
             if verdict:
                 self._end(lane, member, job, verdict)
@@ -190,47 +199,55 @@ class Runner:
             lane.retire(member)
 
     def _leave(self, turns: "Turns", lanes: list[Lane]) -> None:
-        """Let the turns end, and save what is not finished by then."""
-        for turn in list(turns):
-            self._visit(*turns.pop(turn), turn)
-        for lane in lanes:
+        """Let the turns end, and save what is not finished by then. Lanes that prepare have nothing to save."""
+        while any(not lane.preparing for lane, _ in turns.values()):
+            for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
+                self._visit(*turns.pop(turn), turn)
+        self._left_behind = bool(turns)
+        waited = [lane for lane in lanes if lane not in [lane for lane, _ in turns.values()]]
+        for lane in waited:
             for member, job in list(lane.jobs.items()):
                 assert lane.ensemble is not None
                 job.save(lane.ensemble, member)
 
-    def _tell(self) -> None:
+    def _tell_beginning(self, job: Job) -> None:
+        grains = job.scene.grains.count
+        if isinstance(job, FillJob) and grains >= _MANY:
+            self._tell(Going(job.label, "placing", (f"placing {grains} grains",)))
+
+    def _tell(self, *beginning: Going) -> None:
         if time.perf_counter() - self._told < _LOOK:
             return
         self._told = time.perf_counter()
         board = self._board
         done, asked = board.runs()
+        going = (*beginning, *self._going())
+        if all(one.phase in ("placing", "compiling", "preparing") for one in going):
+            self._meter.restart()
         view = View(
             runs_done=done,
             runs_asked=asked,
             fillings_left=board.fillings_left(),
-            going=tuple(job.label for job in board.going.values()),
+            going=going,
             elsewhere=board.elsewhere,
             work_done=self._meter.work,
             work_left=board.work_left(),
             rate=self._meter.rate(),
+            open_ended=board.open_ended(),
         )
         self.watcher.show(view)
 
-    @contextmanager
-    def _signals(self) -> Iterator[None]:
-        """Ctrl-C and SIGTERM ask to stop; asked again, Ctrl-C interrupts at once (the last saves stay
-        good)."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-
-        def ask(number, _frame):
-            self._stop.set()
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-
-        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+    def _going(self) -> list[Going]:
+        """What every job is at."""
+        compiling = isinstance(self.backend, Compiles) and self.backend.compiling()
+        at_work = {job for lane in self._lanes if not lane.preparing for job in list(lane.jobs.values())}
+        found = []
+        for job in self._board.going.values():
+            if job in at_work:
+                phase = "settling" if isinstance(job, FillJob) else "discharging"
+                found.append(Going(job.label, phase, job.doing()))
+            elif compiling:
+                found.append(Going(job.label, "compiling", ("compiling, once for this kind of scene",)))
+            else:
+                found.append(Going(job.label, "preparing", ("preparing kernels",)))
+        return found

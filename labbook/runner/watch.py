@@ -3,10 +3,25 @@
 import time
 from collections import deque
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 _WINDOW = 30.0  # s over which the rate is taken
 _FIRST = 3.0  # s before a rate is given at all
+
+
+Phase = Literal["placing", "compiling", "preparing", "settling", "discharging"]
+"""`compiling`: kernels are being compiled. `preparing`: everything else before the end of the first beat, such as
+reading compiled kernels."""
+
+
+@dataclass(frozen=True)
+class Going:
+    """A job that is going on."""
+
+    label: str
+    phase: Phase
+    says: tuple[str, ...]
+    """How far it is, in parts; the most telling one first, the others can be left out."""
 
 
 @dataclass(frozen=True)
@@ -17,14 +32,16 @@ class View:
     runs_asked: int
     fillings_left: int
     """Packings that runs still wait for."""
-    going: tuple[str, ...]
+    going: tuple[Going, ...]
     elsewhere: int
     """Jobs that another process holds."""
     work_done: float
     """Grain-steps of this session."""
     work_left: float
     rate: float
-    """Grain-steps per second over the last half minute, all lanes together."""
+    """Grain-steps per second over the last half minute, all lanes together; 0 while it is not known."""
+    open_ended: bool = False
+    """Whether some job goes on for longer than expected, so that `work_left` is a lower bound."""
 
 
 class Watcher(Protocol):
@@ -34,11 +51,18 @@ class Watcher(Protocol):
         """Take note of where things stand."""
         ...
 
+    def tell(self, line: str) -> None:
+        """Pass on a line that must not be missed. Called from a thread of its own."""
+        ...
+
 
 class Unwatched:
     """Nobody to tell."""
 
     def show(self, view: View) -> None:
+        """Nothing."""
+
+    def tell(self, line: str) -> None:
         """Nothing."""
 
 
@@ -52,6 +76,10 @@ class Meter:
     def add(self, work: float) -> None:
         """Count `work` more grain-steps."""
         self.work += work
+
+    def restart(self) -> None:
+        """Forget what was done when: a rate over time that was spent compiling says nothing of the rest."""
+        self._history.clear()
 
     def rate(self) -> float:
         """Grain-steps per second over the last half minute; 0 in the first seconds, which would mislead."""

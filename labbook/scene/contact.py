@@ -1,6 +1,6 @@
 """Contact laws and the surfaces that they act between."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
@@ -71,6 +71,10 @@ class HertzMindlin(_Frictional):
     tangential_damping: Coefficient = 1.0
     """C_t / C_n (the paper does not give C_t)."""
 
+    def stiffened(self, factor: float) -> Self:
+        """The law with `factor` times the stiffness."""
+        return self.model_copy(update={"shear_modulus": self.shear_modulus * factor})
+
 
 class LinearSpringDashpot(_Frictional):
     """Linear springs and dashpots (Pongo et al. 2022)."""
@@ -82,6 +86,10 @@ class LinearSpringDashpot(_Frictional):
     """k_t / k_n."""
     tangential_damping: Coefficient = 1.0
     """γ_t / γ_n."""
+
+    def stiffened(self, factor: float) -> Self:
+        """The law with `factor` times the stiffness."""
+        return self.model_copy(update={"normal_stiffness": self.normal_stiffness * factor})
 
 
 ContactLaw = Annotated[HertzMindlin | LinearSpringDashpot, Field(discriminator="law")]

@@ -92,6 +92,10 @@ class Scene(Model):
         grains = self.surface_between(kind, kind)
         return self.walls.get(wall.name, Surface()).over(self.walls.get("all", Surface()).over(grains))
 
+    def stiffened(self, factor: float) -> "Scene":
+        """The scene with the stiffness of its contacts times `factor`."""
+        return self.model_copy(update={"contact": self.contact.stiffened(factor)})
+
     def close(self, friction: float | None = None) -> "Scene":
         """The scene in which its packing is made; `friction` replaces that of grains and of walls."""
         container = self.container.close()

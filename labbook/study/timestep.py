@@ -2,7 +2,6 @@
 
 import re
 
-from labbook.scene.contact import HertzMindlin, LinearSpringDashpot
 from labbook.scene.quantities import parse
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import TIME_SCALES, collision, largest_stable_step
@@ -33,7 +32,7 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
     digits, so that keys do not hang on the last bit of a square root. Raises TimeStepError.
     """
     remedy = f"write a time such as 2.5 us, or a part of a time scale ({', '.join(TIME_SCALES)}) such as 0.02 collision"
-    scaled = _scaled(scene, stiffness_scale)
+    scaled = scene.stiffened(stiffness_scale)
     limit = largest_stable_step(scaled)
     if stated is None:
         usual = _part_of_a_scale(DEFAULT[scene.contact.law], scaled, remedy)
@@ -74,12 +73,3 @@ def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:
         return float(f"{part * TIME_SCALES[name](scene):.6g}")
     except ValueError as error:
         raise TimeStepError(str(error), f"use {DEFAULT[scene.contact.law]}", clash=True) from None
-
-
-def _scaled(scene: Scene, factor: float) -> Scene:
-    law = scene.contact
-    if isinstance(law, HertzMindlin):
-        law = law.model_copy(update={"shear_modulus": law.shear_modulus * factor})
-    elif isinstance(law, LinearSpringDashpot):
-        law = law.model_copy(update={"normal_stiffness": law.normal_stiffness * factor})
-    return scene.model_copy(update={"contact": law})

@@ -55,13 +55,14 @@ def labbook(*words: object, check: bool = True, **environment: str):
     return ended
 
 
-def start(*words: object, delay: float = 0.0, **environment: str) -> subprocess.Popen:
-    """`labbook WORDS` in a process of its own, going."""
+def start(*words: object, delay: float = 0.0, terminal: int | None = None, **environment: str) -> subprocess.Popen:
+    """`labbook WORDS` in a process of its own, going; on a terminal if one is given, else with pipes."""
     folders = [str(ROOT), str(ROOT / "backends"), str(ROOT / "tests/toy"), os.environ.get("PYTHONPATH", "")]
     path = os.pathsep.join(filter(None, folders))
     given = {**os.environ, "PYTHONPATH": path, "LABBOOK_TOY_DELAY": str(delay), **environment}
     command = [sys.executable, "-c", "from labbook.cli import main; main()", *map(str, words)]
-    return subprocess.Popen(command, env=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    out = subprocess.PIPE if terminal is None else terminal
+    return subprocess.Popen(command, env=given, stdin=terminal, stdout=out, stderr=out, text=True)
 
 
 def arrays(folder: Path) -> dict[str, bytes]:

@@ -15,7 +15,7 @@ def test_rates_are_of_the_settled_and_the_flowing_hopper(monkeypatch):
     """Of what switches save, one is timed: each is a kernel more."""
     case = "without friction"
     monkeypatch.setattr(savings, "variants", lambda scene: {case: variants(scene)[case]})
-    result = engine.run("numba", repeats=1, grains=600, boxes=(500,), rods=200)
+    result = engine.run("numba", repeats=1, extent="full", grains=600, boxes=(500,), rods=200)
     resting, flowing, *mixed, stack = [rate for rate in result.rates if not rate.case.startswith("rods")]
     assert (resting.case, resting.grains) == ("fan settled", 600)
     assert 0 < flowing.grains < 600

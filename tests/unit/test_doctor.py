@@ -58,6 +58,7 @@ def test_every_device_is_a_line_that_works_or_says_why_not(monkeypatch):
     assert "Unsupported: device: the toy engine runs on cpu only" in found[1].note
     result = CliRunner().invoke(build(), ["doctor"], env={"COLUMNS": "300"})
     assert result.exit_code == 0, "one device that works is enough"
+    assert "letting a grain bounce with toy on cuda:0 (compiles the first time)" in result.stderr
     lines = [line for line in result.stdout.splitlines() if " toy " in line]
     assert ["yes" in line for line in lines] == [True, False]
     assert "runs on cpu only" in lines[1]
@@ -104,6 +105,17 @@ def test_the_gpu_engine_names_what_it_stands_on():
     assert found.versions["CUDA that the driver supports"] != "none" or wp.get_cuda_device_count() == 0
     assert {device.alias for device in found.devices} == {device.alias for device in wp.get_devices()}
     assert all((device.memory is None) == (device.alias == "cpu") for device in found.devices)
+
+
+def test_a_build_of_warp_without_a_cpu_device_is_not_told_to_use_it():
+    pytest.importorskip("warp")
+    from labbook_warp.devices import _instead
+
+    said = _instead("cpu", ["cuda:0"])
+    assert "this build of Warp has no CPU device" in said
+    assert "use --device cuda:0, or --backend numba" in said
+    assert "(no CUDA device is here); use --device cpu, or --backend numba" in _instead("cuda:0", ["cpu"])
+    assert "--device" not in _instead("cpu", [])
 
 
 def test_the_self_test_opens_the_device_it_is_asked_for():

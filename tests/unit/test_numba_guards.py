@@ -33,7 +33,7 @@ def test_a_spin_that_is_no_number_is_caught_although_its_grain_touches_nothing()
         (event,) = ensemble.advance(3)
         assert isinstance(event, Failed)
         assert (event.member, event.guard, event.grain) == (bad, "state", 1)
-        assert "grain 1 at step 100 has a spin that is no number" in event.message
+        assert "grain 1 at step 100 (1 ms, dt = 10 us): its spin is NaN" in event.message
         assert ensemble.status(bad).step == 50, "left as it was before the beat"
         assert ensemble.status(sound).step == 200
         assert not ensemble.advance(1)

@@ -27,10 +27,10 @@ def test_an_outlet_that_clogs_leaves_a_censored_waiting_time(tmp_path):
     assert clogged.coverage.crossed == 200 // 3
 
 
-def test_a_run_out_of_time_is_interrupted_and_goes_on_when_more_is_asked(tmp_path):
+def test_a_run_out_of_time_says_so_and_goes_on_when_more_is_asked(tmp_path):
     short = study(tmp_path, "stop: {max_time: 20 ms}", replicates=1)
     carry_out(short, tmp_path / "lab")
-    assert {record.outcome for record in records(tmp_path / "lab").values()} == {"interrupted"}
+    assert {record.outcome for record in records(tmp_path / "lab").values()} == {"time-limit"}
     longer = study(tmp_path, replicates=1)
     summary = carry_out(longer, tmp_path / "lab")
     assert outcomes(summary) == ["finished"] * 2

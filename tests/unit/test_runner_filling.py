@@ -10,6 +10,7 @@ from toy_lab import carry_out, study
 from labbook.plan.demand import demands
 from labbook.protocol import Packing
 from labbook.protocol.rest import at_rest, fastest_points
+from labbook.runner.watch import Unwatched
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spheres, Spherocylinders
 from labbook.study import load
 
@@ -112,3 +113,34 @@ def test_a_bed_is_at_rest_when_its_slow_grains_have_the_energy_asked_for():
     assert not at_rest(scene, packing_of(1.02 * v, still), 1e-6, 0.02)
     few = bed(Spheres(diameter=3e-3, density=2e3, count=30))
     assert at_rest(few, packing_of(v[1:31], still[:30]), 1e-6, 0.01), "one grain may always move"
+
+
+class Listening(Unwatched):
+    """Keeps what is told."""
+
+    def __init__(self):
+        self.told = []
+
+    def tell(self, line: str) -> None:
+        self.told.append(line)
+
+
+def test_a_bed_that_does_not_come_to_rest_is_told_early_and_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(labbook_toy.Glass, "beat", rolls_on(3, 0.3))
+    heard = Listening()
+    summary = carry_out(asked_of(tmp_path, "fill: {max_time: 6 s}"), tmp_path / "lab", watcher=heard)
+    (said,) = heard.told
+    energy = 3 * 0.3**2 / 2 / 200 / (9.81 * 3e-3)
+    assert f"its kinetic energy is {energy:.2g} m g d per grain, at rest below 1e-6" in said
+    assert "the step is 1e-05 s, 0.017 of a collision" in said
+    assert "fill.max_time (6 s)" in said
+    when = float(said.split("at ")[1].split(" s")[0])
+    assert when < 2.5, "long before fill.max_time"
+    (failed,) = summary.tally.failed
+    assert "not at rest after 6 s" in failed
+
+
+def test_a_bed_that_comes_to_rest_is_not_told(tmp_path):
+    heard = Listening()
+    assert not carry_out(asked_of(tmp_path), tmp_path / "lab", watcher=heard).tally.failed
+    assert not heard.told

@@ -16,7 +16,7 @@ from labbook.runner.board import Board
 from labbook.runner.filling import FillJob
 from labbook.runner.job import Bench
 from labbook.runner.progress import counts
-from labbook.runner.watch import View
+from labbook.runner.watch import Unwatched, View
 from labbook.study import load
 
 
@@ -56,7 +56,7 @@ def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, mon
 def test_progress_tells_runs_from_packings(tmp_path):
     seen = []
 
-    class Watch:
+    class Watch(Unwatched):
         def show(self, view: View) -> None:
             made = [len(list((tmp_path / "lab" / name).glob("*"))) for name in ("packings", "runs")]
             seen.append((view.fillings_left, view.runs_done, *made))
@@ -79,7 +79,7 @@ class Compiling(Backend):
 
     def __init__(self):
         super().__init__()
-        self.compiled, self.compiling, self.clashes = set(), 0, 0
+        self.compiled, self.at_it, self.clashes = set(), 0, 0
 
     def open(self, spec, slots=None, device="cpu"):
         return CompilingEnsemble(self, spec, slots)
@@ -89,10 +89,10 @@ class CompilingEnsemble(Ensemble):
     def advance(self, beats=1):
         engine = self._backend
         if self._spec not in engine.compiled:
-            engine.clashes += engine.compiling > 0
-            engine.compiling += 1
+            engine.clashes += engine.at_it > 0
+            engine.at_it += 1
             time.sleep(0.1)
-            engine.compiling -= 1
+            engine.at_it -= 1
             engine.compiled.add(self._spec)
         return super().advance(beats)
 

@@ -7,8 +7,9 @@ drawn from a counter-based generator, seeded by the bits of the start; the mean 
 law. An outlet narrower than 3 d clogs after a third of the grains.
 
 What tests need to arrange comes from the environment, so that it reaches subprocesses: LABBOOK_TOY_DELAY [s]
-per beat; LABBOOK_TOY_VERSION, the cache version; LABBOOK_TOY_FAILS, an orifice [mm] whose runs a guard stops
-at half their grains.
+per beat; LABBOOK_TOY_PAUSE [s] within every ensemble's second beat;
+LABBOOK_TOY_COMPILES [s] that opening an ensemble takes; LABBOOK_TOY_VERSION, the cache version;
+LABBOOK_TOY_FAILS, an orifice [mm] whose runs a guard stops at half their grains.
 
 `Twin` is a second engine for comparisons: the same hourglass under another name, whose grains leave faster by the
 part LABBOOK_TOY_BIAS, and LABBOOK_TWIN_VERSION its cache version.
@@ -39,6 +40,8 @@ class Backend:
         env = os.environ.get
         self.delay = float(env("LABBOOK_TOY_DELAY", "0")) if delay is None else delay
         self.fails = float(env("LABBOOK_TOY_FAILS", "0")) if fails is None else fails
+        self.pause = float(env("LABBOOK_TOY_PAUSE", "0"))
+        self.compiles, self.opening = float(env("LABBOOK_TOY_COMPILES", "0")), 0
         self.capabilities = Capabilities(
             name=self.NAME,
             cache_version=int(env(self.VERSION, "1")) if version is None else version,
@@ -58,7 +61,14 @@ class Backend:
     def open(self, spec, slots=None, device="cpu"):
         if device != "cpu":
             raise Unsupported("device", "the toy engine runs on cpu only")
+        if self.compiles:
+            self.opening += 1
+            time.sleep(self.compiles)
+            self.opening -= 1
         return Ensemble(self, spec, slots)
+
+    def compiling(self):
+        return self.opening > 0
 
     def describe(self, scene, numerics):
         e = scene.contact.restitution
@@ -85,6 +95,7 @@ class Ensemble:
     def __init__(self, backend, spec, slots):
         self._backend, self._spec, self._slots = backend, spec, slots
         self._glasses, self._settling, self._rows, self._next = {}, {}, defaultdict(list), 0
+        self._advanced = 0
 
     def admit(self, scene, numerics, start, *, settled_below=None, settled_beats=3):
         if self._slots is not None and len(self._glasses) >= self._slots:
@@ -100,6 +111,9 @@ class Ensemble:
 
     def advance(self, beats=1):
         events = []
+        self._advanced += 1
+        if self._advanced == 2:
+            time.sleep(self._backend.pause)
         for member, glass in self._glasses.items():
             for _ in range(beats):
                 if glass.failure or not len(glass.x):

@@ -1,0 +1,55 @@
+"""Being asked to stop: by Ctrl-C, by SIGTERM, or by a terminal that goes away (SIGHUP).
+
+Asked once, work is saved and ends. Asked again, it is left at once by a KeyboardInterrupt: the last saves stay good.
+"""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from queue import SimpleQueue
+
+SAVING = "stopping: saving what is going on ... (Ctrl-C again to leave at once)"
+
+
+class Request:
+    """Whether it was asked to stop."""
+
+    def __init__(self) -> None:
+        self.made = False
+
+    @contextmanager
+    def listening(self, tell: Callable[[str], None]) -> Iterator[None]:
+        """Take note of signals, in the main thread; elsewhere this does nothing. `tell` passes on the answer to the
+        first one, from a thread of its own: the main thread may be busy, or in the middle of printing."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        answer: SimpleQueue[bool] = SimpleQueue()  # whose `put` is safe in a handler
+
+        def ask(number: int, _frame: object) -> None:
+            # Closing a terminal may send several signals of different kinds: they are one request.
+            again = self.made and (number == signal.SIGINT or number in seen)
+            if again and number != signal.SIGHUP:
+                raise KeyboardInterrupt
+            seen.add(number)
+            self.made = True
+            answer.put(True)
+
+        def announce() -> None:
+            if answer.get():
+                with suppress(OSError):  # the terminal is gone
+                    tell(SAVING)
+
+        seen: set[int] = set()
+        threading.Thread(target=announce, name="labbook-stopping", daemon=True).start()
+        asking = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # which nohup asks for
+            asking.append(signal.SIGHUP)
+        before = {number: signal.signal(number, ask) for number in asking}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            answer.put(False)
