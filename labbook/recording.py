@@ -59,8 +59,7 @@ def of_run(folder: Path, lab: Path) -> Path:
     Raises Unreadable (of labbook.catalogue), NotRecorded or ViewerMissing.
     """
     from labbook.catalogue import RunRecord
-    from labbook.catalogue.finished import RECORDING, run_data
-    from labbook.catalogue.tables import read_table
+    from labbook.catalogue.finished import read_recording, run_data
 
     # Only the viewer's own and the next minor version are promised to read a recording.
     minor = ".".join(need_rerun().__version__.split(".")[:2])
@@ -68,7 +67,7 @@ def of_run(folder: Path, lab: Path) -> Path:
     path = lab / "recordings" / f"{record.run_key}-{VERSION}-rerun-{minor}.rrd"
     if path.exists():
         return path
-    sample = read_table(folder / RECORDING) if (folder / RECORDING).exists() else None
+    sample = read_recording(folder, record)
     name = f"{record.study}: {record.label}, seed {record.seed}"
     return write(run_data(folder, record), sample, path, name=name, run_key=record.run_key)
 

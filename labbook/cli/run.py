@@ -6,6 +6,7 @@ import typer
 
 from labbook.cli.lab import Device, engine_called, open_catalogue
 from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, fail, read_study
+from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
     from labbook.runner.runner import Summary
@@ -21,8 +22,6 @@ def register(app: typer.Typer) -> None:
         study: StudyFile, lab: Lab = LAB, backend: Engine = ENGINE, device: Device = "cpu", checkpoint_every: Every = 20
     ) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again."""
-        from rich.console import Console
-
         from labbook.backend import Unsupported
         from labbook.catalogue.lab import DiskFull
         from labbook.catalogue.lab import Lab as Folder
@@ -34,15 +33,15 @@ def register(app: typer.Typer) -> None:
         from labbook.runner.runner import Runner
 
         asked, engine = read_study(study), engine_called(backend)
-        console = Console(highlight=False, markup=False)
+        console = screen(highlight=False, markup=False)
         if asked.stop.fill_height is not None:
             try:
                 ahead = Planner(asked, open_catalogue(lab), engine.capabilities).plan()
             except (Conflict, MeasureError) as problem:
                 fail(problem)
             for line in cut_short(ahead, Folder(lab)):
-                typer.echo(line, err=True)
-        with Bar(Console(stderr=True)) as bar:
+                say(line, err=True)
+        with Bar(screen(stderr=True)) as bar:
             runner = Runner(asked, Folder(lab), engine, device, checkpoint_every, bar)
             try:
                 summary = runner.run()
