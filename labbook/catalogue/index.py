@@ -102,12 +102,25 @@ class Index:
         return row["problem"]
 
     def add_packing(self, folder: Path) -> str | None:
-        """Index one packing folder. Why it cannot be read, or None."""
+        """Index one packing folder, and the runs that could not be read for want of it. Why it cannot be read, or
+        None."""
         row = packing_row(folder)
         with self._transaction() as connection:
             _upsert(connection, packings, [row])
         self._tell(folder, row["problem"])
+        if not row["problem"]:
+            of_it = select(runs.c.run_key).where(runs.c.packing_key == folder.name, runs.c.problem.is_not(None))
+            with self._asking() as connection:
+                waiting = list(connection.scalars(of_it))
+            for key in waiting:
+                self.add_run(self.lab.run(key))
         return row["problem"]
+
+    def problem(self, folder: Path) -> str | None:
+        """Why a run or packing folder cannot be read, as far as it was looked at; None if it can be."""
+        table, key = (runs, runs.c.run_key) if folder.parent == self.lab.runs else (packings, packings.c.packing_key)
+        with self._asking() as connection:
+            return connection.scalar(select(table.c.problem).where(key == folder.name))
 
     def note(self, folder: Path, problem: str) -> None:
         """Take down that something in `folder` could not be read."""
@@ -152,13 +165,17 @@ class Index:
 
     def _sync(self, tick: Tick | None) -> None:
         """Index folders that are new or changed, and forget those that are gone."""
-        found, changed = self.found, self._sync_packings()
+        found, repacked = self.found, self._sync_packings()
         there = stamps(self.lab.runs)
         with self._asking() as connection:
-            rows = connection.execute(select(runs.c.run_key, runs.c.stamp, runs.c.packing_key)).all()
+            rows = connection.execute(select(runs.c.run_key, runs.c.stamp, runs.c.packing_key, runs.c.problem)).all()
         known = {row.run_key: row.stamp for row in rows}
-        moved = {row.run_key for row in rows if row.packing_key in changed}
+        moved = {row.run_key for row in rows if row.packing_key in repacked}
         new = [key for key, stamp in there.items() if known.get(key) != stamp or key in moved]
+        changed = set(new)
+        for row in rows:
+            if row.problem and row.run_key in there and row.run_key not in changed:
+                self.note(self.lab.run(row.run_key), row.problem)
         for at, key in enumerate(new, 1):
             self.add_run(self.lab.run(key))
             found.runs += 1
@@ -174,13 +191,17 @@ class Index:
         """The same of packings; the keys of those that changed or are gone."""
         there = stamps(self.lab.packings)
         with self._asking() as connection:
-            known = {key: stamp for key, stamp in connection.execute(select(packings.c.packing_key, packings.c.stamp))}
+            columns = packings.c.packing_key, packings.c.stamp, packings.c.problem
+            found = connection.execute(select(*columns)).all()
+        known = {row.packing_key: row.stamp for row in found}
         new = {key for key, stamp in there.items() if known.get(key) != stamp}
         rows = [packing_row(self.lab.packing(key)) for key in sorted(new)]
         self.found.packings = len(rows)
-        for row in rows:
-            if row["problem"]:
-                self.note(self.lab.packing(row["packing_key"]), row["problem"])
+        lost = {row["packing_key"]: row["problem"] for row in rows}
+        lost |= {row.packing_key: row.problem for row in found if row.packing_key in there.keys() - new}
+        for key, problem in lost.items():
+            if problem:
+                self.note(self.lab.packing(key), problem)
         gone = known.keys() - there.keys()
         with self._transaction() as connection:
             _upsert(connection, packings, rows)

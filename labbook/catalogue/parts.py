@@ -11,7 +11,8 @@ Whole = Annotated[int, Field(ge=0, lt=2**63)]
 """A count, or another number that SQLite can hold."""
 Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 """A time, a length or a fraction."""
-_LONGEST = 2**26  # bytes of a record: some 10^4 sessions
+LONGEST = 2**26
+"""Bytes that a record may have: those of some 10^4 sessions."""
 
 
 class Unreadable(Exception):
@@ -73,7 +74,7 @@ class Record(Part):
         path, key = folder / cls.FILE, key or folder.name
         try:
             with open_file(path) as file:
-                text = file.read(_LONGEST + 1)
+                text = file.read(LONGEST + 1)
             record = cls.model_validate_json(text)
         except OSError as error:
             raise Unreadable(f"{path}: {error.strerror or error}") from error

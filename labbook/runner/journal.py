@@ -18,12 +18,11 @@ from pydantic import Field, ValidationError
 
 from labbook.backend import Checkpoint
 from labbook.catalogue.lab import open_file, room, sync_folder, write_bytes
-from labbook.catalogue.parts import Part, Session, Unreadable, Whole
+from labbook.catalogue.parts import LONGEST, Part, Session, Unreadable, Whole
 from labbook.catalogue.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
 from labbook.probes import Table
 
 PROGRESS = "progress.json"
-_LONGEST = 2**26  # bytes of it
 FileName = Annotated[str, Field(pattern=r"^[a-z]+-\d+\.npz$")]
 
 
@@ -47,7 +46,7 @@ class Progress(Part):
         path = folder / PROGRESS
         try:
             with open_file(path) as file:
-                found = cls.model_validate_json(file.read(_LONGEST + 1))
+                found = cls.model_validate_json(file.read(LONGEST + 1))
         except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:

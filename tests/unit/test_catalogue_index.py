@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from labbook.catalogue import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
 from labbook.catalogue.connect import connect
 from labbook.catalogue.index import Index
-from labbook.catalogue.merge import merge
+from labbook.catalogue.merge import Merged, merge
 from labbook.catalogue.schema import SCHEMA_VERSION, metadata, runs
 from labbook.cli import build
 from labbook.measure import MEASURES
@@ -201,11 +201,9 @@ def test_of_two_the_one_that_covers_more_is_imported(tmp_path):
     short, long = tmp_path / "short", tmp_path / "long"
     carry_out(study(tmp_path, "stop: {max_time: 20 ms}", replicates=1), short)
     carry_out(study(tmp_path, replicates=1), long)
-    copied, problems = merge(Lab(long), short)
-    assert (copied, problems) == ([], [])
-    copied, problems = merge(Lab(short), long)
-    assert (len(copied), problems) == (2, [])
-    Index(Lab(short)).close()
+    assert merge(Index(Lab(long)), short) == Merged([], [])
+    merged = merge(Index(Lab(short)), long)
+    assert (len(merged.copied), merged.left_out) == (2, [])
     assert Catalogue(short).counts() == {"finished": 2}
 
 
