@@ -198,7 +198,8 @@ def write_bytes(path: Path, content: bytes, *, durable: bool = True) -> None:
             if durable:
                 os.fsync(file.fileno())
         os.replace(part, path)
-    except OSError:
+    except OSError as error:
+        error.filename = error.filename or str(path)
         with suppress(OSError):
             part.unlink()
         raise

@@ -113,6 +113,8 @@ def _check_end(copy: Path, record: RunRecord) -> None:
     if isinstance(engine, Verifies) and (own.name, own.cache_version) == (record.engine, record.cache_version):
         try:
             engine.verify(record.scene, record.numerics, read_end(copy, record), record.coverage.steps)
+        except ImportError:
+            return
         except ValueError as error:
             raise Unreadable(f"{copy / CHECKPOINT}: {error}") from error
 

@@ -334,6 +334,59 @@ def test_unfinished_work_that_is_whole_is_gone_on_with(sound, place):
         assert numbers(place / which) == numbers(sound / "lab")
 
 
+@pytest.mark.parametrize("file", ["recording.npz", "crossing.npz"])
+def test_reports_and_recordings_leave_a_damaged_run_out(place, file):
+    pytest.importorskip("rerun")
+    lab, asked = place / "lab", study_file(place, RECORDED, AT_REST, **SMALL)
+    victim, other = sorted((lab / "runs").iterdir())
+    truncated(victim / file)
+    for verb, *more in (("report",), ("export", "--vtk"), ("view", "--no-open"), ("fit", "--json")):
+        ended = labbook(verb, asked, "--lab", lab, "--backend", "toy", *more)
+        assert f"Left out: {victim / file}" in ended.output, verb
+        assert other.name not in ended.stderr
+    assert len(list((lab / "recordings").iterdir())) == 1
+    assert str(victim / file) in (lab / "reports/toy-study/report.html").read_text()
+    truncated(other / file)
+    shutil.rmtree(lab / "recordings")
+    for verb, *more in (("report",), ("export",), ("view", "--no-open")):
+        ended = labbook(verb, asked, "--lab", lab, "--backend", "toy", *more, check=False)
+        assert ended.exit_code == 1, "nothing is left to show"
+        assert f"Left out: {other / file}" in ended.output
+        assert "labbook run" in ended.output.splitlines()[-1]
+
+
+def test_a_damaged_recording_that_kept_its_stamp_is_one_line(place, monkeypatch):
+    """Bits may rot without a trace in the names, sizes and times of files, by which changes are noticed."""
+    lab, asked = place / "lab", study_file(place, RECORDED, AT_REST, **SMALL)
+    victim = sorted((lab / "runs").iterdir())[0]
+    times = (victim / "recording.npz").stat()
+    one_byte(victim / "recording.npz")
+    os.utime(victim / "recording.npz", ns=(times.st_atime_ns, times.st_mtime_ns))
+    ended = labbook("export", asked, "--lab", lab, "--backend", "toy", "--vtk", check=False)
+    assert ended.exit_code == 1
+    assert ended.stderr.count("\n") == 1
+    assert str(victim / "recording.npz") in ended.stderr
+    assert "labbook reindex" in ended.stderr
+    assert victim.name in labbook("reindex", "--lab", lab).output
+    assert "2 of 2 runs done" in labbook("run", asked, "--lab", lab, "--backend", "toy").output
+    assert labbook("export", asked, "--lab", lab, "--backend", "toy", "--vtk").exit_code == 0
+
+
+@pytest.mark.parametrize("file", ["runs/crossing.npz", "runs/checkpoint.npz", "packings/packing.npz"])
+def test_a_comparison_makes_what_is_damaged_again(tmp_path, file):
+    path = study_file(tmp_path, count=400, orifices="[24]")
+    words = ("compare", path, "--lab", tmp_path / "lab", "--backends", "toy,twin")
+    first = labbook(*words).stdout
+    kind, _, of = file.partition("/")
+    for victim in (tmp_path / "lab" / kind).iterdir():
+        garbage(victim / of)
+    with within(60):
+        again = labbook(*words).stdout
+    assert "equivalent within 3 % in all 2 tests" in first
+    assert "equivalent within 3 % in all 2 tests" in again
+    assert not any("unreadable" in outcome for outcome in Catalogue(tmp_path / "lab").counts())
+
+
 def overwritten(path: Path, page: int) -> None:
     with open(path, "r+b") as file:
         file.seek(4096 * page)
