@@ -233,6 +233,17 @@ class Rationed(Protocol):
         ...
 
 
+@runtime_checkable
+class Verifies(Protocol):
+    """An engine that tells whether it can go on from a checkpoint, which may come from a damaged or foreign file."""
+
+    def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
+        """Raises ValueError, saying what is wrong, for one that it never made of this scene after `step` steps: arrays
+        that lack, or have other shapes or types, grains that are not there, positions or velocities that are no
+        numbers. `admit` raises the same before anything runs."""
+        ...
+
+
 @dataclass(frozen=True)
 class Device:
     """A processor that an engine finds here. `memory`: bytes of its own, if it has any."""

@@ -120,10 +120,20 @@ class Maker:
     numerics: Numerics
 
 
-def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: Capabilities) -> str:
-    """Key of a packing: key of the closed scene, filling with its seed, resolved numerics, engine that makes
-    it."""
-    return digest({**_packing(closed, filling, numerics, maker.name), "cache_version": maker.cache_version})
+def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: str, cache_version: int) -> str:
+    """Key of a packing: key of the closed scene, filling with its seed, resolved numerics, name and version of the
+    engine that makes it."""
+    return digest({**_packing(closed, filling, numerics, maker), "cache_version": cache_version})
+
+
+def experiment_key(scene: str, packing: str) -> str:
+    """Key of an experiment: keys of the scene and of the packing that it starts from."""
+    return digest({"scene": scene, "packing": packing})
+
+
+def run_key(experiment: str, numerics: Numerics, engine: str, cache_version: int) -> str:
+    """Key of a run: that of the experiment, resolved numerics, name and version of the engine."""
+    return digest({"experiment": experiment, **_how(numerics, engine), "cache_version": cache_version})
 
 
 def lineage_key(
@@ -132,7 +142,14 @@ def lineage_key(
     """As a run's key, but of every version of the engine called `engine`, and of the packing's `maker` (None: the
     engine itself, by the same numerics)."""
     made = (maker.numerics, maker.engine.name) if maker else (numerics, engine)
-    packing = _packing(closed, filling, *made)
+    return lineage_from(scene, closed, filling, *made, numerics, engine)
+
+
+def lineage_from(
+    scene: str, closed: str, filling: Filling, filled: Numerics, maker: str, numerics: Numerics, engine: str
+) -> str:
+    """The same where the packing was made by the engine called `maker` with the numerics `filled`."""
+    packing = _packing(closed, filling, filled, maker)
     return digest({"scene": scene, "packing": packing, **_how(numerics, engine)})
 
 
@@ -147,11 +164,11 @@ def run_keys(
     """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
     computed. `maker`: what makes the packing; None: `engine` itself, by the same numerics."""
     made = maker or Maker(engine, numerics)
-    packing = packing_key(closed, filling, made.numerics, made.engine)
-    experiment = digest({"scene": scene, "packing": packing})
-    run = {"experiment": experiment, **_how(numerics, engine.name), "cache_version": engine.cache_version}
+    packing = packing_key(closed, filling, made.numerics, made.engine.name, made.engine.cache_version)
+    experiment = experiment_key(scene, packing)
+    run = run_key(experiment, numerics, engine.name, engine.cache_version)
     lineage = lineage_key(scene, closed, filling, numerics, engine.name, made)
-    return Keys(scene=scene, packing=packing, experiment=experiment, run=digest(run), lineage=lineage)
+    return Keys(scene=scene, packing=packing, experiment=experiment, run=run, lineage=lineage)
 
 
 def _how(numerics: Numerics, engine: str) -> dict[str, Any]:

@@ -73,9 +73,8 @@ def of_run(folder: Path, lab: Path, study: str | None = None, point: "Point | No
     which the run is shown; None: as which it was made.
     Raises Unreadable (of labbook.catalogue), NotRecorded or ViewerMissing.
     """
-    from labbook.catalogue import RunRecord, Unreadable
-    from labbook.catalogue.finished import RECORDING, run_data
-    from labbook.catalogue.tables import read_table
+    from labbook.catalogue import RunRecord
+    from labbook.catalogue.finished import read_recording, run_data
 
     record = RunRecord.read(folder)
     name, seed = study or record.study, record.seed
@@ -83,15 +82,8 @@ def of_run(folder: Path, lab: Path, study: str | None = None, point: "Point | No
     path = lab / "recordings" / name / f"point-{index + 1}-seed-{seed}-{record.engine}.rrd"
     if holds(path, record.run_key):
         return path
-    stored = folder / RECORDING
-    try:
-        sample = read_table(stored) if stored.exists() else None
-    except (OSError, ValueError) as error:
-        raise Unreadable(
-            f"{stored}: its frames cannot be read ({type(error).__name__}); remove {folder} and run the study again"
-        ) from error
     title = f"{name}: {label}, seed {seed}"
-    return write(run_data(folder, record), sample, path, name=title, run_key=record.run_key)
+    return write(run_data(folder, record), read_recording(folder, record), path, name=title, run_key=record.run_key)
 
 
 def holds(path: Path, run_key: str) -> bool:

@@ -14,6 +14,9 @@ from labbook.probes import Probe, Table, empty_table
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 
+LONGEST = 2**53
+"""Steps from which on their number has no exact time."""
+
 
 @dataclass(frozen=True)
 class Failure:

@@ -56,10 +56,14 @@ def load(name: str, text: str, folder: Path) -> ModuleType:
     if known is not None and known.__file__ == str(path):
         return known
     if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False, encoding="utf-8") as file:
-            file.write(text)
-        os.replace(file.name, path)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False, encoding="utf-8") as file:
+                file.write(text)
+            os.replace(file.name, path)
+        except OSError as error:
+            why = f"{error.strerror} (compiled code is kept there; let LABBOOK_CACHE name another folder)"
+            raise OSError(error.errno, why, str(folder)) from error
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Spec, Unsupported
+from labbook.backend import Capabilities, Checkpoint, Spec, Unsupported
 from labbook.numerics import Numerics
 from labbook.probes import Probe
 from labbook.scene import Scene
@@ -61,6 +61,18 @@ class Backend:
         from labbook_numba import compiling
 
         return compiling.going()
+
+    def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
+        """See `labbook.backend.Verifies`. Nothing is compiled for it."""
+        from labbook_dem.ensemble import check_checkpoint
+
+        from labbook_numba.state import STEP
+        from labbook_numba.stored import check_state, kept
+
+        check_checkpoint(self.capabilities, kept(scene), checkpoint)
+        check_state(checkpoint.arrays, scene, numerics)
+        if (at := int(checkpoint.arrays["count"][STEP])) != step:
+            raise ValueError(f"the checkpoint is of step {at}, not of step {step}")
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

@@ -19,6 +19,7 @@ from labbook_numba import state as S
 from labbook_numba.parameters import parameters
 from labbook_numba.parts import advance, in_layers
 from labbook_numba.state import Params
+from labbook_numba.stored import check_state, kept, layout_of
 
 PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # first guesses; arrays grow when they are too short
 GUARDS = {2: "state", 3: "speed", 4: "overlap"}
@@ -33,10 +34,10 @@ class Run:
         self.params: Params = parameters(scene, numerics, probes)
         self.names = [wall.name for wall in scene.container.walls()]
         self.rods = is_rod(scene)
-        self.layout = S.RODS if self.rods else S.MIXTURES if scene.grains.varied else S.SPHERES
+        self.layout = layout_of(scene)
         self.failure: Failure | None = None
         self._varied = scene.grains.varied
-        self._kept = set(S.State._fields) - set(S.SCRATCH) - (set() if self._varied else {"body"})
+        self._kept = kept(scene)
 
     # how it starts
 
@@ -89,9 +90,14 @@ class Run:
             np.bitwise_or.at(st.wall_held, entry, (1 << part).astype(np.uint8))
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Continue where a checkpoint was taken. Raises ValueError if it is not of this engine and version."""
+        """Continue where a checkpoint was taken. Raises ValueError if it is not of this engine and version, or if no
+        member of this scene can have stood there."""
         check_checkpoint(self._can, self._kept, checkpoint)
-        stored = {name: np.array(array) for name, array in checkpoint.arrays.items()}
+        stored = {name: np.array(array, order="C") for name, array in checkpoint.arrays.items()}
+        check_state(stored, self.scene, self.numerics, crossings=bool(self._crossings(1)))
+        self._put_back(stored)
+
+    def _put_back(self, stored: dict[str, np.ndarray]) -> None:
         empty = S.allocate(len(stored["ids"]), 0, 0, 0, 0, self.numerics.precision, self.layout)
         self.state = empty._replace(**stored)
 
@@ -122,7 +128,7 @@ class Run:
 
         No bit depends on the number of threads. If a thread raises, so does this, with the state before the beat.
         """
-        before = self.checkpoint()
+        before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._kept}
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         if self.state.count[S.LEAVING] > 0:  # so that grains far below the outlet go, even when nothing else moves
             self._rebuild()
@@ -130,7 +136,7 @@ class Run:
             while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.REBUILD:
                 self._rebuild()
         except BaseException:
-            self.restore(before)
+            self._put_back(before)
             raise
         st = self.state
         if code != self.kernels.DONE:
@@ -142,10 +148,10 @@ class Run:
         if lost.any():
             self._fail("spin", int(st.ids[np.argmax(lost)]), np.nan, before)
 
-    def _fail(self, guard: str, grain: int, value: float, before: Checkpoint) -> None:
+    def _fail(self, guard: str, grain: int, value: float, before: dict[str, np.ndarray]) -> None:
         message = explain(guard, grain, self.step, value, self.scene, self.numerics)
         self.failure = Failure("state" if guard == "spin" else guard, self.step, grain, message)
-        self.restore(before)
+        self._put_back(before)
 
     def _rebuild(self) -> None:
         st = self.state

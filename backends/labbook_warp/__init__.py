@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Spec, Survey
+from labbook.backend import Capabilities, Checkpoint, Spec, Survey
 from labbook.numerics import Numerics
 from labbook.probes import Probe
 from labbook.scene import Scene
@@ -62,6 +62,14 @@ class Backend:
         from labbook_warp.devices import survey
 
         return survey()
+
+    def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
+        """See `labbook.backend.Verifies`. Nothing is compiled for it."""
+        from labbook_warp.stored import check
+
+        check(self.capabilities, self.specialise(scene, numerics), scene, numerics, checkpoint)
+        if (at := int(checkpoint.arrays["step"])) != step:
+            raise ValueError(f"the checkpoint is of step {at}, not of step {step}")
 
     def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
         """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""

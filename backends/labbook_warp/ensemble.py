@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 import warp as wp
 from labbook_dem import ensemble
-from labbook_dem.features import is_rod
 from labbook_dem.guards import explain
 from labbook_dem.reading import read
 
@@ -14,11 +13,11 @@ from labbook.probes import Probe, Table
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import state
 from labbook_warp.reading import Seen
 from labbook_warp.run import Run
 from labbook_warp.specialise import specialise
 from labbook_warp.stage import Stage
+from labbook_warp.stored import check
 from labbook_warp.traffic import weigh
 from labbook_warp.view import View
 
@@ -40,8 +39,7 @@ class Ensemble(ensemble.Ensemble[Run]):
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
         if isinstance(start, Checkpoint):
-            arrays = state(is_rod(scene), scene.grains.varied)
-            ensemble.check_checkpoint(self._can, {"p", *arrays, "step", "rebuilds", "past_work"}, start)
+            check(self._can, self._spec, scene, numerics, start)
         run = Run(scene, numerics, self._spec.probes, start)
         self._stage.wait(run)
         return run

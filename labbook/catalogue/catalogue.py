@@ -1,16 +1,21 @@
 """The catalogue: what is in the lab, quick to ask. Readers open it read-only."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqlalchemy import Engine, func, select
+from pydantic import ValidationError
+from sqlalchemy import Connection, Engine, func, select
+from sqlalchemy.exc import DatabaseError
 
-from labbook.catalogue.connect import connect, empty, schema_version
+from labbook.catalogue.connect import DAMAGED, NoCatalogue, connect, empty, schema_version, unusable
 from labbook.catalogue.finished import FinishedRun
-from labbook.catalogue.lab import Lab
+from labbook.catalogue.lab import Lab, Unusable, stamp
+from labbook.catalogue.packings import read_packing
+from labbook.catalogue.parts import Unreadable
 from labbook.catalogue.record import Coverage
 from labbook.catalogue.schema import SCHEMA_VERSION, measurements, packings, runs
 
@@ -24,10 +29,6 @@ if TYPE_CHECKING:
 _CHUNK = 500  # keys in one query, well below SQLite's limit on variables
 
 
-class NoCatalogue(Exception):
-    """There is no catalogue, or it is of another version of labbook; the message says what to do."""
-
-
 @dataclass(frozen=True)
 class Entry:
     """What the catalogue knows of one run when planning."""
@@ -38,6 +39,8 @@ class Entry:
     outcome: str
     coverage: Coverage | None
     problem: str | None = None
+    stamp: int = 0
+    """Of the folder, as it was indexed."""
 
 
 class Catalogue:
@@ -47,20 +50,39 @@ class Catalogue:
     def __init__(self, lab: Path | Lab):
         self.lab = lab if isinstance(lab, Lab) else Lab(lab)
         self._engine = self._open()
+        self._packings: dict[tuple[str, int], str | None] | None = None
+        """Why a packing cannot be read, by its key and the stamp of its folder."""
 
     def _open(self) -> Engine:
-        path = self.lab.catalogue
+        path, folder = self.lab.catalogue, self.lab.folder
+        if folder.exists() and not folder.is_dir():
+            raise Unusable(f"{folder} is a file, and no lab folder; give another one with --lab")
         if not path.exists():
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
-                raise NoCatalogue(f"{path} is missing; make it again: labbook reindex --lab {self.lab.folder}")
+                raise NoCatalogue(f"{path} is missing; make it again: labbook reindex --lab {folder}")
             return empty()
         engine = connect(path, read_only=True)
-        if schema_version(engine) != SCHEMA_VERSION:
-            raise NoCatalogue(
-                f"{path} is of another version of labbook, or damaged; make it again: "
-                f"labbook reindex --lab {self.lab.folder}"
-            )
+        try:
+            version = schema_version(engine) if path.is_file() else DAMAGED
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+        if version != SCHEMA_VERSION:
+            what = "is damaged" if version == DAMAGED else "is of another version of labbook, or damaged"
+            raise NoCatalogue(f"{path} {what}; make it again: labbook reindex --lab {folder}")
         return engine
+
+    @contextmanager
+    def _asking(self) -> Iterator[Connection]:
+        """A connection for a question. Raises Unusable."""
+        try:
+            with self._engine.connect() as connection:
+                yield connection
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+        except ValidationError as error:  # a damaged page may hold other text than was written
+            raise NoCatalogue(
+                f"{self.lab.catalogue} is damaged; make it again: labbook reindex --lab {self.lab.folder}"
+            ) from error
 
     def runs(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
         """Runs, the latest first: key, study, point, seed, engine, outcome, how far, speed, size.
@@ -77,19 +99,19 @@ class Catalogue:
 
     def counts(self) -> dict[str, int]:
         """Number of runs by outcome."""
-        with self._engine.connect() as connection:
+        with self._asking() as connection:
             rows = connection.execute(select(runs.c.outcome, func.count()).group_by(runs.c.outcome))
             return {outcome: count for outcome, count in rows}
 
     def packing_count(self) -> int:
         """Number of packings."""
-        with self._engine.connect() as connection:
+        with self._asking() as connection:
             return connection.scalar(select(func.count()).select_from(packings)) or 0
 
     def matching(self, prefix: str) -> list[str]:
         """Run keys that begin with `prefix`, at most ten."""
         query = select(runs.c.run_key).where(runs.c.run_key.startswith(prefix, autoescape=True)).limit(10)
-        with self._engine.connect() as connection:
+        with self._asking() as connection:
             return list(connection.scalars(query))
 
     def entries(self, run_keys: Iterable[str] = (), lineages: Iterable[str] = ()) -> list[Entry]:
@@ -97,21 +119,22 @@ class Catalogue:
         columns = (runs.c[name] for name in Entry.__dataclass_fields__)
         base = select(*columns)
         rows = []
-        with self._engine.connect() as connection:
+        with self._asking() as connection:
             for column, wanted in ((runs.c.run_key, list(run_keys)), (runs.c.lineage_key, list(lineages))):
                 for at in range(0, len(wanted), _CHUNK):
                     rows += connection.execute(base.where(column.in_(wanted[at : at + _CHUNK]))).all()
-        return [
-            Entry(
-                row.run_key,
-                row.lineage_key or "",
-                row.cache_version or 0,
-                row.outcome,
-                Coverage.model_validate_json(row.coverage) if row.coverage else None,
-                row.problem,
-            )
-            for row in rows
-        ]
+            return [
+                Entry(
+                    row.run_key,
+                    row.lineage_key or "",
+                    row.cache_version or 0,
+                    row.outcome,
+                    Coverage.model_validate_json(row.coverage) if row.coverage else None,
+                    row.problem,
+                    row.stamp,
+                )
+                for row in rows
+            ]
 
     def finished(self, study: "Study", engine: str) -> list[FinishedRun]:
         """Runs of `study` on `engine` that cover its stop rule and measures, by point and seed.
@@ -140,10 +163,46 @@ class Catalogue:
             newest[demand.point.index] = max(entry.cache_version, newest.get(demand.point.index, entry.cache_version))
         found.sort(key=lambda pair: (pair[0].point.index, pair[0].seed))
         return [
-            FinishedRun(demand.point, demand.seed, entry.run_key, self.lab.run(entry.run_key), entry.outcome)
+            FinishedRun(
+                demand.point, demand.seed, entry.run_key, self.lab.run(entry.run_key), entry.outcome, entry.stamp
+            )
             for demand, entry in found
             if entry.cache_version == newest[demand.point.index]
         ]
+
+    def unreadable(self, study: "Study", engine: str) -> list[str]:
+        """Why runs of `study` on `engine` that are there cannot be read, as far as is known of each whose it is."""
+        from labbook.plan.demand import demands
+        from labbook.plan.replicates import stopping_rule
+
+        asked = list(demands(study, stopping_rule(study).cap))
+        with self._asking() as connection:
+            versions = list(connection.scalars(select(runs.c.cache_version).where(runs.c.engine == engine).distinct()))
+        whose = [demand.run_key(engine, version) for demand in asked for version in versions if version is not None]
+        found = self.entries(whose, {demand.lineage(engine) for demand in asked})
+        return sorted({entry.problem for entry in found if entry.problem})
+
+    def changed(self, keys: Sequence[str]) -> set[str]:
+        """Which of these runs are not as they were indexed: a file in their folder came, went or was written to."""
+        found = set()
+        for at in range(0, len(keys), _CHUNK):
+            query = select(runs.c.run_key, runs.c.stamp).where(runs.c.run_key.in_(keys[at : at + _CHUNK]))
+            with self._asking() as connection:
+                found |= {key for key, seen in connection.execute(query) if stamp(self.lab.run(key)) != seen}
+        return found
+
+    def packing_problem(self, key: str) -> str | None:
+        """Why the packing with this key cannot be started from; None if it can. One that is not as it was indexed is
+        read as a whole."""
+        folder = self.lab.packing(key)
+        seen = stamp(folder)
+        if self._packings is None:
+            columns = packings.c.packing_key, packings.c.stamp, packings.c.problem
+            with self._asking() as connection:
+                self._packings = {(row[0], row[1]): row[2] for row in connection.execute(select(*columns))}
+        if (key, seen) not in self._packings:
+            self._packings[key, seen] = _problem(folder)
+        return self._packings[key, seen]
 
     def measurements(self, run_keys: Sequence[str] | None = None, quantity: str | None = None) -> "pd.DataFrame":
         """Measured numbers, with run, measure, version and window; of all runs unless `run_keys` are
@@ -162,8 +221,10 @@ class Catalogue:
         return pd.concat(parts, ignore_index=True)
 
     def values(self, run_keys: Sequence[str], quantity: str, version: int, window: "Window") -> dict[str, float]:
-        """The finite values of one quantity, by run."""
+        """The finite values of one quantity, by run; runs that diverged have none."""
         query = select(measurements.c.run_key, measurements.c.value).where(
+            measurements.c.run_key == runs.c.run_key,
+            runs.c.outcome != "diverged",
             measurements.c.quantity == quantity,
             measurements.c.version == version,
             measurements.c.window_start == window.start,
@@ -171,7 +232,7 @@ class Catalogue:
             measurements.c.value.is_not(None),
             measurements.c.run_key.in_(run_keys),
         )
-        with self._engine.connect() as connection:
+        with self._asking() as connection:
             return {key: value for key, value in connection.execute(query)}
 
     def speeds(self, engine: str, machine: str, device: str) -> list[tuple[int, float]]:
@@ -182,12 +243,12 @@ class Catalogue:
             .order_by(runs.c.finished.desc())
             .limit(50)
         )
-        with self._engine.connect() as connection:
+        with self._asking() as connection:
             return [(grains, rate) for grains, rate in connection.execute(query)]
 
     def settling(self, closed_key: str) -> float | None:
         """Mean simulated time [s] that fillings of this closed scene took to settle, or None."""
-        with self._engine.connect() as connection:
+        with self._asking() as connection:
             return connection.scalar(select(func.avg(packings.c.duration)).where(packings.c.closed_key == closed_key))
 
     def close(self) -> None:
@@ -197,9 +258,17 @@ class Catalogue:
     def _frame(self, query) -> "pd.DataFrame":
         import pandas as pd
 
-        with self._engine.connect() as connection:
+        with self._asking() as connection:
             result = connection.execute(query)
             return pd.DataFrame.from_records(result.fetchall(), columns=list(result.keys()))
+
+
+def _problem(folder: Path) -> str | None:
+    try:
+        read_packing(folder)
+    except Unreadable as problem:
+        return str(problem)
+    return None
 
 
 RUN_COLUMNS = (

@@ -2,12 +2,13 @@
 changes."""
 
 import math
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from labbook.catalogue.finished import run_data
 from labbook.catalogue.record import Observe, RunRecord
 from labbook.measure import MEASURES, MeasureError
+
+if TYPE_CHECKING:
+    from labbook.measure import RunData
 
 
 def expected(observe: Observe) -> set[tuple[str, int, float, float]]:
@@ -16,13 +17,12 @@ def expected(observe: Observe) -> set[tuple[str, int, float, float]]:
     return {(measure.name, measure.version, observe.start, observe.end) for measure in known}
 
 
-def derive(folder: Path, record: RunRecord, observe: Observe) -> list[dict[str, Any]]:
-    """Rows for the table of measurements, from the run in `folder`. Raises Unreadable.
+def derive(record: RunRecord, data: "RunData", observe: Observe) -> list[dict[str, Any]]:
+    """Rows for the table of measurements, from a run.
 
-    A measure that cannot be taken of this run leaves a row with its own name, no value, and the reason as
-    note.
+    A measure that cannot be taken of this run, or that fails on it, leaves a row with its own name, no value, and the
+    reason as note.
     """
-    data = run_data(folder, record)
     rows = []
     for name, version, start, end in sorted(expected(observe)):
         shared = {
@@ -34,8 +34,9 @@ def derive(folder: Path, record: RunRecord, observe: Observe) -> list[dict[str, 
         }
         try:
             measured = MEASURES[name].evaluate(data, observe)
-        except MeasureError as error:
-            rows.append({**shared, **_nothing(name, str(error))})
+        except (ValueError, ArithmeticError, LookupError, TypeError) as error:  # one odd run must not stop the others
+            why = str(error) if isinstance(error, MeasureError) else f"it fails: {type(error).__name__}: {error}"
+            rows.append({**shared, **_nothing(name, why)})
             continue
         rows += [{**shared, **_numbers(vars(one))} for one in measured]
         if not measured:

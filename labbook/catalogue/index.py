@@ -9,11 +9,12 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, delete, inspect, select, text
 from sqlalchemy.dialects.sqlite import insert
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DatabaseError
 
-from labbook.catalogue.connect import DAMAGED, connect, schema_version
+from labbook.catalogue.connect import DAMAGED, connect, schema_version, unusable, whole
 from labbook.catalogue.derive import derive, expected
-from labbook.catalogue.lab import DiskFull, Lab
+from labbook.catalogue.finished import run_data
+from labbook.catalogue.lab import Lab, Unusable, remove, stamp
 from labbook.catalogue.parts import Unreadable
 from labbook.catalogue.record import Observe, RunRecord
 from labbook.catalogue.rows import packing_row, run_rows, stamps, unreadable_row
@@ -25,54 +26,115 @@ Tick = Callable[[int, int], None]
 
 @dataclass
 class Indexed:
-    """What was found: folders indexed, rows dropped because their folder is gone, and what could not be
-    read."""
+    """What was found: folders indexed, rows dropped because their folder is gone, what could not be read, by file or
+    folder, and where a damaged index was put aside."""
 
     runs: int = 0
     packings: int = 0
     gone: int = 0
-    problems: list[str] = field(default_factory=list)
+    unreadable: dict[Path, str] = field(default_factory=dict)
+    aside: Path | None = None
+
+    @property
+    def problems(self) -> list[str]:
+        """All that was wrong, in words."""
+        lost = [f"{self.aside.with_suffix('')} was damaged: it is kept as {self.aside.name}, and made again from the "
+                "folders"] if self.aside else []  # fmt: skip
+        return lost + list(dict.fromkeys(self.unreadable.values()))
 
 
 class Index:
     """The writer's side of a catalogue.
 
-    Opening it brings the index up to date with the folders; it is made again if it is of another version or damaged,
-    or if `again` says so. `found` has what that gave.
+    Opening it brings the index up to date with the folders; it is made again if it is of another version, if `again`
+    says so, or if it is damaged, in which case the old file is put aside. `found` has what that gave. Raises Unusable
+    if it cannot be written, or is damaged while it is in use.
     """
 
     def __init__(self, lab: Lab, *, again: bool = False, tick: Tick | None = None):
         self.lab = lab
+        if lab.folder.exists() and not lab.folder.is_dir():
+            raise Unusable(f"{lab.folder} is a file, and no lab folder; give another one with --lab")
         lab.folder.mkdir(parents=True, exist_ok=True)
-        self._engine = connect(lab.catalogue, read_only=False)
-        version = schema_version(self._engine)
-        if version == DAMAGED:
-            self._engine.dispose()
-            for suffix in ("", "-wal", "-shm"):
-                lab.catalogue.with_name(lab.catalogue.name + suffix).unlink(missing_ok=True)
-        if again or version != SCHEMA_VERSION:
-            self._clear()
-        self.found = self._sync(tick)
+        self.found = Indexed()
+        if not self._open(again):
+            self.found.aside = self._put_aside()
+            self._open(again=True)
+        self._sync(tick)
+
+    def _open(self, again: bool) -> bool:
+        """Open the file, with empty tables if it is new, old or to be made `again`; False if it is damaged."""
+        path = self.lab.catalogue
+        if path.exists() and not path.is_file():
+            return False
+        self._engine = connect(path, read_only=False)
+        try:
+            version = schema_version(self._engine)
+            if version == DAMAGED or (version is not None and not whole(self._engine)):
+                self._engine.dispose()
+                return False
+            if again or version != SCHEMA_VERSION:
+                self._clear()
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+        return True
+
+    def _put_aside(self) -> Path:
+        path = self.lab.catalogue
+        aside = path.with_name(f"{path.name}.damaged")
+        remove(aside)
+        path.rename(aside)
+        for suffix in ("-wal", "-shm"):
+            remove(path.with_name(path.name + suffix))
+        return aside
 
     def close(self) -> None:
         """Let go of the file."""
         self._engine.dispose()
 
-    def add_run(self, folder: Path, observe: Observe | None = None) -> None:
+    def add_run(self, folder: Path, observe: Observe | None = None) -> str | None:
         """Index one run folder with its measurements, replacing what was known; `observe` overrides its
-        own."""
+        own. Why it cannot be read, or None."""
         row, rows = run_rows(folder, observe)
         with self._transaction() as connection:
             _replace_run(connection, row, rows)
+        self._tell(folder, row["problem"])
+        return row["problem"]
 
-    def add_packing(self, folder: Path) -> None:
-        """Index one packing folder."""
+    def add_packing(self, folder: Path) -> str | None:
+        """Index one packing folder, and the runs that could not be read for want of it. Why it cannot be read, or
+        None."""
+        row = packing_row(folder)
         with self._transaction() as connection:
-            _upsert(connection, packings, [packing_row(folder)])
+            _upsert(connection, packings, [row])
+        self._tell(folder, row["problem"])
+        if not row["problem"]:
+            of_it = select(runs.c.run_key).where(runs.c.packing_key == folder.name, runs.c.problem.is_not(None))
+            with self._asking() as connection:
+                waiting = list(connection.scalars(of_it))
+            for key in waiting:
+                self.add_run(self.lab.run(key))
+        return row["problem"]
+
+    def problem(self, folder: Path) -> str | None:
+        """Why a run or packing folder cannot be read, as far as it was looked at; None if it can be."""
+        table, key = (runs, runs.c.run_key) if folder.parent == self.lab.runs else (packings, packings.c.packing_key)
+        with self._asking() as connection:
+            return connection.scalar(select(table.c.problem).where(key == folder.name))
+
+    def note(self, folder: Path, problem: str) -> None:
+        """Take down that something in `folder` could not be read."""
+        self.found.unreadable[folder] = problem
+
+    def _tell(self, folder: Path, problem: str | None) -> None:
+        if problem:
+            self.note(folder, problem)
+        elif folder in self.found.unreadable:
+            self.found.unreadable[folder] += "; it was made again"
 
     def derive(self, run_keys: Iterable[str], observe: Observe) -> int:
-        """Measure whatever of `observe` is not there for these runs; the number of runs that were
-        measured."""
+        """Measure whatever of `observe` is not there for these runs; the number of runs that were measured, or
+        turned out to be damaged."""
         wanted = expected(observe)
         columns = (
             measurements.c.measure,
@@ -82,36 +144,40 @@ class Index:
         )
         done = 0
         for key in run_keys:
-            with self._engine.connect() as connection:
+            with self._asking() as connection:
                 had = {tuple(row) for row in connection.execute(select(*columns).where(measurements.c.run_key == key))}
             if wanted <= had:
                 continue
             folder = self.lab.run(key)
+            done += 1
+            seen = stamp(folder)
             try:
-                rows = derive(folder, RunRecord.read(folder), observe)
+                record = RunRecord.read(folder)
+                rows = derive(record, run_data(folder, record), observe)
             except Unreadable as problem:
                 with self._transaction() as connection:
-                    _upsert(connection, runs, [unreadable_row(folder, problem)])
+                    _replace_run(connection, unreadable_row(folder, seen, problem), [])
+                self.note(folder, str(problem))
                 continue
             with self._transaction() as connection:
                 _upsert(connection, measurements, rows)
-            done += 1
         return done
 
-    def _sync(self, tick: Tick | None) -> Indexed:
-        """Index folders that are new or replaced, and forget those that are gone."""
-        found = Indexed()
-        self._sync_packings(found)
+    def _sync(self, tick: Tick | None) -> None:
+        """Index folders that are new or changed, and forget those that are gone."""
+        found, repacked = self.found, self._sync_packings()
         there = stamps(self.lab.runs)
-        with self._engine.connect() as connection:
-            known = {key: stamp for key, stamp in connection.execute(select(runs.c.run_key, runs.c.stamp))}
-        new = [key for key, stamp in there.items() if known.get(key) != stamp]
+        with self._asking() as connection:
+            rows = connection.execute(select(runs.c.run_key, runs.c.stamp, runs.c.packing_key, runs.c.problem)).all()
+        known = {row.run_key: row.stamp for row in rows}
+        moved = {row.run_key for row in rows if row.packing_key in repacked}
+        new = [key for key, stamp in there.items() if known.get(key) != stamp or key in moved]
+        changed = set(new)
+        for row in rows:
+            if row.problem and row.run_key in there and row.run_key not in changed:
+                self.note(self.lab.run(row.run_key), row.problem)
         for at, key in enumerate(new, 1):
-            row, rows = run_rows(self.lab.run(key), None)
-            if row["problem"]:
-                found.problems.append(row["problem"])
-            with self._transaction() as connection:
-                _replace_run(connection, row, rows)
+            self.add_run(self.lab.run(key))
             found.runs += 1
             if tick:
                 tick(at, len(new))
@@ -120,19 +186,28 @@ class Index:
             for key in gone:
                 _forget(connection, key)
         found.gone = len(gone)
-        return found
 
-    def _sync_packings(self, found: Indexed) -> None:
+    def _sync_packings(self) -> set[str]:
+        """The same of packings; the keys of those that changed or are gone."""
         there = stamps(self.lab.packings)
-        with self._engine.connect() as connection:
-            known = {key: stamp for key, stamp in connection.execute(select(packings.c.packing_key, packings.c.stamp))}
-        rows = [packing_row(self.lab.packing(key)) for key, stamp in there.items() if known.get(key) != stamp]
-        found.packings = len(rows)
-        found.problems += [row["problem"] for row in rows if row["problem"]]
+        with self._asking() as connection:
+            columns = packings.c.packing_key, packings.c.stamp, packings.c.problem
+            found = connection.execute(select(*columns)).all()
+        known = {row.packing_key: row.stamp for row in found}
+        new = {key for key, stamp in there.items() if known.get(key) != stamp}
+        rows = [packing_row(self.lab.packing(key)) for key in sorted(new)]
+        self.found.packings = len(rows)
+        lost = {row["packing_key"]: row["problem"] for row in rows}
+        lost |= {row.packing_key: row.problem for row in found if row.packing_key in there.keys() - new}
+        for key, problem in lost.items():
+            if problem:
+                self.note(self.lab.packing(key), problem)
+        gone = known.keys() - there.keys()
         with self._transaction() as connection:
             _upsert(connection, packings, rows)
-            for key in known.keys() - there.keys():
+            for key in gone:
                 connection.execute(delete(packings).where(packings.c.packing_key == key))
+        return new | gone
 
     def _clear(self) -> None:
         """Forget everything."""
@@ -143,16 +218,19 @@ class Index:
             connection.execute(about.insert().values(schema_version=SCHEMA_VERSION))
 
     @contextmanager
-    def _transaction(self) -> Iterator[Connection]:
+    def _asking(self) -> Iterator[Connection]:
         try:
             with self._engine.connect() as connection:
-                connection.execute(text("BEGIN IMMEDIATE"))
                 yield connection
-                connection.commit()
-        except OperationalError as error:
-            if "full" in str(error.orig):
-                raise DiskFull(self.lab.catalogue) from error
-            raise
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[Connection]:
+        with self._asking() as connection:
+            connection.execute(text("BEGIN IMMEDIATE"))
+            yield connection
+            connection.commit()
 
 
 def _upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:

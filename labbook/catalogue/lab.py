@@ -9,17 +9,24 @@ be made again
 
 import errno
 import fcntl
+import hashlib
 import os
 import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 DEFAULT = Path("lab")
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
-class DiskFull(Exception):
+class Unusable(Exception):
+    """A lab cannot be read or written; the message says why and what to do."""
+
+
+class DiskFull(Unusable):
     """No room is left; the message says where and what to do."""
 
     def __init__(self, path: Path):
@@ -62,6 +69,11 @@ class Lab:
         self.packings = self.folder / "packings"
         self.works = self.folder / "work"
         self.catalogue = self.folder / "catalogue.db"
+
+    @property
+    def exists(self) -> bool:
+        """Whether the folder is a lab: whether any part of one is there."""
+        return any(path.exists() for path in (self.runs, self.packings, self.works, self.catalogue))
 
     def run(self, key: str) -> Path:
         """Folder of the finished run `key`."""
@@ -108,9 +120,7 @@ class Lab:
 
     def working(self) -> list[str]:
         """Keys with unfinished work."""
-        if not self.works.is_dir():
-            return []
-        return sorted(entry.name for entry in os.scandir(self.works) if entry.is_dir())
+        return folders(self.works)
 
     def put(self, made: Path, place: Path) -> None:
         """Put the complete folder `made` in `place`; an older one there is replaced.
@@ -121,7 +131,9 @@ class Lab:
         _sync_tree(made)
         place.parent.mkdir(parents=True, exist_ok=True)
         if place.exists():
-            os.rename(place, made.with_name("replaced"))
+            replaced = made.with_name("replaced")
+            remove(replaced)  # left by a process that was killed after it had put its own folder in place
+            os.rename(place, replaced)
         os.rename(made, place)
         sync_folder(place.parent)
 
@@ -134,17 +146,63 @@ class Lab:
 
     def clear(self, key: str) -> None:
         """Remove the unfinished work on `key`, whose claim is held."""
-        shutil.rmtree(self.work(key), ignore_errors=True)
+        remove(self.work(key))
 
 
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write `path` as a whole: readers see the old content or the new, also after a crash."""
+def folders(parent: Path) -> list[str]:
+    """Names of the folders in `parent`, in their order; hidden ones, which other programs put there, are left out."""
+    try:
+        return sorted(entry.name for entry in os.scandir(parent) if entry.is_dir() and not entry.name.startswith("."))
+    except FileNotFoundError:
+        return []
+
+
+def stamp(folder: Path) -> int:
+    """A number that changes when a file in `folder` comes, goes, or is written to: a hash of names, sizes and times.
+
+    0 if the folder is not there.
+    """
+    try:
+        found = [(entry.name, entry.stat(follow_symlinks=False)) for entry in os.scandir(folder)]
+    except (FileNotFoundError, NotADirectoryError):
+        return 0
+    files = sorted((name, status.st_mode, status.st_size, status.st_mtime_ns) for name, status in found)
+    return int.from_bytes(hashlib.blake2b(repr(files).encode(), digest_size=7).digest(), "big")
+
+
+def open_file(path: Path) -> BinaryIO:
+    """Open a file to read. Raises OSError, also for what is no ordinary file: reading a pipe would wait for ever."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "not an ordinary file", str(path))
+    return os.fdopen(handle, "rb")
+
+
+def remove(path: Path) -> None:
+    """Remove a file, a link or a folder with all that is in it; whatever cannot be removed stays."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()
+
+
+def write_bytes(path: Path, content: bytes, *, durable: bool = True) -> None:
+    """Write `path` as a whole: readers see the old content or the new and, if `durable`, also after a crash."""
     part = path.with_name(path.name + ".part")
-    with open(part, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)
+    try:
+        with open(part, "wb") as file:
+            file.write(content)
+            file.flush()
+            if durable:
+                os.fsync(file.fileno())
+        os.replace(part, path)
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        with suppress(OSError):
+            part.unlink()
+        raise
 
 
 def sync_folder(folder: Path) -> None:

@@ -1,11 +1,18 @@
 """What records of runs and of packings share."""
 
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from labbook.catalogue.lab import write_bytes
+from labbook.catalogue.lab import open_file, write_bytes
+
+Whole = Annotated[int, Field(ge=0, lt=2**63)]
+"""A count, or another number that SQLite can hold."""
+Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+"""A time, a length or a fraction."""
+LONGEST = 2**26
+"""Bytes that a record may have: those of some 10^4 sessions."""
 
 
 class Unreadable(Exception):
@@ -21,15 +28,15 @@ class Part(BaseModel):
 class Session(Part):
     """A stretch of one computation within one process."""
 
-    from_step: int
-    to_step: int
+    from_step: Whole
+    to_step: Whole
     started: str
     """UTC, ISO 8601."""
-    wall_time: float
+    wall_time: Measure
     """Spent stepping [s]."""
-    process_time: float
+    process_time: Measure
     """Share of the process's processor time while stepping [s]."""
-    grain_steps: float
+    grain_steps: Measure
     provenance: dict[str, Any] = {}
 
 
@@ -39,7 +46,7 @@ class Record(Part):
     FILE: ClassVar[str]
     KEY: ClassVar[str]
 
-    sessions: tuple[Session, ...]
+    sessions: Annotated[tuple[Session, ...], Field(min_length=1)]
 
     @property
     def wall_time(self) -> float:
@@ -62,17 +69,19 @@ class Record(Part):
         write_bytes(folder / self.FILE, (self.model_dump_json(indent=1) + "\n").encode())
 
     @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read the record in `folder`. Raises Unreadable."""
-        path = folder / cls.FILE
+    def read(cls, folder: Path, key: str | None = None) -> Self:
+        """Read the record in `folder`, which is named by its key, or has yet to be named `key`. Raises Unreadable."""
+        path, key = folder / cls.FILE, key or folder.name
         try:
-            record = cls.model_validate_json(path.read_bytes())
+            with open_file(path) as file:
+                text = file.read(LONGEST + 1)
+            record = cls.model_validate_json(text)
         except OSError as error:
             raise Unreadable(f"{path}: {error.strerror or error}") from error
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"
             raise Unreadable(f"{path}: {where}: {first['msg']}") from error
-        if getattr(record, cls.KEY) != folder.name:
+        if getattr(record, cls.KEY) != key:
             raise Unreadable(f"{path}: it belongs to {getattr(record, cls.KEY)}: the folder was renamed or copied")
         return record

@@ -1,11 +1,12 @@
 """What a finished run says of itself: `run.json` in its folder."""
 
 import json
+from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, TypeAdapter, field_validator, model_validator
 
-from labbook.catalogue.parts import Part, Record
+from labbook.catalogue.parts import Measure, Part, Record, Whole
 from labbook.keys import canonical
 from labbook.numerics import Numerics
 from labbook.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
@@ -39,26 +40,39 @@ class StopRule(Part):
 class Coverage(Part):
     """How far a run went and what was observed: what a demand is compared with."""
 
-    duration: float
+    duration: Measure
     """Simulated time since the opening [s]."""
-    steps: int
-    grains: int
+    steps: Whole
+    grains: Annotated[Whole, Field(ge=1)]
     """At the opening."""
-    crossed: int
+    crossed: Whole
     """Grains that left through the outlet plane."""
-    last_crossing: float
+    last_crossing: Measure
     """When the last grain left [s]; 0 if none did."""
     stop: StopRule
     """The rule that ended it."""
     guards: dict[str, float]
     probes: tuple[str, ...]
     """Probes, as `describe_probe` writes them."""
-    recording: float | None = None
+    recording: Annotated[Measure, Field(gt=0)] | None = None
     """Time between recorded frames [s] if the run was recorded."""
-    mass_left: float | None = None
+    mass_left: Measure | None = None
     """Fraction of the mass that left with these grains; None where all are equal."""
-    bed_height: float | None = None
+    bed_height: Measure | None = None
     """Height of the settled bed at the opening [m]: twice its mean height above the outlet plane."""
+
+    @field_validator("probes")
+    @classmethod
+    def _are_probes(cls, probes: tuple[str, ...]) -> tuple[str, ...]:
+        for probe in probes:
+            parse_probe(probe)
+        return probes
+
+    @model_validator(mode="after")
+    def _belongs_together(self):
+        if self.crossed > self.grains:
+            raise ValueError(f"{self.crossed} of {self.grains} grains have left")
+        return self
 
     @property
     def discharged(self) -> float:
@@ -106,12 +120,12 @@ class RunRecord(Record):
     packing_key: str
     lineage_key: str
     engine: str
-    cache_version: int
+    cache_version: Whole
     study: str
-    point: int
+    point: Whole
     label: str
     at: dict[str, float | str]
-    seed: int
+    seed: Whole
     scene: Scene
     numerics: Numerics
     outcome: Outcome
@@ -163,8 +177,20 @@ def describe_probe(probe: Probe) -> str:
 
 
 def parse_probe(text: str) -> Probe:
-    """The probe that `describe_probe` described."""
-    given: dict[str, Any] = json.loads(text)
-    kind = _KINDS[given.pop("kind")]
-    values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()}
-    return kind(**values)
+    """The probe that `describe_probe` described. Raises ValueError for a text that describes none."""
+    try:
+        given: dict[str, Any] = json.loads(text)
+        kind = _KINDS[given.pop("kind")]
+        _adapter(kind).validate_python(given)  # its types; a number keeps the form that it was written in
+        values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()}
+        probe = kind(**values)
+        if describe_probe(probe) == text and getattr(probe, "every", 1) > 0:
+            return probe
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        pass
+    raise ValueError(f"no probe: {text[:80]}")
+
+
+@cache
+def _adapter(kind: type[Probe]) -> TypeAdapter[Probe]:
+    return TypeAdapter(kind)

@@ -5,18 +5,20 @@ from pathlib import Path
 from typing import Any
 
 from labbook.catalogue.derive import derive
-from labbook.catalogue.finished import CHECKPOINT
-from labbook.catalogue.packings import ARRAYS, PackingRecord
+from labbook.catalogue.finished import open_run
+from labbook.catalogue.lab import folders, stamp
+from labbook.catalogue.packings import read_packing
 from labbook.catalogue.parts import Unreadable
 from labbook.catalogue.record import Observe, RunRecord
 from labbook.catalogue.schema import packings, runs
 
+UNREADABLE = "unreadable"
+"""Outcome, in the index, of a run whose folder cannot be read."""
+
 
 def stamps(folder: Path) -> dict[str, int]:
-    """Folders in `folder`, each with the time of its last change [ns]."""
-    if not folder.is_dir():
-        return {}
-    return {entry.name: entry.stat().st_mtime_ns for entry in os.scandir(folder) if entry.is_dir()}
+    """Folders in `folder`, each with its stamp."""
+    return {name: stamp(folder / name) for name in folders(folder)}
 
 
 def _size(folder: Path) -> int:
@@ -25,13 +27,12 @@ def _size(folder: Path) -> int:
 
 def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Row of a run, and of its measurements; of a folder that cannot be read, a row that says so."""
+    seen = stamp(folder)  # before it is read: what changes meanwhile is noticed later
     try:
-        record = RunRecord.read(folder)
-        rows = derive(folder, record, observe or record.observe)
-        if not (folder / CHECKPOINT).exists():
-            raise Unreadable(f"{folder / CHECKPOINT} is missing")
+        record, data = open_run(folder)
     except Unreadable as problem:
-        return unreadable_row(folder, problem), []
+        return unreadable_row(folder, seen, problem), []
+    rows = derive(record, data, observe or record.observe)
     coverage = record.coverage
     row = {
         "run_key": record.run_key,
@@ -55,41 +56,38 @@ def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], lis
         "packing_key": record.packing_key,
         "lineage_key": record.lineage_key,
         "coverage": coverage.model_dump_json(),
-        "stamp": folder.stat().st_mtime_ns,
+        "stamp": seen,
         "problem": None,
     }
     return row, rows
 
 
-def unreadable_row(folder: Path, problem: Unreadable) -> dict[str, Any]:
-    """Row of a run folder that cannot be read."""
-    blank = dict.fromkeys(column.name for column in runs.columns)
-    return {
-        **blank,
-        "run_key": folder.name,
-        "study": "",
-        "label": "",
-        "outcome": "unreadable",
-        "stamp": folder.stat().st_mtime_ns,
-        "problem": str(problem),
-    }
+def unreadable_row(folder: Path, seen: int, problem: Unreadable) -> dict[str, Any]:
+    """Row of a run folder with the stamp `seen` that cannot be read; what its record says of it is kept."""
+    row = dict.fromkeys((column.name for column in runs.columns), None)
+    try:
+        record = RunRecord.read(folder)
+    except Unreadable:
+        row |= {"study": "", "label": ""}
+    else:
+        known = ("study", "label", "seed", "engine", "cache_version", "packing_key", "lineage_key")
+        row |= {name: getattr(record, name) for name in known}
+    return {**row, "run_key": folder.name, "outcome": UNREADABLE, "stamp": seen, "problem": str(problem)}
 
 
 def packing_row(folder: Path) -> dict[str, Any]:
     """Row of a packing folder."""
     blank = dict.fromkeys(column.name for column in packings.columns)
-    row = {**blank, "packing_key": folder.name, "stamp": folder.stat().st_mtime_ns}
+    row = {**blank, "packing_key": folder.name, "stamp": stamp(folder)}
     try:
-        record = PackingRecord.read(folder)
-        if not (folder / ARRAYS).exists():
-            raise Unreadable(f"{folder / ARRAYS} is missing")
+        record, _ = read_packing(folder)
     except Unreadable as problem:
         return {**row, "problem": str(problem)}
     return {
         **row,
         "closed_key": record.closed_key,
         "engine": record.engine,
-        "seed": record.filling["seed"],
+        "seed": record.filling.seed,
         "grains": record.grains,
         "duration": record.duration,
         "wall_time": record.wall_time,

@@ -7,6 +7,9 @@ so that `labbook --help` stays quick.
 from importlib import import_module
 
 import typer
+from typer.core import TyperGroup
+
+from labbook.cli.options import fail, told
 
 VERBS = (
     "new",
@@ -28,10 +31,25 @@ VERBS = (
 )
 
 
+class Verbs(TyperGroup):
+    """All verbs; what goes wrong with files and folders ends each of them in one line, as `told` has it."""
+
+    def invoke(self, ctx):
+        """Carry out the verb that was asked for."""
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            line = told(error)
+            if line is None:
+                raise
+            fail(line)
+
+
 def build() -> typer.Typer:
     """The application with all its verbs."""
     app = typer.Typer(
         name="labbook",
+        cls=Verbs,
         help="Studies of granular silos, from a YAML file to a report with error bars.",
         no_args_is_help=True,
         add_completion=False,

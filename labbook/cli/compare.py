@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from labbook.cli.options import GO_ON, LAB, STOPPED, AsJson, Lab, StudyFile, fail, leave, read_study
+from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
     from labbook.compare.verdict import Verdict
@@ -78,7 +79,7 @@ def register(app: typer.Typer) -> None:
             fail(f"{problem}; make one: labbook compare {study} --backends {backends} --lab {lab}")
         _tell(verdict, asked, lab, as_json)
         for why in failed:
-            typer.echo(f"Failed: {why}", err=True)
+            say(f"Failed: {why}", err=True)
         if failed or verdict.finding == "different":
             raise typer.Exit(1)
 
@@ -92,8 +93,6 @@ def _stored(asked, lab: Path, backends: str, precisions: str | None) -> "Verdict
 
 
 def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points: list[int], seconds: float | None):
-    from rich.console import Console
-
     from labbook.backend import BackendMissing, Unsupported
     from labbook.catalogue import NoCatalogue, Unreadable
     from labbook.catalogue.lab import DiskFull
@@ -110,7 +109,7 @@ def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points
     from labbook.report.style import save
     from labbook.runner.progress import Bar
 
-    console = Console(stderr=True, highlight=False, markup=False)
+    console = screen(stderr=True, highlight=False, markup=False)
     folder = Folder(lab)
     try:
         two = pair(*sides)
@@ -142,8 +141,6 @@ def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points
 def _tell(verdict: "Verdict", asked, lab: Path, as_json: bool) -> None:
     import json
 
-    from rich.console import Console
-
     from labbook.catalogue.lab import Lab as Folder
     from labbook.cli.tables import print_table
     from labbook.compare import tables
@@ -155,7 +152,7 @@ def _tell(verdict: "Verdict", asked, lab: Path, as_json: bool) -> None:
         plain = {"finding": verdict.finding, "stale": reasons, **verdict.model_dump(mode="json")}
         typer.echo(json.dumps(plain, indent=2, allow_nan=False))
         return
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console = screen(highlight=False, width=None if sys.stdout.isatty() else 160)
     console.print(f"[bold]{verdict.study}[/bold], compared {verdict.made}")
     for reason in reasons:
         console.print(f"STALE: {reason}", style="red", markup=False)

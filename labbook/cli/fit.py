@@ -6,6 +6,7 @@ import sys
 import typer
 
 from labbook.cli.options import ENGINE, LAB, AsJson, Engine, Lab, StudyFile, analysed
+from labbook.cli.screen import screen
 from labbook.cli.tables import print_table
 
 
@@ -25,8 +26,6 @@ def register(app: typer.Typer) -> None:
 
 
 def _show(analysis) -> None:
-    from rich.console import Console
-
     from labbook.fit.outlet import DEFINITIONS, FORMULA
     from labbook.report import outlet_tables, tables
     from labbook.report.comparison import at_series
@@ -35,8 +34,8 @@ def _show(analysis) -> None:
     from labbook.report.page import summary
     from labbook.report.statement_tables import statement_digest, statement_table
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
-    console.print(f"[bold]{analysis.study.name}[/bold]")
+    console = screen(highlight=False, width=None if sys.stdout.isatty() else 120)
+    console.print(analysis.study.name, style="bold", markup=False)
     for sentence in summary(analysis):
         console.print(sentence, markup=False)
     print_table(console, tables.flow_table(analysis), "Flow rates")

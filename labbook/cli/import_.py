@@ -7,6 +7,7 @@ import typer
 
 from labbook.cli.lab import ticking
 from labbook.cli.options import LAB, Lab, fail
+from labbook.cli.screen import say
 
 Source = Annotated[Path, typer.Argument(help="Another lab folder.", metavar="FOLDER", show_default=False)]
 
@@ -16,20 +17,25 @@ def register(app: typer.Typer) -> None:
 
     @app.command(name="import")
     def import_(folder: Source, lab: Lab = LAB) -> None:
-        """Copy runs and packings from another lab, brought from another machine, and index them."""
+        """Copy runs and packings from another lab, brought from another machine, and index them.
+
+        Everything is looked at before it is taken; what is damaged or does not belong is named, and left out. Exit
+        status 1 if anything was left out.
+        """
         from labbook.catalogue.index import Index
-        from labbook.catalogue.lab import DiskFull, room
         from labbook.catalogue.lab import Lab as Folder
+        from labbook.catalogue.lab import room
         from labbook.catalogue.merge import merge
 
-        target = Folder(lab)
-        try:
-            with room(lab):
-                copied, problems = merge(target, folder)
-                with ticking("indexing") as tick:
-                    Index(target, tick=tick)
-        except (FileNotFoundError, DiskFull) as problem:
-            fail(problem)
-        typer.echo(f"{len(copied)} runs and packings imported")
-        for problem in problems:
-            typer.echo(f"Not imported: {problem}", err=True)
+        if not Folder(folder).runs.is_dir() and not Folder(folder).packings.is_dir():
+            fail(f"{folder}: no lab: it has neither runs/ nor packings/")
+        with room(lab):
+            with ticking("indexing") as tick:
+                index = Index(Folder(lab), tick=tick)
+            merged = merge(index, folder)
+            index.close()
+        say(f"{len(merged.copied)} runs and packings imported")
+        for problem in merged.left_out:
+            say(f"Not imported: {problem}", err=True)
+        if merged.left_out:
+            raise typer.Exit(1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from labbook.cli.options import fail
+from labbook.cli.screen import screen
 
 if TYPE_CHECKING:
     from labbook.backend import Backend
@@ -62,10 +63,9 @@ def saying(what: str) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def ticking(what: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on a terminal: a function to call with how many of how many are done."""
-    from rich.console import Console
     from rich.progress import Progress
 
-    console = Console(stderr=True)
+    console = screen(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(what, total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)

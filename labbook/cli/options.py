@@ -1,5 +1,6 @@
 """Arguments that several verbs share, and how their mistakes are told."""
 
+import errno
 import os
 import sys
 from contextlib import suppress
@@ -8,7 +9,10 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from labbook.cli.screen import say, screen
+
 if TYPE_CHECKING:
+    from labbook.catalogue import Catalogue
     from labbook.report.analysis import Analysis
     from labbook.study import Study
 
@@ -26,7 +30,7 @@ GO_ON = "the same command goes on from here"
 
 def fail(message: object) -> NoReturn:
     """End with exit status 1 and the message on standard error."""
-    typer.echo(f"Error: {message}", err=True)
+    say(f"Error: {message}", err=True)
     raise typer.Exit(1)
 
 
@@ -36,6 +40,38 @@ def leave(status: int) -> NoReturn:
         with suppress(OSError, ValueError):  # the terminal is gone, or the stream is closed
             stream.flush()
     os._exit(status)
+
+
+def told(error: Exception) -> str | None:
+    """What an error of the storage means to the user and what to do, in a line; None for any other error."""
+    if isinstance(error, OSError):
+        return _of_files(error) if error.errno not in (None, errno.EPIPE) else None
+    if "labbook.catalogue" not in sys.modules:
+        return None
+    from labbook.catalogue import Unreadable, Unusable
+
+    if isinstance(error, Unreadable):
+        return f"{error}; it is made again by labbook run, and labbook reindex lists all that is damaged"
+    return str(error) if isinstance(error, Unusable) else None
+
+
+_REMEDIES = {
+    errno.ENOSPC: "make room on the disk and give the same command again; what was finished is safe",
+    errno.EDQUOT: "make room on the disk and give the same command again; what was finished is safe",
+    errno.EACCES: "see to it that you may read and write it, or use another folder (--lab, --out)",
+    errno.EPERM: "see to it that you may read and write it, or use another folder (--lab, --out)",
+    errno.EROFS: "nothing can be written there: use a copy of the lab, or another folder (--lab, --out)",
+    errno.ENOTDIR: "there is a file where a folder is needed: use another folder (--lab, --out), or move the file",
+    errno.EEXIST: "there is a file where a folder is needed: use another folder (--lab, --out), or move the file",
+    errno.EISDIR: "there is a folder where a file is needed: move it away",
+}
+
+
+def _of_files(error: OSError) -> str:
+    where = " and ".join(str(path) for path in (error.filename, error.filename2) if path is not None)
+    what = f"{where}: {error.strerror}" if where else str(error.strerror)
+    remedy = _REMEDIES.get(error.errno or 0, "see to the disk and the folder, and give the same command again")
+    return f"{what[0].lower() if not where else what[0]}{what[1:]}; {remedy}"
 
 
 def read_study(path: Path) -> "Study":
@@ -48,22 +84,36 @@ def read_study(path: Path) -> "Study":
         fail(error)
 
 
+def existing(lab: Path) -> "Catalogue":
+    """The catalogue of a lab that is there; if there is none, that is said, and ends the program."""
+    from labbook.catalogue import Catalogue
+    from labbook.catalogue import Lab as Folder
+
+    if not lab.exists():
+        fail(f"there is no lab {lab}; give its folder with --lab, or make one: labbook run STUDY --lab {lab}")
+    if lab.is_dir() and not Folder(lab).exists:
+        fail(f"{lab} is no lab: it has neither runs nor packings; give another folder with --lab")
+    return Catalogue(lab)
+
+
 def analysed(path: Path, lab: Path, engine: str) -> "Analysis":
-    """The analysis of a study's finished runs in the lab."""
-    from rich.console import Console
+    """The analysis of a study's finished runs in the lab; those that cannot be read are named and left out."""
     from rich.progress import Progress
 
-    from labbook.catalogue import Catalogue, NoCatalogue
     from labbook.report.analysis import analyse
 
     study = read_study(path)
-    try:
-        finished = Catalogue(lab).finished(study, engine)
-    except NoCatalogue as error:
-        fail(error)
-    if not finished:
+    catalogue = existing(lab)
+    finished, lost = catalogue.finished(study, engine), catalogue.unreadable(study, engine)
+    if not finished and not lost:
         fail(f"{lab} has no finished run of {study.name} on {engine}; make some: labbook run {path} --lab {lab}")
-    console = Console(stderr=True)
+    console = screen(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("measuring", total=len(finished))
-        return analyse(study, finished, lambda done: progress.update(task, completed=done))
+        analysis = analyse(study, finished, lambda done: progress.update(task, completed=done), lost)
+    for problem in analysis.unreadable:
+        say(f"Left out: {problem}", err=True)
+    if not analysis.points:
+        fail(f"no finished run of {study.name} on {engine} in {lab} can be read; make them again: "
+             f"labbook run {path} --lab {lab}")  # fmt: skip
+    return analysis

@@ -8,6 +8,7 @@ import typer
 
 from labbook.cli.lab import Device, engine_called, open_catalogue
 from labbook.cli.options import ENGINE, LAB, AsJson, Engine, Lab, StudyFile, fail, read_study
+from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
     from labbook.plan.forecast import Forecast
@@ -47,7 +48,7 @@ def register(app: typer.Typer) -> None:
         else:
             _show(made, ahead)
             for line in warnings:
-                typer.echo(line)
+                say(line)
 
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
@@ -98,13 +99,12 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
     from collections import defaultdict
 
     from rich import box
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     from labbook.runner.progress import duration, size
 
-    console = Console(highlight=False)
+    console = screen(highlight=False)
     groups: dict[tuple[str, str, str], list[int]] = defaultdict(list)
     for item in plan.items:
         groups[item.demand.point.label, item.state, item.reason].append(item.demand.seed)

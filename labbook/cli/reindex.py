@@ -3,7 +3,8 @@
 import typer
 
 from labbook.cli.lab import ticking
-from labbook.cli.options import LAB, Lab
+from labbook.cli.options import LAB, Lab, fail
+from labbook.cli.screen import say
 
 
 def register(app: typer.Typer) -> None:
@@ -15,8 +16,12 @@ def register(app: typer.Typer) -> None:
         from labbook.catalogue.index import Index
         from labbook.catalogue.lab import Lab as Folder
 
+        if not Folder(lab).exists:
+            fail(f"there is no lab {lab}: it has neither runs nor packings; give its folder with --lab")
         with ticking("indexing") as tick:
-            found = Index(Folder(lab), again=True, tick=tick).found
+            index = Index(Folder(lab), again=True, tick=tick)
+            index.close()
+        found = index.found
         typer.echo(f"{found.runs} runs and {found.packings} packings indexed")
         for problem in found.problems:
-            typer.echo(f"Unreadable: {problem}", err=True)
+            say(f"Unreadable: {problem}", err=True)

@@ -9,6 +9,7 @@ import typer
 
 from labbook.cli.lab import Device, engine_called, open_catalogue
 from labbook.cli.options import ENGINE, GO_ON, LAB, STOPPED, Engine, Lab, StudyFile, fail, leave, read_study
+from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
     from labbook.runner.runner import Summary
@@ -28,8 +29,6 @@ def register(app: typer.Typer) -> None:
         A second Ctrl-C leaves at once; what was saved last is kept. Exit status: 0 if all runs of the study are there,
         1 if some failed or diverged, 130 if it was stopped.
         """
-        from rich.console import Console
-
         from labbook.backend import Unsupported
         from labbook.catalogue.lab import DiskFull
         from labbook.catalogue.lab import Lab as Folder
@@ -41,16 +40,16 @@ def register(app: typer.Typer) -> None:
         from labbook.runner.runner import Runner
 
         asked, engine = read_study(study), engine_called(backend)
-        console = Console(highlight=False, markup=False)
+        console = screen(highlight=False, markup=False)
         if asked.stop.fill_height is not None:
             try:
                 ahead = Planner(asked, open_catalogue(lab), engine.capabilities).plan()
             except (Conflict, MeasureError) as problem:
                 fail(problem)
             for line in cut_short(ahead, Folder(lab)):
-                typer.echo(line, err=True)
+                say(line, err=True)
         try:
-            with Bar(Console(stderr=True)) as bar:
+            with Bar(screen(stderr=True)) as bar:
                 summary = Runner(asked, Folder(lab), engine, device, checkpoint_every, bar).run()
         except (Unsupported, Conflict, MeasureError, DiskFull) as problem:
             fail(problem)

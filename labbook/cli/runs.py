@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.lab import open_catalogue
-from labbook.cli.options import LAB, AsJson, Lab
+from labbook.cli.options import LAB, AsJson, Lab, existing, fail
+from labbook.cli.screen import say, screen
 
 OfStudy = Annotated[str | None, typer.Option("--study", help="Only runs first made for the study of this name.")]
 OfOutcome = Annotated[str | None, typer.Option("--outcome", help="Only runs that ended so, or `unreadable`.")]
@@ -21,8 +21,16 @@ def register(app: typer.Typer) -> None:
         lab: Lab = LAB, study: OfStudy = None, outcome: OfOutcome = None, limit: Limit = 50, as_json: AsJson = False
     ) -> None:
         """List runs, the latest first, with outcome, how far they went and how fast."""
-        catalogue = open_catalogue(lab)
+        from typing import get_args
+
+        from labbook.catalogue.record import Outcome
+        from labbook.catalogue.rows import UNREADABLE
+
+        catalogue = existing(lab)
+        if outcome is not None and outcome not in (known := (*get_args(Outcome), UNREADABLE)):
+            fail(f"--outcome {outcome}: no run ends so; use one of: {', '.join(known)}")
         found = catalogue.runs(study, outcome, limit or None)
+        changed = catalogue.changed(list(found.run_key))
         if as_json:
             records = json.loads(found.to_json(orient="records") or "[]")
             typer.echo(json.dumps(records, indent=2, allow_nan=False))
@@ -31,12 +39,17 @@ def register(app: typer.Typer) -> None:
         total = sum(catalogue.counts().values())
         if len(found) < total:
             typer.echo(f"{len(found)} of {total} runs shown")
+        if changed:
+            say(
+                f"{len(changed)} of these changed since they were indexed, {sorted(changed)[0]} first; look at them "
+                f"again: labbook reindex --lab {lab}",
+                err=True,
+            )
 
 
 def _show(found) -> None:
     """`left`: grains that left; `t`: time covered; `M/s`: million grain-steps per second."""
     from rich import box
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
@@ -63,9 +76,9 @@ def _show(found) -> None:
             rate,
             style="yellow" if row.outcome == "diverged" else None,
         )
-    console = Console(highlight=False)
+    console = screen(highlight=False)
     if not console.is_terminal:
-        console = Console(highlight=False, width=200)
+        console = screen(highlight=False, width=200)
     console.print(table)
     for problem in problems:
         console.print(problem, style="red", markup=False)

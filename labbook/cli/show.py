@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.lab import open_catalogue
-from labbook.cli.options import LAB, AsJson, Lab, fail
+from labbook.cli.options import LAB, AsJson, Lab, existing, fail
+from labbook.cli.screen import screen
 
 Key = Annotated[str, typer.Argument(help="Key of the run, or how it begins.", metavar="RUN", show_default=False)]
 
@@ -17,19 +17,16 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def show(run: Key, lab: Lab = LAB, as_json: AsJson = False) -> None:
         """Show one run: how it ended, what was measured, and where its numbers come from."""
-        from labbook.catalogue import RunRecord, Unreadable
+        from labbook.catalogue.finished import open_run
 
-        catalogue = open_catalogue(lab)
+        catalogue = existing(lab)
         found = catalogue.matching(run)
         if not found:
             fail(f"no run in {lab} has a key that begins with {run}; list them: labbook runs --lab {lab}")
         if len(found) > 1:
             fail(f"several runs begin with {run}: {', '.join(key[:12] for key in found)}; give more of the key")
         folder = catalogue.lab.run(found[0])
-        try:
-            record = RunRecord.read(folder)
-        except Unreadable as problem:
-            fail(problem)
+        record, _ = open_run(folder)
         measured = catalogue.measurements([record.run_key])
         if as_json:
             rows = json.loads(measured.to_json(orient="records") or "[]")
@@ -41,7 +38,7 @@ def register(app: typer.Typer) -> None:
 
 def _show(record, folder, measured) -> None:
     from rich import box
-    from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from labbook.runner.progress import duration
@@ -65,7 +62,7 @@ def _show(record, folder, measured) -> None:
         "experiment": record.experiment_key,
         "folder": str(folder),
     }
-    console = Console(highlight=False, markup=False)
+    console = screen(highlight=False, markup=False)
     for name, value in lines.items():
         console.print(f"{name:12} {value}")
     table = Table(box=box.SIMPLE_HEAD)
@@ -73,6 +70,6 @@ def _show(record, folder, measured) -> None:
         table.add_column(heading, justify="right" if heading in ("value", "error") else "left")
     for row in measured.itertuples(index=False):
         numbers = ("-" if x is None or x != x else f"{x:.5g}" for x in (row.value, row.error))
-        table.add_row(row.quantity, *numbers, row.unit, row.window, row.note)
+        table.add_row(*map(escape, (row.quantity, *numbers, row.unit, row.window, row.note)))
     if len(measured):
         console.print(table)

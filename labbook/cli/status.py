@@ -4,8 +4,8 @@ import json
 
 import typer
 
-from labbook.cli.lab import open_catalogue
-from labbook.cli.options import LAB, AsJson, Lab
+from labbook.cli.options import LAB, AsJson, Lab, existing
+from labbook.cli.screen import say
 
 
 def register(app: typer.Typer) -> None:
@@ -16,7 +16,7 @@ def register(app: typer.Typer) -> None:
         """Count runs by outcome and packings, and list unfinished work."""
         from labbook.runner.unfinished import unfinished
 
-        catalogue = open_catalogue(lab)
+        catalogue = existing(lab)
         counts, packings = catalogue.counts(), catalogue.packing_count()
         works = unfinished(catalogue.lab)
         if as_json:
@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
             return
         total = sum(counts.values())
         by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
-        typer.echo(f"{total} runs{f' ({by})' if by else ''}, {packings} packings")
+        say(f"{total} runs{f' ({by})' if by else ''}, {packings} packings")
         for work in works:
             state = "being worked on" if work.held else "left, resumable" if work.saved else "left, starts afresh"
-            typer.echo(f"  {work.key}  step {work.step}  {state}")
+            say(f"  {work.key}  step {work.step}  {state}{f' ({work.problem})' if work.problem else ''}")

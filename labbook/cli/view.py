@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.options import ENGINE, LAB, Engine, Lab, fail, read_study
+from labbook.cli.options import ENGINE, LAB, Engine, Lab, existing, fail, read_study
+from labbook.cli.screen import say
 
 
 def register(app: typer.Typer) -> None:
@@ -52,11 +53,10 @@ def register(app: typer.Typer) -> None:
 
 def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[Path]:
     """Recordings of what is asked for; those that are missing are made."""
-    from labbook.catalogue import Catalogue
-    from labbook.catalogue.finished import RECORDING
+    from labbook.catalogue import Unreadable
     from labbook.recording import NotRecorded, of_run
 
-    catalogue = Catalogue(lab)
+    catalogue = existing(lab)
     if not Path(target).is_file():
         keys = catalogue.matching(target)
         if len(keys) != 1:
@@ -65,9 +65,19 @@ def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[
         return [of_run(catalogue.lab.run(keys[0]), lab)]
     study = read_study(Path(target))
     runs = [run for run in catalogue.finished(study, engine) if point is None or run.point.index == point - 1]
-    recorded = [run for run in runs if (run.folder / RECORDING).exists()]
+    made, lost = [], catalogue.unreadable(study, engine)
+    for run in runs:
+        try:
+            if run.record.coverage.recording is not None:
+                made.append(of_run(run.folder, lab, study.name, run.point))
+        except Unreadable as problem:
+            lost.append(str(problem))
+    for problem in lost:
+        say(f"Left out: {problem}", err=True)
     if not runs:
         fail(f"{lab} has no such finished run of {study.name} on {engine}; make some: labbook run {target} --lab {lab}")
-    if not recorded:
+    if not made and not lost:
         raise NotRecorded(f"none of these runs kept frames: add `record: {{every: 10 ms}}` to {target} and run it")
-    return [of_run(run.folder, lab, study.name, run.point) for run in recorded]
+    if not made:
+        fail(f"no recorded run of {study.name} can be read; make them again: labbook run {target} --lab {lab}")
+    return made

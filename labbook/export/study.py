@@ -1,11 +1,13 @@
 """Writing a study's exports into a folder."""
 
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from labbook.catalogue.lab import write_bytes
 from labbook.export.numbers import frames
 
 if TYPE_CHECKING:
@@ -25,14 +27,16 @@ def write_numbers(analysis: "Analysis", folder: Path, kind: Format) -> list[Path
     for name, frame in frames(analysis).items():
         path = folder / f"{name}.{kind}"
         if kind == "csv":
-            frame.to_csv(path, index=False)
+            write_bytes(path, frame.to_csv(index=False).encode(), durable=False)
         else:
+            buffer = BytesIO()
             try:
-                frame.to_parquet(path, index=False)
+                frame.to_parquet(buffer, index=False)
             except ImportError as missing:
                 raise NoParquet(
                     "Parquet needs pyarrow: pip install 'labbook[parquet]', or use --format csv"
                 ) from missing
+            write_bytes(path, buffer.getvalue(), durable=False)
         paths.append(path)
     return paths
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from labbook.catalogue.lab import write_bytes
 from labbook.fields import Fields, Layer, Ring
 
 _TITLE_LENGTH = 255  # of the format
@@ -43,7 +44,7 @@ def write_series(path: Path, files: Sequence[Path], times: Sequence[float] | np.
     """A series for ParaView: `files` beside `path`, whose name ends in .vtk.series, with their times [s]."""
     entries = [{"name": file.name, "time": float(time)} for file, time in zip(files, times, strict=True)]
     text = json.dumps({"file-series-version": "1.0", "files": entries}, indent=1)
-    path.write_text(text + "\n", encoding="ascii")
+    write_bytes(path, (text + "\n").encode("ascii"), durable=False)
 
 
 def write_fields(path: Path, title: str, fields: Fields) -> None:
@@ -111,4 +112,4 @@ def _block(array: np.ndarray) -> str:
 def _write(path: Path, title: str, kind: str, parts: list[str]) -> None:
     line = " ".join(title.split())[:_TITLE_LENGTH]
     text = "\n".join(["# vtk DataFile Version 3.0", line, "ASCII", f"DATASET {kind}", *parts])
-    path.write_text(text + "\n", encoding="ascii", errors="replace")
+    write_bytes(path, (text + "\n").encode("ascii", errors="replace"), durable=False)

@@ -161,6 +161,13 @@ class Demand:
             self._keys[engine.name, engine.cache_version] = found
         return found
 
+    def run_key(self, engine: str, version: int) -> str:
+        """Key of this run on one version of the engine called `engine`."""
+        s = self.shared
+        made = (s.maker.numerics, s.maker.engine.name, s.maker.engine.cache_version) if s.maker else None
+        packing = keys.packing_key(s.closed_key, self.filling, *(made or (s.numerics, engine, version)))
+        return keys.run_key(keys.experiment_key(s.scene_key, packing), s.numerics, engine, version)
+
     @cached_property
     def _keys(self) -> dict[tuple[str, int], Keys]:
         return {}

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Literal
 
 from labbook.backend import Capabilities
 from labbook.catalogue.catalogue import Catalogue, Entry
+from labbook.catalogue.finished import open_run
+from labbook.catalogue.lab import stamp
 from labbook.catalogue.parts import Unreadable
-from labbook.catalogue.record import RunRecord
 from labbook.keys import Keys
 from labbook.plan.coverage import shortfall
 from labbook.plan.demand import Demand, PackingsOf, PointDemand
@@ -117,7 +118,7 @@ class Planner:
     def refresh(self, demand: Demand) -> Item:
         """One run as its folder has it now, whatever the catalogue says."""
         keys = demand.keys(self.engine)
-        return self._judged(demand, keys, self._unlisted(keys.run))
+        return self._judged(demand, keys, self._looked_at(keys.run))
 
     def _first(self, shared: PointDemand) -> list[Demand]:
         return [shared.run(seed) for seed in range(1, self.rule.first + 1)]
@@ -148,18 +149,23 @@ class Planner:
         lineages = [demand.keys(self.engine).lineage for demand in asked]
         for entry in self.catalogue.entries(run_keys, lineages):
             self._there[entry.run_key] = entry
-            if entry.cache_version != self.engine.cache_version:
+            if entry.coverage is not None and entry.cache_version != self.engine.cache_version:
                 self._older[entry.lineage_key] = entry
 
     def _item(self, demand: Demand) -> Item:
         keys = demand.keys(self.engine)
-        return self._judged(demand, keys, self._there.get(keys.run) or self._unlisted(keys.run))
+        entry = self._there.get(keys.run)
+        if entry is None or entry.stamp != stamp(self.catalogue.lab.run(keys.run)):
+            entry = self._looked_at(keys.run)
+        return self._judged(demand, keys, entry)
 
     def _judged(self, demand: Demand, keys: Keys, entry: Entry | None) -> Item:
         state, reason, resumes = self._compare(demand, keys, entry)
         outcome = entry.outcome if entry else None
-        packed = self.catalogue.lab.packing(keys.packing).is_dir()
-        return Item(demand, keys, state, reason, outcome, packed, resumes)
+        problem = self.catalogue.packing_problem(keys.packing)
+        if problem and state == "done":
+            state, reason = "missing", f"its packing cannot be read: {problem}"
+        return Item(demand, keys, state, reason, outcome, problem is None, resumes)
 
     def _compare(self, demand: Demand, keys: Keys, entry: Entry | None) -> tuple[State, str, bool]:
         begun = (self.catalogue.lab.work(keys.run) / "progress.json").exists()
@@ -181,13 +187,15 @@ class Planner:
             return "done", entry.outcome, False
         return "partial", lacks.reason, lacks.gap == "shorter" or begun
 
-    def _unlisted(self, key: str) -> Entry | None:
-        """A run whose process was killed before it was indexed, or that another machine put there."""
+    def _looked_at(self, key: str) -> Entry | None:
+        """A run as its folder has it now: its process was killed before it was indexed, another machine put it there,
+        or something in it changed since."""
         folder = self.catalogue.lab.run(key)
         if not folder.is_dir():
             return None
+        seen = stamp(folder)
         try:
-            record = RunRecord.read(folder)
+            record, _ = open_run(folder)
         except Unreadable as problem:
-            return Entry(key, "", 0, "unreadable", None, str(problem))
-        return Entry(key, record.lineage_key, record.cache_version, record.outcome, record.coverage)
+            return Entry(key, "", 0, "unreadable", None, str(problem), seen)
+        return Entry(key, record.lineage_key, record.cache_version, record.outcome, record.coverage, None, seen)

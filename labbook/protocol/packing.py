@@ -7,6 +7,9 @@ import numpy as np
 
 _DOUBLE = ("x", "v", "omega")
 _EACH = {"diameter": np.float64, "kind": np.int64}
+_OF_SPRINGS = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
+_OF_SPRINGS |= {"wall_part": "iu"}
+_PARTS = 8  # no rod touches a wall at so many points
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +24,8 @@ class Packing:
     `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several
     points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`).
 
-    Raises ValueError for shapes that do not fit, for numbers that are not finite and for quaternions that are not of
-    length one: no engine can start from them.
+    Raises ValueError for shapes that do not fit, for indices of grains that are not there, for numbers that are not
+    finite and for quaternions that are not of length one: no engine can start from them.
     """
 
     x: np.ndarray
@@ -57,14 +60,29 @@ class Packing:
                     raise ValueError(f"packing: {name} has shape {np.shape(array)}, not ({n},)")
         if len(self.wall_part) == 0:
             object.__setattr__(self, "wall_part", np.zeros(len(self.wall_grain), np.int64))
-        if len(self.wall_part) != len(self.wall_grain):
-            raise ValueError(f"packing: {len(self.wall_part)} wall_part for {len(self.wall_grain)} springs at walls")
         if self.q is not None:
             object.__setattr__(self, "q", _quaternions(self.q, n))
+        self._check_springs(n)
         for name in (*_DOUBLE, "pair_spring", "wall_spring"):
             bad = ~np.isfinite(getattr(self, name)).all(axis=1)
             if bad.any():
                 raise ValueError(f"packing: {name} is not finite in row {int(np.argmax(bad))}")
+
+    def _check_springs(self, n: int) -> None:
+        pairs, walls = len(self.pairs), len(self.wall_grain)
+        shapes = {"pairs": (pairs, 2), "pair_spring": (pairs, 3), "wall_grain": (walls,), "wall_name": (walls,)}
+        for name, shape in (shapes | {"wall_spring": (walls, 3), "wall_part": (walls,)}).items():
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"packing: {name} has shape {np.shape(getattr(self, name))}, not {shape}")
+        for name, kind in _OF_SPRINGS.items():
+            if np.asarray(getattr(self, name)).dtype.kind not in kind:
+                raise ValueError(f"packing: {name} holds {np.asarray(getattr(self, name)).dtype}")
+        for name, most in (("pairs", n), ("wall_grain", n), ("wall_part", _PARTS)):
+            array = getattr(self, name)
+            if len(array) and not (array.min() >= 0 and array.max() < most):
+                raise ValueError(f"packing: {name} are not from 0 to {most - 1}")
+        if not (self.pairs[:, 0] < self.pairs[:, 1]).all():
+            raise ValueError("packing: pairs are not of a grain and a later one")
 
     def __len__(self) -> int:
         return len(self.x)
@@ -122,7 +140,7 @@ class Packing:
 
     @classmethod
     def load(cls, path: Path) -> "Packing":
-        """Read what `save` wrote. Raises OSError or ValueError on a file that is none."""
+        """Read what `save` wrote; `labbook.catalogue.packings` reads files that may be damaged."""
         with np.load(path, allow_pickle=False) as stored:
             return cls(**{name: stored[name] for name in stored.files})
 

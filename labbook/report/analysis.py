@@ -11,7 +11,7 @@ import numpy as np
 
 from labbook.fit import COVERAGE, CROSSINGS
 from labbook.fit.outlet import Outlet
-from labbook.measure import MEASURES, RunData
+from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.flow import CUT_SHORT
 from labbook.measure.orifice import OrificeMeans, acceleration_of
@@ -192,11 +192,15 @@ class Analysis:
 
 
 def analyse(
-    study: "Study", finished: Sequence[Finished], progress: Callable[[int], None] = lambda done: None
+    study: "Study",
+    finished: Sequence[Finished],
+    progress: Callable[[int], None] = lambda done: None,
+    lost: Sequence[str] = (),
 ) -> Analysis:
     """Measure the finished runs of a study, pool replicates, fit series and compare with the study's reference.
 
-    `progress` is told how many runs have been measured. A run that cannot be read is left out and reported.
+    `progress` is told how many runs have been measured. A run that cannot be read or measured is left out and reported,
+    after those of which that was known before (`lost`: why).
     """
     from labbook.catalogue import Unreadable
     from labbook.report.comparison import compare
@@ -206,12 +210,15 @@ def analyse(
     from labbook.report.statements import judge
 
     by_point: dict[int, list[RunResult]] = {}
-    unreadable = []
+    unreadable = list(lost)
     for done, run in enumerate(sorted(finished, key=lambda run: (run.point.index, run.seed)), start=1):
         try:
-            by_point.setdefault(run.point.index, []).append(_run(study, run))
+            result = _run(study, run)
+            by_point.setdefault(run.point.index, []).append(result)
         except Unreadable as error:
             unreadable.append(str(error))
+        except MeasureError as error:
+            unreadable.append(f"run {run.run_key} of {run.point.label}, seed {run.seed}: {error}")
         progress(done)
     read = [point for point in study.points if by_point.get(point.index)]
     extra = redundant(study.points)

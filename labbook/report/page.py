@@ -1,10 +1,10 @@
 """The report: figures in a folder, and one HTML file that needs nothing beside it."""
 
-import os
 import re
 from pathlib import Path
 
 from labbook import __version__
+from labbook.catalogue.lab import write_bytes
 from labbook.fit import DEFINITIONS
 from labbook.measure.flow import CUT_SHORT
 from labbook.report import display, figures, tables
@@ -50,10 +50,8 @@ def write(analysis: Analysis, folder: Path) -> Path:
         runs=tables.runs_table(analysis),
         study_text=study.path.read_text(encoding="utf-8") if study.path.is_file() else "",
     )
-    page, partial = folder / FILE, folder / f".{FILE}.{os.getpid()}"
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, page)
-    return page
+    write_bytes(folder / FILE, text.encode(), durable=False)
+    return folder / FILE
 
 
 def summary(analysis: Analysis) -> list[str]:

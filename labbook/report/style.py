@@ -7,6 +7,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from labbook.catalogue.lab import write_bytes
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -88,7 +90,7 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
     paths = []
     for kind in FORMATS:
         path = stem.with_name(f"{stem.name}.{kind}")
-        path.write_bytes(encode(figure, kind))
+        write_bytes(path, encode(figure, kind), durable=False)
         paths.append(path)
     return paths
 

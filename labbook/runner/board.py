@@ -107,13 +107,13 @@ class Board:
         key, lab = item.keys.packing, self._bench.lab
         if key in self.going or item.keys.run not in self.todo or (key, spec) in self._unfit:
             return None
-        if lab.packing(key).is_dir():
+        if self._there(key):
             self._packed(key)
             return None
         if (claim := lab.claim(key)) is None:
             self.elsewhere += 1
             return None
-        if lab.packing(key).is_dir():  # put there between the look and the claim
+        if self._there(key):  # put there between the look and the claim
             claim.release()
             self._packed(key)
             return None
@@ -127,6 +127,10 @@ class Board:
         first, more = self.points[min(of)].shared.point.label, len(of) - 1
         return first + (f" and {more} more point{'s' if more > 1 else ''}" if more else "")
 
+    def _there(self, packing: str) -> bool:
+        """Whether a packing is in the lab, and whole."""
+        return self._planner.catalogue.packing_problem(packing) is None
+
     def _discharge(self, item: Item, spec: Spec | None) -> Started | None:
         key, lab = item.keys.run, self._bench.lab
         if (key, spec) in self._unfit:
@@ -135,9 +139,11 @@ class Board:
             self.elsewhere += 1
             return None
         lab.mend(key, lab.run(key))
-        if self._planner.refresh(item.demand).state == "done":  # by another process, in the meantime
+        if self._planner.refresh(item.demand).state == "done":  # by another process, or when its packing was made again
             claim.release()
             self._done(item.demand)
+            if key in self.todo:
+                self._lose(key, f"{self.todo[key].reason}, though its folder is whole: {lab.run(key)}")
             return None
         job = DischargeJob(self._bench, item.demand, item.keys, claim, self._observe)
         return self._begin(job, spec)
@@ -149,6 +155,9 @@ class Board:
         except JobFailed as problem:
             self.failed(job, str(problem))
             return None
+        finally:
+            for folder, why in job.damaged.items():
+                self._index.note(folder, why)
         needed = self._bench.backend.specialise(job.scene, job.numerics, job.probes)
         if spec is not None and needed != spec:
             job.release()
@@ -164,31 +173,40 @@ class Board:
         job.release()
         self.going.pop(job.key, None)
         if isinstance(job, FillJob):
+            if problem := self._index.add_packing(job.place):
+                self._lose(job.key, f"{job.label}: {problem}")  # to make it once more would give the same
+                return
             self.tally.packings += 1
-            self._index.add_packing(job.place)
             self._packed(job.key)
             return
         self.tally.ran[job.key] = verdict
         self.tally.resumed += job.resumed
-        self._done(job.demand)
+        if problem := self._done(job.demand):
+            self.tally.failed.append(f"{job.label}: {problem}")
 
-    def _done(self, demand: Demand) -> None:
+    def _done(self, demand: Demand) -> str | None:
+        """Index a run that is in its folder, and see what its points ask for now. Why it cannot be read, or None."""
         key = demand.keys(self._bench.backend.capabilities).run
         self.todo.pop(key, None)
-        self._index.add_run(self._bench.lab.run(key), self._observe)
+        problem = self._index.add_run(self._bench.lab.run(key), self._observe)
         for index in sorted(self._sharing[key]):
             self._take(self._planner.point(self.points[index].shared))
+        return problem
 
     def failed(self, job: Job, why: str) -> None:
         """A job came to nothing; runs that wait for its packing are given up."""
         job.release()
         self.going.pop(job.key, None)
+        self._lose(job.key, why)
+
+    def _lose(self, lost: str, why: str) -> None:
+        """Give up the run or packing with this key, and what waits for it."""
         self.tally.failed.append(why)
         for key, item in list(self.todo.items()):
-            if job.key in (key, item.keys.packing):
+            if lost in (key, item.keys.packing):
                 self._lost.add(key)
                 del self.todo[key]
-        self._lost.add(job.key)
+        self._lost.add(lost)
 
     def dropped(self, job: Job) -> None:
         """A job was saved and is left for another time."""

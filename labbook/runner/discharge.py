@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from labbook.backend import Emptied, Ensemble, Event, Member
-from labbook.catalogue.finished import CHECKPOINT, RECORDING
+from labbook.catalogue.finished import CHECKPOINT, RECORDING, fault_of_crossings
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import load_packing
 from labbook.catalogue.parts import Unreadable
@@ -23,7 +23,7 @@ from labbook.catalogue.record import (
     parse_probe,
     table_name,
 )
-from labbook.catalogue.tables import write_checkpoint, write_table
+from labbook.catalogue.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.keys import Keys
 from labbook.plan.demand import Demand, film_probe
 from labbook.plan.reach import reach
@@ -32,7 +32,7 @@ from labbook.protocol import Packing, opened
 from labbook.protocol.column import bed_height, parts_of_mass
 from labbook.runner.earlier import at_its_end
 from labbook.runner.job import Bench, Job, JobFailed, failure
-from labbook.runner.journal import Journal, Saved
+from labbook.runner.journal import PROGRESS, Saved
 from labbook.runner.provenance import now
 from labbook.runner.recording import frame_rows, thinned
 from labbook.scene import Silo
@@ -86,14 +86,16 @@ class DischargeJob(Job):
 
     def recall(self, saved: Saved | None) -> Saved | None:
         """The later of what is in the work folder and in the run's folder, if it observes all that is
-        asked."""
+        asked. Raises Unreadable for a damaged work folder; a damaged run is noted, and made again."""
+        if saved is not None:
+            self._check_saved(saved)
         before = self._before()
-        if before and (not saved or saved.state["step"] <= before.coverage.steps):
-            saved = self._from_folder(before)
+        if before and (not saved or saved.step <= before.coverage.steps):
+            saved = self._from_folder(before) or saved
         if saved is None or not self._suffices(saved.state):
             if before:
                 self._observe_also(before.coverage)
-            self._start_over()
+            self.start_over()
             return None
         state = saved.state
         self._crossed, self._last = int(state["crossed"]), float(state["last"])
@@ -102,25 +104,52 @@ class DischargeJob(Job):
         self._observes([parse_probe(text) for text in state["probes"]])
         return saved
 
+    def _check_saved(self, saved: Saved) -> None:
+        """Whether everything in the work folder belongs together. Raises Unreadable."""
+        folder, state = self.journal.folder, saved.state
+        try:
+            probes = {table_name(probe): probe for probe in map(parse_probe, state["probes"])}
+            if (film := parse_film(state["film"])) is not None:
+                probes[FILM_TABLE] = film
+            crossed, last, left = int(state["crossed"]), float(state["last"]), float(state.get("discharged", 0.0))
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise Unreadable(f"{folder / PROGRESS}: state: {type(error).__name__}: {error}") from error
+        if not (0 <= crossed <= self.scene.grains.count and math.isfinite(last) and 0 <= left <= 1 + 1e-9):
+            raise Unreadable(f"{folder / PROGRESS}: state: {crossed} crossed, the last at {last} s, {left} of the mass")
+        for name, table in self.journal.each():
+            if name not in probes:
+                raise Unreadable(f"{folder / PROGRESS}: chunks: {name} was not asked for")
+            if fault := fault_of_rows(table, probes[name], self.scene, self.numerics, saved.step):
+                raise Unreadable(f"{folder}: {name}: {fault}")
+        tables = self.journal.tables({})
+        if missing := probes.keys() - tables.keys():
+            raise Unreadable(f"{folder / PROGRESS}: chunks: {', '.join(sorted(missing))} is missing")
+        for probe in probes.values():
+            if isinstance(probe, Crossing) and probe.plane == self._plane:
+                fault = fault_of_crossings(tables[table_name(probe)], crossed, last)
+                if fault:
+                    raise Unreadable(f"{folder}: {table_name(probe)}: {fault}")
+        self.check(saved, folder)
+
     def _before(self) -> RunRecord | None:
         try:
             return RunRecord.read(self.place)
-        except Unreadable:
+        except Unreadable as problem:
+            if self.place.exists():
+                self.damaged[self.place] = str(problem)
             return None
 
     def _from_folder(self, before: RunRecord) -> Saved | None:
         """A finished run as if it had been saved at its end; None if its state cannot be read."""
-        found = at_its_end(self.place, before)
-        if found is None:
+        try:
+            saved, rows = at_its_end(self.place, before)
+            self.check(saved, self.place)
+        except Unreadable as problem:
+            self.damaged[self.place] = str(problem)
             return None
-        saved, rows = found
-        self._start_over()
+        self.start_over()
         self.journal.save(saved.checkpoint, rows, saved.state, saved.sessions)
         return saved
-
-    def _start_over(self) -> None:
-        self.bench.lab.clear(self.key)
-        self.journal = Journal(self.bench.lab.work(self.key))
 
     def _suffices(self, state: Mapping[str, Any]) -> bool:
         film = parse_film(state["film"])
@@ -270,7 +299,8 @@ _STILL = 0.3
 
 
 def parse_film(text: str | None) -> Sample | None:
-    """The recording probe in a saved state."""
+    """The recording probe in a saved state. Raises ValueError for another one."""
     probe = parse_probe(text) if text else None
-    assert probe is None or isinstance(probe, Sample)
-    return probe
+    if probe is None or isinstance(probe, Sample):
+        return probe
+    raise ValueError(f"film: no frames of grains, but {text}")

@@ -3,16 +3,16 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from labbook.catalogue.finished import CHECKPOINT
+from labbook.catalogue.finished import RECORDING, check_keys, read_end, read_recording, read_tables
 from labbook.catalogue.record import RunRecord, describe_probe
-from labbook.catalogue.tables import read_checkpoint, read_table
 from labbook.plan.demand import film_probe
 from labbook.probes import Table
 from labbook.runner.journal import Saved
 
 
-def at_its_end(folder: Path, record: RunRecord) -> tuple[Saved, Mapping[str, Sequence[Table]]] | None:
-    """The run in `folder` as its job would have saved it at its end, and its rows; None if they cannot be read."""
+def at_its_end(folder: Path, record: RunRecord) -> tuple[Saved, Mapping[str, Sequence[Table]]]:
+    """The run in `folder` as its job would have saved it at its end, and its rows. Raises Unreadable."""
+    check_keys(folder, record)
     had = record.coverage
     film = None if had.recording is None else film_probe(had.recording, record.numerics, record.scene.grains)
     state = {
@@ -23,10 +23,8 @@ def at_its_end(folder: Path, record: RunRecord) -> tuple[Saved, Mapping[str, Seq
         "probes": list(had.probes),
         "film": describe_probe(film) if film else None,
     }
-    try:
-        checkpoint = read_checkpoint(folder / CHECKPOINT)
-        files = [path for path in sorted(folder.glob("*.npz")) if path.name != CHECKPOINT]
-        rows = {path.stem: [read_table(path)] for path in files}
-    except (OSError, ValueError):
-        return None
-    return Saved(checkpoint, state, record.sessions), rows
+    rows: dict[str, Sequence[Table]] = {name: [table] for name, table in read_tables(folder, record).items()}
+    frames = read_recording(folder, record)
+    if frames is not None:
+        rows[Path(RECORDING).stem] = [frames]
+    return Saved(read_end(folder, record), state, record.sessions), rows

@@ -57,8 +57,9 @@ class FillJob(Job):
             raise JobFailed(f"{self.label}: {error}") from error
 
     def recall(self, saved: Saved | None) -> Saved | None:
-        """As saved."""
+        """As saved. Raises Unreadable."""
         if saved is not None:
+            self.check(saved, self.journal.folder)
             self._quiet = int(saved.state.get("quiet", 0))
         return saved
 
@@ -148,7 +149,7 @@ class FillJob(Job):
             engine=capabilities.name,
             cache_version=capabilities.cache_version,
             scene=self.scene,
-            filling=vars(self.demand.filling),
+            filling=self.demand.filling,
             numerics=self.numerics,
             grains=self.scene.grains.count,
             duration=self.status.time,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status
+from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status, Verifies
 from labbook.catalogue.lab import Claim, Lab, room
-from labbook.catalogue.parts import Session
+from labbook.catalogue.parts import Session, Unreadable
 from labbook.keys import Keys
 from labbook.numerics import Numerics
 from labbook.plan.demand import Demand
@@ -45,6 +45,8 @@ class Job(ABC):
         self.bench, self.demand, self.keys, self.key, self.place = bench, demand, keys, key, place
         self._claim = claim
         self.journal = Journal(bench.lab.work(key))
+        self.damaged: dict[Path, str] = {}
+        """Why what was found of it, by folder, could not be taken up."""
         self._rows: dict[str, list[Table]] = {}
         self._earlier: tuple[Session, ...] = ()
         self._from, self._started = 0, now()
@@ -64,7 +66,8 @@ class Job(ABC):
 
     @abstractmethod
     def recall(self, saved: Saved | None) -> Saved | None:
-        """Take up what was saved, in the work folder or elsewhere; None to start afresh."""
+        """Take up what was saved, in the work folder or elsewhere; None to start afresh. Raises Unreadable if it cannot
+        be taken up."""
 
     @abstractmethod
     def state(self) -> dict[str, Any]:
@@ -113,12 +116,34 @@ class Job(ABC):
     def begin(self) -> Packing | Checkpoint:
         """Where the member starts: at the last save, else afresh. Raises JobFailed."""
         self.bench.lab.mend(self.key, self.place)
-        saved = self.recall(self.journal.restore())
+        try:
+            saved = self.recall(self.journal.restore())
+        except Unreadable as problem:
+            self.damaged[self.journal.folder] = f"{problem}; it starts afresh"
+            self.start_over()
+            saved = self.recall(None)
         if saved is None:
             return self.fresh()
         self._earlier = saved.sessions
-        self._from = int(saved.state["step"])
+        self._from = saved.step
         return saved.checkpoint
+
+    def start_over(self) -> None:
+        """Forget what is in the work folder."""
+        self.bench.lab.clear(self.key)
+        self.journal = Journal(self.bench.lab.work(self.key))
+
+    def check(self, saved: Saved, where: Path) -> None:
+        """Whether the engine can go on from what was saved in `where`. Raises Unreadable."""
+        backend = self.bench.backend
+        own = backend.capabilities.name, backend.capabilities.cache_version
+        try:
+            if (saved.checkpoint.engine, saved.checkpoint.cache_version) != own:
+                raise ValueError(f"of {saved.checkpoint.engine} version {saved.checkpoint.cache_version}")
+            if isinstance(backend, Verifies):
+                backend.verify(self.scene, self.numerics, saved.checkpoint, saved.step)
+        except ValueError as error:
+            raise Unreadable(f"{where}: the checkpoint cannot be gone on from: {error}") from error
 
     @property
     def resumed(self) -> bool:
@@ -159,7 +184,12 @@ class Job(ABC):
         with room(made):
             shutil.rmtree(made, ignore_errors=True)
             made.mkdir(parents=True)
-            self.fill_folder(made, verdict, ensemble, member)
+            try:
+                self.fill_folder(made, verdict, ensemble, member)
+            except Unreadable as problem:
+                raise JobFailed(
+                    f"{self.label}: {problem}; give the same command again, and it starts afresh"
+                ) from problem
             lab.put(made, self.place)
         lab.clear(self.key)
 

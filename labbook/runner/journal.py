@@ -7,21 +7,62 @@ last save; files that `progress.json` does not name are leftovers of a save that
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, ValidationError
 
 from labbook.backend import Checkpoint
-from labbook.catalogue.lab import room, sync_folder, write_bytes
-from labbook.catalogue.parts import Session
+from labbook.catalogue.lab import open_file, room, sync_folder, write_bytes
+from labbook.catalogue.parts import LONGEST, Part, Session, Unreadable, Whole
 from labbook.catalogue.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
 from labbook.probes import Table
 
 PROGRESS = "progress.json"
+FileName = Annotated[str, Field(pattern=r"^[a-z]+-\d+\.npz$")]
+
+
+class Progress(Part):
+    """What a save wrote: its number, the files of checkpoint and rows, by table, and what the job needs to know."""
+
+    number: Whole
+    checkpoint: FileName
+    chunks: dict[str, list[FileName]]
+    state: dict[str, Any]
+    sessions: Annotated[tuple[Session, ...], Field(min_length=1)]
+
+    @property
+    def step(self) -> int:
+        """At which it was saved."""
+        return self.state["step"]
+
+    @classmethod
+    def read(cls, folder: Path) -> "Progress | None":
+        """The last save in `folder`, None without any. Raises Unreadable."""
+        path = folder / PROGRESS
+        try:
+            with open_file(path) as file:
+                found = cls.model_validate_json(file.read(LONGEST + 1))
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except OSError as error:
+            raise Unreadable(f"{path}: {error.strerror or error}") from error
+        except ValidationError as error:
+            raise Unreadable(f"{path}: {error.errors()[0]['msg']}") from error
+        if type(found.state.get("step")) is not int or not 0 <= found.step < 2**63:
+            raise Unreadable(f"{path}: state.step: it says no step")
+        if missing := [name for name in found.files if not (folder / name).is_file()]:
+            raise Unreadable(f"{folder / missing[0]} is missing")
+        return found
+
+    @property
+    def files(self) -> set[str]:
+        """Names of all files that belong to it."""
+        return {self.checkpoint, *(name for names in self.chunks.values() for name in names)}
 
 
 @dataclass(frozen=True)
@@ -31,6 +72,11 @@ class Saved:
     checkpoint: Checkpoint
     state: dict[str, Any]
     sessions: tuple[Session, ...]
+
+    @property
+    def step(self) -> int:
+        """At which it was saved."""
+        return self.state["step"]
 
 
 class Journal:
@@ -43,20 +89,18 @@ class Journal:
         self._written: set[str] = set()
 
     def restore(self) -> Saved | None:
-        """The last save, or None if there is none that can be read."""
-        try:
-            progress = json.loads((self.folder / PROGRESS).read_bytes())
-            checkpoint = read_checkpoint(self.folder / progress["checkpoint"])
-            sessions = tuple(Session.model_validate(session) for session in progress["sessions"])
-            self._number, self._chunks = progress["number"], progress["chunks"]
-            if not all((self.folder / name).exists() for names in self._chunks.values() for name in names):
-                raise FileNotFoundError
-        except (OSError, ValueError, KeyError, TypeError):
-            self._number, self._chunks = 0, {}
+        """The last save, or None if there is none. Raises Unreadable if it is damaged."""
+        progress = Progress.read(self.folder)
+        if progress is None:
             return None
-        self._written = {progress["checkpoint"], *(name for names in self._chunks.values() for name in names)}
+        try:
+            checkpoint = read_checkpoint(self.folder / progress.checkpoint)
+        except (OSError, ValueError) as error:
+            raise Unreadable(f"{self.folder / progress.checkpoint}: {error}") from error
+        self._number, self._chunks = progress.number, progress.chunks
+        self._written = progress.files
         self._sweep()
-        return Saved(checkpoint, progress["state"], sessions)
+        return Saved(checkpoint, progress.state, progress.sessions)
 
     def save(
         self,
@@ -91,11 +135,22 @@ class Journal:
         self._sweep()
 
     def tables(self, rows: Mapping[str, Sequence[Table]]) -> dict[str, dict[str, np.ndarray]]:
-        """All rows that were saved, followed by `rows`, by table name."""
+        """All rows that were saved, followed by `rows`, by table name. Raises Unreadable."""
         names = dict.fromkeys((*self._chunks, *rows))
-        saved = {name: [read_table(self.folder / file) for file in self._chunks.get(name, [])] for name in names}
+        saved = {name: [self._chunk(file) for file in self._chunks.get(name, [])] for name in names}
         tables = {name: join([*saved[name], *rows.get(name, [])]) for name in names}
         return {name: table for name, table in tables.items() if table}
+
+    def each(self) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+        """The rows of every save, with the name of their table. Raises Unreadable."""
+        for name, files in self._chunks.items():
+            yield from ((name, self._chunk(file)) for file in files)
+
+    def _chunk(self, file: str) -> dict[str, np.ndarray]:
+        try:
+            return read_table(self.folder / file)
+        except (OSError, ValueError) as error:
+            raise Unreadable(f"{self.folder / file}: {error}") from error
 
     def _sweep(self) -> None:
         """Remove files that no save names any more; folders are left alone."""

@@ -1,10 +1,10 @@
 """Unfinished work in a lab: how far it is, and whether somebody is on it."""
 
-import json
 from dataclasses import dataclass
 
 from labbook.catalogue.lab import Lab
-from labbook.runner.journal import PROGRESS
+from labbook.catalogue.parts import Unreadable
+from labbook.runner.journal import Progress
 
 
 @dataclass(frozen=True)
@@ -17,15 +17,19 @@ class Unfinished:
     saved: bool
     held: bool
     """Whether a process is working on it."""
+    problem: str | None = None
+    """Why its last save cannot be read."""
 
 
 def unfinished(lab: Lab) -> list[Unfinished]:
     """All unfinished work."""
     found = []
     for key in lab.working():
+        last, problem = None, None
         try:
-            step, saved = int(json.loads((lab.work(key) / PROGRESS).read_bytes())["state"]["step"]), True
-        except (OSError, ValueError, KeyError, TypeError):
-            step, saved = 0, False
-        found.append(Unfinished(key, step, saved, lab.held(key)))
+            last = Progress.read(lab.work(key))
+        except Unreadable as error:
+            problem = str(error)
+        step = last.step if last else 0
+        found.append(Unfinished(key, step, last is not None, lab.held(key), problem))
     return found

@@ -87,6 +87,54 @@ def test_of_another_engine_or_version_it_is_refused(silo, change):
             silo.admit(ensemble, replace(checkpoint, **change))
 
 
+def _whole(array):
+    return np.issubdtype(array.dtype, np.integer)
+
+
+DAMAGES = {
+    "missing": lambda array: None,
+    "shorter": lambda array: array[:-1] if array.ndim else array[None],
+    "another shape": lambda array: array[..., None],
+    "another type": lambda array: array.astype(np.complex128),
+    "not finite": lambda array: None if _whole(array) else np.full_like(array, np.nan),
+    "out of range": lambda array: np.full_like(array, np.iinfo(array.dtype).max) if _whole(array) else None,
+    "negative": lambda array: array * 0 - 1 if np.issubdtype(array.dtype, np.signedinteger) else None,
+}
+UNREAD = {"cross", "rebuilds", "gone"}
+"""Arrays of which no number is an index, or decides anything but which crossings are told."""
+
+
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_a_damaged_one_is_refused_before_anything_runs(silo, kind):
+    """With indices out of range the process would end; with a position that is no number, other grains would not."""
+    with silo.ensemble() as ensemble:
+        member = silo.admit(ensemble)
+        ensemble.advance(3)
+        sound = ensemble.checkpoint(member)
+        engine, step = silo.stand.engine, ensemble.status(member).step
+        engine.verify(silo.scene, silo.numerics(), sound, step)
+        with pytest.raises(ValueError, match="step"):
+            engine.verify(silo.scene, silo.numerics(), sound, step + 1)
+        taken = []
+        for name, array in sound.arrays.items():
+            changed = DAMAGES[kind](array)
+            unread = name in UNREAD and kind in ("not finite", "out of range", "negative")
+            if not array.size or unread or (changed is None and kind != "missing"):
+                continue
+            rest = {other: kept for other, kept in sound.arrays.items() if other != name}
+            damaged = replace(sound, arrays=rest if changed is None else rest | {name: changed})
+            for how, look in (
+                ("admit", lambda: silo.admit(ensemble, damaged)),  # noqa: B023 -- called at once
+                ("verify", lambda: engine.verify(silo.scene, silo.numerics(), damaged, step)),  # noqa: B023
+            ):
+                try:
+                    look()
+                except ValueError:
+                    continue
+                taken.append((name, how))
+        assert not taken
+
+
 def test_it_is_made_of_plain_arrays(silo):
     with silo.ensemble() as ensemble:
         checkpoint = ensemble.checkpoint(silo.admit(ensemble))

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import unicodedata
 
 import pytest
 from labbook_toy import Backend
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 from labbook.catalogue import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
 from labbook.catalogue.connect import connect
 from labbook.catalogue.index import Index
-from labbook.catalogue.merge import merge
+from labbook.catalogue.merge import Merged, merge
 from labbook.catalogue.schema import SCHEMA_VERSION, metadata, runs
 from labbook.cli import build
 from labbook.measure import MEASURES
@@ -74,8 +75,51 @@ def test_a_damaged_one_is_made_again(lab):
 
 def test_a_lab_without_anything_is_empty_not_wrong(tmp_path):
     assert Catalogue(tmp_path / "none").counts() == {}
-    assert cli("runs", "--lab", tmp_path / "none")[0] == 0
     assert not (tmp_path / "none").exists(), "looking makes nothing"
+
+
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("verb", ["status", "runs", "show", "reindex", "fit", "report", "export", "view", "compare"])
+def test_a_lab_that_is_not_there_is_named(tmp_path, verb, there):
+    lab, asked = tmp_path / "typo", study_file(tmp_path)
+    if there:
+        lab.mkdir()
+    words = {"show": ["abc"], "compare": [asked, "--show"]}.get(
+        verb, [] if verb in ("status", "runs", "reindex") else [asked]
+    )
+    code, out = cli(verb, *words, "--lab", lab)
+    assert code == 1
+    assert str(lab) in out
+    assert "lab" in out
+    assert lab.exists() == there, "looking makes nothing"
+    assert not there or not list(lab.iterdir())
+
+
+def test_an_outcome_that_no_run_has_is_named_with_those_that_there_are(lab):
+    code, out = cli("runs", "--lab", lab, "--outcome", "bogus")
+    assert code == 1
+    assert "bogus" in out
+    assert "finished, precise, emptied, clogged, diverged, interrupted, unreadable" in out
+    assert cli("runs", "--lab", lab, "--outcome", "clogged")[0] == 0
+
+
+def test_what_files_say_does_not_steer_the_terminal(lab, tmp_path):
+    victim = sorted((lab / "runs").iterdir())[0]
+    record = json.loads((victim / "run.json").read_text())
+    record |= {"label": "here \x1b[31m\x07\u202e", "study": "\x1b]0;title\x07", "finished": "\x9b1m"}
+    (victim / "run.json").write_text(json.dumps(record))
+    (lab / "work" / "\x1b[2J").mkdir(parents=True)
+    (lab / "runs" / "\x1b[8m").mkdir()
+    cited = study_file(tmp_path, 'reference: {source: "a \\u001b[31m paper", flow_rate: [{value: 3 g/s}]}')
+    for words in (
+        ("reindex",), ("status",), ("runs",), ("show", victim.name), ("fit", cited, "--backend", "toy"),
+        ("plan", cited, "--backend", "toy"), ("show", "\x1b[8m"),
+    ):  # fmt: skip
+        out = CliRunner().invoke(build(), [*map(str, words), "--lab", str(lab)], color=True).output
+        assert out
+        assert not [one for one in out if unicodedata.category(one) == "Cc" and one != "\n"], words
+        assert "\u202e" not in out
+    assert "here \N{REPLACEMENT CHARACTER}[31m" in cli("runs", "--lab", lab)[1]
 
 
 @pytest.mark.parametrize("harm", ["cut", "empty", "gone", "renamed", "table", "half a table"])
@@ -157,11 +201,9 @@ def test_of_two_the_one_that_covers_more_is_imported(tmp_path):
     short, long = tmp_path / "short", tmp_path / "long"
     carry_out(study(tmp_path, "stop: {max_time: 20 ms}", replicates=1), short)
     carry_out(study(tmp_path, replicates=1), long)
-    copied, problems = merge(Lab(long), short)
-    assert (copied, problems) == ([], [])
-    copied, problems = merge(Lab(short), long)
-    assert (len(copied), problems) == (2, [])
-    Index(Lab(short)).close()
+    assert merge(Index(Lab(long)), short) == Merged([], [])
+    merged = merge(Index(Lab(short)), long)
+    assert (len(merged.copied), merged.left_out) == (2, [])
     assert Catalogue(short).counts() == {"finished": 2}
 
 

@@ -143,7 +143,8 @@ def test_a_filling_in_which_no_grain_may_move_keeps_the_key_it_had_before_there_
     numerics, closed = Numerics(dt=2.5e-6), keys.scene_key(scene().close())
     without = {"scene": closed, "filling": filling, "numerics": keys.numerics_identity(numerics), "maker": "numba"}
     expected = keys.digest({**without, "cache_version": engine().cache_version})
-    assert keys.packing_key(closed, Filling(**filling, moving=0.0), numerics, engine()) == expected
+    made = Filling(**filling, moving=0.0)
+    assert keys.packing_key(closed, made, numerics, engine().name, engine().cache_version) == expected
 
 
 def test_a_packings_maker_decides_the_experiment_and_not_who_goes_on_from_it():

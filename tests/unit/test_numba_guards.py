@@ -1,5 +1,7 @@
 """What the CPU engine notices of states that went wrong."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from labbook_numba.state import W
@@ -22,14 +24,17 @@ NUMERICS = Numerics(dt=1e-5, steps_per_beat=50)
 
 def test_a_spin_that_is_no_number_is_caught_although_its_grain_touches_nothing():
     engine = load("numba")
-    ensemble = engine.open(engine.specialise(APART, NUMERICS, [Crossing(), Ledger()]), 1)
+    ensemble: Any = engine.open(engine.specialise(APART, NUMERICS, [Crossing(), Ledger()]), 1)
     try:
         sound = ensemble.admit(APART, NUMERICS, grains_at([[0, 0, 1], [0.1, 0, 1], [0.2, 0, 1]]))
         ensemble.advance(1)
         saved = ensemble.checkpoint(sound)
         harmed = {name: np.array(array) for name, array in saved.arrays.items()}
         harmed["grains"][1, W + 2] = np.nan
-        bad = ensemble.admit(APART, NUMERICS, Checkpoint(saved.engine, saved.cache_version, harmed))
+        with pytest.raises(ValueError, match="grains is not finite in row 1"):
+            ensemble.admit(APART, NUMERICS, Checkpoint(saved.engine, saved.cache_version, harmed))
+        bad = ensemble.admit(APART, NUMERICS, saved)
+        ensemble._runs[bad].state.grains[1, W + 2] = np.nan  # as if the law had given it
         (event,) = ensemble.advance(3)
         assert isinstance(event, Failed)
         assert (event.member, event.guard, event.grain) == (bad, "state", 1)

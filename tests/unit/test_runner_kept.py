@@ -6,6 +6,7 @@ from toy_lab import arrays, carry_out, study
 from toy_records import outcomes, records
 
 from labbook.catalogue import Catalogue
+from labbook.report.analysis import analyse
 from labbook.runner.recording import frame_rows
 
 
@@ -114,6 +115,24 @@ def test_replicates_are_added_until_the_flow_rate_is_precise_enough(tmp_path):
     assert point.decision.pooled.relative <= 0.02
     assert 3 < point.decision.pooled.n <= 30
     assert len(Catalogue(tmp_path / "lab").finished(asked, "toy")) == point.decision.pooled.n
+
+
+def test_a_run_that_diverged_is_no_replicate_whose_flow_rate_counts(tmp_path):
+    lab, rule = tmp_path / "lab", "accuracy: {flow_rate: 70 %, max_replicates: 6}"
+    asked = study(tmp_path, rule, replicates=2, orifices="[24]")
+    assert len(carry_out(asked, lab).tally.ran) == 3, "as few as the rule looks at"
+    file = lab / "runs" / records(lab)["orifice 24 mm", 2].run_key / "run.json"
+    file.write_text(file.read_text().replace('"outcome": "finished"', '"outcome": "diverged"'))
+    summary = carry_out(asked, lab)
+    assert len(summary.tally.ran) == 1, "in its place"
+    (point,) = summary.points
+    assert point.decision is not None
+    assert point.decision.pooled is not None
+    (found,) = analyse(asked, Catalogue(lab).finished(asked, "toy")).points
+    assert found.outcomes == {"finished": 3, "diverged": 1}
+    assert found.flow_rate == point.decision.pooled, "the rule and the report pool the same runs"
+    assert found.flow_rate is not None
+    assert found.flow_rate.n == 3
 
 
 def test_a_cap_on_replicates_is_kept_and_reported(tmp_path):

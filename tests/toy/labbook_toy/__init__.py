@@ -70,6 +70,11 @@ class Backend:
     def compiling(self):
         return self.opening > 0
 
+    def verify(self, scene, numerics, checkpoint, step):
+        verified(checkpoint, scene)
+        if checkpoint.arrays["count"][0] != step:
+            raise ValueError(f"it is of step {checkpoint.arrays['count'][0]}, not of {step}")
+
     def describe(self, scene, numerics):
         e = scene.contact.restitution
         return {"restitution_asked": e, "restitution_realised": e, "damping_coefficient": 0.0}
@@ -163,6 +168,23 @@ class Ensemble:
         self._glasses.clear()
 
 
+def verified(checkpoint, scene):
+    """Raises ValueError for arrays that no glass of this scene can have had."""
+    arrays = checkpoint.arrays
+    if set(arrays) != set(Glass.ARRAYS):
+        raise ValueError(f"the arrays {', '.join(sorted(set(arrays) ^ set(Glass.ARRAYS)))}")
+    n = len(arrays["ids"])
+    shapes = {"x": (n, 3), "v": (n, 3), "ids": (n,), "count": (4,), "next": (1,)}
+    kinds = {"x": "f", "v": "f", "ids": "i", "count": "i", "next": "f"}
+    for name, array in arrays.items():
+        if array.shape != shapes[name] or array.dtype.kind != kinds[name]:
+            raise ValueError(f"{name} has shape {array.shape} of {array.dtype}")
+    if not (np.isfinite(arrays["x"]).all() and np.isfinite(arrays["v"]).all() and not np.isnan(arrays["next"]).any()):
+        raise ValueError("x, v or next is no number")
+    if n and not (arrays["ids"].min() >= 0 and arrays["ids"].max() < scene.grains.count):
+        raise ValueError("grains that are not there")
+
+
 class Glass:
     """One hourglass."""
 
@@ -175,6 +197,7 @@ class Glass:
             own = (backend.capabilities.name, backend.capabilities.cache_version)
             if (start.engine, start.cache_version) != own:
                 raise ValueError("a checkpoint of another engine or version")
+            verified(start, scene)
             for name in self.ARRAYS:
                 setattr(self, name, np.array(start.arrays[name]))
             return

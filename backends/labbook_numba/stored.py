@@ -1,0 +1,101 @@
+"""What a checkpoint must hold: kernels look nothing up twice, and indices out of range would end the process."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from labbook_dem.ensemble import LONGEST
+from labbook_dem.features import is_rod
+
+from labbook.numerics import Numerics
+from labbook.scene import Scene
+from labbook_numba import state as S
+from labbook_numba.state import Layout, State
+
+
+def layout_of(scene: Scene) -> Layout:
+    """Lengths of rows of the grains of a scene."""
+    return S.RODS if is_rod(scene) else S.MIXTURES if scene.grains.varied else S.SPHERES
+
+
+def kept(scene: Scene) -> set[str]:
+    """Arrays of a State that a checkpoint has."""
+    return set(State._fields) - set(S.SCRATCH) - (set() if scene.grains.varied else {"body"})
+
+
+def check_state(arrays: Mapping[str, np.ndarray], scene: Scene, numerics: Numerics, crossings: bool = False) -> None:
+    """Raises ValueError, saying what is wrong, for arrays that no member of `scene` can have.
+
+    crossings: whether they must have room for the crossings of all grains. The names are those of `kept`.
+    """
+    layout, walls = layout_of(scene), len(scene.container.walls())
+    lengths = {name: array.shape[0] if array.ndim else 0 for name, array in arrays.items()}
+    rows, pairs, near = lengths["ids"], lengths["pair_i"] - S.PAD, lengths["wall_grain"] - S.PAD
+    if not (0 < rows <= scene.grains.count and pairs >= 0 and near >= 0):
+        raise ValueError(f"it has {rows} grains of {scene.grains.count}, and lists of {pairs} and {near}")
+    template = S.allocate(0, 0, walls, 0, 0, numerics.precision, layout)._asdict()
+    of_grains = {"grains": rows + S.GHOSTS, "loads": rows + S.GHOSTS, "body": rows + S.GHOSTS, "gone": rows}
+    of_pairs = {"pair_j": pairs + S.PAD, "held": pairs + S.PAD, "spring": pairs + S.PAD}
+    of_walls = {"wall_held": near + S.PAD, "wall_spring": (near + S.PAD) * layout.WALL_PARTS, "wall_first": walls + 1}
+    wanted = of_grains | of_pairs | of_walls | {"count": S.COUNTERS, "sums": S.SUMS}
+    for name, array in arrays.items():
+        shape = (wanted.get(name, lengths[name]), *template[name].shape[1:])
+        if array.shape != shape or array.dtype != template[name].dtype:
+            raise ValueError(f"{name} has shape {array.shape} of {array.dtype}, not {shape} of {template[name].dtype}")
+    if lengths["cross"] not in (0, rows) or (crossings and lengths["cross"] < rows):
+        raise ValueError(f"cross has room for {lengths['cross']} grains of {rows}")
+    _check_counters(arrays, rows, pairs, near)
+    _check_lists(arrays, walls)
+    _check_grains(arrays, scene)
+
+
+def _check_counters(arrays: Mapping[str, np.ndarray], rows: int, pairs: int, near: int) -> None:
+    count, first = arrays["count"], arrays["wall_first"]
+    n = int(count[S.GRAINS])
+    most = {S.GRAINS: rows, S.PAIRS: pairs, S.CROSSED: len(arrays["cross"]), S.LEAVING: n}
+    for counter, limit in most.items():
+        if not 0 <= count[counter] <= limit:
+            raise ValueError(f"count[{counter}] is {count[counter]}, not within 0 to {limit}")
+    if not 0 <= count[S.STEP] < LONGEST:
+        raise ValueError(f"it is of step {count[S.STEP]}")
+    if first[0] != 0 or (np.diff(first) < 0).any() or first[-1] > near:
+        raise ValueError("wall_first is not ascending within the list")
+
+
+def _check_lists(arrays: Mapping[str, np.ndarray], walls: int) -> None:
+    n, pairs, first = int(arrays["count"][S.GRAINS]), int(arrays["count"][S.PAIRS]), arrays["wall_first"]
+    i, j = arrays["pair_i"][:pairs].astype(np.int64), arrays["pair_j"][:pairs].astype(np.int64)
+    order = np.diff(i * (n + 1) + j)
+    if pairs and not ((i >= 0).all() and (i < j).all() and (j < n).all() and (order > 0).all()):
+        raise ValueError(f"pair_i and pair_j are not ascending pairs of {n} grains")
+    ghosts = len(arrays["grains"]) - S.GHOSTS
+    behind = slice(pairs, pairs + S.PAD)
+    if not ((arrays["pair_i"][behind] == ghosts).all() and (arrays["pair_j"][behind] == ghosts + 1).all()):
+        raise ValueError("no pairs of ghosts are behind the last pair")
+    for w in range(walls):
+        grain = arrays["wall_grain"][first[w] : first[w + 1]]
+        if len(grain) and not (grain[0] >= 0 and grain[-1] < n and (np.diff(grain) > 0).all()):
+            raise ValueError(f"wall_grain is not ascending within {n} grains")
+    parts = len(arrays["wall_spring"]) // len(arrays["wall_grain"])
+    for name, most in (("held", 1), ("wall_held", (1 << parts) - 1)):
+        if (arrays[name] > most).any():
+            raise ValueError(f"{name} is not within 0 to {most}")
+
+
+def _check_grains(arrays: Mapping[str, np.ndarray], scene: Scene) -> None:
+    n, pairs = int(arrays["count"][S.GRAINS]), int(arrays["count"][S.PAIRS])
+    ids = arrays["ids"][:n]
+    if n and not (ids.min() >= 0 and ids.max() < scene.grains.count and len(np.unique(ids)) == n):
+        raise ValueError(f"ids are not different ones of {scene.grains.count} grains")
+    if arrays["grains"][-1, S.X] != S.FAR:
+        raise ValueError("the last ghost is not far away")
+    parts = len(arrays["wall_spring"]) // len(arrays["wall_grain"])
+    springs = {"spring": pairs, "wall_spring": int(arrays["wall_first"][-1]) * parts}
+    for name, rows in ({"grains": n, "loads": n, "sums": S.SUMS} | springs).items():
+        if not np.isfinite(arrays[name][:rows]).all():
+            row = int(np.argmin(np.isfinite(arrays[name][:rows]).reshape(rows, -1).all(axis=1)))
+            raise ValueError(f"{name} is not finite in row {row}")
+    if "body" in arrays:
+        radius, mass, inertia, kind = arrays["body"][:n].T
+        sound = (radius > 0) & (radius <= scene.grains.radius) & (mass > 0) & (inertia > 0)
+        if not (sound & np.isin(kind, np.arange(len(scene.grains.parts)))).all():
+            raise ValueError("body holds grains that the scene has not")
