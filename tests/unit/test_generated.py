@@ -9,6 +9,8 @@ from types import ModuleType
 import pytest
 from labbook_dem import generated
 
+from labbook.cli.options import told
+
 pytest.importorskip("numba")
 pytest.importorskip("warp")
 
@@ -67,3 +69,12 @@ def test_a_generated_module_that_cannot_be_imported_is_not_taken_for_one_that_wa
         with pytest.raises(ZeroDivisionError):
             generated.load("labbook_broken", "x = 1 / 0\n", tmp_path)
     assert "labbook_broken" not in sys.modules
+
+
+def test_a_cache_that_cannot_be_written_is_named_with_the_way_out(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OSError, match="LABBOOK_CACHE") as caught:
+        generated.load("labbook_test_nowhere", "x = 1", tmp_path / "file" / "cache")
+    line = told(caught.value)
+    assert line is not None
+    assert line.startswith(str(tmp_path / "file" / "cache"))
