@@ -64,6 +64,8 @@ class Bar:
             self._write(line)
 
     def _speak(self, view: View) -> None:
+        if not (view.going or view.elsewhere):
+            return  # nothing is waited for
         now = time.monotonic()
         phases: set[Phase] = {one.phase for one in view.going}
         new = any(now - self._seen.get(phase, float("-inf")) > _SPOKEN_EVERY for phase in phases)
