@@ -81,7 +81,7 @@ def test_jobs_that_compile_are_named_in_one_line():
 
 def test_what_nobody_knows_is_not_forecast():
     soon = replace(VIEW, work_left=1e6)
-    assert remaining(soon) == "about 0 s left"
+    assert remaining(soon) == "a few seconds left"
     assert remaining(replace(soon, open_ended=True)) == "time left unknown"
     assert remaining(replace(VIEW, work_left=1e12, open_ended=True)) == "at least 2.8 h left"
     assert remaining(replace(VIEW, rate=0.0)) == ""
