@@ -84,7 +84,8 @@ def report(summary: "Summary") -> list[str]:
     if tally.ran or tally.packings:
         rate = summary.work_done / summary.wall_time
         what = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "none ended"
-        lines[0] += f"; now: {what}; {tally.packings} packings; {duration(summary.wall_time)}"
+        made = f"{tally.packings} packing{'' if tally.packings == 1 else 's'}"
+        lines[0] += f"; now: {what}; {made}; {duration(summary.wall_time)}"
         lines[0] += f", {rate / 1e6:.2f} M grain-steps/s"
     if tally.resumed:
         lines.append(f"{tally.resumed} went on from a checkpoint")

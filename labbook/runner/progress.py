@@ -21,6 +21,7 @@ from labbook.runner.watch import Going, Phase, View
 _JOBS = 3
 """Jobs that are shown one by one."""
 _SPOKEN_EVERY = 30.0  # s between two lines where there is no terminal
+_FEW = 5.0  # s
 _WORTH_SAYING = 60.0  # s: a lower bound of the time left
 _NARROWEST, _WIDEST = 12, 40  # of the bar
 _TOGETHER: tuple[Phase, ...] = ("compiling", "preparing")
@@ -64,6 +65,8 @@ class Bar:
             self._write(line)
 
     def _speak(self, view: View) -> None:
+        if not (view.going or view.elsewhere):
+            return  # nothing is waited for
         now = time.monotonic()
         phases: set[Phase] = {one.phase for one in view.going}
         new = any(now - self._seen.get(phase, float("-inf")) > _SPOKEN_EVERY for phase in phases)
@@ -174,7 +177,7 @@ def remaining(view: View) -> str:
         return ""
     left = view.work_left / view.rate
     if not view.open_ended:
-        return f"about {duration(left)} left"
+        return f"about {duration(left)} left" if left >= _FEW else "a few seconds left"
     return f"at least {duration(left)} left" if left >= _WORTH_SAYING else "time left unknown"
 
 

@@ -10,12 +10,14 @@ from rich.console import Console
 from toy_lab import carry_out, labbook, start, study, study_file
 
 from labbook.backend import Compiles, load
+from labbook.numerics import Numerics
 from labbook.plan.forecast import fill_time
 from labbook.runner import progress
 from labbook.runner.filling import FillJob, short
 from labbook.runner.progress import Bar, fitted, remaining
 from labbook.runner.watch import Going, Unwatched, View
 from labbook.study import load as read
+from labbook.verify.symmetry import hopper
 
 COMPILING = ("compiling, once for this kind of scene",)
 SETTLING = ("settling: 3e-4 of m g d, rests below 1e-6", "0.31 of 60 s")
@@ -79,7 +81,7 @@ def test_jobs_that_compile_are_named_in_one_line():
 
 def test_what_nobody_knows_is_not_forecast():
     soon = replace(VIEW, work_left=1e6)
-    assert remaining(soon) == "about 0 s left"
+    assert remaining(soon) == "a few seconds left"
     assert remaining(replace(soon, open_ended=True)) == "time left unknown"
     assert remaining(replace(VIEW, work_left=1e12, open_ended=True)) == "at least 2.8 h left"
     assert remaining(replace(VIEW, rate=0.0)) == ""
@@ -95,7 +97,7 @@ def test_a_filling_that_takes_longer_than_expected_is_open_ended_and_tells_its_e
             views.append(view)
 
     asked = study(tmp_path, "fill: {max_time: 1500 ms}", replicates=1, orifices="[24]")
-    summary = carry_out(asked, tmp_path / "lab", engine=Backend(delay=0.01), watcher=Watch())
+    summary = carry_out(asked, tmp_path / "lab", engine=Backend(delay=0.004), watcher=Watch())
     (why,) = summary.tally.failed
     assert "not at rest after 1.5 s" in why
     settling = [(view, going.says) for view in views for going in view.going if going.phase == "settling"]
@@ -103,6 +105,19 @@ def test_a_filling_that_takes_longer_than_expected_is_open_ended_and_tells_its_e
     times = {view.open_ended: float(says[1].split(" of ")[0]) for view, says in settling}
     assert times[False] <= fill_time(demanded[0]) + 0.01, "the last time at which it was still expected to rest"
     assert times[True] > fill_time(demanded[0])
+
+
+def test_an_outlet_that_may_have_clogged_is_told_before_it_counts_as_clogged(tmp_path):
+    said = set()
+
+    class Watch(Unwatched):
+        def show(self, view: View) -> None:
+            said.update(part for going in view.going for part in going.says)
+
+    asked = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[8]", replicates=1)
+    carry_out(asked, tmp_path / "lab", engine=Backend(delay=0.005), watcher=Watch())
+    assert any(re.fullmatch(r"no grain for 0\.\d\d s, clogged after 0\.5 s", part) for part in said), said
+    assert "33% discharged, ends at 65%" in said
 
 
 @pytest.mark.parametrize(("energy", "shown"), [(12.3, "12"), (0.034, "0.034"), (3.4e-5, "3e-5"), (1e-12, "1e-12")])
@@ -119,7 +134,7 @@ def test_a_packing_is_named_by_the_points_that_it_serves(tmp_path):
 
     def labels(asked, folder):
         seen.clear()
-        carry_out(asked, tmp_path / folder, engine=Backend(delay=0.05), watcher=Watch())
+        carry_out(asked, tmp_path / folder, engine=Backend(delay=0.05), watcher=Watch(), packings_only=True)
         return {label for label in seen if label.startswith("packing")}
 
     assert labels(study(tmp_path, replicates=1), "shared") == {"packing, seed 1"}
@@ -162,6 +177,7 @@ def test_run_without_a_terminal_says_that_it_compiles(tmp_path):
     path = study_file(tmp_path, replicates=1)
     shown = labbook("run", path, "--lab", tmp_path / "lab", "--backend", "toy", LABBOOK_TOY_COMPILES="0.3").stderr
     assert "compiling, once for this kind of scene: packing, seed 1" in shown
+    assert not labbook("run", path, "--lab", tmp_path / "lab", "--backend", "toy").stderr, "nothing is waited for"
 
 
 def test_the_cpu_engine_knows_when_it_compiles():
@@ -170,7 +186,9 @@ def test_the_cpu_engine_knows_when_it_compiles():
 
     engine = load("numba")
     assert isinstance(engine, Compiles)
-    compiling.watch()
+    compiling.watch.cache_clear()
+    engine.open(engine.specialise(hopper(), Numerics(dt=1e-5)), 1).close()
+    assert compiling.watch.cache_info().currsize == 1, "from the first opening on"
     assert not engine.compiling()
     with event.trigger_event("numba:compile"):
         assert engine.compiling()
