@@ -49,7 +49,7 @@ def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], No
     for result in analysis.points:
         for run in result.runs:
             rows = run.frames()
-            if rows is None:
+            if rows is None or not len(rows["time"]):
                 continue
             say(f"{result.label}, seed {run.seed}")
             paths += _grains(result, rows, folder / f"point-{result.point.index}-seed-{run.seed}")

@@ -31,7 +31,9 @@ def approaches(ratios: Sequence[Ratio], definition: str) -> Mapping[str, Approac
 
     Every point counts alike, whatever its outlet and the width of its hopper: s* is what they are said to depend on.
     """
-    shown = [one for one in ratios if one.result.outlets(definition)]
+    shown = [
+        one for one in ratios if all(o.seen for o in one.result.outlets(definition)) and one.result.outlets(definition)
+    ]
     found = {}
     for name in SHAPE:
         parameters = tuple(_own(one.result, definition).parameters[name] for one in shown)

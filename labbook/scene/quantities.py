@@ -82,7 +82,9 @@ def _factor(units: str, unit: str | None, diameter: float | None) -> float:
         return float(magnitude)
     except pint.DimensionalityError as error:
         wanted = f"a quantity in {unit}" if unit else "a number without unit"
-        raise ValueError(f"{wanted} is needed, not one in {registry.Unit(error.units1):~}") from None
+        given = registry.Unit(error.units1)
+        stated = "a number without unit" if given.dimensionless else f"one in {given:~}"
+        raise ValueError(f"{wanted} is needed, not {stated}") from None
     except ArithmeticError:
         raise ValueError("not a quantity: out of range") from None
 

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from labbook.study.applicable import unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.points import PointReader
 from labbook.study.problems import Problem, StudyError, instead, meant, shown
 from labbook.study.reference import ReferenceReader
 from labbook.study.schema import SETTING_KEYS, TOP_KEYS, Settings
 from labbook.study.source import Source, dotted, read
-from labbook.study.study import Point, Study
+from labbook.study.study import Study
 from labbook.study.sweep import MAX_POINTS, Sweep
 
 
@@ -25,12 +26,13 @@ def load(path: Path) -> Study:
     sweep = Sweep(source)
     reader = PointReader(source, sweep.wrong | misspelled)
     points = reader.read(sweep if sweep.size <= MAX_POINTS else islice(sweep, 1))
-    reference = ReferenceReader(source, points, known_names)
+    reference = ReferenceReader(source, points, known_names, settings)
     published = reference.read()
     problems += [*sweep.problems, *reader.problems, *reference.problems]
     if settings is not None:
         problems += _unknown_names(source, settings)
-        problems += _outlets(source, settings, points)
+        problems += unmeasurable(source, settings, points)
+        problems += unfittable(source, settings, points)
     if problems or settings is None:
         raise StudyError(problems)
     return Study(
@@ -86,10 +88,3 @@ def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
         line = source.line(("fit", settings.fit.index(name)))
         message = f"{name} cannot be fitted: profiles are not measured"
         yield Problem(source.path, line, "fit", message, f"add {COVERAGE} to measure")
-
-
-def _outlets(source: Source, settings: Settings, points: tuple[Point, ...]) -> Iterator[Problem]:
-    if "flow_rate" in settings.measure and any(p.scene.container.outlet_plane is None for p in points):
-        message = "this container has no outlet, and no flow rate"
-        line = source.line(("container", "kind"))
-        yield Problem(source.path, line, "container", message, "take flow_rate out of measure, or give it an outlet")
