@@ -7,8 +7,8 @@ import numpy as np
 
 _ORDER = 48
 _RADII, _ANGLES = 12, 24
-"""Lines along a rod, over its cross-section. The error is below 2e-2 of a rod where a face cuts it lengthwise, else below
-1e-2, and averages out over rods. Whole rods are exact to round-off."""
+"""Lines along a rod, over its cross-section. The error is below 2e-2 of a rod where a face cuts it lengthwise,
+else below 1e-2, and averages out over rods. Whole rods are exact to round-off."""
 
 
 def disc_in_rectangle(
