@@ -13,7 +13,7 @@ def explain(guard: str, grain: int, step: int, value: float, diameter: float) ->
     smallest grains [m]."""
     when = f"grain {grain} at step {step}"
     if guard == "overlap":
-        return f"{when} overlaps by {value / diameter:.2f} d; try a smaller time step"
+        return f"{when} overlaps by {value / diameter:.2g} d; use a smaller numerics.dt"
     if guard == "speed":
-        return f"{when} moves at {value:.3g} m/s; try a smaller time step"
-    return f"{when} has a velocity that is no number; try a smaller time step"
+        return f"{when} moves at {value:.3g} m/s; use a smaller numerics.dt"
+    return f"{when} has a velocity that is NaN; use a smaller numerics.dt"

@@ -1,10 +1,11 @@
 """Whether what a study asks for can be had in its scenes: measurements, laws, and the numbers of a reference."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from labbook.scene.container import outlet_shape
+from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
 from labbook.scene.scene import Scene
 from labbook.study.problems import Problem, instead, meant, shown
 from labbook.study.schema import FEATURES, TURNING, Settings
@@ -42,6 +43,56 @@ def unfittable(source: Source, settings: Settings, points: Sequence[Point]) -> I
         return f"{name} is a law for a {of}, and the outlet is a {outlet}", f"use {' or '.join(others)}"
 
     yield from _unfit(source, "fit", [name for name in settings.fit if name in LAWS], points, why)
+
+
+PLAY = 1e-5
+"""Least part of d by which a container is wider than a grain that is to be placed in it."""
+LOOSEST = 0.3
+"""Packing fraction that no settled bed is below: its height is that of no bed's surface."""
+
+
+def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """Scenes that cannot be filled: without gravity, or without room for a grain; and beds that are never as high as
+    the height at which runs stop."""
+    told = set[str]()
+    for point in points:
+        for key, reason, remedy in (*_obstacles(point.scene), *_too_high(point.scene, settings.stop.fill_height)):
+            if key not in told:
+                told.add(key)
+                at = f" (at {point.label})" if len(points) > 1 else ""
+                place = tuple(key.split("."))
+                for swept in (("sweep", key), ("sweep", "zip", key), place):
+                    if swept in source.lines or swept is place:
+                        yield Problem(source.path, source.line(swept), key, reason + at, remedy)
+                        break
+
+
+def _obstacles(scene: Scene) -> Iterator[tuple[str, str, str]]:
+    if scene.gravity == 0:
+        yield "gravity", "without gravity no grain settles, and no packing is made", "use a gravity above 0 m/s^2"
+    d = scene.grains.diameter
+    for name in ("thickness", "width", "depth", "diameter"):
+        size = getattr(scene.container, name, math.inf)
+        if d <= size < d * (1 + PLAY):
+            reason = f"the {name} is that of a grain, which leaves no play to place grains in"
+            yield f"container.{name}", reason, "use 1.01 d or more"
+
+
+def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]]:
+    area = flat_area(scene.container)
+    if stop is None or area is None:
+        return
+    highest = scene.grains.count * scene.grains.volume / (LOOSEST * area)
+    if stop >= highest:
+        reason = f"{stop * 1e3:.4g} mm is above any bed of these grains ({highest * 1e3:.3g} mm even if it were loose)"
+        yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
+
+
+def flat_area(container: object) -> float | None:
+    """Area [m^2] of the bottom of a flat-bottomed silo; None of other containers."""
+    if isinstance(container, CylinderSilo):
+        return math.pi / 4 * container.diameter**2
+    return container.width * container.thickness if isinstance(container, WedgeHopper) and container.flat else None
 
 
 def _unfit(

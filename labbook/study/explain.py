@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from labbook.study.habits import habit
 from labbook.study.key import NEGLIGIBLE, Key
 from labbook.study.keys import find, siblings
 from labbook.study.problems import instead, meant, shown
@@ -52,7 +53,11 @@ def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Itera
     found: list[Complaint] = []
     for detail in error.errors(include_url=False):
         location, discriminators = _location(detail["loc"], raw)
-        found += _complain(detail, (*prefix, *location), discriminators)
+        beside: Any = raw
+        for part in location[:-1]:
+            beside = beside[part]
+        beside = beside if isinstance(beside, Mapping) else {}
+        found += _complain(detail, (*prefix, *location), discriminators, beside)
     misspelled = {complaint.meant for complaint in found}
     yield from (each for each in found if each.message != _MISSING or each.location not in misspelled)
 
@@ -73,7 +78,9 @@ def _location(loc: tuple[int | str, ...], raw: Any) -> tuple[Location, frozenset
     return location, frozenset(chosen)
 
 
-def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterator[Complaint]:
+def _complain(
+    detail: Any, location: Location, chosen: frozenset[str], beside: Mapping[str, Any]
+) -> Iterator[Complaint]:
     kind, context = detail["type"], detail.get("ctx", {})
     name = dotted(location)
     if kind == "impossible":
@@ -84,6 +91,13 @@ def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterat
     elif kind == "extra_forbidden":
         known = siblings(name, chosen)
         close = meant(str(location[-1]), known)
+        foreign = habit(name, beside.get(str(location[-1])), beside)
+        if foreign is not None:
+            key = tuple(foreign.key.split(".")) if foreign.key else None
+            yield Complaint(
+                location, "unknown key", foreign.remedy, meant=key if key and key[:-1] == location[:-1] else None
+            )
+            return
         elsewhere = ", ".join(key.of for key in find(name) if key.of and key.of not in chosen)
         message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
         remedy = instead(str(location[-1]), known)
@@ -109,7 +123,10 @@ def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterat
         )
     elif kind in _RANGE:
         bounds = _bounds(context, next((key.unit for key in find(name)), None))
-        yield Complaint(location, f"{shown(detail['input'])} is out of range: {bounds}", _rule(name, chosen))
+        rule = _rule(name, chosen)
+        unsaid = kind.startswith("less") and " in " not in rule and "at most" not in rule
+        remedy = f"{rule}, and {bounds.removeprefix('it must be ')}" if unsaid else rule
+        yield Complaint(location, f"{shown(detail['input'])} is out of range: {bounds}", remedy)
     else:
         yield Complaint(location, _SIMPLE.get(kind, f"{shown(detail['input'])} cannot be used"), _rule(name, chosen))
 

@@ -3,11 +3,14 @@
 from collections.abc import Iterator, Set
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
-from labbook.study.applicable import unfittable, unmeasurable
+from labbook.study.applicable import unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
+from labbook.study.habits import habit
+from labbook.study.keys import all_keys, nearest
 from labbook.study.points import PointReader
 from labbook.study.problems import Problem, StudyError, instead, meant, shown
 from labbook.study.reference import ReferenceReader
@@ -33,6 +36,7 @@ def load(path: Path) -> Study:
         problems += _unknown_names(source, settings)
         problems += unmeasurable(source, settings, points)
         problems += unfittable(source, settings, points)
+        problems += unfillable(source, settings, points)
     if problems or settings is None:
         raise StudyError(problems)
     return Study(
@@ -55,8 +59,20 @@ def known_names() -> set[str]:
 
 def _unknown_keys(source: Source) -> list[Problem]:
     unknown = [key for key in source.data if key not in TOP_KEYS]
-    remedies = {key: instead(key, TOP_KEYS) for key in unknown}
+    remedies = {key: _at_top(key, source.data) for key in unknown}
     return [Problem(source.path, source.line((k,)), shown(k), "unknown key", remedies[k]) for k in unknown]
+
+
+def _at_top(key: str, data: dict[str, Any]) -> str:
+    """The remedy for an unknown key at the top of a study."""
+    close = meant(key, TOP_KEYS)
+    if close:
+        return f"did you mean {close}?"
+    contact = data.get("contact")
+    foreign = habit(key, data[key], contact if isinstance(contact, dict) else {})
+    if foreign is not None:
+        return foreign.remedy
+    return nearest(key) if any(known.name.rpartition(".")[2] == key for known in all_keys()) else instead(key, TOP_KEYS)
 
 
 def _settings(source: Source, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:

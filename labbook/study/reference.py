@@ -8,7 +8,7 @@ from typing import Any
 from labbook.scene.quantities import parse
 from labbook.study.applicable import Wrong, unit_of
 from labbook.study.key import Key
-from labbook.study.keys import all_keys, find
+from labbook.study.keys import find, nearest
 from labbook.study.problems import Problem, instead, shown
 from labbook.study.schema import FEATURES, TURNING, Reference, ReferenceEntry, Settings, Statement
 from labbook.study.source import Location, Source, dotted
@@ -163,8 +163,7 @@ class ReferenceReader:
         for key, stated in raw.items():
             meant = [known for known in find(key) if known.sweepable]
             if not meant:
-                names = {known.name for known in all_keys() if known.sweepable}
-                self._problem((*place, key), "there is no such key", instead(key, names))
+                self._problem((*place, key), "there is no such key", nearest(key))
                 continue
             try:
                 at[key] = _condition(stated, meant[0], diameter)

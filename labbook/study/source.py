@@ -1,5 +1,6 @@
 """Reading YAML into plain values, with the line of every key; what cannot be read is a StudyError."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from labbook.study.problems import Problem, StudyError, shown
 MAX_BYTES = 2_000_000
 MAX_NODES = 250_000
 MAX_DEPTH = 30
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 Location = tuple[str | int, ...]
 """Keys and list indices from the top of the file to a value."""
@@ -101,6 +104,9 @@ def _deep(text: str) -> int:
 
 
 def _yaml_remedy(text: str, line: int) -> str:
+    if (strange := _CONTROL.search(text)) is not None:
+        place = text.count("\n", 0, strange.start()) + 1
+        return f"remove the character {ord(strange[0]):#04x} on line {place}: no text has it"
     lines = text.splitlines()
     near = lines[max(line - 2, 0) : line]
     if any("\t" in candidate for candidate in near):

@@ -41,7 +41,7 @@ def test_of_grains_that_fail_in_the_same_step_that_with_the_smallest_id_is_named
     x = [(0, 0, 1.0), (0, 0, 1.7), (0, 0, 4.0), (0, 0, 4.6)]
     (event,) = spheres(x[::-1] if upside_down else x, [(0, 0, 0)] * 4, 1e-6, precision)
     assert (event.guard, event.step, event.grain) == ("overlap", 0, 0)
-    assert f"overlaps by {0.4 if upside_down else 0.3:.2f} d" in event.message
+    assert f"overlaps by {0.4 if upside_down else 0.3} d" in event.message
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

@@ -30,7 +30,7 @@ def test_ends_that_are_not_there_are_written_so():
 def test_settings_are_shown_in_the_units_of_the_field():
     assert display.setting("container.orifice", 0.0525) == "D = 52.5 mm"
     assert display.setting("container.angle", math.radians(55)) == "angle = 55 deg"
-    assert display.setting("walls.all.friction", 0.01) == "friction = 0.01"
+    assert display.setting("walls.all.friction", 0.01) == "friction of all walls = 0.01"
     assert display.setting("contact.rolling", "full") == "rolling = full"
 
 
