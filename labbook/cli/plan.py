@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _ROWS, _LABELS = 30, 3
 """Rows of the table of steps, and points that are named in each."""
+_MOST = 500
+"""Rows of the table of runs."""
 _LARGE = 1e9
 """Memory of a run [bytes] from which on it is told."""
 
@@ -136,7 +138,10 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
     for heading in ("point", "seeds", "state", "why"):
         table.add_column(heading, no_wrap=heading == "state", overflow="fold")
     colours = {"done": "green", "partial": "yellow", "stale": "yellow", "missing": "default"}
-    for (label, state, reason), seeds in groups.items():
+    for number, ((label, state, reason), seeds) in enumerate(groups.items()):
+        if number == _MOST:
+            table.add_row(f"and {len(groups) - _MOST} more (--json lists all)", "", "", "")
+            break
         table.add_row(escape(label), spans(seeds), f"[{colours[state]}]{state}[/]", escape(reason))
     console.print(table)
     console.print(_physics(plan))

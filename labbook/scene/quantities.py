@@ -27,6 +27,7 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*/\s*\d+\.?\d*)?(
 _TERM = re.compile(r"([A-Za-zµμΩ]+|[%°])(?:(?:\^|\*\*)(-?\d))?(\s*[*/]\s*|\s+|$)", re.ASCII)
 
 
+@lru_cache(maxsize=8192)  # of a study's many points most quantities are the same
 def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     """Value of `text` (`3 mm`, `2500 kg/m^3`, `2/7`, `1 %`, `1.01 d`) in `unit` (SI); `d` is `diameter` [m].
 

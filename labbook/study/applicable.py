@@ -84,7 +84,7 @@ def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]
         return
     highest = scene.grains.count * scene.grains.volume / (LOOSEST * area)
     if stop >= highest:
-        reason = f"{stop * 1e3:.4g} mm is above any bed of these grains ({highest * 1e3:.3g} mm even if it were loose)"
+        reason = f"{stop * 1e3:g} mm is above any bed of these grains ({highest * 1e3:.3g} mm even if it were loose)"
         yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
 
 

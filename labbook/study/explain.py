@@ -32,6 +32,10 @@ _SIMPLE = {
 _MAPPING = ("model_type", "model_attributes_type", "dict_type", "model_class_type")
 
 
+_LOOKED_AT = 200
+"""Errors of one section that are told: more of them repeat each other."""
+
+
 @dataclass(frozen=True)
 class Complaint:
     """A problem without its file: its place in the data, what is wrong, the remedy, and whether values clash."""
@@ -51,7 +55,7 @@ def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Itera
     A key that is missing because it is misspelled is told once, as the unknown key.
     """
     found: list[Complaint] = []
-    for detail in error.errors(include_url=False):
+    for detail in error.errors(include_url=False)[:_LOOKED_AT]:
         location, discriminators = _location(detail["loc"], raw)
         beside: Any = raw
         for part in location[:-1]:

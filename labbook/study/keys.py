@@ -60,9 +60,7 @@ def nearest(name: str) -> str:
     if len(found) == 1 or (found and SequenceMatcher(None, name, found[0]).ratio() > 0.8):
         return f"did you mean {found[0]}?"
     return (
-        f"the nearest are {', '.join(found)}"
-        if found
-        else "see the tables of docs/studies.md, for example contact.friction"
+        f"the nearest are {', '.join(found)}" if found else "write a key of docs/studies.md, such as contact.friction"
     )
 
 

@@ -12,19 +12,25 @@ from labbook.study.explain import complaints
 from labbook.study.habits import habit
 from labbook.study.keys import all_keys, nearest
 from labbook.study.points import PointReader
-from labbook.study.problems import Problem, StudyError, instead, meant, shown
+from labbook.study.problems import MOST, Problem, StudyError, instead, meant, shown
 from labbook.study.reference import ReferenceReader
 from labbook.study.schema import SETTING_KEYS, TOP_KEYS, Settings
 from labbook.study.source import Source, dotted, read
 from labbook.study.study import Study
 from labbook.study.sweep import MAX_POINTS, Sweep
 
+MAX_RUNS = 200_000
+"""Runs that a plan holds at once."""
+_COMPARED = 200
+"""Unknown keys that are compared with those that are known."""
+
 
 def load(path: Path) -> Study:
     """The study in the file `path`. Raises StudyError with all problems that were found."""
     source = read(Path(path))
     problems = _unknown_keys(source)
-    misspelled = {meant(key, TOP_KEYS) for key in source.data if key not in TOP_KEYS}
+    unknown = [key for key in source.data if key not in TOP_KEYS]
+    misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
     settings = _settings(source, misspelled, problems)
     sweep = Sweep(source)
     reader = PointReader(source, sweep.wrong | misspelled)
@@ -34,6 +40,7 @@ def load(path: Path) -> Study:
     problems += [*sweep.problems, *reader.problems, *reference.problems]
     if settings is not None:
         problems += _unknown_names(source, settings)
+        problems += _too_many_runs(source, settings, len(points))
         problems += unmeasurable(source, settings, points)
         problems += unfittable(source, settings, points)
         problems += unfillable(source, settings, points)
@@ -59,7 +66,8 @@ def known_names() -> set[str]:
 
 def _unknown_keys(source: Source) -> list[Problem]:
     unknown = [key for key in source.data if key not in TOP_KEYS]
-    remedies = {key: _at_top(key, source.data) for key in unknown}
+    # of thousands only the first are printed, and likenesses take time
+    remedies = {key: _at_top(key, source.data) if n < MOST else "leave it out" for n, key in enumerate(unknown)}
     return [Problem(source.path, source.line((k,)), shown(k), "unknown key", remedies[k]) for k in unknown]
 
 
@@ -85,6 +93,15 @@ def _settings(source: Source, misspelled: Set[str | None], problems: list[Proble
                 line, key = source.line(found.location), shown(dotted(found.location))
                 problems.append(Problem(source.path, line, key, found.message, found.remedy))
         return None
+
+
+def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[Problem]:
+    """More runs than a plan can hold."""
+    runs = points * settings.replicates
+    if runs > MAX_RUNS:
+        message = f"{points} points of {settings.replicates} replicates are {runs} runs, more than {MAX_RUNS}"
+        remedy = f"use at most {MAX_RUNS // points} replicates, or split the study"
+        yield Problem(source.path, source.line(("replicates",)), "replicates", message, remedy)
 
 
 def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:

@@ -37,6 +37,8 @@ class PointReader:
         self.numerics_stated: Mapping[str, Any] = {}
         """`numerics` as it holds at the first point."""
         self._found: dict[Problem, list[str]] = {}
+        self._same: dict[str, Grains] = {}
+        """Grains by what their section says: most points share theirs."""
 
     @property
     def problems(self) -> Iterator[Problem]:
@@ -103,8 +105,12 @@ class PointReader:
             remedy = "add `grains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 3000}`"
             found.append(Complaint(("grains",), "this key is missing", remedy))
             return None
+        stated = repr(raw["grains"])
+        if stated in self._same:
+            return self._same[stated]
         try:
-            return _GRAINS.validate_python(raw["grains"], context={"units": "required"})
+            self._same[stated] = _GRAINS.validate_python(raw["grains"], context={"units": "required"})
+            return self._same[stated]
         except ValidationError as error:
             found += complaints(error, raw["grains"], ("grains",))
             return None

@@ -123,3 +123,15 @@ def expected(container: str, grains: str) -> tuple[list[str], list[str], list[st
         [name for name in FITS if fits[name]],
         [name for name in REFERENCES if said[name]],
     )
+
+
+def test_a_source_with_dollars_is_no_formula(tmp_path):
+    """Broken mathtext in what an author wrote stands in figures as it was written."""
+    file, lab = tmp_path / "all.yaml", tmp_path / "lab"
+    said = ["flow_rate: {value: 20 g/s}", "beverloo.C_particle: {value: 0.6}", "beverloo.k: {value: 1.4}"]
+    asked = text("layer", "spheres", ["flow_rate"], ["beverloo"], said)
+    file.write_text(
+        asked.replace("source: Someone 2020", "source: '$\\frac{ \\x$'").replace("[21, 24]", "[18, 21, 24]")
+    )
+    for verb in ("run", "report"):
+        labbook(verb, file, "--lab", lab, "--backend", "toy")

@@ -39,3 +39,9 @@ def test_the_slope_is_scaled_to_grams_and_millimetres():
     assert display.quantity("beverloo.slope").scale == pytest.approx(1000 ** (2 / 3) / 1000)
     # 1 s^-1 m^-3/2 is (1000 mm)^-3/2.
     assert display.quantity("janda.C_prime").scale == pytest.approx(1000**-1.5)
+
+
+def test_frictions_are_told_apart():
+    keys = ("contact.friction", "fill.friction", "walls.all.friction", "walls.left.friction")
+    names = [display.key(key).name for key in keys]
+    assert names == ["friction", "friction while filling", "friction of all walls", "friction of wall left"]
