@@ -235,16 +235,16 @@ class Catalogue:
         with self._asking() as connection:
             return {key: value for key, value in connection.execute(query)}
 
-    def speeds(self, engine: str, machine: str, device: str) -> list[tuple[int, float]]:
-        """(grains, grain-steps per second) of the latest 50 runs of `engine` on this machine and device."""
+    def speeds(self, engine: str, machine: str, device: str) -> list[tuple[str, int, float]]:
+        """(run key, grains, grain-steps per second) of the latest 50 runs of `engine` on this machine and device."""
         query = (
-            select(runs.c.grains, runs.c.rate)
+            select(runs.c.run_key, runs.c.grains, runs.c.rate)
             .where(runs.c.engine == engine, runs.c.machine == machine, runs.c.device == device, runs.c.rate > 0)
             .order_by(runs.c.finished.desc())
             .limit(50)
         )
         with self._asking() as connection:
-            return [(grains, rate) for grains, rate in connection.execute(query)]
+            return [(key, grains, rate) for key, grains, rate in connection.execute(query)]
 
     def settling(self, closed_key: str) -> float | None:
         """Mean simulated time [s] that fillings of this closed scene took to settle, or None."""

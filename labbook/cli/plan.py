@@ -11,8 +11,17 @@ from labbook.cli.options import ENGINE, LAB, AsJson, Engine, Lab, StudyFile, fai
 from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from labbook.plan.forecast import Forecast
     from labbook.plan.plan import Plan
+
+_ROWS, _LABELS = 30, 3
+"""Rows of the table of steps, and points that are named in each."""
+_MOST = 500
+"""Rows of the table of runs."""
+_LARGE = 1e9
+"""Memory of a run [bytes] from which on it is told."""
 
 
 def register(app: typer.Typer) -> None:
@@ -26,40 +35,50 @@ def register(app: typer.Typer) -> None:
         from labbook.backend import Unsupported
         from labbook.catalogue.lab import Lab as Folder
         from labbook.measure import MeasureError
+        from labbook.plan.advice import advice, too_large
         from labbook.plan.check import check
         from labbook.plan.demand import Conflict
         from labbook.plan.forecast import forecast
         from labbook.plan.plan import Planner
         from labbook.plan.reach import cut_short
-        from labbook.runner.provenance import cores, provenance
+        from labbook.runner.provenance import cores, memory, provenance
+        from labbook.runner.slots import slots
 
         asked, engine = read_study(study), engine_called(backend)
         catalogue = open_catalogue(lab)
         try:
             made = Planner(asked, catalogue, engine.capabilities).plan()
             check(engine, device, made.points)
+            lanes = cores() if device == "cpu" else 1
+            machine = provenance(device)["machine"]
+            members = slots(engine, device, made.points)
+            ahead = forecast(made, catalogue, machine, device, lanes, engine, members)
         except (Unsupported, Conflict, MeasureError) as problem:
             fail(problem)
-        lanes = cores() if device == "cpu" else 1
-        ahead = forecast(made, catalogue, provenance(device)["machine"], device, lanes)
-        warnings = list(cut_short(made, Folder(lab)))
+        except ImportError as missing:
+            fail(f"the engine {backend} cannot be loaded ({missing}); try: pip install 'labbook[{backend}]'")
+        if device == "cpu" and (told := too_large(made, lanes, memory())):
+            fail(told)
+        warnings = [*cut_short(made, Folder(lab)), *advice(made, ahead.seconds)]
         if as_json:
             typer.echo(json.dumps({**plain(made, ahead), "warnings": warnings}, indent=2, allow_nan=False))
         else:
             _show(made, ahead)
             for line in warnings:
-                say(line)
+                say(f"Warning: {line}")
 
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
     """The plan as plain values."""
+    from labbook.plan.outline import outline
+
     return {
         "study": plan.study.name,
         "engine": plan.engine.name,
         "counts": dict(plan.counts()),
         "runs": [
             {
-                "point": item.demand.point.index,
+                "point": item.demand.point.index + 1,
                 "label": item.demand.point.label,
                 "seed": item.demand.seed,
                 "run_key": item.keys.run,
@@ -80,7 +99,13 @@ def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
             "grain_steps_per_second": ahead.speed,
             "lanes": ahead.lanes,
             "basis": ahead.basis,
+            "compiling_seconds": ahead.compiling,
+            "feature_sets": ahead.sets,
         },
+        "points": [
+            {"point": point.shared.point.index + 1, "label": point.shared.point.label, **vars(outline(point.shared))}
+            for point in plan.points
+        ],
     }
 
 
@@ -102,6 +127,7 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from labbook.plan.outline import outline
     from labbook.runner.progress import duration, size
 
     console = screen(highlight=False)
@@ -112,9 +138,13 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
     for heading in ("point", "seeds", "state", "why"):
         table.add_column(heading, no_wrap=heading == "state", overflow="fold")
     colours = {"done": "green", "partial": "yellow", "stale": "yellow", "missing": "default"}
-    for (label, state, reason), seeds in groups.items():
+    for number, ((label, state, reason), seeds) in enumerate(groups.items()):
+        if number == _MOST:
+            table.add_row(f"and {len(groups) - _MOST} more (--json lists all)", "", "", "")
+            break
         table.add_row(escape(label), spans(seeds), f"[{colours[state]}]{state}[/]", escape(reason))
     console.print(table)
+    console.print(_physics(plan))
     counts = plan.counts()
     console.print(", ".join(f"{counts[state]} {state}" for state in colours if counts[state]), markup=False)
     rule = plan.rule
@@ -128,3 +158,52 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
             f"({ahead.basis}), {size(ahead.disk)} on disk",
             markup=False,
         )
+    largest = max(outline(point.shared).memory for point in plan.points)
+    if plan.todo and largest > _LARGE:
+        console.print(f"A run takes about {size(largest)} of memory", markup=False)
+    if plan.todo and ahead.compiling:
+        sets = "set of features" if ahead.sets == 1 else "sets of features"
+        console.print(
+            f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}, unless it is cached",
+            markup=False,
+        )
+
+
+def _count(number: float) -> str:
+    """A forecast of a number, to two figures."""
+    return f"{float(f'{number:.2g}'):,.0f}".replace(",", " ")
+
+
+def _physics(plan: "Plan") -> "Table":
+    """Step, steps, outlet and bed of every point; points that agree in all of that share a row."""
+    from rich import box
+    from rich.markup import escape
+    from rich.table import Table
+
+    from labbook.plan.outline import outline
+
+    rods = any(point.shared.scene.grains.half_length > 0 for point in plan.points)
+    ratio = "D/L" if rods else "D/d"
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in ("point", "dt", "fill steps", "steps", ratio, "bed height"):
+        table.add_column(heading, overflow="fold", justify="left" if heading == "point" else "right")
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for point in plan.points:
+        one = outline(point.shared)
+        row = (
+            f"{one.dt * 1e6:.3g} µs",
+            _count(one.fill_steps),
+            _count(one.steps),
+            "–" if one.ratio is None else f"{one.ratio:.3g}",
+            "–" if one.height is None else f"{one.height * 1e3:.3g} mm",
+        )
+        rows.setdefault(row, []).append(point.shared.point.label)
+    for number, (row, labels) in enumerate(rows.items()):
+        if number == _ROWS:
+            table.add_row(f"and {len(rows) - _ROWS} more", *[""] * len(row))
+            break
+        if len(labels) == len(plan.points) > 1:
+            labels = [f"all {len(labels)} points"]
+        more = f"; and {len(labels) - _LABELS} more" if len(labels) > _LABELS else ""
+        table.add_row(escape("; ".join(labels[:_LABELS]) + more), *row)
+    return table

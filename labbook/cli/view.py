@@ -64,6 +64,9 @@ def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[
             fail(f"{target}: {known}; `labbook runs --lab {lab}` lists them")
         return [of_run(catalogue.lab.run(keys[0]), lab)]
     study = read_study(Path(target))
+    if point is not None and point > len(study.points):
+        points = "1 point" if len(study.points) == 1 else f"{len(study.points)} points"
+        fail(f"--point {point}: the study has {points}; use 1 to {len(study.points)}")
     runs = [run for run in catalogue.finished(study, engine) if point is None or run.point.index == point - 1]
     made, lost = [], catalogue.unreadable(study, engine)
     for run in runs:

@@ -49,7 +49,7 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
 
 
 def _of_point(result: "PointResult") -> Row:
-    return {"point": result.point.index, **result.point.at}
+    return {"point": result.point.index + 1, **result.point.at}
 
 
 def _runs(analysis: "Analysis") -> Iterator[Row]:

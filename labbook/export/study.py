@@ -53,12 +53,12 @@ def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], No
     for result in analysis.points:
         for run in result.runs:
             rows = run.frames()
-            if rows is None:
+            if rows is None or not len(rows["time"]):
                 continue
             say(f"{result.label}, seed {run.seed}")
-            paths += _grains(result, rows, folder / f"point-{result.point.index}-seed-{run.seed}")
+            paths += _grains(result, rows, folder / f"point-{result.point.index + 1}-seed-{run.seed}")
         for pattern in flow_patterns(result)[:1]:
-            path = folder / f"point-{result.point.index}-fields.vtk"
+            path = folder / f"point-{result.point.index + 1}-fields.vtk"
             write_fields(
                 path, f"{analysis.study.name}, {result.label}: means over {pattern.frames} frames", pattern.fields
             )

@@ -39,7 +39,13 @@ def accelerations(analysis: "Analysis") -> Iterator[Row]:
         for bottom, top, value, error, count in zip(*columns, strict=True):
             height = {"bottom": float(bottom), "top": float(top)}
             numbers = {"acceleration": float(value), "error": float(error), "pairs": int(count)}
-            yield {"point": result.point.index, **result.point.at, **height, **numbers, "interval": profile.interval}
+            yield {
+                "point": result.point.index + 1,
+                **result.point.at,
+                **height,
+                **numbers,
+                "interval": profile.interval,
+            }
 
 
 def statements(analysis: "Analysis") -> Iterator[Row]:

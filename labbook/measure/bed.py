@@ -21,12 +21,12 @@ def omega_of(scene: Scene) -> float:
 def round_silo(scene: Scene, measure: str) -> CylinderSilo | ConicalSilo:
     """The container of a scene with a round outlet and equal grains. Raises MeasureError for any other."""
     if not isinstance(scene.container, CylinderSilo | ConicalSilo):
-        kind = scene.container.kind
-        raise MeasureError(
-            f"measure: {measure} needs the round outlet of a cylinder-silo or conical-silo, not a {kind}"
-        )
+        reason = f"{measure} needs a round outlet, and the container is a {scene.container.kind}"
+        raise MeasureError(reason, f"take {measure} out of measure, or use a cylinder-silo or conical-silo")
     if scene.grains.varied:
-        raise MeasureError(f"measure: {measure} needs equal grains; leave out sizes and kinds")
+        raise MeasureError(
+            f"{measure} needs equal grains", f"take {measure} out of measure, or leave out sizes and kinds"
+        )
     return scene.container
 
 

@@ -1,8 +1,14 @@
-"""How much of a disc or a sphere lies within a rectangle or a box: exact areas, volumes by quadrature."""
+"""How much of a disc, a sphere or a rod lies within a rectangle, a box or an upright ring.
+
+Areas are exact. Volumes are sums over exact areas (spheres) or exact lengths of lines (rods), by quadrature.
+"""
 
 import numpy as np
 
 _ORDER = 48
+_RADII, _ANGLES = 12, 24
+"""Lines along a rod, over its cross-section. The error is below 2e-2 of a rod where a face cuts it lengthwise,
+else below 1e-2, and averages out over rods. Whole rods are exact to round-off."""
 
 
 def disc_in_rectangle(
@@ -58,3 +64,132 @@ def sphere_in_box(
         area = disc_in_rectangle(x, z, radius * np.cos(angle), (low[0], low[2]), (high[0], high[2]))
         volume += weight * half * area * radius * np.cos(angle)
     return volume
+
+
+def lens(distance: np.ndarray, radius: np.ndarray, around: float) -> np.ndarray:
+    """Area [m^2] of discs of `radius` [m] that lies within a disc of the radius `around` [m], whose centres are
+    `distance` [m] apart; shape as distance. Exact."""
+    r, R = np.broadcast_to(np.asarray(radius, float), np.shape(distance)), around
+    whole = np.pi * np.minimum(np.maximum(r, 0), R) ** 2
+    cut = (distance > abs(R - r)) & (distance < R + r)
+    s = np.where(cut, distance, 1.0)
+    small = np.where(cut, r, 1.0)
+    # distance of the common chord from either centre, over the radius there
+    a = np.clip((s**2 + small**2 - R**2) / (2 * s * small), -1, 1)
+    b = np.clip((s**2 + R**2 - small**2) / (2 * s * max(R, 1e-300)), -1, 1)
+    segments = small**2 * (np.arccos(a) - a * np.sqrt(1 - a**2)) + R**2 * (np.arccos(b) - b * np.sqrt(1 - b**2))
+    return np.where(cut, segments, np.where(distance >= R + r, 0.0, whole))
+
+
+def sphere_in_ring(
+    centre: np.ndarray,
+    radius: np.ndarray | float,
+    inner: float,
+    outer: float,
+    low: float,
+    high: float,
+) -> np.ndarray:
+    """Volume [m^3] of spheres at `centre` [m], shape [n, 3], of `radius` [m], between the cylinders of the radii
+    `inner` and `outer` [m] about the z axis and the heights `low` and `high` [m]; shape [n].
+
+    Horizontal discs are clipped exactly; they are summed along z as in `sphere_in_box`, with the same error.
+    """
+    off, z = np.hypot(centre[:, 0], centre[:, 1]), np.asarray(centre[:, 2], float)
+    start = np.arcsin(np.clip((low - z) / radius, -1, 1))
+    stop = np.arcsin(np.clip((high - z) / radius, -1, 1))
+    nodes, weights = np.polynomial.legendre.leggauss(_ORDER)
+    middle, half = (start + stop) / 2, (stop - start) / 2
+    volume = np.zeros(len(z))
+    for node, weight in zip(nodes, weights, strict=True):
+        disc = radius * np.cos(middle + half * node)
+        volume += weight * half * (lens(off, disc, outer) - lens(off, disc, inner)) * disc
+    return volume
+
+
+def rod_in_box(
+    centre: np.ndarray,
+    axis: np.ndarray,
+    radius: float,
+    half_length: float,
+    low: tuple[float, float, float],
+    high: tuple[float, float, float],
+) -> np.ndarray:
+    """Volume [m^3] of spherocylinders within the box from `low` to `high` [m]; shape [n].
+
+    centre [m] and axis (unit vectors): shape [n, 3]; half_length: of the segment at the heart of the rod [m]. Lines
+    along the rod are clipped exactly and summed over its cross-section.
+    """
+    volume = np.zeros(len(centre))
+    for offset, reach, weight in _lines(axis, radius, half_length):
+        first, last = -reach * np.ones(len(centre)), reach * np.ones(len(centre))
+        for c in range(3):
+            from_low, to_high = _between(centre[:, c] + offset[:, c], axis[:, c], low[c], high[c])
+            first, last = np.maximum(first, from_low), np.minimum(last, to_high)
+        volume += weight * np.maximum(last - first, 0)
+    return volume
+
+
+def rod_in_ring(
+    centre: np.ndarray,
+    axis: np.ndarray,
+    radius: float,
+    half_length: float,
+    inner: float,
+    outer: float,
+    low: float,
+    high: float,
+) -> np.ndarray:
+    """Volume [m^3] of spherocylinders between the cylinders of the radii `inner` and `outer` [m] about the z axis and
+    the heights `low` and `high` [m]; shape [n]. Otherwise as `rod_in_box`."""
+    volume = np.zeros(len(centre))
+    for offset, reach, weight in _lines(axis, radius, half_length):
+        x = centre + offset
+        first, last = _between(x[:, 2], axis[:, 2], low, high)
+        first, last = np.maximum(first, -reach), np.minimum(last, reach)
+        volume += weight * (_within(x, axis, outer, first, last) - _within(x, axis, inner, first, last))
+    return volume
+
+
+def _lines(axis: np.ndarray, radius: float, half_length: float):
+    """Lines along rods that fill their cross-section: offsets from their centres [m], shape [n, 3], how far they reach
+    to either side [m], and the area [m^2] that each stands for.
+
+    The radii are Gaussian nodes of sin^2 of the angle from the axis, at which the caps are smooth; their weights are
+    scaled so that the lines of a whole rod add up to its volume.
+    """
+    helper = np.where(np.abs(axis[:, :1]) < 0.6, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
+    one = np.cross(axis, helper)
+    one /= np.linalg.norm(one, axis=1)[:, None]
+    other = np.cross(axis, one)
+    nodes, weights = np.polynomial.legendre.leggauss(_RADII)
+    polar = np.pi / 4 * (1 + nodes)
+    weights = np.pi / 4 * weights * np.sin(polar) * np.cos(polar) * radius**2 * 2 * np.pi / _ANGLES
+    for ring, (angle, weight) in enumerate(zip(polar, weights, strict=True)):
+        off, reach = radius * np.sin(angle), half_length + radius * np.cos(angle)
+        for turn in 2 * np.pi * (np.arange(_ANGLES) + (ring % 2) / 2) / _ANGLES:
+            yield off * (np.cos(turn) * one + np.sin(turn) * other), reach, weight
+
+
+def _between(at: np.ndarray, along: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """First and last t with low <= at + t along <= high; first above last where there is none."""
+    flat = np.abs(along) < 1e-12
+    slope = np.where(flat, 1.0, along)
+    a, b = (low - at) / slope, (high - at) / slope
+    inside = (at >= low) & (at <= high)
+    first = np.where(flat, np.where(inside, -np.inf, np.inf), np.minimum(a, b))
+    last = np.where(flat, np.where(inside, np.inf, -np.inf), np.maximum(a, b))
+    return first, last
+
+
+def _within(x: np.ndarray, axis: np.ndarray, around: float, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Length [m] of the lines x + t axis from t = first to last within the cylinder of the radius `around` [m]."""
+    a = axis[:, 0] ** 2 + axis[:, 1] ** 2
+    b = x[:, 0] * axis[:, 0] + x[:, 1] * axis[:, 1]
+    c = x[:, 0] ** 2 + x[:, 1] ** 2 - around**2
+    upright = a < 1e-12
+    square = b**2 - a * c
+    root = np.sqrt(np.maximum(square, 0))
+    a = np.where(upright, 1.0, a)
+    enter = np.where(upright, np.where(c < 0, -np.inf, np.inf), np.where(square > 0, (-b - root) / a, np.inf))
+    leave = np.where(upright, np.where(c < 0, np.inf, -np.inf), np.where(square > 0, (-b + root) / a, -np.inf))
+    return np.maximum(np.minimum(last, leave) - np.maximum(first, enter), 0)

@@ -31,11 +31,20 @@ class FlowRate(Measure):
     name = "flow_rate"
     version = 1
 
+    def check(self, scene: Scene) -> None:
+        if scene.container.outlet_plane is None:
+            reason = f"flow_rate needs an outlet, and the container ({scene.container.kind}) has none"
+            raise MeasureError(reason, "take flow_rate out of measure, or give the container an outlet")
+
+    def quantities(self, scene: Scene) -> dict[str, str]:
+        units = {"flow_rate": "kg/s", "grain_rate": "1/s", "flow_rate_drift": ""}
+        flowing = {f"{name}_flowing": unit for name, unit in units.items()}
+        return {**units, **flowing, "gap_time": "s", "waiting_time": "s"}
+
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        self.check(scene)
         plane = scene.container.outlet_plane
-        if plane is None:
-            kind = scene.container.kind
-            raise MeasureError(f"measure: flow_rate needs an outlet, and this {kind} has none; use a wedge-hopper")
+        assert plane is not None
         return (Crossing(plane),)
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:

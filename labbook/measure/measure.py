@@ -1,6 +1,7 @@
 """What a measure is: the probes that it needs, and numbers from one finished run."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import ClassVar, Protocol
 
 from labbook.measure.data import RunData
@@ -11,7 +12,11 @@ from labbook.stats import Measured
 
 
 class MeasureError(ValueError):
-    """A measure cannot be taken of this scene or run; the message says why and what would help."""
+    """A measure cannot be taken of this scene or run; the message says why, `remedy` what would help."""
+
+    def __init__(self, reason: str, remedy: str = ""):
+        super().__init__(f"{reason}; {remedy}" if remedy else reason)
+        self.reason, self.remedy = reason, remedy
 
 
 class Window(Protocol):
@@ -30,6 +35,14 @@ class Measure(ABC):
     name: ClassVar[str]
     version: ClassVar[int]
     """Rises whenever measured numbers may change; they are then derived again from what runs recorded."""
+
+    @abstractmethod
+    def check(self, scene: Scene) -> None:
+        """Raises MeasureError, with a remedy, for a scene that this cannot be measured in."""
+
+    @abstractmethod
+    def quantities(self, scene: Scene) -> Mapping[str, str]:
+        """Names of the numbers that it may give in `scene`, and their SI units."""
 
     @abstractmethod
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:

@@ -50,6 +50,15 @@ class OrificeMeans(Measure):
     name = NAME
     version = 1
 
+    def check(self, scene: Scene) -> None:
+        round_silo(scene, NAME)
+
+    def quantities(self, scene: Scene) -> dict[str, str]:
+        rods = ("O_zz", "O_rr", "O_tt", "S") if scene.grains.half_length > 0 else ()
+        means = {f"orifice_{name}": _UNITS.get(name, "") for name in ("packing_fraction", *_UNITS, *rods)}
+        means["free_fall_height"] = "m"
+        return {**means, **{f"{name}_flowing": unit for name, unit in means.items()}}
+
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         silo = round_silo(scene, NAME)
         reach = _rounded_up(CUTOFF * omega_of(scene))

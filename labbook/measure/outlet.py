@@ -130,6 +130,12 @@ class OutletProfiles(Measure):
     name = "outlet_profiles"
     version = 1
 
+    def check(self, scene: Scene) -> None:
+        _hopper(scene)
+
+    def quantities(self, scene: Scene) -> dict[str, str]:
+        return {"outlet_closure": "", "outlet_area_fraction": "", "outlet_velocity": "m/s"}
+
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         plane, radius = _hopper(scene).outlet_plane, scene.grains.radius
         return (Crossing(plane), Slab(low=plane - radius, high=plane + radius))
@@ -156,8 +162,11 @@ class OutletProfiles(Measure):
 
 def _hopper(scene: Scene) -> WedgeHopper:
     if not isinstance(scene.container, WedgeHopper):
-        kind = scene.container.kind
-        raise MeasureError(f"measure: outlet_profiles needs the slot of a wedge-hopper, and this is a {kind}")
+        reason = f"outlet_profiles needs the slot of a wedge-hopper, and the container is a {scene.container.kind}"
+        raise MeasureError(reason, "take outlet_profiles out of measure, or use a wedge-hopper")
+    if scene.grains.half_length > 0:
+        reason = "outlet_profiles takes grains for discs, and these are rods"
+        raise MeasureError(reason, "take outlet_profiles out of measure, or use spheres")
     return scene.container
 
 

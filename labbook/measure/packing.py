@@ -4,64 +4,68 @@ import math
 
 import numpy as np
 
-from labbook.measure.clipped import disc_in_rectangle, sphere_in_box
+from labbook.measure.clipped import disc_in_rectangle
 from labbook.measure.data import RunData
-from labbook.measure.measure import Measure, Window
+from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.order import hexatic
-from labbook.measure.region import MARGIN, Region, bulk
+from labbook.measure.region import MARGIN, SMALLEST, Bodies, Region, Ring, bulk, extent_of, has_bulk, margin_of
 from labbook.numerics import Numerics
 from labbook.probes import Probe
 from labbook.protocol.packing import Packing
-from labbook.scene import Scene
+from labbook.scene import Grains, Scene
 from labbook.stats import Measured
 
 _CELLS = 4
-_SMALLEST = 4.0
-"""Extent of the bulk in grain diameters below which it is too small to measure in."""
 
 
-def packing_fraction(packing: Packing, diameter: float, region: Region) -> float:
+def packing_fraction(packing: Packing, diameter: float, region: Region | Ring, half_length: float = 0.0) -> float:
     """Volume of grains within `region` over its volume; grains that its faces cut count in part.
 
-    diameter: of the grains [m], of the largest where the packing has diameters of its own.
+    diameter: of the grains [m], of the largest where the packing has diameters of its own; half_length: of the segment
+    at the heart of rods [m].
     """
-    near, radius = _near(packing, diameter, region)
-    return float(sphere_in_box(near, radius, region.low, region.high).sum() / math.prod(region.size))
+    return region.filled(Bodies.of(packing, diameter, half_length)) / region.volume
 
 
 def area_fraction(packing: Packing, diameter: float, region: Region) -> float:
-    """Area of grains' discs in the x-z plane within `region` over its area.
+    """Area of spheres' discs in the x-z plane within `region` over its area.
 
     For a layer of thickness Z, phi_2D / phi_3D = (N pi d^2/4 / A) / (N pi d^3/6 / (A Z)) = (3/2) Z/d.
     """
-    near, radius = _near(packing, diameter, region)
-    x, _, z = near.T
+    reach = diameter / 2
+    low, high = np.array(region.low) - reach, np.array(region.high) + reach
+    near = ((packing.x > low) & (packing.x < high)).all(axis=1)
+    x, _, z = packing.x[near].T
+    radius = reach if packing.diameter is None else packing.diameter[near] / 2
     (x0, _, z0), (x1, _, z1) = region.low, region.high
     area = disc_in_rectangle(x, z, radius, (x0, z0), (x1, z1)).sum()
     return float(area / (region.size[0] * region.size[2]))
 
 
-def _near(packing: Packing, diameter: float, region: Region) -> tuple[np.ndarray, np.ndarray | float]:
-    """Centres [m] and radii [m] of grains that may reach into the region."""
-    reach = diameter / 2
-    low, high = np.array(region.low) - reach, np.array(region.high) + reach
-    near = ((packing.x > low) & (packing.x < high)).all(axis=1)
-    return packing.x[near], reach if packing.diameter is None else packing.diameter[near] / 2
-
-
 class PackingStructure(Measure):
-    """Packing fraction in 3D and, of a single layer, in 2D, with its hexatic order, in the bulk of the
-    packing.
+    """Packing fraction in the bulk of the packing and, of a single layer of spheres, the fraction of its area and its
+    hexatic order.
 
     Quantities: `packing_fraction`; of a layer also `packing_fraction_2d`, `hexatic_local` (mean |psi_6|) and
-    `hexatic_global` (|mean psi_6|, 1 only for a single crystal). Errors are those between 4 x 4 cells of the
-    bulk. A bulk smaller than 4 d gives NaN and says so.
+    `hexatic_global` (|mean psi_6|, 1 only for a single crystal). These mean nothing in round silos and deep boxes,
+    which are no layers, nor of rods, which turn in a layer. Errors are those between 4 x 4 cells of equal volume of the
+    bulk. A bulk smaller than 4 d, or than the length of a rod, gives NaN and says so.
     """
 
     name = "packing"
-    version = 1
+    version = 2
+
+    def check(self, scene: Scene) -> None:
+        if not has_bulk(scene):
+            reason = f"packing needs a container whose bulk is known, and this is {scene.container.kind}"
+            raise MeasureError(reason, "use a hopper, a silo or a box, or take packing out of measure")
+
+    def quantities(self, scene: Scene) -> dict[str, str]:
+        layer = ("packing_fraction_2d", "hexatic_local", "hexatic_global") if _layer(scene) else ()
+        return dict.fromkeys(("packing_fraction", *layer), "")
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        self.check(scene)
         return ()
 
     def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
@@ -69,30 +73,42 @@ class PackingStructure(Measure):
 
     def of(self, scene: Scene, packing: Packing) -> tuple[Measured, ...]:
         """The numbers of `packing`, which stands in the container of `scene`. Raises MeasureError."""
-        d = scene.grains.diameter
+        self.check(scene)
+        d, half = scene.grains.diameter, scene.grains.half_length
         region = bulk(scene, packing)
-        (x0, _, z0), (x1, _, z1) = region.low, region.high
-        where = (
-            f"bulk, {MARGIN:g} d from walls, bottom and surface: x = {x0 * 1e3:.4g} to {x1 * 1e3:.4g} mm, "
-            f"z = {z0 * 1e3:.4g} to {z1 * 1e3:.4g} mm"
-        )
-        if min(region.size[0], region.size[2]) < _SMALLEST * d or region.size[1] <= 0:
-            return self._too_small(region, where)
+        where = f"bulk, {_distance(scene.grains)} from walls, bottom and surface: {region}"
+        if region.smaller_than(max(SMALLEST * d, extent_of(scene.grains))):
+            return self._too_small(scene, where)
         cells = region.cells(_CELLS)
-        fractions = np.array([packing_fraction(packing, d, cell) for cell in cells])
+        fractions = np.array([packing_fraction(packing, d, cell, half) for cell in cells])
         numbers = [_of_cells("packing_fraction", fractions, where, "volume of grains clipped to the bulk")]
-        if region.planar:
-            areas = np.array([area_fraction(packing, d, cell) for cell in cells])
+        if isinstance(region, Region) and _layer(scene):
+            parts = region.cells(_CELLS)
+            areas = np.array([area_fraction(packing, d, cell) for cell in parts])
             numbers.append(_of_cells("packing_fraction_2d", areas, where, "area of discs clipped to the bulk"))
-            numbers.extend(_order(packing, region, cells, where))
+            numbers.extend(_order(packing, region, parts, where))
         return tuple(numbers)
 
-    def _too_small(self, region: Region, where: str) -> tuple[Measured, ...]:
-        names = ["packing_fraction"]
-        if region.planar:
-            names += ["packing_fraction_2d", "hexatic_local", "hexatic_global"]
-        note = f"the bulk is smaller than {_SMALLEST:g} d: fill in more grains or take a wider container"
+    def _too_small(self, scene: Scene, where: str) -> tuple[Measured, ...]:
+        least = _extent(scene.grains)
+        note = f"the bulk is smaller than {least}: fill in more grains or take a wider container"
+        names = self.quantities(scene)
         return tuple(Measured(name, math.nan, math.nan, 0, where, "none", "", note) for name in names)
+
+
+def _layer(scene: Scene) -> bool:
+    """Whether the grains are spheres between a front and a back wall less than 2 d apart."""
+    depth = getattr(scene.container, "thickness", getattr(scene.container, "depth", math.inf))
+    return depth < 2 * scene.grains.diameter and scene.grains.half_length == 0
+
+
+def _distance(grains: Grains) -> str:
+    return f"{MARGIN:g} d" if margin_of(grains) == MARGIN * grains.diameter else f"{margin_of(grains) * 1e3:.4g} mm"
+
+
+def _extent(grains: Grains) -> str:
+    d, most = grains.diameter, extent_of(grains)
+    return f"{SMALLEST:g} d" if most <= SMALLEST * d else f"a rod ({most * 1e3:.4g} mm)"
 
 
 def _of_cells(quantity: str, values: np.ndarray, where: str, how: str) -> Measured:

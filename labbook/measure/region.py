@@ -1,17 +1,57 @@
 """The bulk of a packing: away from side walls, bottom and free surface, which all disturb it."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.measure.clipped import rod_in_box, rod_in_ring, sphere_in_box, sphere_in_ring
 from labbook.measure.measure import MeasureError
 from labbook.protocol.packing import Packing
-from labbook.scene import Box, Scene, WedgeHopper
+from labbook.scene import Box, ConicalSilo, CylinderSilo, Grains, Scene, WedgeHopper
 from labbook.scene.walls import Strip
 
 MARGIN = 3.0
-"""Grain diameters between the bulk and walls or surface."""
+"""Grain diameters between the bulk and walls or surface; at least the length of a rod."""
+SMALLEST = 4.0
+"""Extent of the bulk in grain diameters below which it is too small to measure in; at least the length of a rod."""
 _COLUMN = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Grains of a packing: centres `x` [m], shape [n, 3], `radius` [m] of each or of all, and of rods unit vectors
+    `axis` along them, shape [n, 3], and the `half_length` [m] of the segment at their heart."""
+
+    x: np.ndarray
+    radius: np.ndarray | float
+    axis: np.ndarray | None = None
+    half_length: float = 0.0
+
+    @classmethod
+    def of(cls, packing: Packing, diameter: float, half_length: float = 0.0) -> "Bodies":
+        """The grains of `packing`; diameter: of the largest [m]."""
+        from labbook.fields import axes
+
+        radius = diameter / 2 if packing.diameter is None else packing.diameter / 2
+        axis = axes(packing.q) if half_length > 0 and packing.q is not None else None
+        return cls(packing.x, radius, axis, half_length if axis is not None else 0.0)
+
+    @property
+    def reach(self) -> float:
+        """How far from its centre any grain extends [m]."""
+        return float(np.max(self.radius, initial=0.0)) + self.half_length
+
+    @property
+    def volumes(self) -> np.ndarray:
+        """Volume of each grain [m^3], shape [n]."""
+        r = np.broadcast_to(np.asarray(self.radius, float), len(self.x))
+        return math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3
+
+    def only(self, chosen: np.ndarray) -> "Bodies":
+        """Those that a mask, shape [n], chooses."""
+        radius = self.radius[chosen] if isinstance(self.radius, np.ndarray) else self.radius
+        return Bodies(self.x[chosen], radius, None if self.axis is None else self.axis[chosen], self.half_length)
 
 
 @dataclass(frozen=True)
@@ -28,6 +68,15 @@ class Region:
         x, y, z = (b - a for a, b in zip(self.low, self.high, strict=True))
         return x, y, z
 
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        return math.prod(self.size)
+
+    def smaller_than(self, extent: float) -> bool:
+        """Whether it is narrower or lower than `extent` [m]; of a layer the thickness does not count."""
+        return min(self.size[0], self.size[2]) < extent or self.size[1] <= 0
+
     def cells(self, n: int) -> list["Region"]:
         """n x n equal parts in x and z."""
         xs = np.linspace(self.low[0], self.high[0], n + 1)
@@ -39,16 +88,99 @@ class Region:
         """Which centres, shape [n, 3], lie inside; shape [n]."""
         return np.all((x >= self.low) & (x < self.high), axis=1)
 
+    def filled(self, bodies: Bodies) -> float:
+        """Volume [m^3] of grains within; those that its faces cut count in part."""
+        low, high, reach = np.array(self.low), np.array(self.high), bodies.reach
+        near = bodies.only(np.asarray(np.all((bodies.x > low - reach) & (bodies.x < high + reach), axis=1)))
+        if near.axis is None:
+            return float(sphere_in_box(near.x, near.radius, self.low, self.high).sum())
+        whole = np.asarray(np.all((near.x >= low + reach) & (near.x <= high - reach), axis=1))
+        cut = near.only(~whole)
+        assert cut.axis is not None
+        assert isinstance(cut.radius, float)
+        clipped = rod_in_box(cut.x, cut.axis, cut.radius, cut.half_length, self.low, self.high)
+        return float(near.volumes[whole].sum() + clipped.sum())
 
-def bulk(scene: Scene, packing: Packing) -> Region:
-    """The bulk of `packing`: 3 d from the side walls, above the highest point of the bottom and below the
-    surface.
+    def __str__(self) -> str:
+        (x0, _, z0), (x1, _, z1) = self.low, self.high
+        return f"x = {x0 * 1e3:.4g} to {x1 * 1e3:.4g} mm, z = {z0 * 1e3:.4g} to {z1 * 1e3:.4g} mm"
 
-    Between front and back walls less than 2 d apart it is as thick as the container; otherwise it keeps 3 d
-    from them as well. The surface is the lowest of the heights of columns 3 d wide. Raises MeasureError for
-    containers without known walls.
+
+@dataclass(frozen=True)
+class Ring:
+    """What lies between the radii `inner` and `outer` [m] about the z axis and the heights `low` and `high` [m]."""
+
+    inner: float
+    outer: float
+    low: float
+    high: float
+    planar = False
+
+    @property
+    def volume(self) -> float:
+        """[m^3]."""
+        return math.pi * (self.outer**2 - self.inner**2) * (self.high - self.low)
+
+    def smaller_than(self, extent: float) -> bool:
+        """Whether it is narrower or lower than `extent` [m]."""
+        return min(2 * self.outer, self.high - self.low) < extent
+
+    def cells(self, n: int) -> list["Ring"]:
+        """n x n parts of equal volume: rings and heights."""
+        radii = np.sqrt(np.linspace(self.inner**2, self.outer**2, n + 1))
+        zs = np.linspace(self.low, self.high, n + 1)
+        return [Ring(radii[i], radii[i + 1], zs[k], zs[k + 1]) for i in range(n) for k in range(n)]
+
+    def filled(self, bodies: Bodies) -> float:
+        """Volume [m^3] of grains within; those that its faces cut count in part."""
+        reach, off, z = bodies.reach, np.hypot(bodies.x[:, 0], bodies.x[:, 1]), bodies.x[:, 2]
+        within = (off < self.outer + reach) & (off > self.inner - reach)
+        near = bodies.only(within & (z > self.low - reach) & (z < self.high + reach))
+        if near.axis is None:
+            return float(sphere_in_ring(near.x, near.radius, self.inner, self.outer, self.low, self.high).sum())
+        off, z = np.hypot(near.x[:, 0], near.x[:, 1]), near.x[:, 2]
+        within = (off <= self.outer - reach) & ((off >= self.inner + reach) | (self.inner == 0))
+        whole = within & (z >= self.low + reach) & (z <= self.high - reach)
+        cut = near.only(~whole)
+        assert cut.axis is not None
+        assert isinstance(cut.radius, float)
+        clipped = rod_in_ring(cut.x, cut.axis, cut.radius, cut.half_length, self.inner, self.outer, self.low, self.high)
+        return float(near.volumes[whole].sum() + clipped.sum())
+
+    def __str__(self) -> str:
+        return f"r = 0 to {self.outer * 1e3:.4g} mm, z = {self.low * 1e3:.4g} to {self.high * 1e3:.4g} mm"
+
+
+def extent_of(grains: Grains) -> float:
+    """Largest dimension of a grain [m]: its diameter, or the length of a rod."""
+    return grains.diameter + 2 * grains.half_length
+
+
+def margin_of(grains: Grains) -> float:
+    """Distance [m] of the bulk from walls and surface."""
+    return max(MARGIN * grains.diameter, extent_of(grains))
+
+
+def has_bulk(scene: Scene) -> bool:
+    """Whether the walls of the container are known well enough to tell its bulk."""
+    return isinstance(scene.container, WedgeHopper | Box | CylinderSilo | ConicalSilo)
+
+
+def bulk(scene: Scene, packing: Packing) -> Region | Ring:
+    """The bulk of `packing`: 3 d (of rods at least their length) from the side walls, above the highest point of the
+    bottom and below the surface.
+
+    Between front and back walls less than 2 d apart it is as thick as the container; otherwise it keeps its distance
+    from them as well. In a round silo it is a cylinder about the axis. The surface is the lowest of the heights of
+    columns 3 d wide. Raises MeasureError for containers without known walls.
     """
-    container, d = scene.container, scene.grains.diameter
+    container, d, margin = scene.container, scene.grains.diameter, margin_of(scene.grains)
+    tops = _tops(scene, packing)
+    if isinstance(container, CylinderSilo | ConicalSilo):
+        floor = container.rise if isinstance(container, ConicalSilo) else 0.0
+        radius = container.diameter / 2
+        top = _lowest(packing.x, tops, 2 * radius, 2 * radius, _columns(scene, False), floor, radius)
+        return Ring(0.0, radius - margin, floor + margin, top - margin)
     if isinstance(container, WedgeHopper):
         width, depth = container.width, container.thickness
         bottoms = [
@@ -58,21 +190,47 @@ def bulk(scene: Scene, packing: Packing) -> Region:
     elif isinstance(container, Box):
         width, depth, floor = container.width, container.depth, 0.0
     else:
-        raise MeasureError("measure: packing needs a wedge-hopper or a box, whose bulk is known")
+        raise MeasureError("measure: packing needs a hopper, a silo or a box, whose bulk is known")
     planar = depth < 2 * d
-    x = width / 2 - MARGIN * d
-    y = depth / 2 if planar else depth / 2 - MARGIN * d
-    top = _surface(packing, width, depth, d, planar, floor) - MARGIN * d
-    return Region((-x, -y, floor + MARGIN * d), (x, y, top), planar)
+    x = width / 2 - margin
+    y = depth / 2 if planar else depth / 2 - margin
+    top = _lowest(packing.x, tops, width, depth, _columns(scene, planar), floor) - margin
+    return Region((-x, -y, floor + margin), (x, y, top), planar)
 
 
-def _surface(packing: Packing, width: float, depth: float, d: float, planar: bool, floor: float) -> float:
-    """Height [m] of the lowest column's highest grain; `floor` if a column is empty."""
-    x, size = packing.x, d if packing.diameter is None else packing.diameter
-    across = max(1, round(width / (_COLUMN * d)))
-    along = 1 if planar else max(1, round(depth / (_COLUMN * d)))
+def _tops(scene: Scene, packing: Packing) -> np.ndarray:
+    """Height [m] of the highest point of each grain."""
+    bodies = Bodies.of(packing, scene.grains.diameter, scene.grains.half_length)
+    upright = 0.0 if bodies.axis is None else bodies.half_length * np.abs(bodies.axis[:, 2])
+    return bodies.x[:, 2] + bodies.radius + upright
+
+
+def _columns(scene: Scene, planar: bool) -> tuple[float, float]:
+    """Widths [m] of columns along x and y; a layer is one column thick."""
+    width = max(_COLUMN * scene.grains.diameter, extent_of(scene.grains))
+    return width, math.inf if planar else width
+
+
+def _lowest(
+    x: np.ndarray,
+    tops: np.ndarray,
+    width: float,
+    depth: float,
+    column: tuple[float, float],
+    floor: float,
+    around: float = math.inf,
+) -> float:
+    """Height [m] of the lowest column's highest grain; `floor` if a column is empty. Columns whose corners lie beyond
+    the radius `around` [m] do not count: the wall leaves little room there."""
+    across, along = (max(1, round(size / each)) for size, each in zip((width, depth), column, strict=True))
     i = np.clip(((x[:, 0] / width + 0.5) * across).astype(int), 0, across - 1)
     j = np.clip(((x[:, 1] / depth + 0.5) * along).astype(int), 0, along - 1)
     height = np.full(across * along, floor)
-    np.maximum.at(height, i * along + j, x[:, 2] + size / 2)
-    return float(height.min())
+    np.maximum.at(height, i * along + j, tops)
+    a, b = (np.maximum(*np.abs([e[:-1], e[1:]])) for e in (_edges(width, across), _edges(depth, along)))
+    counts = np.hypot(a[:, None], b[None, :]).ravel() <= around
+    return float(height[counts].min()) if counts.any() else float(height.max())
+
+
+def _edges(size: float, parts: int) -> np.ndarray:
+    return np.linspace(-size / 2, size / 2, parts + 1)

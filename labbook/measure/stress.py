@@ -37,6 +37,13 @@ class ContactStress(Measure):
     name = NAME
     version = 1
 
+    def check(self, scene: Scene) -> None:
+        round_silo(scene, NAME)
+
+    def quantities(self, scene: Scene) -> dict[str, str]:
+        names = ("orifice_contact_pressure", "bed_contact_pressure")
+        return dict.fromkeys((*names, *(f"{name}_flowing" for name in names)), "Pa")
+
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         every = beats_of(min(window_time(scene) / _FRAMES, _LONGEST), numerics, 1)
         return (

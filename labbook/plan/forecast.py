@@ -1,21 +1,29 @@
 """How long a plan will take and how much disk it needs: estimates, and what they rest on."""
 
+import json
 import math
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from statistics import median
 
+from labbook.backend import Backend, Spec
 from labbook.catalogue.catalogue import Catalogue
 from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Plan
+from labbook.plan.rates import DEFAULT_SPEED, Rate, rate_of
 from labbook.plan.reach import PACKED, reach
 from labbook.probes import Contacts, Probe, Sample, Zone
 from labbook.protocol import placing
+from labbook.scene import outlet_shape
 
-DEFAULT_SPEED = 5e6
-"""Grain-steps per second and lane, where nothing was recorded on this machine yet."""
 SETTLING = 2.0
 """Time that a filling takes to rest, in falls from the top of its start."""
+HOLE = 0.6
+"""Part of `mass_flow` that passes a round outlet: there C, 0.58, is that of the bulk density (Beverloo et al. 1961)."""
+_RECENT = 20
+"""Runs of the same shape that a speed is the median of, at most."""
 _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
 _GRAIN = 400  # bytes of one grain's share of a checkpoint
 _FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
@@ -34,31 +42,167 @@ class Forecast:
     """Grain-steps per second of one lane."""
     lanes: int
     basis: str
+    compiling: float = 0.0
+    """Part of the time [s] for sets of features that no run of this study was computed with yet."""
+    sets: int = 0
+    """How many of these there are."""
 
 
-def forecast(plan: Plan, catalogue: Catalogue, machine: str, device: str, lanes: int) -> Forecast:
-    """Time and disk for what `plan` still has to do, on `lanes` lanes."""
-    name = plan.engine.name
-    recorded = [rate for _, rate in catalogue.speeds(name, machine, device)]
-    speed = median(recorded) if recorded else DEFAULT_SPEED
-    basis = (
-        f"median of {len(recorded)} runs on this machine"
-        if recorded
-        else f"no run recorded on this machine yet: {DEFAULT_SPEED:.0e} grain-steps/s a lane assumed"
-    )
-    work = sum(discharge_work(item.demand.shared) for item in plan.todo)
-    work += sum(fill_work(item.demand, catalogue) for item in plan.fillings.values())
+@dataclass
+class _Batch:
+    """What members of one Spec cost: grain-steps side by side, and steps of the longest."""
+
+    grain_steps: float = 0.0
+    cost: float = 0.0
+    longest: float = 0.0
+    rate: Rate = field(default_factory=lambda: Rate(0, 0, 0, ""))
+    members: int = 0
+
+
+def forecast(
+    plan: Plan,
+    catalogue: Catalogue,
+    machine: str,
+    device: str,
+    lanes: int,
+    backend: Backend | None = None,
+    members: float = math.inf,
+) -> Forecast:
+    """Time and disk for what `plan` still has to do, on `lanes` lanes.
+
+    On a processor each lane computes one run. On other devices the runs of one set of features (of one Spec, if
+    `backend` tells) go on side by side, `members` of them at once, and a step costs what starting it does beside what
+    grains do. Compiling comes first, one set after another.
+    """
+    speeds = _Speeds(catalogue, plan.engine.name, machine, device)
+    specs = _Specs(backend)
+    batches: dict[object, _Batch] = defaultdict(_Batch)
+    chains: dict[str, float] = {}
+    for item in plan.fillings.values():
+        shared = item.demand.shared
+        work = fill_work(item.demand, catalogue)
+        steps = work / shared.scene.grains.count
+        chains[item.keys.packing] = _add(batches[specs.filling(shared)], speeds.of(shared), work, steps, shared)
+    longest = 0.0
+    for item in plan.todo:
+        shared = item.demand.shared
+        work, steps = discharge_work(shared), discharge_time(shared) / shared.numerics.dt
+        cost = _add(batches[specs.discharge(shared)], speeds.of(shared), work, steps, shared)
+        longest = max(longest, cost + chains.get(item.keys.packing, 0.0))
+    work = sum(batch.grain_steps for batch in batches.values())
+    cost = sum(batch.cost for batch in batches.values())
+    known = specs.known(plan) if backend is not None else set(batches)
+    new = {key: batch for key, batch in batches.items() if key not in known}
+    compiling = sum(batch.rate.compiling for batch in new.values())
+    if device.partition(":")[0] == "cpu":
+        busy = max(1, min(lanes, len(plan.todo)))
+        seconds = max(cost / busy, longest)
+    else:
+        busy = 1
+        waves = (math.ceil(batch.members / members) if members < math.inf else 1 for batch in batches.values())
+        starts = sum(n * b.longest * b.rate.step for n, b in zip(waves, batches.values(), strict=True))
+        seconds = cost + starts
     disk = sum(disk_of(item.demand) for item in plan.todo)
     disk += sum(100.0 * item.demand.point.scene.grains.count for item in plan.fillings.values())
-    busy = max(1, min(lanes, len(plan.todo)))
-    return Forecast(work / speed / busy, disk, work, speed, busy, basis)
+    speed = work / cost if device.partition(":")[0] == "cpu" and cost else work / seconds if seconds else 0.0
+    return Forecast(seconds + compiling, disk, work, speed or DEFAULT_SPEED, busy, speeds.basis, compiling, len(new))
+
+
+def _add(batch: _Batch, rate: Rate, work: float, steps: float, shared: PointDemand) -> float:
+    """Count a member in; what its grain-steps cost [s]."""
+    cost = work * rate.of(shared.scene.grains.count)
+    batch.grain_steps += work
+    batch.cost += cost
+    batch.longest = max(batch.longest, steps)
+    batch.members += 1
+    batch.rate = rate
+    return cost
+
+
+class _Specs:
+    """The sets of features that runs need, as the engine tells them; without one, fillings and discharges are two."""
+
+    def __init__(self, backend: Backend | None):
+        self._backend = backend
+        self._found: dict[tuple[PointDemand, bool], Spec | str] = {}
+
+    def filling(self, shared: PointDemand) -> Spec | str:
+        return self._of(shared, "filling", lambda b: b.specialise(shared.closed, shared.numerics, ()))
+
+    def discharge(self, shared: PointDemand) -> Spec | str:
+        film = (shared.film,) if shared.film else ()
+        probes = tuple(dict.fromkeys((*shared.probes, *film)))
+        return self._of(shared, "discharge", lambda b: b.specialise(shared.scene, shared.numerics, probes))
+
+    def _of(self, shared: PointDemand, stage: str, specialise: Callable[[Backend], Spec]) -> Spec | str:
+        key = (shared, stage == "filling")
+        if key not in self._found:
+            self._found[key] = stage if self._backend is None else specialise(self._backend)
+        return self._found[key]
+
+    def known(self, plan: Plan) -> set[Spec | str]:
+        """Those that runs which are done were computed with: their code is cached, if they ran here."""
+        done = {item.demand.shared for item in plan.items if item.state == "done"}
+        return {spec for shared in done for spec in (self.filling(shared), self.discharge(shared))}
+
+
+class _Speeds:
+    """What a step costs: by runs of the same shape in this lab, else as measured when engines were made."""
+
+    def __init__(self, catalogue: Catalogue, engine: str, machine: str, device: str):
+        self._catalogue, self._engine, self._machine, self._device = catalogue, engine, machine, device
+        self._rates: dict[tuple[str, str], Rate] = {}
+        self._told: dict[str, None] = {}
+        self._by_shape: dict[str, list[float]] | None = None
+
+    @property
+    def basis(self) -> str:
+        """What the speeds rest on, in words."""
+        return "; ".join(self._told) or "nothing to do"
+
+    def of(self, shared: PointDemand) -> Rate:
+        shape, precision = shared.scene.grains.shape, shared.numerics.precision
+        if (shape, precision) not in self._rates:
+            self._rates[shape, precision] = self._find(shape, precision)
+        return self._rates[shape, precision]
+
+    def _find(self, shape: str, precision: str) -> Rate:
+        rate = rate_of(self._engine, self._device, shape, precision)
+        # on a GPU the speed of one run says little: others shared the device with it
+        recorded = self._recorded().get(shape, []) if self._device.partition(":")[0] == "cpu" else []
+        if recorded:
+            self._told[f"median of {len(recorded)} runs on this machine"] = None
+            return Rate(0, 1 / median(recorded), rate.compiling, "")
+        if rate.source:
+            self._told[f"speed of {rate.source}, as no such run was recorded on this machine yet"] = None
+        else:
+            assumed = f"{DEFAULT_SPEED:.0e} grain-steps/s a lane assumed"
+            self._told[f"no run recorded on this machine yet: {assumed}"] = None
+        return rate
+
+    def _recorded(self) -> dict[str, list[float]]:
+        """Grain-steps per second of the latest runs on this machine, by shape."""
+        if self._by_shape is None:
+            self._by_shape = defaultdict(list)
+            for key, _, rate in self._catalogue.speeds(self._engine, self._machine, self._device):
+                shape = self._shape(key)
+                if shape is not None and len(self._by_shape[shape]) < _RECENT:
+                    self._by_shape[shape].append(rate)
+        return self._by_shape
+
+    def _shape(self, key: str) -> str | None:
+        try:
+            record = json.loads((self._catalogue.lab.run(key) / "run.json").read_text(encoding="utf-8"))
+            return str(record["scene"]["grains"]["shape"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None  # damaged: other verbs tell
 
 
 def discharge_time(shared: PointDemand) -> float:
-    """Expected simulated time [s] of a discharge: by Beverloo's law where there is a slot, else the longest
+    """Expected simulated time [s] of a discharge: by Beverloo's law where there is an outlet, else the longest
     allowed."""
     scene, stop = shared.scene, shared.stop
-    flow = mass_flow(scene)
+    flow = mass_flow(scene) * (HOLE if outlet_shape(scene.container) == "hole" else 1.0)
     if flow <= 0:
         return stop.max_time
     return min(stop.max_time, reach(shared) * scene.grains.count * scene.grains.mass / flow)
@@ -83,7 +227,8 @@ def fill_time(demand: Demand) -> float:
     wide = getattr(container, "width", getattr(container, "diameter", 10 * grains.diameter))
     deep = getattr(container, "thickness", getattr(container, "depth", wide))
     top = placing.volume_of_start(scene, demand.filling.kind) / (wide * deep)
-    return min(demand.point.fill.max_time, SETTLING * math.sqrt(2 * top / scene.gravity))
+    fall = math.sqrt(2 * top / scene.gravity) if scene.gravity > 0 else math.inf
+    return min(demand.point.fill.max_time, SETTLING * fall)
 
 
 def disk_of(demand: Demand) -> float:

@@ -10,7 +10,8 @@ from labbook.catalogue.parts import Unreadable
 from labbook.plan.demand import PointDemand
 from labbook.plan.plan import Item, Plan
 from labbook.protocol.column import bed_height
-from labbook.scene import CylinderSilo, Scene, WedgeHopper
+from labbook.scene import Scene
+from labbook.study.applicable import flat_area
 
 PACKED = 0.55
 """Packing fraction that is assumed of a bed before there is one."""
@@ -20,12 +21,8 @@ _NAMED = 3
 def height_ahead(scene: Scene) -> float | None:
     """Height [m] that the bed of a flat-bottomed silo will have at a packing fraction of PACKED; None of other
     containers."""
-    container = scene.container
-    if isinstance(container, CylinderSilo):
-        area = math.pi / 4 * container.diameter**2
-    elif isinstance(container, WedgeHopper) and container.flat:
-        area = container.width * container.thickness
-    else:
+    area = flat_area(scene.container)
+    if area is None:
         return None
     return scene.grains.count * scene.grains.volume / (PACKED * area)
 
@@ -77,10 +74,11 @@ def _told(file: Path, end: float, lowest: dict[PointDemand, tuple[float, float |
     assert tall is not None
     labels = [one.point.label for one in lowest]
     more = f" and {len(labels) - _NAMED} other points" if len(labels) > _NAMED else ""
+    start = shared.study.window.start
+    earlier = f" a window.end below {there:.2f}," if there > start + 0.01 else ""
     how = "is" if height else f"will be, at a packing fraction of {PACKED},"
     return (
         f"{file}: stop.fill_height: the bed {how} {tall * 1e3:.3g} mm high and has fallen to {stop * 1e3:.4g} mm with "
         f"{there:.0%} discharged, before the window ends (window.end, {end:g}), at {'; '.join(labels[:_NAMED])}{more}\n"
-        f"    remedy: use a stop.fill_height below {(1 - end) * tall * 1e3:.3g} mm, a window.end below {there:.2f}, or "
-        "more grains"
+        f"    remedy: use a stop.fill_height below {(1 - end) * tall * 1e3:.3g} mm,{earlier} or more grains"
     )

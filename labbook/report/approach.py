@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from labbook.fit import Parameter
+from labbook.fit import FitError, Parameter
 from labbook.fit.outlet import Approach, ProfileFit, fit_approach, fit_profiles
 from labbook.report.analysis import PointResult
 from labbook.report.ratios import Ratio
@@ -31,7 +31,7 @@ def approaches(ratios: Sequence[Ratio], definition: str) -> Mapping[str, Approac
 
     Every point counts alike, whatever its outlet and the width of its hopper: s* is what they are said to depend on.
     """
-    shown = [one for one in ratios if one.result.outlets(definition)]
+    shown = [one for one in ratios if one.result.outlets(definition) and _fitted(one.result, definition)]
     found = {}
     for name in SHAPE:
         parameters = tuple(_own(one.result, definition).parameters[name] for one in shown)
@@ -40,6 +40,15 @@ def approaches(ratios: Sequence[Ratio], definition: str) -> Mapping[str, Approac
         law = fit_approach(places, [one.value for one in parameters]) if several else None
         found[name] = Approached(tuple(one.result for one in shown), places, parameters, law)
     return found
+
+
+def _fitted(result: PointResult, definition: str) -> bool:
+    """Whether its profiles can be fitted: some grains must have moved across the outlet."""
+    try:
+        _own(result, definition)
+    except FitError:
+        return False
+    return True
 
 
 @lru_cache(maxsize=4096)

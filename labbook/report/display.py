@@ -36,6 +36,8 @@ KEYS = {
     "contact.normal_stiffness": Shown("k_n", "N/m"),
     "numerics.dt": Shown("dt", "µs", 1e6),
     "gravity": Shown("g", "m/s²"),
+    "fill.friction": Shown("friction while filling"),
+    "fill.max_time": Shown("longest filling", "s"),
 }
 
 QUANTITIES = {  # a superscript is written ^(...)
@@ -116,7 +118,11 @@ QUANTITIES |= {  # the same parameters of profiles by another definition
 
 def key(name: str) -> Shown:
     """How the dotted key of a study is shown; an unknown one by its last part, in SI."""
-    return KEYS.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " ")))
+    shown = KEYS.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " ")))
+    if name.startswith("walls."):
+        which = name.split(".")[1]
+        shown = replace(shown, name=f"{shown.name} of {'all walls' if which == 'all' else f'wall {which}'}")
+    return shown
 
 
 def quantity(name: str, unit: str = "") -> Shown:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from labbook.fit.angle import brown, rose_tanaka
-from labbook.measure import FLOW_RATIO
+from labbook.measure import FLOW_RATIOS
 from labbook.report.analysis import PointResult
 from labbook.scene import WedgeHopper
 from labbook.stats.pooling import student
@@ -41,10 +41,9 @@ def by_position(points: Sequence[PointResult]) -> list[Ratio]:
     return _ratios(points, GAP, lambda hopper: hopper.gap is None, position)
 
 
-RATIOS: Mapping[str, Callable[[Sequence[PointResult]], list[Ratio]]] = {
-    f"{FLOW_RATIO}.angle": by_angle,
-    f"{FLOW_RATIO}.position": by_position,
-}
+RATIOS: Mapping[str, Callable[[Sequence[PointResult]], list[Ratio]]] = dict(
+    zip(FLOW_RATIOS, (by_angle, by_position), strict=True)
+)
 """Ratios that a reference can name."""
 
 

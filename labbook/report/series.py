@@ -11,7 +11,7 @@ from labbook.fit import COVERAGE, DEFINITIONS, LAWS, Context, FitError, FitResul
 from labbook.fit.outlet import ProfileFit, fit_profiles
 from labbook.report import display
 from labbook.report.analysis import ORIFICE, PointResult
-from labbook.scene import WedgeHopper
+from labbook.scene import outlet_shape
 
 PACKING_FRACTION = "packing_fraction"
 UNDECIDED = "undecided"
@@ -61,7 +61,7 @@ class Series:
     @property
     def outlet(self) -> Literal["slot", "hole"]:
         """What the points flow through."""
-        return "slot" if isinstance(self.points[0].point.scene.container, WedgeHopper) else "hole"
+        return outlet_shape(self.points[0].point.scene.container) or "hole"
 
     @property
     def diameters(self) -> list[float]:
@@ -108,7 +108,7 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
     replicates = np.array([pooled.n for _, pooled in used])
     fits: dict[str, FitResult] = {}
     problems = []
-    outlet = "slot" if isinstance(points[0].point.scene.container, WedgeHopper) else "hole"
+    outlet = outlet_shape(points[0].point.scene.container)
     for name in (law for law in laws if law in LAWS):
         if LAWS[name].outlet not in (outlet, "any"):
             problems.append(f"{name}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")

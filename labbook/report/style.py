@@ -122,6 +122,11 @@ def legend_columns(labels: Sequence[str]) -> int:
 _SHORT, _LINE = 44, 130  # characters: of a title that leaves room for a legend, and of a line of legends across a page
 
 
+def verbatim(text: str) -> str:
+    """`text` of a study's author as matplotlib shows it: dollars are dollars, and begin no formula."""
+    return text.replace("$", r"\$")
+
+
 def mathtext(text: str) -> str:
     """Matplotlib's spelling of a label with superscripts written ^(...), and subscripts of single letters: `φ_d`."""
     text = re.sub(r"\b(\w)_(\w+|∞)", r"$\1_{\2}$", text)

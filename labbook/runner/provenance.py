@@ -1,5 +1,6 @@
 """Where numbers come from: commit, versions, processor, device."""
 
+import math
 import os
 import platform
 import subprocess
@@ -23,6 +24,14 @@ def now() -> str:
 def cores() -> int:
     """Processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def memory() -> float:
+    """Memory of this machine [bytes]; infinite where the system does not tell."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return math.inf
 
 
 @lru_cache(maxsize=8)

@@ -1,7 +1,16 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
 from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
-from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, Silo, WedgeHopper
+from labbook.scene.container import (
+    Box,
+    ConicalSilo,
+    Container,
+    CylinderSilo,
+    Primitives,
+    Silo,
+    WedgeHopper,
+    outlet_shape,
+)
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.scene import Scene
 from labbook.scene.sizes import Normal, Uniform
@@ -32,4 +41,5 @@ __all__ = [
     "Uniform",
     "Wall",
     "WedgeHopper",
+    "outlet_shape",
 ]

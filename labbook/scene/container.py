@@ -292,4 +292,12 @@ class Primitives(Model):
 Silo = WedgeHopper | CylinderSilo | ConicalSilo
 """Containers that grains flow out of."""
 
+
+def outlet_shape(container: "Container") -> Literal["slot", "hole"] | None:
+    """What grains flow out through; None where the container has no orifice of known width."""
+    if isinstance(container, WedgeHopper):
+        return "slot"
+    return "hole" if isinstance(container, Silo) else None
+
+
 Container = Annotated[Silo | Box | Primitives, Field(discriminator="kind")]

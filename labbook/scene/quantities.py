@@ -27,6 +27,7 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*/\s*\d+\.?\d*)?(
 _TERM = re.compile(r"([A-Za-zµμΩ]+|[%°])(?:(?:\^|\*\*)(-?\d))?(\s*[*/]\s*|\s+|$)", re.ASCII)
 
 
+@lru_cache(maxsize=8192)  # of a study's many points most quantities are the same
 def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     """Value of `text` (`3 mm`, `2500 kg/m^3`, `2/7`, `1 %`, `1.01 d`) in `unit` (SI); `d` is `diameter` [m].
 
@@ -42,11 +43,30 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
         raise ValueError("not a quantity: it does not begin with a number")
     value = _number(number.group()) if number else 1.0
     units = expression[number.end() if number else 0 :].strip().removeprefix("*").lstrip()
-    factor = _factor(units, unit, diameter)
+    try:
+        factor = _factor(units, unit, diameter)
+    except ValueError as error:
+        raise ValueError(f"{error}{_meant(units, unit, diameter)}") from None
     if not math.isfinite(value * factor):
         return value * factor
     # in decimals: 18 mm is 0.018, not 0.018000000000000002; keys hash these digits
     return float(Decimal(repr(value)) * Decimal(f"{factor:.15g}"))
+
+
+_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def _meant(units: str, unit: str | None, diameter: float | None) -> str:
+    """What `units` seem to be a misspelling of (`kg/m3`, `kg/m³`, `kg/m^-3`), as a remedy; empty if of nothing."""
+    raised = re.sub(r"(?<=[A-Za-z])([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: "^" + found[1].translate(_RAISED), units)
+    raised = re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", raised)
+    for candidate in (raised, re.sub(r"(/\s*[A-Za-z]+\^)-(\d)", r"\1\2", raised)):
+        try:
+            _factor(candidate, unit, diameter)
+        except ValueError:
+            continue
+        return f": write {candidate}" if candidate != units else ""
+    return ""
 
 
 def _number(text: str) -> float:
@@ -82,7 +102,9 @@ def _factor(units: str, unit: str | None, diameter: float | None) -> float:
         return float(magnitude)
     except pint.DimensionalityError as error:
         wanted = f"a quantity in {unit}" if unit else "a number without unit"
-        raise ValueError(f"{wanted} is needed, not one in {registry.Unit(error.units1):~}") from None
+        given = registry.Unit(error.units1)
+        stated = "a number without unit" if given.dimensionless else f"one in {given:~}"
+        raise ValueError(f"{wanted} is needed, not {stated}") from None
     except ArithmeticError:
         raise ValueError("not a quantity: out of range") from None
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from labbook.study.habits import habit
 from labbook.study.key import NEGLIGIBLE, Key
 from labbook.study.keys import find, siblings
 from labbook.study.problems import instead, meant, shown
@@ -31,6 +32,10 @@ _SIMPLE = {
 _MAPPING = ("model_type", "model_attributes_type", "dict_type", "model_class_type")
 
 
+_LOOKED_AT = 200
+"""Errors of one section that are told: more of them repeat each other."""
+
+
 @dataclass(frozen=True)
 class Complaint:
     """A problem without its file: its place in the data, what is wrong, the remedy, and whether values clash."""
@@ -50,9 +55,13 @@ def complaints(error: ValidationError, raw: Any, prefix: Location = ()) -> Itera
     A key that is missing because it is misspelled is told once, as the unknown key.
     """
     found: list[Complaint] = []
-    for detail in error.errors(include_url=False):
+    for detail in error.errors(include_url=False)[:_LOOKED_AT]:
         location, discriminators = _location(detail["loc"], raw)
-        found += _complain(detail, (*prefix, *location), discriminators)
+        beside: Any = raw
+        for part in location[:-1]:
+            beside = beside[part]
+        beside = beside if isinstance(beside, Mapping) else {}
+        found += _complain(detail, (*prefix, *location), discriminators, beside)
     misspelled = {complaint.meant for complaint in found}
     yield from (each for each in found if each.message != _MISSING or each.location not in misspelled)
 
@@ -73,7 +82,9 @@ def _location(loc: tuple[int | str, ...], raw: Any) -> tuple[Location, frozenset
     return location, frozenset(chosen)
 
 
-def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterator[Complaint]:
+def _complain(
+    detail: Any, location: Location, chosen: frozenset[str], beside: Mapping[str, Any]
+) -> Iterator[Complaint]:
     kind, context = detail["type"], detail.get("ctx", {})
     name = dotted(location)
     if kind == "impossible":
@@ -84,6 +95,13 @@ def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterat
     elif kind == "extra_forbidden":
         known = siblings(name, chosen)
         close = meant(str(location[-1]), known)
+        foreign = habit(name, beside.get(str(location[-1])), beside)
+        if foreign is not None:
+            key = tuple(foreign.key.split(".")) if foreign.key else None
+            yield Complaint(
+                location, "unknown key", foreign.remedy, meant=key if key and key[:-1] == location[:-1] else None
+            )
+            return
         elsewhere = ", ".join(key.of for key in find(name) if key.of and key.of not in chosen)
         message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
         remedy = instead(str(location[-1]), known)
@@ -109,7 +127,10 @@ def _complain(detail: Any, location: Location, chosen: frozenset[str]) -> Iterat
         )
     elif kind in _RANGE:
         bounds = _bounds(context, next((key.unit for key in find(name)), None))
-        yield Complaint(location, f"{shown(detail['input'])} is out of range: {bounds}", _rule(name, chosen))
+        rule = _rule(name, chosen)
+        unsaid = kind.startswith("less") and " in " not in rule and "at most" not in rule
+        remedy = f"{rule}, and {bounds.removeprefix('it must be ')}" if unsaid else rule
+        yield Complaint(location, f"{shown(detail['input'])} is out of range: {bounds}", remedy)
     else:
         yield Complaint(location, _SIMPLE.get(kind, f"{shown(detail['input'])} cannot be used"), _rule(name, chosen))
 

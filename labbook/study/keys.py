@@ -2,12 +2,14 @@
 
 import re
 from dataclasses import replace
+from difflib import SequenceMatcher, get_close_matches
 from functools import lru_cache
 
 from labbook.numerics import Numerics
 from labbook.scene.scene import Scene
 from labbook.study import timestep
 from labbook.study.fields import walk
+from labbook.study.habits import habit
 from labbook.study.key import Key
 from labbook.study.schema import Fill, Settings
 
@@ -26,6 +28,40 @@ def find(name: str) -> tuple[Key, ...]:
     pattern = re.sub(r"\[\d+\]", "[]", name)
     wall = re.sub(r"^walls\.[^.]+", "walls.*", pattern)
     return tuple(key for key in all_keys() if key.name in (pattern, wall))
+
+
+_FIRST = ("contact", "container", "grains", "gravity", "numerics", "walls", "fill")
+"""Sections in the order in which a key that several have is meant."""
+
+
+def nearest(name: str) -> str:
+    """The remedy for a dotted `name` that no sweep knows: the key it seems to mean, or the few that are nearest."""
+    names = [key.name for key in all_keys() if key.sweepable]
+    leaf = name.rpartition(".")[2]
+    inside = [known for known in names if known.startswith(f"{name}.") and known.count(".") == name.count(".") + 1]
+    if inside:
+        some = ", ".join(sorted(inside)[:3])
+        return f"{name} is a section: name one of its keys, such as {some}"
+    foreign = habit(name, None, {})
+    if foreign is not None and foreign.key is not None:
+        return f"did you mean {foreign.key}?"
+    if foreign is not None:
+        return foreign.remedy
+    ending = {known for known in names if known.rpartition(".")[2] == leaf}
+    same = sorted(ending, key=lambda known: _FIRST.index(known.split(".")[0]))
+    if same:
+        others = " and ".join(known.replace("walls.*", "walls.NAME") for known in same[1:3])
+        also = f" {others} {'end' if len(same) > 2 else 'ends'} alike" if others else ""
+        return f"did you mean {same[0]}?{also}"
+    close = get_close_matches(name[:80], names, n=3, cutoff=0.6)
+    leaves = {known.rpartition(".")[2]: known for known in reversed(names)}
+    close += [leaves[one] for one in get_close_matches(leaf[:80], leaves, n=3, cutoff=0.7)]
+    found = list(dict.fromkeys(close))[:3]
+    if len(found) == 1 or (found and SequenceMatcher(None, name, found[0]).ratio() > 0.8):
+        return f"did you mean {found[0]}?"
+    return (
+        f"the nearest are {', '.join(found)}" if found else "write a key of docs/studies.md, such as contact.friction"
+    )
 
 
 def siblings(name: str, of: frozenset[str] = frozenset()) -> tuple[str, ...]:

@@ -3,34 +3,47 @@
 from collections.abc import Iterator, Set
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
+from labbook.study.applicable import unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
+from labbook.study.habits import habit
+from labbook.study.keys import all_keys, nearest
 from labbook.study.points import PointReader
-from labbook.study.problems import Problem, StudyError, instead, meant, shown
+from labbook.study.problems import MOST, Problem, StudyError, instead, meant, shown
 from labbook.study.reference import ReferenceReader
 from labbook.study.schema import SETTING_KEYS, TOP_KEYS, Settings
 from labbook.study.source import Source, dotted, read
-from labbook.study.study import Point, Study
+from labbook.study.study import Study
 from labbook.study.sweep import MAX_POINTS, Sweep
+
+MAX_RUNS = 200_000
+"""Runs that a plan holds at once."""
+_COMPARED = 200
+"""Unknown keys that are compared with those that are known."""
 
 
 def load(path: Path) -> Study:
     """The study in the file `path`. Raises StudyError with all problems that were found."""
     source = read(Path(path))
     problems = _unknown_keys(source)
-    misspelled = {meant(key, TOP_KEYS) for key in source.data if key not in TOP_KEYS}
+    unknown = [key for key in source.data if key not in TOP_KEYS]
+    misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
     settings = _settings(source, misspelled, problems)
     sweep = Sweep(source)
     reader = PointReader(source, sweep.wrong | misspelled)
     points = reader.read(sweep if sweep.size <= MAX_POINTS else islice(sweep, 1))
-    reference = ReferenceReader(source, points, known_names)
+    reference = ReferenceReader(source, points, known_names, settings)
     published = reference.read()
     problems += [*sweep.problems, *reader.problems, *reference.problems]
     if settings is not None:
         problems += _unknown_names(source, settings)
-        problems += _outlets(source, settings, points)
+        problems += _too_many_runs(source, settings, len(points))
+        problems += unmeasurable(source, settings, points)
+        problems += unfittable(source, settings, points)
+        problems += unfillable(source, settings, points)
     if problems or settings is None:
         raise StudyError(problems)
     return Study(
@@ -53,8 +66,21 @@ def known_names() -> set[str]:
 
 def _unknown_keys(source: Source) -> list[Problem]:
     unknown = [key for key in source.data if key not in TOP_KEYS]
-    remedies = {key: instead(key, TOP_KEYS) for key in unknown}
+    # of thousands only the first are printed, and likenesses take time
+    remedies = {key: _at_top(key, source.data) if n < MOST else "leave it out" for n, key in enumerate(unknown)}
     return [Problem(source.path, source.line((k,)), shown(k), "unknown key", remedies[k]) for k in unknown]
+
+
+def _at_top(key: str, data: dict[str, Any]) -> str:
+    """The remedy for an unknown key at the top of a study."""
+    close = meant(key, TOP_KEYS)
+    if close:
+        return f"did you mean {close}?"
+    contact = data.get("contact")
+    foreign = habit(key, data[key], contact if isinstance(contact, dict) else {})
+    if foreign is not None:
+        return foreign.remedy
+    return nearest(key) if any(known.name.rpartition(".")[2] == key for known in all_keys()) else instead(key, TOP_KEYS)
 
 
 def _settings(source: Source, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
@@ -67,6 +93,15 @@ def _settings(source: Source, misspelled: Set[str | None], problems: list[Proble
                 line, key = source.line(found.location), shown(dotted(found.location))
                 problems.append(Problem(source.path, line, key, found.message, found.remedy))
         return None
+
+
+def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[Problem]:
+    """More runs than a plan can hold."""
+    runs = points * settings.replicates
+    if runs > MAX_RUNS:
+        message = f"{points} points of {settings.replicates} replicates are {runs} runs, more than {MAX_RUNS}"
+        remedy = f"use at most {MAX_RUNS // points} replicates, or split the study"
+        yield Problem(source.path, source.line(("replicates",)), "replicates", message, remedy)
 
 
 def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
@@ -86,10 +121,3 @@ def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
         line = source.line(("fit", settings.fit.index(name)))
         message = f"{name} cannot be fitted: profiles are not measured"
         yield Problem(source.path, line, "fit", message, f"add {COVERAGE} to measure")
-
-
-def _outlets(source: Source, settings: Settings, points: tuple[Point, ...]) -> Iterator[Problem]:
-    if "flow_rate" in settings.measure and any(p.scene.container.outlet_plane is None for p in points):
-        message = "this container has no outlet, and no flow rate"
-        line = source.line(("container", "kind"))
-        yield Problem(source.path, line, "container", message, "take flow_rate out of measure, or give it an outlet")

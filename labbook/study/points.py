@@ -21,6 +21,7 @@ from labbook.study.timestep import TimeStepError
 MAX_WRONG = 500
 """After this many points that are wrong, the rest are not looked at: they repeat the same mistakes."""
 
+_OWN = ("walls.", "fill.")
 _STEP = ("numerics", "dt")
 _GRAINS = TypeAdapter(Grains)
 _PLACEHOLDER = Spheres(diameter=1e-3, density=1e3, count=1)  # stands in for grains that are wrong
@@ -36,6 +37,8 @@ class PointReader:
         self.numerics_stated: Mapping[str, Any] = {}
         """`numerics` as it holds at the first point."""
         self._found: dict[Problem, list[str]] = {}
+        self._same: dict[str, Grains] = {}
+        """Grains by what their section says: most points share theirs."""
 
     @property
     def problems(self) -> Iterator[Problem]:
@@ -102,8 +105,12 @@ class PointReader:
             remedy = "add `grains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 3000}`"
             found.append(Complaint(("grains",), "this key is missing", remedy))
             return None
+        stated = repr(raw["grains"])
+        if stated in self._same:
+            return self._same[stated]
         try:
-            return _GRAINS.validate_python(raw["grains"], context={"units": "required"})
+            self._same[stated] = _GRAINS.validate_python(raw["grains"], context={"units": "required"})
+            return self._same[stated]
         except ValidationError as error:
             found += complaints(error, raw["grains"], ("grains",))
             return None
@@ -144,7 +151,8 @@ class PointReader:
 
     def _problem(self, complaint: Complaint, assignment: Assignment) -> Problem:
         key = dotted(complaint.location)
-        line = assignment[key].line if key in assignment else self._source.line(complaint.location)
+        swept = next((one for one in assignment if one == key or one.startswith(f"{key}.")), None)
+        line = assignment[swept].line if swept else self._source.line(complaint.location)
         return Problem(self._source.path, line, shown(key), complaint.message, complaint.remedy)
 
 
@@ -186,7 +194,9 @@ def _assign(data: Mapping[str, Any], assignment: Assignment) -> dict[str, Any]:
 
 
 def _short_names(keys: Iterable[str]) -> dict[str, str]:
-    """`orifice` for container.orifice, unless another key ends alike."""
+    """`orifice` for container.orifice, unless another key ends alike; what walls and fillings have of their own is
+    called by its whole name, since grains have a friction, too."""
     names = list(keys)
     leaves = [name.rpartition(".")[2] for name in names]
-    return {name: leaf if leaves.count(leaf) == 1 else name for name, leaf in zip(names, leaves, strict=True)}
+    plain = [leaves.count(leaf) == 1 and not name.startswith(_OWN) for name, leaf in zip(names, leaves, strict=True)]
+    return {name: leaf if short else name for name, leaf, short in zip(names, leaves, plain, strict=True)}

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
+MOST = 20
+"""Problems that are printed: many more are the same mistake again."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -27,7 +30,10 @@ class StudyError(Exception):
 
     def __init__(self, problems: Iterable[Problem]):
         self.problems = tuple(sorted(dict.fromkeys(problems), key=lambda problem: problem.line))
-        super().__init__("\n".join(map(str, self.problems)))
+        lines = [str(problem) for problem in self.problems[:MOST]]
+        if len(self.problems) > MOST:
+            lines.append(f"and {len(self.problems) - MOST} more problems")
+        super().__init__("\n".join(lines))
 
 
 def instead(word: str, known: Iterable[str]) -> str:

@@ -6,22 +6,28 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from labbook.scene.quantities import parse
+from labbook.study.applicable import Wrong, unit_of
 from labbook.study.key import Key
-from labbook.study.keys import all_keys, find
+from labbook.study.keys import find, nearest
 from labbook.study.problems import Problem, instead, shown
-from labbook.study.schema import FEATURES, TURNING, Reference, ReferenceEntry, Statement
+from labbook.study.schema import FEATURES, TURNING, Reference, ReferenceEntry, Settings, Statement
 from labbook.study.source import Location, Source, dotted
 from labbook.study.study import Point
 
 _QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40}){0,2}")
+_ROOT = re.compile(r"/\d|\(")
+"""Units with roots, which a study cannot write: their numbers stand without one, in SI."""
 _ENTRY_KEYS = ("at", "value", "error", "from", "to", "says")
 
 
 class ReferenceReader:
     """Reads `reference`; problems are collected in `problems`."""
 
-    def __init__(self, source: Source, points: Sequence[Point], known: Callable[[], set[str]]):
-        self._source, self._points, self._known = source, points, known
+    def __init__(
+        self, source: Source, points: Sequence[Point], known: Callable[[], set[str]], settings: Settings | None
+    ):
+        """`settings`: what the study measures and fits; None if that is wrong, and units cannot be told."""
+        self._source, self._points, self._known, self._settings = source, points, known, settings
         self.problems: list[Problem] = []
 
     def read(self) -> Reference | None:
@@ -78,8 +84,10 @@ class ReferenceReader:
             self._problem(
                 place, "what turning does is stated, not given as a number", "write `from` and `to` and `says`"
             )
+            return None
         if head == TURNING and len(rest) > 1 and rest[1] not in FEATURES:
-            self._problem(place, f"a curve has no {rest[1]}", instead(rest[1], FEATURES))
+            self._problem(place, f"a curve has no {shown(rest[1])}", instead(rest[1], FEATURES))
+            return None
         if "value" not in raw and not stated:
             remedy = "add the published number, with its unit, or `from` and `to` of a statement"
             self._problem((*place, "value"), "this key is missing", remedy)
@@ -89,8 +97,9 @@ class ReferenceReader:
             )
         diameter = self._points[0].scene.grains.diameter if self._points else None
         keys = [key for key in ("value", "error", "from", "to") if key in raw]
-        numbers = {key: self._number(raw[key], (*place, key), diameter) for key in keys}
         at = self._at(raw.get("at", {}), (*place, "at"), diameter)
+        unit = self._unit(name, at, place)
+        numbers = {key: self._number(raw[key], (*place, key), diameter, unit) for key in keys}
         if len(self.problems) > before:
             return None
         error = numbers.get("error")
@@ -114,12 +123,32 @@ class ReferenceReader:
             return Statement(name, at, low, high, says.strip())
         return None
 
-    def _number(self, raw: Any, place: Location, diameter: float | None) -> float | None:
+    def _unit(self, name: str, at: Mapping[str, float | str], place: Location) -> str | None:
+        """SI unit of the quantity; None where it cannot be told, or has one that a study cannot write."""
+        if self._settings is None or not self._points:
+            return None
+        scenes = [point.scene for point in self._points if not at or _is_at(point, at)]
+        unit = unit_of(name, self._settings, scenes or [self._points[0].scene])
+        if isinstance(unit, Wrong):
+            self._problem(place, unit.reason, unit.remedy)
+            return None
+        return None if _ROOT.search(unit) else unit
+
+    def _number(self, raw: Any, place: Location, diameter: float | None, unit: str | None) -> float | None:
+        remedy = "write a number with its unit, if it has one"
+        if unit is not None:
+            written = f"{unit.removeprefix('1/')}^-1" if unit.startswith("1/") else unit
+            remedy = f"write a quantity in {unit}, for example 1 {written}" if unit else "write a number without unit"
         try:
-            number = parse(raw, None, diameter) if isinstance(raw, str) else float(raw)
+            if isinstance(raw, str):
+                number = parse(raw, unit, diameter)
+            elif unit and isinstance(raw, int | float):
+                raise ValueError("the unit is missing")
+            else:
+                number = float(raw)
         except (ValueError, TypeError, OverflowError) as error:
-            reason = str(error) if isinstance(raw, str) else "a number is needed"
-            self._problem(place, f"{shown(raw)}: {reason}", "write a number with its unit, if it has one")
+            reason = "a number is needed" if isinstance(error, TypeError) else str(error)
+            self._problem(place, f"{shown(raw)}: {reason}", remedy)
             return None
         if isinstance(raw, bool) or not math.isfinite(number):
             self._problem(place, f"{shown(raw)}: a finite number is needed", "write a number")
@@ -134,8 +163,7 @@ class ReferenceReader:
         for key, stated in raw.items():
             meant = [known for known in find(key) if known.sweepable]
             if not meant:
-                names = {known.name for known in all_keys() if known.sweepable}
-                self._problem((*place, key), "there is no such key", instead(key, names))
+                self._problem((*place, key), "there is no such key", nearest(key))
                 continue
             try:
                 at[key] = _condition(stated, meant[0], diameter)

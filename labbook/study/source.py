@@ -1,5 +1,6 @@
 """Reading YAML into plain values, with the line of every key; what cannot be read is a StudyError."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -7,8 +8,10 @@ from typing import Any
 from labbook.study.problems import Problem, StudyError, shown
 
 MAX_BYTES = 2_000_000
-MAX_NODES = 250_000
+MAX_NODES = 100_000
 MAX_DEPTH = 30
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 Location = tuple[str | int, ...]
 """Keys and list indices from the top of the file to a value."""
@@ -69,13 +72,38 @@ def _text(path: Path) -> str:
         raise StudyError([Problem(path, line, "", "not text in UTF-8", "save the file as UTF-8")]) from None
 
 
+class _TooMany(Exception):
+    def __init__(self, line: int):
+        super().__init__(line)
+        self.line = line
+
+
 def _compose(path: Path, text: str):
     """The tree of YAML nodes, or None for an empty file."""
     from ruamel.yaml import YAML
+    from ruamel.yaml.composer import Composer
     from ruamel.yaml.error import MarkedYAMLError
 
+    class Counting(Composer):
+        """Stops at MAX_NODES: a larger file would be read for minutes."""
+
+        nodes = 0
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            self.nodes += 1
+            if self.nodes > MAX_NODES:
+                raise _TooMany(self.loader.parser.peek_event().start_mark.line + 1)
+            return super().compose_node(parent, index)
+
+    reader = YAML(typ="safe", pure=True)
+    reader.Composer = Counting
     try:
-        root = YAML(typ="safe", pure=True).compose(text)
+        root = reader.compose(text)
+    except _TooMany as many:
+        message = f"more than {MAX_NODES} values"
+        raise StudyError(
+            [Problem(path, many.line, "", message, "write long lists as sweeps, or split the study")]
+        ) from None
     except RecursionError:
         raise StudyError([Problem(path, _deep(text), "", "nested too deeply", "a study needs few levels")]) from None
     except Exception as error:  # a parser on arbitrary text: whatever stops it, the text is not YAML
@@ -101,6 +129,9 @@ def _deep(text: str) -> int:
 
 
 def _yaml_remedy(text: str, line: int) -> str:
+    if (strange := _CONTROL.search(text)) is not None:
+        place = text.count("\n", 0, strange.start()) + 1
+        return f"remove the character {ord(strange[0]):#04x} on line {place}: no text has it"
     lines = text.splitlines()
     near = lines[max(line - 2, 0) : line]
     if any("\t" in candidate for candidate in near):

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import chain, product
 from typing import Any
 
-from labbook.study.keys import all_keys, find
-from labbook.study.problems import Problem, instead, shown
+from labbook.study.keys import find, nearest
+from labbook.study.problems import Problem, shown
 from labbook.study.source import Location, Source, dotted
 
 MAX_POINTS = 100_000
@@ -142,8 +142,7 @@ class Sweep:
     def _may_vary(self, key: str, place: Location) -> bool:
         meant = find(key)
         if not meant:
-            names = {known.name for known in all_keys() if known.sweepable}
-            self._problem(place, "there is no such key", instead(key, names))
+            self._problem(place, "there is no such key", nearest(key))
         elif not any(known.sweepable for known in meant):
             self._problem(place, "this key cannot vary within a study", "state it once, or write two studies")
         else:
@@ -162,7 +161,8 @@ class Sweep:
         if isinstance(raw, dict) and raw:
             return True
         message = "is empty: nothing is swept" if raw in ({}, None, []) else "a mapping of keys is needed"
-        self._problem(place, message, "write for example `container.orifice: [20 mm, 30 mm]`, or leave it out")
+        values = "30 mm" if place[0] == "points" else "[20 mm, 30 mm]"
+        self._problem(place, message, f"write for example `container.orifice: {values}`, or leave it out")
         return False
 
     def _problem(self, place: Location, message: str, remedy: str) -> None:

@@ -117,7 +117,7 @@ def test_a_forecast_rests_on_recorded_speeds(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     machine = provenance("cpu")["machine"]
     ahead = forecast(plan(asked, lab), Catalogue(lab), machine, "cpu", 2)
-    assert ahead.speed == DEFAULT_SPEED
+    assert ahead.speed == pytest.approx(DEFAULT_SPEED)
     assert "assumed" in ahead.basis
     assert ahead.seconds == pytest.approx(ahead.grain_steps / DEFAULT_SPEED / 2)
     carry_out(asked, lab)

@@ -120,23 +120,25 @@ walls: {front: {friction: 0.01}}
 def test_reference(tmp_path):
     text = """
 sweep: {container.orifice: "[18, 30] mm"}
+fit: [power]
 reference:
   source: Someone 2020
-  beverloo.k: {value: 1.55, error: 0.1}
-  beverloo.C: {from: 50 %, says: C is large}
+  power.n: {value: 1.55, error: 0.1}
+  power.W_d: {from: 50 g/s, says: W is large}
   rotation.grain_rate.minimum: {at: {container.orifice: 18 mm}, from: 160 mHz, to: 0.32 Hz, says: slow}
   flow_rate:
     - {at: {container.orifice: 6 d}, value: 22 g/s, error: 1 g/s}
     - {at: {container.orifice: 3 cm, contact.law: hertz-mindlin, grains.count: 3000}, value: 57 g/s}
 """
-    reference = study(tmp_path, text).reference
+    silo = "container: {kind: cylinder-silo, diameter: 100 mm, height: 400 mm, orifice: 30 mm}\n"
+    reference = study(tmp_path, text, BASE.partition("container:")[0] + silo).reference
     assert reference is not None
     assert reference.source == "Someone 2020"
     large, slow = reference.statements
-    assert (large.quantity, large.low, large.high, large.says) == ("beverloo.C", 0.5, math.inf, "C is large")
+    assert (large.quantity, large.low, large.high, large.says) == ("power.W_d", 0.05, math.inf, "W is large")
     assert (slow.at, slow.low, slow.high) == ({"container.orifice": 0.018}, 0.16, 0.32)
     k, first, second = reference.entries
-    assert (k.quantity, k.at, k.value, k.error) == ("beverloo.k", {}, 1.55, 0.1)
+    assert (k.quantity, k.at, k.value, k.error) == ("power.n", {}, 1.55, 0.1)
     assert (first.quantity, first.at, first.value, first.error) == (
         "flow_rate",
         {"container.orifice": 0.018},

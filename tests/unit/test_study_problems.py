@@ -160,21 +160,44 @@ def test_each_problem_is_told(tmp_path, old, new, line, key, message, remedy):
         ("beverloo.k: []", "beverloo.k", "empty", "leave it out"),
         ("beverloo.k: {valu: 1, value: 1}", "beverloo.k.valu", "unknown", "value?"),
         ("beverloo.k: {value: 1 foo}", "beverloo.k.value", "unknown unit", "unit"),
-        ("flow_rate: {value: 1, error: -1}", "flow_rate.error", "negative", "error"),
-        ("flow_rate: {value: 1, at: {gravitas: 1}}", "flow_rate.at.gravitas", "no such", "gravity?"),
-        ("flow_rate: {value: 1, at: {gravity: 1 m/s^2}}", "flow_rate.at", "no point", "sweeps"),
-        ("flow_rate: {value: 1, at: {gravity: 1}}", "flow_rate.at.gravity", "unit", "m/s^2"),
-        ("flow_rate: {from: 1, value: 1, says: it}", "flow_rate.value", "no value of its own", "leave it out"),
-        ("flow_rate: {from: 2, to: 1, says: it}", "flow_rate.to", "allows no number", "above `from`"),
-        ("flow_rate: {from: 2}", "flow_rate.says", "missing", "what the paper says"),
-        ("flow_rate: {from: 2 foo, says: it}", "flow_rate.from", "unknown unit", "unit"),
+        ("flow_rate: {value: 1 kg/s, error: -1 g/s}", "flow_rate.error", "negative", "error"),
+        ("flow_rate: {value: 1 kg/s, at: {gravitas: 1}}", "flow_rate.at.gravitas", "no such", "gravity?"),
+        ("flow_rate: {value: 1 kg/s, at: {gravity: 1 m/s^2}}", "flow_rate.at", "no point", "sweeps"),
+        ("flow_rate: {value: 1 kg/s, at: {gravity: 1}}", "flow_rate.at.gravity", "unit", "m/s^2"),
+        (
+            "flow_rate: {from: 1 kg/s, value: 1 kg/s, says: it}",
+            "flow_rate.value",
+            "no value of its own",
+            "leave it out",
+        ),
+        ("flow_rate: {from: 2 kg/s, to: 1 kg/s, says: it}", "flow_rate.to", "allows no number", "above `from`"),
+        ("flow_rate: {from: 2 kg/s}", "flow_rate.says", "missing", "what the paper says"),
+        ("flow_rate: {from: 2 foo, says: it}", "flow_rate.from", "unknown unit", "kg/s"),
+        ("flow_rate: {value: 3 kg}", "flow_rate.value", "kg/s is needed, not one in kg", "in kg/s"),
+        ("flow_rate: {value: 3}", "flow_rate.value", "3: the unit is missing", "1 kg/s"),
+        (
+            "flow_rate: {value: 3 kg/s, error: 1 %}",
+            "flow_rate.error",
+            "kg/s is needed, not a number without unit",
+            "kg/s",
+        ),
+        ("grain_rate: {value: 3 Hz, error: 1 kg}", "grain_rate.error", "not one in kg", "1 s^-1"),
+        ("beverloo.k: {value: 1 m}", "beverloo.k.value", "without unit is needed", "without unit"),
+        ("beverloo.q: {value: 1}", "beverloo.q", "beverloo.q is neither", "beverloo.C, beverloo.C_particle"),
+        ("foo.bar: {value: 3}", "foo.bar", "foo.bar is neither measured nor fitted", "flow_rate"),
+        ("flow_rate.bar: {value: 3}", "flow_rate.bar", "neither measured", "flow_rate.grain_rate"),
+        ("packing.packing_fraction: {value: 3}", "packing.packing_fraction", "not measured", "add packing to measure"),
+        ("beverloo.kay: {value: 3}", "beverloo.kay", "neither", "beverloo.C_particle, beverloo.k"),
+        ("janda.alpha1: {value: 3}", "janda.alpha1", "not fitted in this study", "add janda to fit"),
+        ("flow_ratio.gap: {value: 3}", "flow_ratio.gap", "neither", "flow_ratio.angle"),
+        ("rotation.grain_rate: {to: 1, says: it}", "rotation.grain_rate", "no rotation", "cylinder-silo"),
         ("rotation.grain_rate: {value: 2}", "rotation.grain_rate", "not given as a number", "`says`"),
         ("rotation.grain_rate.fall: {to: 2, says: it}", "rotation.grain_rate.fall", "a curve has no fall", "drop"),
         ("rotatio.grain_rate: {to: 2, says: it}", "rotatio.grain_rate", "no law", "rotation?"),
     ],
 )
 def test_problems_of_references(tmp_path, text, key, message, remedy):
-    (problem,) = problems(tmp_path, f"{BASE}reference: {{source: x, {text}}}\n")
+    (problem,) = problems(tmp_path, f"{BASE}reference: {{source: x, {text}}}\nfit: [beverloo]\n")
     assert (problem.line, problem.key) == (11, f"reference.{key}")
     assert message in problem.message
     assert remedy in problem.remedy
@@ -198,5 +221,6 @@ def test_all_problems_are_told_together(tmp_path):
 def test_outlets_are_needed_for_flow(tmp_path):
     text = BASE.partition("container:")[0] + "container: {kind: box, width: 1 m, depth: 1 m, height: 1 m}\n"
     (problem,) = problems(tmp_path, text)
-    assert (problem.line, problem.key) == (4, "container")
-    assert "no outlet" in problem.message
+    assert (problem.line, problem.key) == (4, "measure")
+    assert "flow_rate needs an outlet, and the container (box) has none" in problem.message
+    assert "give the container an outlet" in problem.remedy

@@ -29,7 +29,7 @@ from wrong_study import BASE, problems
         ("points: [{gravity: 1 m/s^2}]\nsweep: {gravity: [2 m/s^2]}", 12, "sweep.gravity", "listed in points", "one"),
         ("points: [{gravitas: 1}]", 11, "points[0].gravitas", "no such key", "gravity?"),
         ("reference: 3", 11, "reference", "a mapping of keys", "source"),
-        ("reference: {beverloo.k: {value: 1}}", 11, "reference.source", "missing", "paper"),
+        ("reference: {flow_rate: {value: 1 kg/s}}", 11, "reference.source", "missing", "paper"),
     ],
 )
 def test_problems_of_sweeps(tmp_path, text, line, key, message, remedy):

@@ -85,6 +85,8 @@ def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> Profile
     """
     if not seeds or any(not one for one in seeds):
         raise FitError(f"no outlet has profiles; measure {COVERAGE}, and leave out clogged points")
+    for outlet in (outlet for one in seeds for outlet in one if not outlet.seen):
+        raise FitError(f"no grain was seen to move across the outlet of {2e3 * outlet.R:g} mm in one of its runs")
     several = min(len(one) for one in seeds) > 1
     saturates = len({one[0].R for one in seeds}) >= FEWEST
 

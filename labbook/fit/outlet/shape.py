@@ -41,6 +41,13 @@ class Outlet:
         """Which bins lie within `reach`, shape [m]."""
         return np.maximum(abs(self.edges[1:]), abs(self.edges[:-1])) <= self.reach * (1 + 1e-9)
 
+    @property
+    def seen(self) -> bool:
+        """Whether there is a shape to fit: grains that move, in bins within `reach` on both sides of the middle."""
+        known = np.isfinite(self.velocity)
+        pairs = self.inside & known & known[::-1]
+        return bool((np.abs(self.flux[pairs]) > 0).any())
+
 
 def mean_of(outlets: Sequence[Outlet]) -> Outlet:
     """The mean of several runs through equal outlets; velocities weigh by the time that grains were there."""

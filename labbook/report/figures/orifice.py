@@ -22,6 +22,7 @@ from labbook.report.style import (
     from_zero,
     house,
     look,
+    verbatim,
 )
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"]
         places = [float(c.at[ORIFICE]) * 1e3 for c in theirs]
         values = _scaled(np.array([c.reference for c in theirs]), power)
         look = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
-        ax.plot(places, values, color=INK, label=source, **look)
+        ax.plot(places, values, color=INK, label=verbatim(source), **look)
 
 
 def _their_law(
@@ -143,7 +144,7 @@ def _their_law(
         if isinstance(fit.law, Beverloo) and known.keys() >= {"C_particle", "k"}:
             free = np.array([math.log(known["C_particle"]), known["k"]])
             W = fit.law.flow(D, free, fit.context)
-            label = f"{source}, C = {known['C_particle']:g}, k = {known['k']:g}"
+            label = f"{verbatim(source)}, C = {known['C_particle']:g}, k = {known['k']:g}"
             ax.plot(D * 1e3, _scaled(W, power), color=INK, linestyle=":", zorder=1, label=label)
 
 

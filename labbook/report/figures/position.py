@@ -10,7 +10,7 @@ from labbook.fit.outlet import TERMS, approach_at
 from labbook.report import display
 from labbook.report.approach import approaches
 from labbook.report.ratios import GAP
-from labbook.report.style import COLOURS, INK, MILLIMETRE, PAGE, band, house, look
+from labbook.report.style import COLOURS, INK, MILLIMETRE, PAGE, band, house, look, verbatim
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,4 +79,4 @@ def _approach(ax: "Axes", law: "Approach") -> None:
 
 def _theirs(ax: "Axes", theirs: Mapping[str, float], source: str) -> None:
     curve = approach_at(_FINE, *(theirs[name] for name in TERMS))
-    ax.plot(_FINE, curve, color=INK, linestyle=":", linewidth=1.2, zorder=3, label=source)
+    ax.plot(_FINE, curve, color=INK, linestyle=":", linewidth=1.2, zorder=3, label=verbatim(source))

@@ -9,7 +9,19 @@ import numpy as np
 from labbook.fit.outlet import Saturation, middle_speed, tilted
 from labbook.report import display
 from labbook.report.comparison import of_reference
-from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, band, beside_title, from_zero, house, look
+from labbook.report.style import (
+    COLOURS,
+    FAINT,
+    INK,
+    MILLIMETRE,
+    PAGE,
+    band,
+    beside_title,
+    from_zero,
+    house,
+    look,
+    verbatim,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,7 +98,7 @@ def _tilted(ax: "Axes", column: int, fit: "ProfileFit") -> list:
 
 def _theirs(ax: "Axes", column: int, known: Mapping[str, float], source: str) -> list:
     """The reference's dome, or its tilted curve."""
-    style = {**_DOTS, "label": source}
+    style = {**_DOTS, "label": verbatim(source)}
     exponent = "ab"[column]
     if exponent in known:
         return ax.plot(_FINE, tilted(_FINE, known[exponent]), **style)
@@ -152,7 +164,9 @@ def _speeds(ax: "Axes", fit: "ProfileFit", R: np.ndarray, g: float, known: Mappi
     ax.plot(x, curve.value, color=COLOURS[1], label=f"γ = {fit.parameters['gamma'].value:.3g}")
     _bands(ax, curve, x, COLOURS[1])
     if "gamma" in known:
-        ax.plot(x, middle_speed(known["gamma"], curve.at, g), label=f"{source}, γ = {known['gamma']:.3g}", **_DOTS)
+        ax.plot(
+            x, middle_speed(known["gamma"], curve.at, g), label=f"{verbatim(source)}, γ = {known['gamma']:.3g}", **_DOTS
+        )
     values, errors = [one.v_c.value for one in fit.outlets], [np.nan_to_num(one.v_c.error) for one in fit.outlets]
     ax.errorbar(np.sqrt(R * 1e3), values, yerr=errors, color=INK, marker="o", linestyle="none")
     from_zero(ax)
@@ -171,7 +185,12 @@ def _middles(ax: "Axes", fit: "ProfileFit", R: np.ndarray, known: Mapping[str, f
         _bands(ax, curve, x, COLOURS[1])
         if known.keys() & {"phi_inf", "tau1"}:
             law = Saturation(known.get("phi_inf", limit), known.get("tau1", 0.0), known.get("tau2", 0.0))
-            ax.plot(x, law.at(curve.at), label=source if "tau1" in known else f"{source}, $φ_∞$", **_DOTS)
+            ax.plot(
+                x,
+                law.at(curve.at),
+                label=verbatim(source) if "tau1" in known else f"{verbatim(source)}, $φ_∞$",
+                **_DOTS,
+            )
         ax.legend(loc="lower right")
     ax.set_xlabel("$R$ [mm]")
     ax.set_ylabel(r"$\phi_c$")

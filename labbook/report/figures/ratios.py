@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.report import display
 from labbook.report.ratios import ANGLE, GAP, RATIOS, angle_laws
-from labbook.report.style import COLUMN, DASHES, FAINT, INK, MILLIMETRE, PAGE, house, look, mathtext
+from labbook.report.style import COLUMN, DASHES, FAINT, INK, MILLIMETRE, PAGE, house, look, mathtext, verbatim
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +60,7 @@ def flow_against_position(
         if theirs:
             x = [places[tuple(c.at.items())] for c in theirs]
             style = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
-            ax.plot(x, [c.reference for c in theirs], color=INK, label=source, **style)
+            ax.plot(x, [c.reference for c in theirs], color=INK, label=verbatim(source), **style)
         ax.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
         ax.set_ylim(*_range(ratios))
         ax.set_xlabel("distance from the wall, $s^* = 2s/(L-D)$")

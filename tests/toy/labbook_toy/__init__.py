@@ -24,7 +24,7 @@ from collections import defaultdict
 import numpy as np
 
 from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
-from labbook.probes import Crossing, Sample, Slab, empty_table
+from labbook.probes import Contacts, Crossing, Sample, Slab, Zone, due, empty_table
 from labbook.protocol.packing import Packing
 
 DECAY = 0.9
@@ -45,17 +45,18 @@ class Backend:
         self.capabilities = Capabilities(
             name=self.NAME,
             cache_version=int(env(self.VERSION, "1")) if version is None else version,
-            shapes=frozenset({"sphere"}),
+            shapes=frozenset({"sphere", "spherocylinder"}),
             laws=frozenset({"hertz-mindlin", "linear"}),
-            walls=frozenset({"plane", "strip"}),
+            walls=frozenset({"plane", "strip", "frustum"}),
             precisions=frozenset({"double"}),
             devices=("cpu",),
+            mixtures=True,
         )
 
     def specialise(self, scene, numerics, probes=()):
         if numerics.precision != "double":
             raise Unsupported("numerics.precision", "the toy engine has double precision only")
-        features = (("closed", _outlet(scene) is None), ("law", scene.contact.law))
+        features = (("closed", _outlet(scene) is None), ("law", scene.contact.law), ("rods", _rods(scene)))
         return Spec(self.NAME, features, tuple(dict.fromkeys(probes)), numerics.steps_per_beat)
 
     def open(self, spec, slots=None, device="cpu"):
@@ -92,6 +93,10 @@ class Twin(Backend):
 
 def _outlet(scene):
     return None if getattr(scene.container, "closed", False) else scene.container.outlet_plane
+
+
+def _rods(scene):
+    return scene.grains.shape == "spherocylinder"
 
 
 class Ensemble:
@@ -144,7 +149,8 @@ class Ensemble:
 
     def drain(self):
         rows, self._rows = self._rows, defaultdict(list)
-        parts = {probe: rows[probe] or [empty_table(probe)] for probe in self._spec.probes}
+        rods = self._spec.feature("rods")
+        parts = {probe: rows[probe] or [empty_table(probe, rods)] for probe in self._spec.probes}
         return {
             probe: {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
             for probe, tables in parts.items()
@@ -158,7 +164,8 @@ class Ensemble:
 
     def packing(self, member):
         glass = self._glasses[member]
-        return Packing(x=glass.x.copy(), v=glass.v.copy(), omega=np.zeros_like(glass.x), ids=glass.ids.copy())
+        own = {name: getattr(glass, name).copy() for name in glass.OWN if getattr(glass, name) is not None}
+        return Packing(x=glass.x.copy(), v=glass.v.copy(), omega=np.zeros_like(glass.x), **own)
 
     def retire(self, member):
         del self._glasses[member]
@@ -171,7 +178,7 @@ class Ensemble:
 def verified(checkpoint, scene):
     """Raises ValueError for arrays that no glass of this scene can have had."""
     arrays = checkpoint.arrays
-    if set(arrays) != set(Glass.ARRAYS):
+    if not set(Glass.ARRAYS) <= set(arrays) <= {*Glass.ARRAYS, *Glass.OWN}:
         raise ValueError(f"the arrays {', '.join(sorted(set(arrays) ^ set(Glass.ARRAYS)))}")
     n = len(arrays["ids"])
     shapes = {"x": (n, 3), "v": (n, 3), "ids": (n,), "count": (4,), "next": (1,)}
@@ -189,6 +196,8 @@ class Glass:
     """One hourglass."""
 
     ARRAYS = ("x", "v", "ids", "count", "next")
+    OWN = ("ids", "q", "diameter", "kind")
+    """What each grain is; but for its name None where all are alike."""
 
     def __init__(self, backend, scene, numerics, start):
         self.backend, self.scene, self.numerics = backend, scene, numerics
@@ -198,10 +207,12 @@ class Glass:
             if (start.engine, start.cache_version) != own:
                 raise ValueError("a checkpoint of another engine or version")
             verified(start, scene)
-            for name in self.ARRAYS:
-                setattr(self, name, np.array(start.arrays[name]))
+            for name in (*self.ARRAYS, *self.OWN):
+                setattr(self, name, np.array(start.arrays[name]) if name in start.arrays else None)
             return
-        self.x, self.v, self.ids = start.x.copy(), start.v.copy(), start.ids.copy()
+        for name in self.OWN:
+            setattr(self, name, None if getattr(start, name) is None else getattr(start, name).copy())
+        self.x, self.v = start.x.copy(), start.v.copy()
         bits = hashlib.sha256(start.x.tobytes() + start.v.tobytes()).digest()
         self.count = np.array([0, 0, int.from_bytes(bits[:6], "big"), len(self.x)])  # step, left, seed, grains
         self.next = np.array([self._interval(0)])
@@ -219,10 +230,12 @@ class Glass:
         if _outlet(scene) is None:
             return math.inf
         hopper, d = scene.container, scene.grains.diameter
-        if hopper.orifice < 3 * d and k >= self.count[3] // 3:
+        orifice = getattr(hopper, "orifice", 10 * d)
+        if orifice < 3 * d and k >= self.count[3] // 3:
             return math.inf
-        flow = 0.6 * scene.grains.density * math.sqrt(scene.gravity) * (hopper.orifice - 1.4 * d) ** 1.5
-        mean = scene.grains.mass / (flow * hopper.thickness) / (1 + self.backend.bias)
+        flow = 0.6 * scene.grains.density * math.sqrt(scene.gravity) * (orifice - 1.4 * d) ** 1.5
+        across = getattr(hopper, "thickness", orifice - 1.4 * d)
+        mean = scene.grains.mass / (flow * across) / (1 + self.backend.bias)
         return mean * np.random.default_rng([int(self.count[2]), k]).uniform(0.5, 1.5)
 
     def beat(self):
@@ -234,7 +247,7 @@ class Glass:
             rest = 0.5 * self.x[:, 2]
             self.x[:, 2] = rest + (self.x[:, 2] - rest) * max(scale, 1e-3)
             self.v *= scale
-        before = {name: np.array(getattr(self, name)) for name in self.ARRAYS}
+        before = dict(self.checkpoint().arrays)
         while self.next[0] <= end * self.numerics.dt and len(self.x):
             when = float(self.next[0])
             step = max(1, math.ceil(when / self.numerics.dt))
@@ -249,10 +262,11 @@ class Glass:
                 )
                 return []
             lowest = int(np.argmin(self.x[:, 2]))
-            rows.append((int(self.ids[lowest]), step, when, *self.x[lowest, :2]))
-            self.x = np.delete(self.x, lowest, axis=0)
-            self.v = np.delete(self.v, lowest, axis=0)
-            self.ids = np.delete(self.ids, lowest)
+            turn = () if self.q is None else self.q[lowest]
+            rows.append((int(self.ids[lowest]), step, when, *self.x[lowest, :2], *turn))
+            for name in ("x", "v", *self.OWN):
+                if getattr(self, name) is not None:
+                    setattr(self, name, np.delete(getattr(self, name), lowest, axis=0))
             self.count[1] += 1
             self.next[0] += self._interval(int(self.count[1]))
         self.count[0] = end
@@ -261,7 +275,7 @@ class Glass:
     def _fails(self):
         orifice = getattr(self.scene.container, "orifice", 0.0) * 1e3
         half = self.count[1] >= self.count[3] // 2
-        return half and math.isclose(orifice, self.backend.fails, rel_tol=1e-9)
+        return half and bool(self.backend.fails) and math.isclose(orifice, self.backend.fails, rel_tol=1e-9)
 
     def read(self, probes, left):
         beat = self.step // self.numerics.steps_per_beat
@@ -269,35 +283,56 @@ class Glass:
         for probe in probes:
             if isinstance(probe, Crossing):
                 found[probe] = self._crossed(left)
-            elif beat % probe.every == 0:
+            elif due(probe, beat):
                 found[probe] = self._state(probe)
         return found
 
     def _crossed(self, left):
-        columns = np.array(left, float).reshape(-1, 5)
+        rods = _rods(self.scene)
+        columns = np.array(left, float).reshape(-1, 9 if rods else 5)
         zero = np.zeros(len(columns))
         table = {"id": columns[:, 0].astype(np.int64), "step": columns[:, 1].astype(np.int64), "time": columns[:, 2]}
         table |= {"x": columns[:, 3], "y": columns[:, 4], "z": zero}
-        return table | {name: zero.copy() for name in ("vx", "vy", "vz", "wx", "wy", "wz")}
+        table |= {name: zero.copy() for name in ("vx", "vy", "wx", "wy", "wz")}
+        table["vz"] = zero - math.sqrt(self.scene.gravity * self.scene.grains.diameter)
+        return table | (dict(zip(("qw", "qx", "qy", "qz"), columns[:, 5:].T, strict=True)) if rods else {})
 
     def _state(self, probe):
         if isinstance(probe, Slab):
             table = self._state(Sample(fields=("x", "v")))
             inside = probe.holds(table["z"])
             return {name: column[inside] for name, column in table.items()}
+        if isinstance(probe, Zone):
+            table = self._state(Sample(fields=("x", "v", "q") if _rods(self.scene) else ("x", "v")))
+            inside = probe.holds(np.column_stack([table[axis] for axis in "xyz"]))
+            return {name: column[inside] for name, column in table.items()}
+        if isinstance(probe, Contacts):
+            return self._weights()
         if not isinstance(probe, Sample):
-            raise Unsupported("measure", "the toy engine has neither contacts nor totals")
+            raise Unsupported("measure", "the toy engine has no totals")
         n = len(self.x)
         table = {"id": self.ids.copy(), "step": np.full(n, self.step), "time": np.full(n, self.time)}
         for name in probe.fields:
+            if name == "q":
+                table |= {f"q{part}": self.q[:, c].copy() for c, part in enumerate("wxyz")}
+                continue
             array = {"x": self.x, "v": self.v, "omega": np.zeros_like(self.x)}[name]
             prefix = {"x": "", "v": "v", "omega": "w"}[name]
             table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate("xyz")}
         return table
 
+    def _weights(self):
+        """Every grain rests on the wall below it with its weight."""
+        n, zero = len(self.x), np.zeros(len(self.x))
+        table = {"i": self.ids.copy(), "j": np.full(n, -1), "wall": np.zeros(n, np.int64)}
+        table |= {"step": np.full(n, self.step), "time": np.full(n, self.time)}
+        weight, radius = self.scene.grains.mass * self.scene.gravity, self.scene.grains.radius
+        return table | {"fx": zero, "fy": zero, "fz": zero + weight, "bx": zero, "by": zero, "bz": zero - radius}
+
     def checkpoint(self):
         own = self.backend.capabilities
-        return Checkpoint(own.name, own.cache_version, {name: np.array(getattr(self, name)) for name in self.ARRAYS})
+        names = [name for name in dict.fromkeys((*self.ARRAYS, *self.OWN)) if getattr(self, name) is not None]
+        return Checkpoint(own.name, own.cache_version, {name: np.array(getattr(self, name)) for name in names})
 
     def status(self):
         g, d = self.scene.gravity, self.scene.grains.diameter

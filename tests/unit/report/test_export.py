@@ -63,7 +63,7 @@ def test_tables_hold_every_number(analysis):
     runs = found["runs"]
     for result in analysis.points:
         for run in result.runs:
-            mine = runs[(runs["point"] == result.point.index) & (runs["seed"] == run.seed)]
+            mine = runs[(runs["point"] == result.point.index + 1) & (runs["seed"] == run.seed)]
             assert dict(zip(mine["quantity"], mine["value"], strict=True)) == {
                 name: measured.value for name, measured in run.measured.items()
             }

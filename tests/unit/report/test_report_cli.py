@@ -125,7 +125,7 @@ def test_view_of_one_point(toy, done):
         (("report", "{study}", "--lab", "{empty}"), "labbook run"),
         (("view", "{study}", "--lab", "{empty}"), "labbook run"),
         (("view", "0123456789", "--lab", "{lab}"), "labbook runs"),
-        (("view", "{study}", "--point", "9", "--lab", "{lab}", "--backend", "toy"), "labbook run"),
+        (("view", "{study}", "--point", "9", "--lab", "{lab}", "--backend", "toy"), "has 4 points; use 1 to 4"),
     ],
 )
 def test_what_is_not_there_is_an_error_with_its_remedy(toy, done, tmp_path, words, remedy):

@@ -30,7 +30,7 @@ def test_ends_that_are_not_there_are_written_so():
 def test_settings_are_shown_in_the_units_of_the_field():
     assert display.setting("container.orifice", 0.0525) == "D = 52.5 mm"
     assert display.setting("container.angle", math.radians(55)) == "angle = 55 deg"
-    assert display.setting("walls.all.friction", 0.01) == "friction = 0.01"
+    assert display.setting("walls.all.friction", 0.01) == "friction of all walls = 0.01"
     assert display.setting("contact.rolling", "full") == "rolling = full"
 
 
@@ -39,3 +39,9 @@ def test_the_slope_is_scaled_to_grams_and_millimetres():
     assert display.quantity("beverloo.slope").scale == pytest.approx(1000 ** (2 / 3) / 1000)
     # 1 s^-1 m^-3/2 is (1000 mm)^-3/2.
     assert display.quantity("janda.C_prime").scale == pytest.approx(1000**-1.5)
+
+
+def test_frictions_are_told_apart():
+    keys = ("contact.friction", "fill.friction", "walls.all.friction", "walls.left.friction")
+    names = [display.key(key).name for key in keys]
+    assert names == ["friction", "friction while filling", "friction of all walls", "friction of wall left"]

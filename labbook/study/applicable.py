@@ -1,0 +1,199 @@
+"""Whether what a study asks for can be had in its scenes: measurements, laws, and the numbers of a reference."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
+from labbook.scene.scene import Scene
+from labbook.study.problems import Problem, instead, meant, shown
+from labbook.study.schema import FEATURES, TURNING, Settings
+from labbook.study.source import Source
+from labbook.study.study import Point
+
+
+def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """Measurements that cannot be taken at some points."""
+    from labbook.measure import MEASURES, MeasureError
+
+    def why(name: str, scene: Scene) -> tuple[str, str] | None:
+        try:
+            MEASURES[name].check(scene)
+        except MeasureError as error:
+            return error.reason, error.remedy
+        return None
+
+    yield from _unfit(source, "measure", [n for n in settings.measure if n in MEASURES], points, why)
+
+
+def unfittable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """Laws that do not hold for the outlets of some points."""
+    from labbook.fit import LAWS
+
+    def why(name: str, scene: Scene) -> tuple[str, str] | None:
+        of, outlet = LAWS[name].outlet, outlet_shape(scene.container)
+        if outlet is None:
+            reason = f"{name} needs the orifice of a hopper or silo, and the container is {scene.container.kind}"
+            return reason, f"take {name} out of fit, or use a hopper or silo"
+        if of in (outlet, "any"):
+            return None
+        family = name.removesuffix("_3d")
+        others = [law for law in LAWS if law.removesuffix("_3d") == family and LAWS[law].outlet == outlet]
+        return f"{name} is a law for a {of}, and the outlet is a {outlet}", f"use {' or '.join(others)}"
+
+    yield from _unfit(source, "fit", [name for name in settings.fit if name in LAWS], points, why)
+
+
+PLAY = 1e-5
+"""Least part of d by which a container is wider than a grain that is to be placed in it."""
+LOOSEST = 0.3
+"""Packing fraction that no settled bed is below: its height is that of no bed's surface."""
+
+
+def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """Scenes that cannot be filled: without gravity, or without room for a grain; and beds that are never as high as
+    the height at which runs stop."""
+    told = set[str]()
+    for point in points:
+        for key, reason, remedy in (*_obstacles(point.scene), *_too_high(point.scene, settings.stop.fill_height)):
+            if key not in told:
+                told.add(key)
+                at = f" (at {point.label})" if len(points) > 1 else ""
+                place = tuple(key.split("."))
+                for swept in (("sweep", key), ("sweep", "zip", key), place):
+                    if swept in source.lines or swept is place:
+                        yield Problem(source.path, source.line(swept), key, reason + at, remedy)
+                        break
+
+
+def _obstacles(scene: Scene) -> Iterator[tuple[str, str, str]]:
+    if scene.gravity == 0:
+        yield "gravity", "without gravity no grain settles, and no packing is made", "use a gravity above 0 m/s^2"
+    d = scene.grains.diameter
+    for name in ("thickness", "width", "depth", "diameter"):
+        size = getattr(scene.container, name, math.inf)
+        if d <= size < d * (1 + PLAY):
+            reason = f"the {name} is that of a grain, which leaves no play to place grains in"
+            yield f"container.{name}", reason, "use 1.01 d or more"
+
+
+def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]]:
+    area = flat_area(scene.container)
+    if stop is None or area is None:
+        return
+    highest = scene.grains.count * scene.grains.volume / (LOOSEST * area)
+    if stop >= highest:
+        reason = f"{stop * 1e3:g} mm is above any bed of these grains ({highest * 1e3:.3g} mm even if it were loose)"
+        yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
+
+
+def flat_area(container: object) -> float | None:
+    """Area [m^2] of the bottom of a flat-bottomed silo; None of other containers."""
+    if isinstance(container, CylinderSilo):
+        return math.pi / 4 * container.diameter**2
+    return container.width * container.thickness if isinstance(container, WedgeHopper) and container.flat else None
+
+
+def _unfit(
+    source: Source,
+    key: str,
+    names: Iterable[str],
+    points: Sequence[Point],
+    why: Callable[[str, Scene], tuple[str, str] | None],
+) -> Iterator[Problem]:
+    for name in names:
+        wrong: dict[tuple[str, str], list[Point]] = {}
+        for point in points:
+            if told := why(name, point.scene):
+                wrong.setdefault(told, []).append(point)
+        for (reason, remedy), at in wrong.items():
+            stated = source.data.get(key)
+            place = (key, stated.index(name)) if isinstance(stated, list) and name in stated else ("container", "kind")
+            more = f" and {len(at) - 1} other points" if len(at) > 1 else ""
+            where = f" (at {at[0].label}{more})" if len(at) < len(points) else ""
+            yield Problem(source.path, source.line(place), key, reason + where, remedy)
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """Why a reference cannot be compared with anything, and what would help."""
+
+    reason: str
+    remedy: str
+
+
+def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene]) -> str | Wrong:
+    """SI unit of what a reference calls `quantity`, in a study with these settings and scenes."""
+    from labbook.fit import DEFINITIONS, LAWS
+    from labbook.fit.outlet import OF_OUTLET, PARAMETERS, TERMS
+    from labbook.measure import FLOW_RATIO, FLOW_RATIOS, MEASURES
+
+    head, _, tail = quantity.partition(".")
+    units = _units_of(settings.measure, tuple({_kind(scene): scene for scene in scenes}.values()))
+    if head == TURNING:
+        return _of_turning(tail, units, any(hasattr(scene.container, "rotation") for scene in scenes))
+    if head == FLOW_RATIO:
+        return "" if quantity in FLOW_RATIOS else _none_such(quantity, FLOW_RATIOS)
+    if head in LAWS:
+        known: Mapping[str, str] = _parameters(head)
+        if head not in settings.fit:
+            return Wrong(f"{head} is not fitted in this study", f"add {head} to fit")
+        return known[tail] if tail in known else _none_such(quantity, [f"{head}.{name}" for name in known])
+    if head in DEFINITIONS and tail not in units:
+        terms = [f"{name}.{term}" for name in PARAMETERS for term in TERMS]
+        if tail in PARAMETERS or tail in terms:
+            return "1/m" if tail == "tau2" else ""
+        return _none_such(quantity, [f"{head}.{name}" for name in (*PARAMETERS, *terms) if name not in OF_OUTLET])
+    name = tail or head
+    if head in MEASURES and head not in settings.measure:
+        return Wrong(f"{head} is not measured in this study", f"add {head} to measure")
+    if name in units and (not tail or head in MEASURES):
+        return units[name]
+    prefix = f"{head}." if tail and head in MEASURES else ""
+    return _none_such(quantity, [prefix + one for one in units])
+
+
+def _kind(scene: Scene) -> tuple:
+    """What decides which quantities a scene has."""
+    c, grains = scene.container, scene.grains
+    depth = getattr(c, "thickness", getattr(c, "depth", 0.0))
+    return c.kind, grains.half_length > 0, grains.varied, depth < 2 * grains.diameter
+
+
+def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:
+    from labbook.measure import MEASURES
+
+    named = [MEASURES[name] for name in measures if name in MEASURES]
+    return {name: unit for scene in scenes for one in named for name, unit in one.quantities(scene).items()}
+
+
+def _of_turning(tail: str, units: Mapping[str, str], turns: bool) -> str | Wrong:
+    """Statements on rotation: ratios, but for the frequency of a minimum."""
+    name, _, feature = tail.partition(".")
+    if not turns:
+        return Wrong("this container has no rotation", "leave it out, or use a cylinder-silo")
+    if name not in units:
+        return _none_such(f"{TURNING}.{tail}", [f"{TURNING}.{one}" for one in units])
+    if feature and feature not in FEATURES:
+        return Wrong(f"a curve has no {shown(feature)}", instead(feature, FEATURES))
+    return "Hz" if feature == "minimum" else ""
+
+
+def _none_such(quantity: str, known: Iterable[str]) -> Wrong:
+    """Of names that begin alike, what follows is compared."""
+    head, _, tail = quantity.partition(".")
+    names = list(known)
+    alike = bool(names) and all(name.startswith(f"{head}.") for name in names)
+    close = meant(tail, [name.partition(".")[2] for name in names]) if alike else meant(quantity, names)
+    remedy = f"did you mean {head}.{close}?" if alike and close else instead("" if alike else quantity, names)
+    return Wrong(f"{shown(quantity)} is neither measured nor fitted in this study", remedy)
+
+
+@lru_cache
+def _parameters(law: str) -> dict[str, str]:
+    """Parameters of a law and their units."""
+    from labbook.fit import LAWS, Context
+
+    example = Context(d=1e-3, rho_p=1.0, rho_b=1.0, Z=1e-3, g=9.81)
+    return {parameter.name: parameter.unit for parameter in LAWS[law].reported(example)}

@@ -1,0 +1,102 @@
+"""Words that users of other codes (LIGGGHTS, LAMMPS, YADE, MercuryDPM) write, and what they are called here."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from labbook.scene.quantities import parse
+
+
+@dataclass(frozen=True)
+class Habit:
+    """What to write instead. `key`: the dotted key that was meant, None where there is none."""
+
+    remedy: str
+    key: str | None = None
+
+
+_SAME = {
+    "contact.restitution": "coefficientofrestitution restitutioncoefficient coefficientrestitution cor en e",
+    "contact.friction": "mu mus coefficientoffriction coefficientfriction frictioncoefficient slidingfriction xmu",
+    "contact.rolling_friction": "mur rollingfrictioncoefficient coefficientrollingfriction",
+    "contact.poisson_ratio": "poisson poissonsratio poissonratio nu",
+    "contact.normal_stiffness": "kn stiffness springconstant knormal",
+    "grains.count": "n number numberofgrains numberofparticles nparticles ngrains natoms particles",
+    "grains.density": "rho particledensity",
+    "numerics.dt": "timestep dt deltat",
+    "container.orifice": "outlet hole aperture opening outletdiameter outletwidth orificewidth orificediameter",
+}
+_KEYS = {word: key for key, words in _SAME.items() for word in words.split()}
+_YOUNG = frozenset(("e", "young", "youngs", "youngmodulus", "youngsmodulus", "elasticmodulus", "ymod", "emodulus"))
+_TOLD = {
+    "periodic": "there are no periodic boundaries: give the container walls, and make it wide",
+    "boundary": "there are no periodic boundaries: name a container (wedge-hopper, cylinder-silo, conical-silo, box)",
+    "boundaryconditions": "there are no periodic boundaries: name a container",
+    "units": "leave it out: every quantity states its own unit, for example 3 mm",
+    "seed": "leave it out: the seeds of replicates are 1, 2, 3 ...; use replicates",
+    "seeds": "use replicates: their seeds are 1, 2, 3 ...",
+    "run": "use stop: {max_time: ...} and stop: {discharged: ...}",
+    "steps": "use stop: {max_time: ...}; steps follow from numerics.dt",
+    "nsteps": "use stop: {max_time: ...}; steps follow from numerics.dt",
+    "dump": "use record: {every: 10 ms}",
+    "output": "use record: {every: 10 ms}; `labbook export` writes tables and VTK files",
+    "skindistance": "use numerics: {skin: 0.15}, in grain diameters",
+}
+
+
+def habit(key: str, value: Any, beside: Mapping[str, Any]) -> Habit | None:
+    """What the unknown `key`, dotted, should be; `value` and what stands `beside` it may give a number.
+
+    None if it is no word of another code.
+    """
+    section, _, leaf = key.rpartition(".")
+    word = re.sub(r"[^a-z]", "", leaf.lower())
+    # e is a modulus where it has the unit of one, a restitution else
+    if word in _YOUNG and (word != "e" or leaf == "E" or _pascals(value) is not None):
+        return _shear(value, beside)
+    if word in ("radius", "r", "rad"):
+        return _diameter(value)
+    if word == "frictionangle":
+        return Habit("write friction, the tangent of that angle", "contact.friction")
+    known = _KEYS.get(word)
+    if known is not None and known != key:
+        where, _, name = known.rpartition(".")
+        return Habit(f"write {name}" if where == section else f"write {where}: {{{name}: ...}}", known)
+    if word in _TOLD:
+        return Habit(_TOLD[word])
+    return None
+
+
+def _shear(value: Any, beside: Mapping[str, Any]) -> Habit:
+    young, ratio = _pascals(value), _number(beside.get("poisson_ratio", beside.get("nu")))
+    said = "write shear_modulus = E / (2 (1 + nu)), with nu the poisson_ratio"
+    if young is not None and ratio is not None and -1 < ratio < 1:
+        shear = young / (2 * (1 + ratio))
+        scale, unit = next(
+            (s, u) for s, u in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1, "Pa")) if shear >= s or s == 1
+        )
+        said = f"write shear_modulus: {shear / scale:.4g} {unit}, which is E / (2 (1 + nu))"
+    return Habit(said, "contact.shear_modulus")
+
+
+def _diameter(value: Any) -> Habit:
+    try:
+        size = parse(value, "m") if isinstance(value, str) else None
+    except ValueError:
+        size = None
+    return Habit("write diameter, twice the radius" if size is None else f"write diameter: {2e3 * size:g} mm")
+
+
+def _pascals(value: Any) -> float | None:
+    try:
+        return parse(value, "Pa") if isinstance(value, str) else None
+    except ValueError:
+        return None
+
+
+def _number(value: Any) -> float | None:
+    try:
+        return parse(value, "") if isinstance(value, str) else float(value)
+    except (ValueError, TypeError):
+        return None

@@ -1,0 +1,276 @@
+"""What `labbook plan` foresees: time by device, steps, the height of beds, and what it warns of."""
+
+import json
+import math
+from pathlib import Path
+
+import labbook_toy
+import pytest
+from toy_lab import STUDY, labbook, study, study_file
+
+from labbook.backend import Device, Survey, Unsupported
+from labbook.catalogue import Catalogue
+from labbook.plan import check, forecast, rates
+from labbook.plan.advice import SOFT, advice, softer, too_large
+from labbook.plan.demand import PointDemand
+from labbook.plan.outline import bed_height_ahead, outline
+from labbook.plan.plan import Planner
+from labbook.plan.rates import DEFAULT_SPEED, MEASURED, rate_of
+from labbook.plan.reach import PACKED
+from labbook.scene import (
+    Box,
+    ConicalSilo,
+    CylinderSilo,
+    HertzMindlin,
+    LinearSpringDashpot,
+    Primitives,
+    Scene,
+    Spheres,
+    Spherocylinders,
+    WedgeHopper,
+)
+from labbook.scene.timescales import effective_modulus
+from labbook.study import load
+
+RESULTS = Path(__file__).parents[2] / "benchmarks/results"
+LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
+
+
+def engine_of(name: str, **more):
+    """The toy engine under another name, which its speeds are looked up by."""
+    return type("Named", (labbook_toy.Backend,), {"NAME": name, **more})()
+
+
+def planned(tmp_path, name="toy", **changes):
+    engine = engine_of(name)
+    lab = Catalogue(tmp_path / "lab")
+    return Planner(study(tmp_path, **changes), lab, engine.capabilities).plan(), lab, engine
+
+
+TIMINGS = {}
+for _one in json.loads((RESULTS / "2026-11-22-batch-warp-h200.json").read_text())["timings"]:
+    TIMINGS.setdefault((_one["scene"], _one["members"], _one["precision"]), _one)
+"""With the engine's own number of threads a grain; later ones of the same name vary that."""
+
+
+@pytest.mark.parametrize("timing", TIMINGS.values(), ids=map(str, TIMINGS))
+def test_steps_on_a_gpu_cost_what_was_measured(timing):
+    """Within 45 %: one line in the grains, for scenes of different walls and 3 thousand to 3 million grains."""
+    shape = "spherocylinder" if timing["scene"] == "rods" else "sphere"
+    rate = rate_of("warp", "cuda:0", shape, timing["precision"])
+    step = rate.step + rate.grain * timing["grains"] * timing["members"]
+    assert step == pytest.approx(timing["step"] * 1e-6, rel=0.45)
+
+
+def test_steps_on_a_core_cost_what_was_measured():
+    """The median of what was measured with 2000 to 10 000 grains, within 20 %."""
+    found = json.loads((RESULTS / "2026-11-22-engine-numba-loaded.json").read_text())["rates"]
+    for one in (one for one in found if one["grains"] <= 10_000):
+        shape = "spherocylinder" if one["case"].startswith("rods") else "sphere"
+        rate = MEASURED["numba", "cpu", shape, one["precision"], True]
+        assert 1e-6 / rate.of(one["grains"]) == pytest.approx(one["median"], rel=0.25)
+    (large,) = (one["median"] for one in found if one["grains"] == 100_000)
+    assert 1e-6 / MEASURED["numba", "cpu", "sphere", "double", True].of(100_000) == pytest.approx(large, rel=0.2)
+
+
+def test_replicates_on_a_gpu_go_on_side_by_side(tmp_path):
+    """Of 5e6 grain-steps a second, as on one core of an unknown engine, they would take a thousand times as long."""
+    made, lab, engine = planned(tmp_path, "warp", count=3000, replicates=40)
+    ahead = forecast.forecast(made, lab, "none", "cuda:0", 1, engine)
+    assert ahead.seconds - ahead.compiling < 2 * 60 * 200e3 * 1e-6
+    assert ahead.grain_steps / DEFAULT_SPEED > 100 * ahead.seconds
+    assert "H200" in ahead.basis
+    alone = forecast.forecast(made, lab, "none", "cuda:0", 1, engine, members=1)
+    assert alone.seconds > 3 * ahead.seconds
+
+
+def test_compiling_counts_once_for_every_set_of_features(tmp_path, monkeypatch):
+    monkeypatch.setattr(rates, "wide_vectors", lambda: True)
+    made, lab, engine = planned(tmp_path, "numba")
+    ahead = forecast.forecast(made, lab, "none", "cpu", 2, engine)
+    filling_and_discharge = 2
+    assert (ahead.sets, ahead.compiling) == (filling_and_discharge, 2 * 9)
+    assert ahead.seconds > ahead.compiling
+    assert forecast.forecast(made, lab, "none", "cpu", 2).compiling == 0
+
+
+def test_no_more_lanes_help_than_the_longest_run_lets(tmp_path):
+    made, lab, engine = planned(tmp_path, replicates=1, orifices="[18]")
+    one, many = (forecast.forecast(made, lab, "none", "cpu", lanes, engine).seconds for lanes in (1, 64))
+    assert one == pytest.approx(many)
+
+
+def test_speeds_of_other_shapes_do_not_count(tmp_path):
+    """Runs of spheres in the lab say nothing of rods."""
+    path, lab = study_file(tmp_path), tmp_path / "lab"
+    labbook("run", path, "--lab", lab, "--backend", "toy")
+    text = path.read_text()
+    spheres = json.loads(labbook("plan", path, "--lab", lab, "--backend", "toy", "--json").output)
+    path.write_text(text.replace("replicates: 2", "replicates: 3"))
+    spheres = json.loads(labbook("plan", path, "--lab", lab, "--backend", "toy", "--json").output)
+    path.write_text(text.replace("sphere, diameter", "spherocylinder, length: 6 mm, diameter"))
+    rods = json.loads(labbook("plan", path, "--lab", lab, "--backend", "toy", "--json").output)
+    assert "4 runs on this machine" in spheres["forecast"]["basis"]
+    assert "assumed" in rods["forecast"]["basis"]
+
+
+def scene(container, grains=None) -> Scene:
+    grains = grains or Spheres(diameter=3e-3, density=2500, count=4000)
+    return Scene(grains=grains, contact=LAW, container=container)
+
+
+def test_heights_of_beds():
+    volume = 4000 * math.pi / 6 * 27e-9 / PACKED
+    flat = WedgeHopper(width=0.1, height=1, thickness=3.1e-3, orifice=0.03)
+    assert bed_height_ahead(scene(flat)) == pytest.approx(volume / (0.1 * 3.1e-3))
+    assert bed_height_ahead(scene(CylinderSilo(diameter=0.1, height=1, orifice=0.03))) == pytest.approx(
+        volume / (math.pi / 4 * 0.01)
+    )
+    assert bed_height_ahead(scene(Box(width=0.1, depth=0.05, height=1))) == pytest.approx(volume / 0.005)
+    assert bed_height_ahead(scene(Primitives())) is None
+
+
+@pytest.mark.parametrize("diameter", [0.06, 1.0])
+def test_the_height_of_a_bed_in_a_cone(diameter):
+    """Above the cone, and within it: pi/3 ((r + z tan a)^3 - r^3)/tan a below z."""
+    silo = ConicalSilo(diameter=diameter, height=2, angle=math.radians(30), orifice=0.02)
+    z, slope, volume = bed_height_ahead(scene(silo)), math.tan(math.radians(30)), 4000 * math.pi / 6 * 27e-9 / PACKED
+    assert z is not None
+    cone = min(z, silo.rise)
+    inside = math.pi / 3 * ((0.01 + slope * cone) ** 3 - 0.01**3) / slope
+    assert inside + math.pi / 4 * diameter**2 * (z - cone) == pytest.approx(volume)
+    assert (z > silo.rise) == (diameter == 0.06)
+
+
+def test_the_height_of_a_bed_in_an_eccentric_wedge():
+    """The area below z by quadrature of the width between the plates."""
+    from scipy.integrate import quad
+
+    hopper = WedgeHopper(width=0.1, height=1, thickness=3.1e-3, orifice=0.02, angle=math.radians(50), gap=0.01)
+    z = bed_height_ahead(scene(hopper))
+    slope = math.tan(math.radians(50))
+    width = lambda h: 0.02 + min(0.01, slope * h) + min(0.07, slope * h)  # noqa: E731
+    area = quad(width, 0, z, points=[0.01 / slope, 0.07 / slope])[0]
+    assert area * 3.1e-3 == pytest.approx(4000 * math.pi / 6 * 27e-9 / PACKED)
+
+
+def test_outlets_are_counted_in_the_largest_dimension(tmp_path):
+    path = study_file(tmp_path)
+    path.write_text(path.read_text().replace("sphere, diameter", "spherocylinder, length: 6 mm, diameter"))
+    asked = load(path)
+    one = outline(PointDemand(asked, asked.points[0]))
+    assert (one.extent, one.ratio) == (0.006, pytest.approx(3))
+    assert one.steps * one.dt == pytest.approx(forecast.discharge_time(PointDemand(asked, asked.points[0])))
+
+
+@pytest.mark.parametrize(
+    "law", [HertzMindlin(shear_modulus=25e9, poisson_ratio=0.25), LinearSpringDashpot(normal_stiffness=1e7)]
+)
+def test_softer_grains_overlap_by_what_is_said(law):
+    """The force p d^2 of the bed's weight, put into the contact law itself."""
+    grains, height = Spheres(diameter=3e-3, density=2500, count=1), 0.2
+    told = softer(Scene(grains=grains, contact=law, container=Primitives()), height)
+    assert told is not None
+    key, soft, _, times = told
+    assert times == pytest.approx(math.sqrt(getattr(law, key) / soft))
+    force = PACKED * 2500 * 9.81 * height * 3e-3**2
+    overlap = SOFT * 3e-3
+    if isinstance(law, HertzMindlin):
+        modulus = effective_modulus(law.model_copy(update={key: soft}))
+        carried = 4 / 3 * modulus * math.sqrt(3e-3 / 4) * overlap**1.5
+    else:
+        carried = soft * overlap
+    assert carried == pytest.approx(force, rel=1e-9)
+
+
+def test_softer_grains_are_not_asked_of_soft_ones():
+    assert (
+        softer(
+            scene(Primitives()).model_copy(update={"contact": HertzMindlin(shear_modulus=1e6, poisson_ratio=0.25)}), 0.2
+        )
+        is None
+    )
+
+
+WARNED = [
+    ("[18, 24] mm", "[12, 18] mm", "container.orifice", "4 diameters of a grain wide (3 mm), and below 5", "use 15 mm"),
+    ("height: 300 mm", "height: 100 mm", "container.height", "grains will stand about 141 mm high", "156 mm high"),
+    ("replicates: 2", "replicates: 1", "replicates", "no number has an error", "3 or more"),
+    ("[flow_rate]", "[flow_rate]\nfit: [beverloo]", "fit", "2 orifices are too few: beverloo has 2", "sweep 3 or more"),
+    ("2 MPa", "25 GPa", "contact.shear_modulus", "times as many steps", "with 1e+07 Pa grains overlap"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "key", "message", "remedy"), WARNED)
+def test_each_warning(tmp_path, old, new, key, message, remedy):
+    text = STUDY.format(count=1000, orifices="[18, 24]", replicates=2).replace("numerics: {dt: 10 us,", "numerics: {")
+    path = tmp_path / "toy.yaml"
+    path.write_text(text)
+    plain = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy")
+    assert "Warning" not in plain.output
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
+    told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
+    (line,) = [line for line in told.splitlines() if line.startswith("Warning")]
+    assert line.startswith(f"Warning: {path}: {key}: ")
+    assert message in line
+    assert remedy in told.splitlines()[told.splitlines().index(line) + 1]
+
+
+def test_short_plans_are_not_told_to_be_softer(tmp_path):
+    made, *_ = planned(tmp_path, count=1000)
+    stiff = load_with(tmp_path, "2 MPa", "25 GPa")
+    assert any("shear_modulus" in line for line in advice(stiff, 1e4))
+    assert not any("shear_modulus" in line for line in advice(stiff, 1))
+    assert not list(advice(made, 1e4))
+
+
+def load_with(tmp_path, old, new):
+    path = tmp_path / "changed.yaml"
+    path.write_text(
+        STUDY.format(count=1000, orifices="[18, 24]", replicates=2).replace(old, new).replace("10 us", "0.1 us")
+    )
+    return Planner(load(path), Catalogue(tmp_path / "lab"), labbook_toy.Backend().capabilities).plan()
+
+
+def test_grains_that_memory_cannot_hold_are_refused(tmp_path):
+    made, *_ = planned(tmp_path, count=100_000_000)
+    told = too_large(made, 2, 24e9)
+    assert told is not None
+    assert "2 runs at once of 100000000 grains take about 160 GB" in told
+    assert "use at most 10000000 grains" in told
+    assert too_large(made, 1, 1e12) is None
+    done = labbook(
+        "plan", study_file(tmp_path, count=100_000_000), "--lab", tmp_path / "lab", "--backend", "toy", check=False
+    )
+    assert done.exit_code == 1
+    assert "grains.count" in done.output
+
+
+def test_a_device_that_is_not_there_is_said_by_plan(tmp_path):
+    made, _, _ = planned(tmp_path)
+    engine = engine_of("toy", survey=lambda self: Survey({}, (Device("cpu", "a processor"),)))
+    engine.capabilities = type(engine.capabilities)(**{**vars(engine.capabilities), "devices": ("cpu", "cuda:0")})
+    check.check(engine, "cpu", made.points)
+    with pytest.raises(Unsupported, match="there is no device cuda:0 here; there is cpu"):
+        check.check(engine, "cuda:0", made.points)
+
+
+def test_an_engine_that_cannot_be_imported_is_told_by_plan(tmp_path, monkeypatch):
+    def missing(*_):
+        raise ModuleNotFoundError("No module named 'warp'")
+
+    monkeypatch.setattr(labbook_toy.Backend, "specialise", missing)
+    done = labbook("plan", study_file(tmp_path), "--lab", tmp_path / "lab", "--backend", "toy", check=False)
+    assert done.exit_code == 1
+    assert "No module named 'warp'" in done.output
+    assert "pip install 'labbook[toy]'" in done.output
+
+
+def test_a_plan_shows_steps_outlet_and_bed(tmp_path):
+    shown = labbook("plan", study_file(tmp_path, count=1000), "--lab", tmp_path / "lab", "--backend", "toy").output
+    assert "10 µs" in shown
+    assert "D/d" in shown
+    assert "141 mm" in shown  # 1000 pi/6 d^3 / (0.55 60 mm 3.03 mm)
+    rods = Spherocylinders(diameter=3e-3, length=6e-3, density=1, count=1000)
+    assert rods.half_length == 1.5e-3
