@@ -146,9 +146,9 @@ def test_rods_at_the_edges_of_a_box_and_of_a_ring_agree_with_points_at_random():
         return ((p >= low) & (p <= high)).all(axis=1)
 
     for k in range(len(x)):
-        near = {"abs": 0.015 * rod_volume(r, half)}
-        assert box[k] == pytest.approx(drawn_in_rod(rng, x[k], axis[k], r, half, in_box), **near)
-        assert round_[k] == pytest.approx(drawn_in_rod(rng, x[k], axis[k], r, half, ring(1.2, 3, -1, 2)), **near)
+        near = 0.015 * rod_volume(r, half)
+        assert box[k] == pytest.approx(drawn_in_rod(rng, x[k], axis[k], r, half, in_box), abs=near)
+        assert round_[k] == pytest.approx(drawn_in_rod(rng, x[k], axis[k], r, half, ring(1.2, 3, -1, 2)), abs=near)
     assert np.count_nonzero((box > 0) & (box < 0.99 * rod_volume(r, half))) > 0
 
 

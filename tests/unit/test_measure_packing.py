@@ -99,6 +99,7 @@ def test_a_deep_box_has_a_packing_fraction_only():
 def test_the_bulk_keeps_away_from_an_inclined_bottom():
     hopper = WedgeHopper(width=0.1, height=0.4, thickness=1.01 * D, orifice=0.03, angle=math.radians(30))
     region = bulk(scene_of(hopper), hexagonal_layer(33, 100))
+    assert isinstance(region, Region)
     assert region.low[2] == pytest.approx(0.035 / math.tan(math.radians(30)) + 3 * D)
     assert region.low[0] == pytest.approx(-0.05 + 3 * D)
 
@@ -107,6 +108,7 @@ def test_the_bulk_keeps_below_the_lowest_part_of_the_surface():
     layer = hexagonal_layer(33, 60).x
     heap = layer[layer[:, 2] < 0.1 - np.abs(layer[:, 0])]
     region = bulk(scene_of(HOPPER), packing_of(heap))
+    assert isinstance(region, Region)
     assert 0.05 - 5 * D < region.high[2] < 0.06 - 3 * D
 
 
@@ -121,7 +123,7 @@ CYLINDER = CylinderSilo(diameter=30 * D, height=1.0, orifice=10 * D)
 CONE = ConicalSilo(diameter=30 * D, height=1.0, orifice=10 * D, angle=math.radians(45))
 
 
-def cubic(spacing, half=16, top=50):
+def cubic(spacing, half=16, top=50) -> np.ndarray:
     """A simple cubic lattice of grains about the axis [n, 3], from z = 0 to `top` spacings."""
     side = (np.arange(-half, half) + 0.5) * spacing
     grid = np.stack(np.meshgrid(side, side, (np.arange(top) + 0.5) * spacing, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -196,6 +196,8 @@ class Glass:
     """One hourglass."""
 
     ARRAYS = ("x", "v", "ids", "count", "next")
+    ids: np.ndarray
+    q: np.ndarray | None
     OWN = ("ids", "q", "diameter", "kind")
     """What each grain is; but for its name None where all are alike."""
 
@@ -313,7 +315,7 @@ class Glass:
         n = len(self.x)
         table = {"id": self.ids.copy(), "step": np.full(n, self.step), "time": np.full(n, self.time)}
         for name in probe.fields:
-            if name == "q":
+            if name == "q" and self.q is not None:
                 table |= {f"q{part}": self.q[:, c].copy() for c, part in enumerate("wxyz")}
                 continue
             array = {"x": self.x, "v": self.v, "omega": np.zeros_like(self.x)}[name]
