@@ -12,8 +12,9 @@ from labbook.numerics import Numerics
 from labbook.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
 from labbook.scene import Scene
 
+Ending = Literal["finished", "precise", "emptied", "clogged", "diverged", "time-limit"]
 Outcome = Annotated[
-    Literal["finished", "precise", "emptied", "clogged", "diverged", "time-limit"],
+    Ending,
     BeforeValidator(lambda word: "time-limit" if word == "interrupted" else word),  # as older runs have it
 ]
 """How a discharge ended; every one of them is physics, none an error.

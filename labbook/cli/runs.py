@@ -23,11 +23,11 @@ def register(app: typer.Typer) -> None:
         """List runs, the latest first, with outcome, how far they went and how fast."""
         from typing import get_args
 
-        from labbook.catalogue.record import Outcome
+        from labbook.catalogue.record import Ending
         from labbook.catalogue.rows import UNREADABLE
 
         catalogue = existing(lab)
-        if outcome is not None and outcome not in (known := (*get_args(Outcome), UNREADABLE)):
+        if outcome is not None and outcome not in (known := (*get_args(Ending), UNREADABLE)):
             fail(f"--outcome {outcome}: no run ends so; use one of: {', '.join(known)}")
         found = catalogue.runs(study, outcome, limit or None)
         changed = catalogue.changed(list(found.run_key))

@@ -1,6 +1,5 @@
 """How long a plan will take and how much disk it needs: estimates, and what they rest on."""
 
-import json
 import math
 from collections import defaultdict
 from collections.abc import Callable
@@ -9,6 +8,8 @@ from statistics import median
 
 from labbook.backend import Backend, Spec
 from labbook.catalogue.catalogue import Catalogue
+from labbook.catalogue.parts import Unreadable
+from labbook.catalogue.record import RunRecord
 from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Plan
@@ -192,10 +193,9 @@ class _Speeds:
 
     def _shape(self, key: str) -> str | None:
         try:
-            record = json.loads((self._catalogue.lab.run(key) / "run.json").read_text(encoding="utf-8"))
-            return str(record["scene"]["grains"]["shape"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None  # damaged: other verbs tell
+            return RunRecord.read(self._catalogue.lab.run(key)).scene.grains.shape
+        except Unreadable:
+            return None  # other verbs tell
 
 
 def discharge_time(shared: PointDemand) -> float:

@@ -140,7 +140,7 @@ def test_a_packing_is_named_by_the_points_that_it_serves(tmp_path):
     assert labels(study(tmp_path, replicates=1), "shared") == {"packing, seed 1"}
     path = study_file(tmp_path, replicates=1)
     path.write_text(path.read_text().replace("sweep:\n", 'sweep:\n  fill.friction: "[0.1, 0.5]"\n'))
-    own = {f"packing of friction {friction}, orifice 18 mm and 1 more point, seed 1" for friction in (0.1, 0.5)}
+    own = {f"packing of fill.friction {friction}, orifice 18 mm and 1 more point, seed 1" for friction in (0.1, 0.5)}
     assert labels(read(path), "own") == own
 
 

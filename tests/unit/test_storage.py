@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -42,7 +43,7 @@ def words(verb: str, place: Path) -> list:
 def one_line(ended) -> str:
     """What was said; everything else about a failed verb is checked."""
     assert ended.exit_code == 1, ended.output
-    said = [line for line in ended.output.splitlines() if not line.startswith("Left out")]
+    said = [line for line in ended.output.splitlines() if not re.match(r"Left out| *\d+ s: ", line)]  # nor progress
     assert len(said) == 1, ended.output
     assert said[0].startswith("Error: ")
     return said[0]

@@ -183,6 +183,8 @@ def verified(checkpoint, scene):
     n = len(arrays["ids"])
     shapes = {"x": (n, 3), "v": (n, 3), "ids": (n,), "count": (4,), "next": (1,)}
     kinds = {"x": "f", "v": "f", "ids": "i", "count": "i", "next": "f"}
+    shapes |= {"q": (n, 4), "diameter": (n,), "kind": (n,)}
+    kinds |= {"q": "f", "diameter": "f", "kind": "i"}
     for name, array in arrays.items():
         if array.shape != shapes[name] or array.dtype.kind != kinds[name]:
             raise ValueError(f"{name} has shape {array.shape} of {array.dtype}")

@@ -108,7 +108,7 @@ def test_damaged_frames_are_named_with_a_remedy(toy, done, tmp_path):
     said = toy.labbook("view", study, "--no-open", "--lab", damaged, "--backend", "toy", check=False)
     assert said.exit_code == 1
     assert "recording.npz" in said.output
-    assert "run the study again" in " ".join(said.output.split())
+    assert "make them again: labbook run" in " ".join(said.output.split())
 
 
 def test_view_of_one_point(toy, done):
