@@ -88,7 +88,8 @@ def forecast(
     for item in plan.todo:
         shared = item.demand.shared
         work, steps = discharge_work(shared), discharge_time(shared) / shared.numerics.dt
-        cost = _add(batches[specs.discharge(shared)], speeds.of(shared), work, steps, shared)
+        probes = len(shared.probes) + item.demand.recorded
+        cost = _add(batches[specs.discharge(item.demand)], speeds.of(shared), work, steps, shared, probes)
         longest = max(longest, cost + chains.get(item.keys.packing, 0.0))
     work = sum(batch.grain_steps for batch in batches.values())
     cost = sum(batch.cost for batch in batches.values())
@@ -109,9 +110,9 @@ def forecast(
     return Forecast(seconds + compiling, disk, work, speed or DEFAULT_SPEED, busy, speeds.basis, compiling, len(new))
 
 
-def _add(batch: _Batch, rate: Rate, work: float, steps: float, shared: PointDemand) -> float:
-    """Count a member in; what its grain-steps cost [s]."""
-    cost = work * rate.of(shared.scene.grains.count)
+def _add(batch: _Batch, rate: Rate, work: float, steps: float, shared: PointDemand, probes: int = 1) -> float:
+    """Count a member in; what its grain-steps and beats cost [s]."""
+    cost = work * rate.of(shared.scene.grains.count) + steps / shared.numerics.steps_per_beat * probes * rate.beat
     batch.grain_steps += work
     batch.cost += cost
     batch.longest = max(batch.longest, steps)
@@ -125,26 +126,27 @@ class _Specs:
 
     def __init__(self, backend: Backend | None):
         self._backend = backend
-        self._found: dict[tuple[PointDemand, bool], Spec | str] = {}
+        self._found: dict[tuple[PointDemand, str], Spec | str] = {}
 
     def filling(self, shared: PointDemand) -> Spec | str:
         return self._of(shared, "filling", lambda b: b.specialise(shared.closed, shared.numerics, ()))
 
-    def discharge(self, shared: PointDemand) -> Spec | str:
-        film = (shared.film,) if shared.film else ()
+    def discharge(self, demand: Demand) -> Spec | str:
+        shared, film = demand.shared, (demand.film,) if demand.film else ()
         probes = tuple(dict.fromkeys((*shared.probes, *film)))
-        return self._of(shared, "discharge", lambda b: b.specialise(shared.scene, shared.numerics, probes))
+        stage = "recorded" if film else "discharge"
+        return self._of(shared, stage, lambda b: b.specialise(shared.scene, shared.numerics, probes))
 
     def _of(self, shared: PointDemand, stage: str, specialise: Callable[[Backend], Spec]) -> Spec | str:
-        key = (shared, stage == "filling")
+        key = (shared, stage)
         if key not in self._found:
             self._found[key] = stage if self._backend is None else specialise(self._backend)
         return self._found[key]
 
     def known(self, plan: Plan) -> set[Spec | str]:
         """Those that runs which are done were computed with: their code is cached, if they ran here."""
-        done = {item.demand.shared for item in plan.items if item.state == "done"}
-        return {spec for shared in done for spec in (self.filling(shared), self.discharge(shared))}
+        done = [item.demand for item in plan.items if item.state == "done"]
+        return {spec for demand in done for spec in (self.filling(demand.shared), self.discharge(demand))}
 
 
 class _Speeds:

@@ -16,12 +16,14 @@ _BEYOND = 1.9
 @dataclass(frozen=True)
 class Rate:
     """Cost of one step of a lane: `step` [s] however few grains there are, and `grain` [s] for every grain; `compiling`
-    [s]: before the first step of a set of features, unless its code is cached. `source`: where that was measured."""
+    [s]: before the first step of a set of features, unless its code is cached. `source`: where that was measured.
+    `beat`: what each probe of a member costs the host at each beat [s], while the device waits."""
 
     step: float
     grain: float
     compiling: float
     source: str
+    beat: float = 0.0
 
     def of(self, grains: float) -> float:
         """Cost of a grain-step [s] in a scene of so many grains."""
@@ -31,6 +33,7 @@ class Rate:
 _ZEN4 = "one core of an AMD EPYC with AVX-512"
 _ZEN3 = "one core of an AMD EPYC without AVX-512"
 _H200 = "an NVIDIA H200"
+_HOST = 1.5e-3  # 1 ms a beat with one probe (beside an H200) to 6 ms with three (beside an H100): docs/gpu-engine.md
 MEASURED = {
     ("numba", "cpu", "sphere", "double", True): Rate(0, 1 / 24e6, 9, _ZEN4),
     ("numba", "cpu", "sphere", "mixed", True): Rate(0, 1 / 31e6, 9, _ZEN4),
@@ -40,10 +43,10 @@ MEASURED = {
     ("numba", "cpu", "sphere", "mixed", False): Rate(0, 1 / 9.8e6, 20, _ZEN3),
     ("numba", "cpu", "spherocylinder", "double", False): Rate(0, 1 / 3.5e6, 40, _ZEN3),
     ("numba", "cpu", "spherocylinder", "mixed", False): Rate(0, 1 / 3.5e6, 40, _ZEN3),
-    ("warp", "cuda", "sphere", "mixed", None): Rate(5.0e-6, 1.35e-10, 4, _H200),
-    ("warp", "cuda", "sphere", "double", None): Rate(5.0e-6, 2.7e-10, 4, _H200),
-    ("warp", "cuda", "spherocylinder", "mixed", None): Rate(1.0e-5, 3.0e-10, 8, _H200),
-    ("warp", "cuda", "spherocylinder", "double", None): Rate(1.0e-5, 5.9e-10, 8, _H200),
+    ("warp", "cuda", "sphere", "mixed", None): Rate(5.0e-6, 1.35e-10, 4, _H200, _HOST),
+    ("warp", "cuda", "sphere", "double", None): Rate(5.0e-6, 2.7e-10, 4, _H200, _HOST),
+    ("warp", "cuda", "spherocylinder", "mixed", None): Rate(1.0e-5, 3.0e-10, 8, _H200, _HOST),
+    ("warp", "cuda", "spherocylinder", "double", None): Rate(1.0e-5, 5.9e-10, 8, _H200, _HOST),
 }
 """By engine, kind of device, shape, precision and, of processors, whether they have vectors of 512 bits. From
 benchmarks/results, docs/engine.md and docs/gpu-engine.md."""
