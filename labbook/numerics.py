@@ -25,9 +25,9 @@ class Numerics(Model):
     stiffness_scale: Annotated[Ratio, Field(gt=0)] = 1.0
     """Factor on the study's stiffness; 1 is the study's own."""
     speed_limit: Annotated[Speed, Field(gt=0)] = 100.0
-    """Guard: a grain faster than this has run away."""
+    """Abort the run if any grain is faster than this."""
     overlap_limit: Annotated[Ratio, Field(gt=0, le=1)] = 0.25
-    """Guard: a contact deeper than this part of a grain diameter is no contact any more."""
+    """Abort the run if any overlap exceeds this fraction of the grain diameter."""
 
     @property
     def beat(self) -> float:
