@@ -12,11 +12,12 @@ PYTHON ?= $(shell for python in python3 python3.14 python3.13 python3.12 python3
 BIN := $(VENV)/bin
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help quickstart test docs clean
+.PHONY: help quickstart lint check test docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make quickstart   set up, run $(STUDY) and write its report"
+	@echo "make check        set up, then ruff, pyright and the tests that need no kernels, in a minute or two"
 	@echo "make test         set up, then ruff, pyright and all tests"
 	@echo "make docs         write docs/commands.md and the tables of docs/studies.md"
 	@echo "make clean        remove $(VENV)"
@@ -25,10 +26,15 @@ quickstart: $(VENV)/installed-run
 	$(BIN)/labbook run $(STUDY) --lab $(LAB)
 	$(BIN)/labbook report $(STUDY) --lab $(LAB)
 
-test: $(VENV)/installed-dev
+lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+
+check: lint
+	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not compiles and not render and not slow"
+
+test: lint
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 docs: $(VENV)/installed-dev

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from labbook_dem import generated
 
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
@@ -47,7 +48,10 @@ def can_render() -> bool:
 
 
 def pytest_collection_modifyitems(items):
-    """Tests marked `render` need a Vulkan driver."""
+    """Tests on a stand of a backend compile; tests marked `render` need a Vulkan driver."""
+    for item in items:
+        if STAND.search(item.nodeid):
+            item.add_marker("compiles")
     if can_render():
         return
     skip = pytest.mark.skip(reason="no Vulkan driver is installed (Debian: apt-get install mesa-vulkan-drivers)")
@@ -66,3 +70,19 @@ def pytest_xdist_make_scheduler(config, log):
             return group(nodeid)
 
     return ByKernels(config, log) if config.getoption("dist") == "load" else None
+
+
+@pytest.fixture(autouse=True)
+def kernels_are_asked_for(request, monkeypatch):
+    """A test that makes kernels says so by the mark `compiles`: compiling takes most of the time of the suite."""
+    if request.node.get_closest_marker("compiles"):
+        return
+    load = generated.load
+
+    def loaded(name: str, text: str, folder: Path):
+        assert not name.startswith(("labbook_numba_", "labbook_warp_")), (
+            "mark this test with `compiles`: it makes kernels"
+        )
+        return load(name, text, folder)
+
+    monkeypatch.setattr(generated, "load", loaded)

@@ -8,6 +8,8 @@ from labbook.bench import batch, elongation, rate
 from labbook.bench.scenes import elongated
 from labbook.scene import Spherocylinders
 
+pytestmark = pytest.mark.compiles
+
 
 @pytest.mark.parametrize("aspect_ratio", [2.0, 10.0])
 def test_grains_of_all_aspect_ratios_have_one_volume(aspect_ratio):

@@ -9,6 +9,8 @@ from labbook.bench.savings import STILL, bed_of
 from labbook.bench.scenes import FAN_STEP, fan, variants
 from labbook.probes import Contacts
 
+pytestmark = pytest.mark.compiles
+
 
 @pytest.mark.slow
 def test_rates_are_of_the_settled_and_the_flowing_hopper(monkeypatch):

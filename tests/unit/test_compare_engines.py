@@ -9,6 +9,8 @@ from labbook.compare.compare import compare
 from labbook.compare.pair import pair
 from labbook.study import load
 
+pytestmark = pytest.mark.compiles
+
 STUDY = """
 name: tiny
 grains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 150}

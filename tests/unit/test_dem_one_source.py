@@ -24,6 +24,8 @@ from one_source import (
     shapes,
 )
 
+pytestmark = pytest.mark.compiles
+
 # Numba
 
 

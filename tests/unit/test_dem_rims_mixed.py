@@ -8,6 +8,8 @@ import pytest
 from labbook_dem import generated, source, words
 from labbook_dem.walls import frustum
 
+pytestmark = pytest.mark.compiles
+
 HALF, RIM, LENGTH = 7e-3, 30e-3, 65e-3  # of a rod of 20 mm x 6 mm, of an outlet and its plate [m]
 DEEP = 1e-5  # m, by which each rod overlaps what it is nearest to: a violent hit
 COUNT = 1000

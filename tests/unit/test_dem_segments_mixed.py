@@ -8,6 +8,8 @@ import pytest
 from labbook_dem import generated, segments, source, words
 from scipy.optimize import lsq_linear
 
+pytestmark = pytest.mark.compiles
+
 HALF, D = 7e-3, 6e-3  # a rod of 20 mm x 6 mm
 BOUND = 1e-9  # m, of which the regularisation takes 0.8; a static overlap of such rods is 3e-8
 TILTS = (0.0, *np.geomspace(1e-9, 0.3, 60))

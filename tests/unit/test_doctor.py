@@ -13,6 +13,7 @@ from labbook.numerics import Numerics
 from labbook.verify.symmetry import hopper
 
 
+@pytest.mark.compiles
 def test_the_cpu_engine_bounces_a_grain():
     engine = backend.load("numba")
     assert doctor.bounce(engine, "cpu") == pytest.approx(doctor.ASKED, abs=2e-3)

@@ -10,6 +10,8 @@ from labbook.probes import Contacts, Sample
 from labbook.protocol.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 
+pytestmark = pytest.mark.compiles
+
 D, OMEGA = 3e-3, 1.5e-3
 SAMPLE, CONTACTS = Sample(fields=("x", "v")), Contacts()
 

@@ -44,6 +44,7 @@ def test_one_thread_at_a_time_makes_kernels_whichever_engine_they_are_for(monkey
     assert max(most) == 1
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize("build", [on_the_processor, on_the_gpu], ids=["numba", "warp"])
 def test_threads_that_ask_for_the_same_kernels_get_the_same(build, monkeypatch, tmp_path):
     """A second import would take the place of the first in Warp's books, while kernels of the first are launched."""

@@ -11,6 +11,8 @@ import pytest
 
 pytest.importorskip("numba")
 
+pytestmark = pytest.mark.compiles
+
 ROOT = Path(__file__).parents[2]
 COLLISION = """
 import json, sys

@@ -13,6 +13,8 @@ from labbook.scene import Scene, Spheres
 from labbook.verify.stand import grains_at
 from labbook.verify.symmetry import hopper
 
+pytestmark = pytest.mark.compiles
+
 APART = Scene(
     grains=Spheres(diameter=3e-3, density=2500, count=3),
     contact=hopper().contact,

@@ -18,6 +18,8 @@ from labbook.verify.case import ROUNDING
 from labbook.verify.materials import LAWS, D
 from labbook.verify.symmetry import DT, hopper
 
+pytestmark = pytest.mark.compiles
+
 STEPS = 100
 SOFT = {"hertz-mindlin": {"shear_modulus": 1e6}, "linear": {"normal_stiffness": 500.0}}
 # Round-off of sums in another order grows in collisions; the case `renumbering` allows it 1e-12 d after 200 steps,

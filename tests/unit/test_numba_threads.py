@@ -20,6 +20,8 @@ from labbook.scene import Scene
 from labbook.verify.stand import identical
 from labbook.verify.symmetry import DT, hopper
 
+pytestmark = pytest.mark.compiles
+
 GRAINS = 400
 BEATS = 16
 PROBES = (Crossing(), Sample(), Contacts(every=4))

@@ -10,6 +10,8 @@ pytest.importorskip("numba")
 
 from numba import njit
 
+pytestmark = pytest.mark.compiles
+
 
 @njit(error_model="numpy")
 def roots(numbers, into):

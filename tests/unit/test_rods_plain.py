@@ -20,6 +20,8 @@ from labbook.protocol.segments import axes, distances
 from labbook.scene import Frustum, HertzMindlin, Plane, Primitives, Scene, Strip, SurfaceMotion, Wall
 from labbook.verify.stand import Stand
 
+pytestmark = pytest.mark.compiles
+
 FAR = 10.0  # m, height at which no rod is
 BEYOND_REACH = (
     Wall(name="roof", shape=Plane(point=(0, 0, FAR), normal=(0, 0, -1))),

@@ -180,6 +180,7 @@ def test_run_without_a_terminal_says_that_it_compiles(tmp_path):
     assert not labbook("run", path, "--lab", tmp_path / "lab", "--backend", "toy").stderr, "nothing is waited for"
 
 
+@pytest.mark.compiles
 def test_the_cpu_engine_knows_when_it_compiles():
     from labbook_numba import compiling
     from numba.core import event

@@ -14,6 +14,8 @@ from labbook.report.analysis import analyse
 from labbook.runner.runner import Runner
 from labbook.study import load
 
+pytestmark = pytest.mark.compiles
+
 STUDIES = Path(__file__).parents[2] / "studies"
 REDUCED = {
     "conical-silo": {

@@ -14,6 +14,8 @@ from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
 
+pytestmark = pytest.mark.compiles
+
 D = 3e-3
 PRECISIONS = ["double", "mixed"]
 

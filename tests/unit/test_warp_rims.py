@@ -12,6 +12,8 @@ from labbook_dem.walls.frustum import frustum_rims
 from labbook_dem.words import vec3
 from labbook_warp.kernels import rod_walls
 
+pytestmark = pytest.mark.compiles
+
 RIM, HALF, RADIUS = vec3(0.03, 0.0, 0.0), 7e-3, 3e-3
 PLATES = {"flat": vec3(1.0, 0.0, 0.0), "cone": vec3(0.6, 0.0, 0.8)}
 

@@ -33,6 +33,8 @@ from labbook.scene import (
 )
 from labbook.verify.stand import identical
 
+pytestmark = pytest.mark.compiles
+
 
 @pytest.fixture(scope="module")
 def bed() -> Packing:

@@ -16,6 +16,8 @@ from labbook.probes import Contacts, Crossing
 from labbook.protocol.placing import place
 from labbook.verify.stand import identical
 
+pytestmark = pytest.mark.compiles
+
 GIB = 1 << 30
 PROBES = (Crossing(),)
 

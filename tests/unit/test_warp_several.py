@@ -26,6 +26,8 @@ from labbook.protocol.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres
 from labbook.verify.stand import identical
 
+pytestmark = pytest.mark.compiles
+
 GPU = "cuda:0"
 
 
