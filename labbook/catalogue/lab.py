@@ -1,10 +1,10 @@
 """The lab folder: where runs, packings and unfinished work lie, who may work on what, and how files get there whole.
 
-    lab/runs/KEY/       finished runs, each put in place by one rename
-    lab/packings/KEY/   settled packings, likewise
-    lab/work/KEY/       unfinished work of one run or packing, with its exact checkpoints
-    lab/work/KEY.lock   held by the process that works on KEY
-    lab/catalogue.db    an index of all this, which can be made again
+lab/runs/KEY/       finished runs, each put in place by one rename
+lab/packings/KEY/   settled packings, likewise
+lab/work/KEY/       unfinished work of one run or packing, with its exact checkpoints
+lab/work/KEY.lock   held by the process that works on KEY
+lab/catalogue.db    an index of all this, which can be made again
 """
 
 import errno
