@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from sqlalchemy import Connection, Engine, func, select
 from sqlalchemy.exc import DatabaseError
 
-from labbook.catalogue.connect import DAMAGED, NoCatalogue, connect, empty, schema_version, unusable
+from labbook.catalogue.connect import CHUNK, DAMAGED, NoCatalogue, connect, empty, schema_version, unusable
 from labbook.catalogue.finished import FinishedRun
 from labbook.catalogue.lab import Lab, Unusable, stamp
 from labbook.catalogue.packings import read_packing
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from labbook.measure import Window
     from labbook.plan.demand import Demand
     from labbook.study import Study
-
-_CHUNK = 500  # keys in one query, well below SQLite's limit on variables
 
 
 @dataclass(frozen=True)
@@ -121,8 +119,8 @@ class Catalogue:
         rows = []
         with self._asking() as connection:
             for column, wanted in ((runs.c.run_key, list(run_keys)), (runs.c.lineage_key, list(lineages))):
-                for at in range(0, len(wanted), _CHUNK):
-                    rows += connection.execute(base.where(column.in_(wanted[at : at + _CHUNK]))).all()
+                for at in range(0, len(wanted), CHUNK):
+                    rows += connection.execute(base.where(column.in_(wanted[at : at + CHUNK]))).all()
             return [
                 Entry(
                     row.run_key,
@@ -185,8 +183,8 @@ class Catalogue:
     def changed(self, keys: Sequence[str]) -> set[str]:
         """Which of these runs are not as they were indexed: a file in their folder came, went or was written to."""
         found = set()
-        for at in range(0, len(keys), _CHUNK):
-            query = select(runs.c.run_key, runs.c.stamp).where(runs.c.run_key.in_(keys[at : at + _CHUNK]))
+        for at in range(0, len(keys), CHUNK):
+            query = select(runs.c.run_key, runs.c.stamp).where(runs.c.run_key.in_(keys[at : at + CHUNK]))
             with self._asking() as connection:
                 found |= {key for key, seen in connection.execute(query) if stamp(self.lab.run(key)) != seen}
         return found
@@ -215,8 +213,8 @@ class Catalogue:
         import pandas as pd
 
         parts = [
-            self._frame(base.where(measurements.c.run_key.in_(run_keys[at : at + _CHUNK])))
-            for at in range(0, max(1, len(run_keys)), _CHUNK)
+            self._frame(base.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK])))
+            for at in range(0, max(1, len(run_keys)), CHUNK)
         ]
         return pd.concat(parts, ignore_index=True)
 

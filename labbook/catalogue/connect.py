@@ -13,6 +13,8 @@ from labbook.catalogue.schema import metadata
 
 BUSY = 30.0
 """How long a transaction waits for another process's [s]."""
+CHUNK = 500
+"""Keys in one query, well below SQLite's limit on variables."""
 DAMAGED = -1
 _OUT_OF_REACH = ("locked", "full", "readonly", "unable to open", "disk I/O", "not authorized", "interrupted")
 

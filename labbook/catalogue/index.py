@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Table, delete, inspect, select, text
 from sqlalchemy.dialects.sqlite import insert
 from sqlalchemy.exc import DatabaseError
 
-from labbook.catalogue.connect import DAMAGED, connect, schema_version, unusable, whole
+from labbook.catalogue.connect import CHUNK, DAMAGED, connect, schema_version, unusable, whole
 from labbook.catalogue.derive import derive, expected
 from labbook.catalogue.finished import run_data
 from labbook.catalogue.lab import Lab, Unusable, remove, stamp
@@ -135,18 +135,10 @@ class Index:
     def derive(self, run_keys: Iterable[str], observe: Observe) -> int:
         """Measure whatever of `observe` is not there for these runs; the number of runs that were measured, or
         turned out to be damaged."""
-        wanted = expected(observe)
-        columns = (
-            measurements.c.measure,
-            measurements.c.version,
-            measurements.c.window_start,
-            measurements.c.window_end,
-        )
-        done = 0
-        for key in run_keys:
-            with self._asking() as connection:
-                had = {tuple(row) for row in connection.execute(select(*columns).where(measurements.c.run_key == key))}
-            if wanted <= had:
+        wanted, keys, done = expected(observe), list(run_keys), 0
+        had = self._measured(keys)
+        for key in keys:
+            if wanted <= had[key]:
                 continue
             folder = self.lab.run(key)
             done += 1
@@ -162,6 +154,18 @@ class Index:
             with self._transaction() as connection:
                 _upsert(connection, measurements, rows)
         return done
+
+    def _measured(self, run_keys: list[str]) -> dict[str, set[tuple[Any, ...]]]:
+        """(measure, version, window) of what is there, by run."""
+        names = ("run_key", "measure", "version", "window_start", "window_end")
+        query = select(*(measurements.c[name] for name in names)).distinct()
+        found: dict[str, set[tuple[Any, ...]]] = {key: set() for key in run_keys}
+        with self._asking() as connection:
+            for at in range(0, len(run_keys), CHUNK):
+                of_some = query.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK]))
+                for key, *measured in connection.execute(of_some):
+                    found[key].add(tuple(measured))
+        return found
 
     def _sync(self, tick: Tick | None) -> None:
         """Index folders that are new or changed, and forget those that are gone."""

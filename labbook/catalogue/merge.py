@@ -89,8 +89,10 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
         found, _ = open_run(copy, key=key, lab=lab)
         _check_end(copy, found)
 
-    tables = {f"{table_name(parse_probe(text))}.npz" for text in record.coverage.probes}
-    _copy(lab, key, theirs, mine, {RunRecord.FILE, CHECKPOINT, *tables}, look, {RECORDING})
+    names = {RunRecord.FILE, CHECKPOINT, *(f"{table_name(parse_probe(text))}.npz" for text in record.coverage.probes)}
+    if record.coverage.recording is not None:
+        names.add(RECORDING)
+    _copy(lab, key, theirs, mine, names, look)
     index.add_run(mine)
     return True
 
@@ -130,17 +132,9 @@ def _check_files(folder: Path) -> None:
             raise Unreadable(f"{entry.path}: it is no ordinary file, and does not belong there")
 
 
-def _copy(
-    lab: Lab,
-    key: str,
-    theirs: Path,
-    mine: Path,
-    names: set[str],
-    look: Callable[[Path], None],
-    further: set[str] = frozenset(),  # pyright: ignore[reportArgumentType]
-) -> None:
-    """Put a copy of the files `names` of a folder, and of `further` ones if they are there, in place once `look` finds
-    nothing wrong with it. Raises Unreadable, and OSError if there is no room."""
+def _copy(lab: Lab, key: str, theirs: Path, mine: Path, names: set[str], look: Callable[[Path], None]) -> None:
+    """Put a copy of the files `names` of a folder in place once `look` finds nothing wrong with it. Raises Unreadable,
+    and OSError if there is no room."""
     claim = lab.claim(key)
     if claim is None:
         raise Unreadable(f"{theirs}: another process works on it; import again later")
@@ -148,9 +142,8 @@ def _copy(
     try:
         remove(made)
         made.mkdir(parents=True)
-        for name in sorted(names | further):
-            if name in names or (theirs / name).exists():
-                _copy_file(theirs / name, made / name)
+        for name in sorted(names):
+            _copy_file(theirs / name, made / name)
         try:
             look(made)
         except Unreadable as problem:

@@ -2,7 +2,7 @@
 
 from sqlalchemy import Column, Float, Index, Integer, MetaData, String, Table, Text
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 metadata = MetaData()
 
@@ -37,11 +37,12 @@ runs = Table(
     Index("runs_by_lineage", "lineage_key"),
     Index("runs_by_study", "study"),
     Index("runs_by_finish", "finished"),
+    Index("runs_by_packing", "packing_key"),
     sqlite_with_rowid=True,
 )
-"""One row a run folder. `coverage`: that of `run.json`, as JSON; `stamp`: time of the folder's last change
-[ns], by which a replaced folder is noticed; `outcome` is `unreadable` and `problem` says why where a folder
-cannot be read."""
+"""One row a run folder. `coverage`: that of `run.json`, as JSON; `stamp`: that of the folder
+(`labbook.catalogue.lab.stamp`) when it was read, by which changes are noticed; `outcome` is `unreadable` and `problem`
+says why where a folder cannot be read."""
 
 packings = Table(
     "packings",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from labbook.cli.lab import Device, engine_called, open_catalogue
-from labbook.cli.options import ENGINE, LAB, AsJson, Engine, Lab, StudyFile, fail, read_study
+from labbook.cli.options import ENGINE, LAB, AsJson, Lab, RunsOn, StudyFile, fail, read_study
 from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def plan(
-        study: StudyFile, lab: Lab = LAB, backend: Engine = ENGINE, device: Device = "cpu", as_json: AsJson = False
+        study: StudyFile, lab: Lab = LAB, backend: RunsOn = ENGINE, device: Device = "cpu", as_json: AsJson = False
     ) -> None:
         """Show what is done, missing, partial or stale and why, with a forecast of time and disk."""
         from labbook.backend import Unsupported

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from labbook.cli.lab import Device, engine_called, open_catalogue
-from labbook.cli.options import ENGINE, GO_ON, LAB, STOPPED, Engine, Lab, StudyFile, fail, leave, read_study
+from labbook.cli.options import ENGINE, GO_ON, LAB, STOPPED, Lab, RunsOn, StudyFile, fail, leave, read_study
 from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def run(
-        study: StudyFile, lab: Lab = LAB, backend: Engine = ENGINE, device: Device = "cpu", checkpoint_every: Every = 20
+        study: StudyFile, lab: Lab = LAB, backend: RunsOn = ENGINE, device: Device = "cpu", checkpoint_every: Every = 20
     ) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
 

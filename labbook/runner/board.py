@@ -1,11 +1,13 @@
 """What is still to be done, and who does it: fillings first, then the runs whose packings are there."""
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from labbook.backend import Checkpoint, Spec
 from labbook.catalogue.index import Index
+from labbook.catalogue.lab import Claim
 from labbook.catalogue.record import Observe
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import discharge_work, fill_work
@@ -36,6 +38,16 @@ class Tally:
     failed: list[str] = field(default_factory=list)
 
 
+@contextmanager
+def _given_back(held: Claim | Job) -> Iterator[None]:
+    """Releases a claim if what is done within fails: nobody in this process could have its key again."""
+    try:
+        yield
+    except BaseException:
+        held.release()
+        raise
+
+
 class Board:
     """The study's runs that are not done, and the jobs that are going on here.
 
@@ -45,6 +57,7 @@ class Board:
     def __init__(self, bench: Bench, planner: Planner, index: Index, observe: Observe, *, packings_only: bool = False):
         self._packings_only = packings_only
         self._work: dict[str, float] = {}
+        """Expected grain-steps, by the key of a run or packing."""
         self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
         self.tally = Tally()
         self.todo: dict[str, Item] = {}
@@ -54,9 +67,9 @@ class Board:
         """Keys of jobs that need another Spec than one that was asked for: beginning a job to learn that is dear."""
         self.points: dict[int, PointPlan] = {}
         self._sharing: dict[str, set[int]] = defaultdict(set)
+        """Points by the key of a run that they ask for: points with the same scene share runs."""
         self._standing: dict[str, set[int]] = defaultdict(set)
         """Points by the key of the packing that their runs start from."""
-        """Points by the key of a run that they ask for: points that come to the same run share it."""
         self.elsewhere = 0
         """Jobs that another process was found to hold at the last look."""
         self.beginning: Callable[[Job], None] = lambda job: None
@@ -113,7 +126,9 @@ class Board:
         if (claim := lab.claim(key)) is None:
             self.elsewhere += 1
             return None
-        if self._there(key):  # put there between the look and the claim
+        with _given_back(claim):
+            there = self._there(key)  # put there between the look and the claim
+        if there:
             claim.release()
             self._packed(key)
             return None
@@ -138,8 +153,10 @@ class Board:
         if (claim := lab.claim(key)) is None:
             self.elsewhere += 1
             return None
-        lab.mend(key, lab.run(key))
-        if self._planner.refresh(item.demand).state == "done":  # by another process, or when its packing was made again
+        with _given_back(claim):
+            lab.mend(key, lab.run(key))
+            now = self._planner.refresh(item.demand)
+        if now.state == "done":  # by another process, or when its packing was made again
             claim.release()
             self._done(item.demand)
             if key in self.todo:
@@ -149,16 +166,17 @@ class Board:
         return self._begin(job, spec)
 
     def _begin(self, job: Job, spec: Spec | None) -> Started | None:
-        self.beginning(job)
-        try:
-            start = job.begin()
-        except JobFailed as problem:
-            self.failed(job, str(problem))
-            return None
-        finally:
-            for folder, why in job.damaged.items():
-                self._index.note(folder, why)
-        needed = self._bench.backend.specialise(job.scene, job.numerics, job.probes)
+        with _given_back(job):
+            self.beginning(job)
+            try:
+                start = job.begin()
+            except JobFailed as problem:
+                self.failed(job, str(problem))
+                return None
+            finally:
+                for folder, why in job.damaged.items():
+                    self._index.note(folder, why)
+            needed = self._bench.backend.specialise(job.scene, job.numerics, job.probes)
         if spec is not None and needed != spec:
             job.release()
             self._unfit.add((job.key, spec))

@@ -8,6 +8,7 @@ from typing import Any
 from labbook.backend import Checkpoint, Ensemble, Event, Failed, Member, Settled, Status
 from labbook.catalogue.lab import Claim
 from labbook.catalogue.packings import ARRAYS, PackingRecord
+from labbook.catalogue.parts import Unreadable
 from labbook.keys import Keys, Maker
 from labbook.plan.demand import Demand
 from labbook.plan.forecast import fill_time
@@ -15,7 +16,7 @@ from labbook.probes import Probe, Table
 from labbook.protocol import Packing, PlacingError, place
 from labbook.protocol.rest import at_rest
 from labbook.runner.job import Bench, Job, JobFailed, failure
-from labbook.runner.journal import Saved
+from labbook.runner.journal import PROGRESS, Saved
 from labbook.scene.timescales import collision
 
 _LOOK_EVERY = 20  # beats: a look copies the state of a member from its device
@@ -60,7 +61,10 @@ class FillJob(Job):
         """As saved. Raises Unreadable."""
         if saved is not None:
             self.check(saved, self.journal.folder)
-            self._quiet = int(saved.state.get("quiet", 0))
+            quiet = saved.state.get("quiet", 0)
+            if type(quiet) is not int or not 0 <= quiet < _LOOKS:
+                raise Unreadable(f"{self.journal.folder / PROGRESS}: state.quiet: {quiet} looks that found it at rest")
+            self._quiet = quiet
         return saved
 
     def state(self) -> dict[str, Any]:

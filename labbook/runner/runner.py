@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 CHECKPOINT_EVERY = 20.0
 """Wall time between two saves of a job [s]: what a kill loses at most."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
+_TELLING = 0.05  # of the main thread's time may go into telling how it goes
 _POLL = 0.5  # s: how often claims that others hold are tried again
 _MANY = 10_000  # grains that take a while to place
 
@@ -85,7 +86,7 @@ class Runner:
         begun = time.perf_counter()
         self._stop = Request()
         self._left_behind = False
-        self._meter, self._told = Meter(), float("-inf")
+        self._meter, self._next_tell = Meter(), float("-inf")
         self._saved: dict[Job, float] = {}
         window = self.study.window
         observe = Observe(measure=self.study.measure, start=window.start, end=window.end)
@@ -135,6 +136,9 @@ class Runner:
                     self._visit(*turns.pop(turn), turn)
                 self._tell()
             self._leave(turns, lanes)
+        except Exception:  # such as a full disk: the process ends now, and kernels must not be at work by then
+            wait([turn for turn, (lane, _) in turns.items() if not lane.preparing])
+            raise
         finally:
             busy = [lane for lane, _ in turns.values()]
             for lane in lanes:
@@ -216,9 +220,9 @@ class Runner:
             self._tell(Going(job.label, "placing", (f"placing {grains} grains",)))
 
     def _tell(self, *beginning: Going) -> None:
-        if time.perf_counter() - self._told < _LOOK:
+        begun = time.perf_counter()
+        if begun < self._next_tell:
             return
-        self._told = time.perf_counter()
         board = self._board
         done, asked = board.runs()
         going = (*beginning, *self._going())
@@ -236,6 +240,8 @@ class Runner:
             open_ended=board.open_ended(),
         )
         self.watcher.show(view)
+        now = time.perf_counter()
+        self._next_tell = now + max(_LOOK, (now - begun) / _TELLING)  # counting 10^5 runs takes a while
 
     def _going(self) -> list[Going]:
         """What every job is at."""

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import labbook_toy
@@ -49,10 +50,13 @@ def carry_out(asked: Study, lab: Path, **options) -> Summary:
 
 def labbook(*words: object, check: bool = True, **environment: str):
     """`labbook WORDS` in this process, to its end; what it does not expect is raised."""
-    ended = CliRunner().invoke(build(), list(map(str, words)), env=environment, catch_exceptions=False)
+    ended = CliRunner().invoke(_app(), list(map(str, words)), env=environment, catch_exceptions=False)
     if check and ended.exit_code:
         raise AssertionError(f"labbook {' '.join(map(str, words))} ended with {ended.exit_code}:\n{ended.output}")
     return ended
+
+
+_app = cache(build)
 
 
 def start(*words: object, delay: float = 0.0, terminal: int | None = None, **environment: str) -> subprocess.Popen:

@@ -6,7 +6,7 @@ import unicodedata
 
 import pytest
 from labbook_toy import Backend
-from sqlalchemy import text
+from sqlalchemy import event, text
 from toy_lab import carry_out, study, study_file
 from typer.testing import CliRunner
 
@@ -282,3 +282,16 @@ def test_replicates_of_an_older_version_are_not_pooled_with_newer_ones(tmp_path)
     both = Catalogue(lab).finished(study(tmp_path, replicates=4), "toy")
     assert [(run.point.index, run.seed) for run in both] == [(0, 1), (0, 2), (0, 3), (0, 4), (1, 1), (1, 2)]
     assert all(run.record.cache_version == (1 if run.point.index == 0 else 2) for run in both)
+
+
+def test_what_is_measured_is_asked_of_many_runs_at_once(lab):
+    folders = list((lab / "runs").iterdir())
+    observe = RunRecord.read(folders[0]).observe
+    index, asked = Index(Lab(lab)), []
+    event.listen(index._engine, "before_cursor_execute", lambda *given: asked.append(given[2]))
+    assert index.derive([folder.name for folder in folders], observe) == 0
+    assert len(asked) == 1
+    longer = observe.model_copy(update={"end": observe.end / 2})
+    assert index.derive([folder.name for folder in folders], longer) == 4
+    assert index.derive([folder.name for folder in folders], longer) == 0
+    index.close()

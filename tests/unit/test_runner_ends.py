@@ -1,5 +1,11 @@
 """How runs end, and what a longer demand does with them."""
 
+import errno
+import os
+import threading
+import time
+from importlib import import_module
+
 import numpy as np
 import pytest
 from labbook_toy import Backend
@@ -8,6 +14,7 @@ from toy_records import outcomes, records
 
 from labbook.backend import Overflow
 from labbook.catalogue import Catalogue, Lab
+from labbook.catalogue.lab import DiskFull
 from labbook.catalogue.packings import load_packing
 from labbook.catalogue.tables import read_checkpoint
 from labbook.cli.run import report
@@ -173,3 +180,58 @@ def test_a_run_that_no_grain_left_has_seen_none_and_says_so(tmp_path):
     assert carry_out(longer, lab).tally.resumed == 1
     (run,) = Catalogue(lab).finished(longer, "toy")
     assert len(run.data().tables["crossing"]["time"]) == run.record.coverage.crossed > 0
+
+
+@pytest.mark.parametrize("step", ["job.Job.begin", "board.Board._there", "runner.Planner.refresh"])
+def test_what_fails_at_a_beginning_gives_its_claim_back(tmp_path, monkeypatch, step):
+    """A claim that is kept would let the next call in the same process wait for ever."""
+
+    def full(self, *_):
+        if list((tmp_path / "lab/work").glob("*.lock")):  # a claim is held
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return begun(self, *_)
+
+    asked = study(tmp_path, orifices="[24]", replicates=1)
+    module, name = step.split(".", 1)
+    owner = getattr(import_module(f"labbook.runner.{module}"), name.split(".")[0])
+    method = name.split(".")[1]
+    begun = getattr(owner, method)
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, method, full)
+        with pytest.raises(DiskFull):
+            carry_out(asked, tmp_path / "lab")
+    assert not list((tmp_path / "lab/work").glob("*.lock"))
+    assert outcomes(carry_out(asked, tmp_path / "lab", lanes=1)) == ["finished"]
+
+
+def test_a_full_disk_ends_when_no_kernel_is_at_work_any_more(tmp_path, monkeypatch):
+    """Threads of lanes are no part of what Python waits for at its end."""
+    at_work, quick = set(), []
+
+    class Slow(Backend):
+        def open(self, spec, slots=None, device="cpu"):
+            ensemble = super().open(spec, slots, device)
+            advance = ensemble.advance
+
+            def advances(beats=1):
+                lane = threading.get_ident()
+                quick.append(lane)
+                at_work.add(lane)
+                time.sleep(0.0 if lane == quick[0] else 0.5)
+                at_work.discard(lane)
+                return advance(beats)
+
+            ensemble.advance = advances
+            return ensemble
+
+    asked = study(tmp_path, orifices="[24]", replicates=2)
+    carry_out(asked, tmp_path / "before", engine=Slow(), lanes=1)  # so that no lane has yet to prepare
+    quick.clear()
+    monkeypatch.setattr("labbook.runner.journal.write_bytes", no_room)
+    with pytest.raises(DiskFull):
+        carry_out(asked, tmp_path / "lab", engine=Slow(), lanes=2, checkpoint_every=0)
+    assert not at_work
+
+
+def no_room(path, *_, **__):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))

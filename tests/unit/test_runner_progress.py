@@ -1,9 +1,11 @@
 """What people see of a run that is going on: on a terminal of 80 columns, and where there is none."""
 
 import re
+import time
 from dataclasses import replace
 from io import StringIO
 
+import numpy as np
 import pytest
 from labbook_toy import Backend
 from rich.console import Console
@@ -194,3 +196,17 @@ def test_the_cpu_engine_knows_when_it_compiles():
     with event.trigger_event("numba:compile"):
         assert engine.compiling()
     assert not engine.compiling()
+
+
+def test_what_takes_long_to_count_is_counted_seldom(tmp_path, monkeypatch):
+    """Counting 10^5 runs takes a tenth of a second, in which the main thread saves and starts none."""
+    counted = []
+
+    def work_left(self):
+        counted.append(time.perf_counter())
+        time.sleep(0.05)
+        return 1.0
+
+    monkeypatch.setattr("labbook.runner.board.Board.work_left", work_left)
+    carry_out(study(tmp_path, orifices="[24]", replicates=1), tmp_path / "lab", engine=Backend(delay=0.02))
+    assert np.diff(counted).min(initial=np.inf) > 0.9
