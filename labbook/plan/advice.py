@@ -67,7 +67,8 @@ def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
         reason = (
             f"the outlet is {one.ratio:.2g} {what} wide ({one.extent * 1e3:.3g} mm), and below {least:g} it often clogs"
         )
-        yield _told(file, "container.orifice", reason, f"use {least * one.extent * 1e3:.3g} mm or more", few, points)
+        enough = math.ceil(least * one.extent * 1e4 * (1 - 1e-9)) / 10  # mm
+        yield _told(file, "container.orifice", reason, f"use {enough:g} mm or more", few, points)
 
 
 def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
@@ -105,9 +106,15 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
 
 def _stiff(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
     """Grains much stiffer than their bed needs, which costs steps."""
-    found = [told for shared, one in points if one.height and (told := softer(shared.scene, one.height))]
+    found = []
+    for shared, one in points:
+        scale = shared.numerics.stiffness_scale
+        told = softer(shared.scene.stiffened(scale), one.height) if one.height else None
+        if told:
+            key, soft, unit, times = told
+            found.append((key, soft / scale, unit, times))  # the study states stiffness before it is scaled
     if found:
-        key, soft, unit, times = max(found, key=lambda told: told[-1])
+        key, soft, unit, times = max(found, key=lambda one: one[-1])
         reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed asks for"
         remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {SOFT:.1%} of d"
         yield _told(file, f"contact.{key}", reason, remedy)
