@@ -66,3 +66,9 @@ def pytest_xdist_make_scheduler(config, log):
             return group(nodeid)
 
     return ByKernels(config, log) if config.getoption("dist") == "load" else None
+
+
+@pytest.fixture
+def one_format(monkeypatch):
+    """Figures of pages are written as SVG only, which pages need: the other formats take most of the time."""
+    monkeypatch.setattr("labbook.report.style.FORMATS", ("svg",))
