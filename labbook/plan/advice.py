@@ -27,6 +27,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from _narrow(file, points)
     yield from _overfull(file, points)
     yield from _too_few_outlets(plan)
+    yield from _endless(plan)
     if plan.rule.cap < 2:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
         yield _told(file, "replicates", "with one run a point no number has an error between replicates", remedy)
@@ -86,6 +87,17 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
         )
         remedy = f"make the container {1.1 * height * 1e3:.3g} mm high or more, or lower grains.count"
         yield _told(file, "container.height", reason, remedy, over, points)
+
+
+def _endless(plan: Plan) -> Iterator[str]:
+    """Runs that nothing leaves, and that go on for as long as stop.max_time has by default."""
+    stop = plan.study.stop
+    closed = all(point.scene.container.outlet_plane is None for point in plan.study.points)
+    if not closed or "max_time" in stop.model_fields_set:
+        return
+    reason = f"nothing leaves this container, so that every run goes on for {stop.max_time:g} s"
+    remedy = "state stop.max_time; for measurements of the packing alone, 10 ms are enough"
+    yield _told(plan.study.path, "stop.max_time", reason, remedy)
 
 
 def _too_few_outlets(plan: Plan) -> Iterator[str]:

@@ -275,6 +275,20 @@ def test_the_stiffness_that_a_study_scales_is_what_counts(tmp_path):
     assert "1e+09 Pa" in told
 
 
+def test_runs_that_nothing_ends_are_told_of(tmp_path):
+    path = tmp_path / "box.yaml"
+    path.write_text(
+        "name: box\ngrains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 800}\n"
+        "contact: {law: linear, normal_stiffness: 1000 N/m, friction: 0.4, restitution: 0.5}\n"
+        "container: {kind: box, width: 40 mm, depth: 40 mm, height: 200 mm}\nmeasure: [packing]\nreplicates: 2\n"
+    )
+    plain, lab = path.read_text(), Catalogue(tmp_path / "lab")
+    (told,) = advice(Planner(load(path), lab, labbook_toy.Backend().capabilities).plan())
+    assert "stop.max_time: nothing leaves this container, so that every run goes on for 60 s" in told
+    path.write_text(f"{plain}stop: {{max_time: 10 ms}}\n")
+    assert not list(advice(Planner(load(path), lab, labbook_toy.Backend().capabilities).plan()))
+
+
 def test_short_plans_are_not_told_to_be_softer(tmp_path):
     made, *_ = planned(tmp_path, count=1000)
     stiff = load_with(tmp_path, "2 MPa", "25 GPa")
