@@ -86,3 +86,9 @@ def kernels_are_asked_for(request, monkeypatch):
         return load(name, text, folder)
 
     monkeypatch.setattr(generated, "load", loaded)
+
+
+@pytest.fixture
+def one_format(monkeypatch):
+    """Figures of pages are written as SVG only, which pages need: the other formats take most of the time."""
+    monkeypatch.setattr("labbook.report.style.FORMATS", ("svg",))

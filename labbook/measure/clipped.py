@@ -154,8 +154,8 @@ def _lines(axis: np.ndarray, radius: float, half_length: float):
     """Lines along rods that fill their cross-section: offsets from their centres [m], shape [n, 3], how far they reach
     to either side [m], and the area [m^2] that each stands for.
 
-    The radii are Gaussian nodes of sin^2 of the angle from the axis, at which the caps are smooth; their weights are
-    scaled so that the lines of a whole rod add up to its volume.
+    The distance of a line from the axis is r sin(a). The angles a are Gaussian nodes, in which the length of a line,
+    2 (half_length + r cos(a)), is smooth: the lines of a whole rod add up to its volume.
     """
     helper = np.where(np.abs(axis[:, :1]) < 0.6, np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
     one = np.cross(axis, helper)

@@ -27,6 +27,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from _narrow(file, points)
     yield from _overfull(file, points)
     yield from _too_few_outlets(plan)
+    yield from _endless(plan)
     if plan.rule.cap < 2:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
         yield _told(file, "replicates", "with one run a point no number has an error between replicates", remedy)
@@ -67,7 +68,8 @@ def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
         reason = (
             f"the outlet is {one.ratio:.2g} {what} wide ({one.extent * 1e3:.3g} mm), and below {least:g} it often clogs"
         )
-        yield _told(file, "container.orifice", reason, f"use {least * one.extent * 1e3:.3g} mm or more", few, points)
+        enough = math.ceil(least * one.extent * 1e4 * (1 - 1e-9)) / 10  # mm
+        yield _told(file, "container.orifice", reason, f"use {enough:g} mm or more", few, points)
 
 
 def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
@@ -85,6 +87,17 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
         )
         remedy = f"make the container {1.1 * height * 1e3:.3g} mm high or more, or lower grains.count"
         yield _told(file, "container.height", reason, remedy, over, points)
+
+
+def _endless(plan: Plan) -> Iterator[str]:
+    """Runs that nothing leaves, and that go on for as long as stop.max_time has by default."""
+    stop = plan.study.stop
+    closed = all(point.scene.container.outlet_plane is None for point in plan.study.points)
+    if not closed or "max_time" in stop.model_fields_set:
+        return
+    reason = f"nothing leaves this container, so that every run goes on for {stop.max_time:g} s"
+    remedy = "state stop.max_time; for measurements of the packing alone, 10 ms are enough"
+    yield _told(plan.study.path, "stop.max_time", reason, remedy)
 
 
 def _too_few_outlets(plan: Plan) -> Iterator[str]:
@@ -105,9 +118,15 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
 
 def _stiff(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
     """Grains much stiffer than their bed needs, which costs steps."""
-    found = [told for shared, one in points if one.height and (told := softer(shared.scene, one.height))]
+    found = []
+    for shared, one in points:
+        scale = shared.numerics.stiffness_scale
+        told = softer(shared.scene.stiffened(scale), one.height) if one.height else None
+        if told:
+            key, soft, unit, times = told
+            found.append((key, soft / scale, unit, times))  # the study states stiffness before it is scaled
     if found:
-        key, soft, unit, times = max(found, key=lambda told: told[-1])
+        key, soft, unit, times = max(found, key=lambda one: one[-1])
         reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed asks for"
         remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {SOFT:.1%} of d"
         yield _told(file, f"contact.{key}", reason, remedy)

@@ -13,7 +13,7 @@ from labbook.catalogue.record import RunRecord
 from labbook.measure.expected import mass_flow
 from labbook.plan.demand import Demand, PointDemand
 from labbook.plan.plan import Plan
-from labbook.plan.rates import DEFAULT_SPEED, Rate, rate_of
+from labbook.plan.rates import DEFAULT_SPEED, Rate, beyond_caches, rate_of
 from labbook.plan.reach import PACKED, reach
 from labbook.probes import Contacts, Probe, Sample, Zone
 from labbook.protocol import placing
@@ -184,13 +184,14 @@ class _Speeds:
         return rate
 
     def _recorded(self) -> dict[str, list[float]]:
-        """Grain-steps per second of the latest runs on this machine, by shape."""
+        """Grain-steps per second of the latest runs on this machine, by shape; of large scenes, what they would be in
+        the processor's caches."""
         if self._by_shape is None:
             self._by_shape = defaultdict(list)
-            for key, _, rate in self._catalogue.speeds(self._engine, self._machine, self._device):
+            for key, grains, rate in self._catalogue.speeds(self._engine, self._machine, self._device):
                 shape = self._shape(key)
                 if shape is not None and len(self._by_shape[shape]) < _RECENT:
-                    self._by_shape[shape].append(rate)
+                    self._by_shape[shape].append(rate * beyond_caches(grains))
         return self._by_shape
 
     def _shape(self, key: str) -> str | None:

@@ -27,7 +27,12 @@ class Rate:
 
     def of(self, grains: float) -> float:
         """Cost of a grain-step [s] in a scene of so many grains."""
-        return self.grain * (_BEYOND if self.step == 0 and grains > CACHED else 1.0)
+        return self.grain * (beyond_caches(grains) if self.step == 0 else 1.0)
+
+
+def beyond_caches(grains: float) -> float:
+    """How many times dearer a grain-step is on a processor in a scene of so many grains than in a small one."""
+    return _BEYOND if grains > CACHED else 1.0
 
 
 _ZEN4 = "one core of an AMD EPYC with AVX-512"

@@ -23,7 +23,8 @@ def fastest_points(grains: Grains, packing: Packing) -> np.ndarray:
 
 
 def at_rest(scene: Scene, packing: Packing, below: float, moving: float) -> bool:
-    """Whether all but the fraction `moving` of the grains (one grain at least) are so slow that the kinetic energy of
-    each is less than `below` [m g d]."""
+    """Whether all but the fraction `moving` of the grains (one grain at least, but never the only one) are so slow that
+    the kinetic energy of each is less than `below` [m g d]."""
     still = fastest_points(scene.grains, packing) < math.sqrt(2 * below * scene.gravity * scene.grains.diameter)
-    return len(still) - int(still.sum()) <= max(1, int(moving * len(still)))
+    allowed = min(max(1, int(moving * len(still))), len(still) - 1)
+    return len(still) - int(still.sum()) <= allowed

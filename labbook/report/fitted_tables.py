@@ -15,7 +15,7 @@ def fit_table(
     law: str, fit: FitResult, known: Mapping[str, Comparison] = MappingProxyType({}), source: str = ""
 ) -> Table:
     """Parameters of a fit with standard errors and intervals, beside the reference; goodness and notes below."""
-    goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degrees of freedom"
+    goodness = f"χ² = {fit.chi2:.3g} with {fit.dof} degree{'' if fit.dof == 1 else 's'} of freedom"
     if math.isfinite(fit.p_value):
         goodness += f" (p = {fit.p_value:.2g}{', F test: the errors are estimates' if fit.error_dof else ''})"
     if math.isfinite(fit.aicc):

@@ -1,5 +1,6 @@
 """The report: figures in a folder, and one HTML file that needs nothing beside it."""
 
+import math
 import re
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from labbook.report.comparison import agreement
 from labbook.report.numerical import numerical_table
 from labbook.report.numerical import summed_up as numerics_summed_up
 from labbook.report.sections import Picture, picture, series_section
+from labbook.report.series import PACKING_FRACTION
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.statements import summed_up
 from labbook.report.turning import scaling, turning_section
@@ -76,6 +78,10 @@ def summary(analysis: Analysis) -> list[str]:
             sentences.append(f"The asked error of {asked} on the flow rate is not met at {'; '.join(short)}.")
         elif analysis.points:
             sentences.append(f"The flow rate of every point is known to the asked {asked} (95 % interval).")
+    measured = [run.measured for result in analysis.points for run in result.runs]
+    packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
+    if unknown := [one for one in packings if math.isnan(one.value)]:
+        sentences.append(f"No packing fraction of {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
     trending = [result.label for result in analysis.points if result.trending]
     if trending:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")

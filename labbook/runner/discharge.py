@@ -212,7 +212,9 @@ class DischargeJob(Job):
 
     def doing(self) -> tuple[str, ...]:
         """The part of the mass that has left, where that ends the run, how long the flow rests, and the simulated
-        time."""
+        time; without an outlet, the simulated time and the longest."""
+        if self._plane is None:
+            return (f"{self.status.time:.2f} of {self.demand.shared.stop.max_time:g} s",)
         discharged = f"{self._discharged:.0%} discharged, ends at {self._enough:.0%}"
         still, stall = self.status.time - self._last, self.demand.shared.stop.stall
         waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if still > _STILL * stall else ()

@@ -50,7 +50,7 @@ class Scene(Model):
             size = getattr(c, key)
             if size < d:
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
-                yield Fault(f"container.{key}", reason, f"make it at least {d * 1e3:g} mm (1 d)")
+                yield Fault(f"container.{key}", reason, f"make it {1.01 * d * 1e3:g} mm (1.01 d) or more")
 
     def _faults_between_kinds(self) -> Iterator[Fault]:
         names, seen = [kind.name for kind in self.grains.kinds], set()

@@ -95,7 +95,7 @@ def _complain(
     elif kind == "extra_forbidden":
         known = siblings(name, chosen)
         close = meant(str(location[-1]), known)
-        foreign = habit(name, beside.get(str(location[-1])), beside)
+        foreign = habit(name, beside.get(str(location[-1])), beside, known)
         if foreign is not None:
             key = tuple(foreign.key.split(".")) if foreign.key else None
             yield Complaint(

@@ -1,7 +1,7 @@
 """Words that users of other codes (LIGGGHTS, LAMMPS, YADE, MercuryDPM) write, and what they are called here."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,8 @@ _TOLD = {
     "periodic": "there are no periodic boundaries: give the container walls, and make it wide",
     "boundary": "there are no periodic boundaries: name a container (wedge-hopper, cylinder-silo, conical-silo, box)",
     "boundaryconditions": "there are no periodic boundaries: name a container",
+    "study": "write name",
+    "title": "write name; `about` may hold a sentence",
     "units": "leave it out: every quantity states its own unit, for example 3 mm",
     "seed": "leave it out: the seeds of replicates are 1, 2, 3 ...; use replicates",
     "seeds": "use replicates: their seeds are 1, 2, 3 ...",
@@ -45,8 +47,9 @@ _TOLD = {
 }
 
 
-def habit(key: str, value: Any, beside: Mapping[str, Any]) -> Habit | None:
-    """What the unknown `key`, dotted, should be; `value` and what stands `beside` it may give a number.
+def habit(key: str, value: Any, beside: Mapping[str, Any], known: Collection[str]) -> Habit | None:
+    """What the unknown `key`, dotted, should be; `value` and what stands `beside` it may give a number. `known`: keys
+    that its section has.
 
     None if it is no word of another code.
     """
@@ -56,13 +59,17 @@ def habit(key: str, value: Any, beside: Mapping[str, Any]) -> Habit | None:
     if word in _YOUNG and (word != "e" or leaf == "E" or _pascals(value) is not None):
         return _shear(value, beside)
     if word in ("radius", "r", "rad"):
-        return _diameter(value)
+        if section and "diameter" not in known:
+            return None
+        return _diameter(value, f"{section}.diameter" if section else None)
     if word == "frictionangle":
         return Habit("write friction, the tangent of that angle", "contact.friction")
-    known = _KEYS.get(word)
-    if known is not None and known != key:
-        where, _, name = known.rpartition(".")
-        return Habit(f"write {name}" if where == section else f"write {where}: {{{name}: ...}}", known)
+    meant = _KEYS.get(word)
+    if meant is not None and meant != key:
+        where, _, name = meant.rpartition(".")
+        if section and name in known:  # walls have a friction of their own, kinds of grains a density
+            return Habit(f"write {name}", f"{section}.{name}")
+        return Habit(f"write {name}" if where == section else f"write {where}: {{{name}: ...}}", meant)
     if word in _TOLD:
         return Habit(_TOLD[word])
     return None
@@ -80,12 +87,12 @@ def _shear(value: Any, beside: Mapping[str, Any]) -> Habit:
     return Habit(said, "contact.shear_modulus")
 
 
-def _diameter(value: Any) -> Habit:
+def _diameter(value: Any, key: str | None) -> Habit:
     try:
         size = parse(value, "m") if isinstance(value, str) else None
     except ValueError:
         size = None
-    return Habit("write diameter, twice the radius" if size is None else f"write diameter: {2e3 * size:g} mm")
+    return Habit("write diameter, twice the radius" if size is None else f"write diameter: {2e3 * size:g} mm", key)
 
 
 def _pascals(value: Any) -> float | None:

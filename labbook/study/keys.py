@@ -42,7 +42,7 @@ def nearest(name: str) -> str:
     if inside:
         some = ", ".join(sorted(inside)[:3])
         return f"{name} is a section: name one of its keys, such as {some}"
-    foreign = habit(name, None, {})
+    foreign = habit(name, None, {}, siblings(name))
     if foreign is not None and foreign.key is not None:
         return f"did you mean {foreign.key}?"
     if foreign is not None:
@@ -51,7 +51,7 @@ def nearest(name: str) -> str:
     same = sorted(ending, key=lambda known: _FIRST.index(known.split(".")[0]))
     if same:
         others = " and ".join(known.replace("walls.*", "walls.NAME") for known in same[1:3])
-        also = f" {others} {'end' if len(same) > 2 else 'ends'} alike" if others else ""
+        also = f" There {'are' if len(same) > 2 else 'is'} also {others}" if others else ""
         return f"did you mean {same[0]}?{also}"
     close = get_close_matches(name[:80], names, n=3, cutoff=0.6)
     leaves = {known.rpartition(".")[2]: known for known in reversed(names)}

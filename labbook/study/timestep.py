@@ -1,5 +1,6 @@
 """The time step of a study: stated as a time, stated as a part of a time scale, or chosen."""
 
+import math
 import re
 
 from labbook.scene.quantities import parse
@@ -50,8 +51,15 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
     if not 0 < step <= limit:
         part = limit / collision(scaled)
         reason = f"a step of {step:.3g} s is not between 0 and {limit:.3g} s, beyond which beds do not come to rest"
-        raise TimeStepError(reason, f"use at most {part:.2g} collision, or leave numerics.dt out", clash=True)
+        remedy = f"use at most {_rounded_down(part):g} collision, or leave numerics.dt out"
+        raise TimeStepError(reason, remedy, clash=True)
     return step
+
+
+def _rounded_down(part: float) -> float:
+    """`part` to two digits, never more than it."""
+    unit = 10.0 ** (math.floor(math.log10(part)) - 1)
+    return float(f"{math.floor(part / unit) * unit:.2g}")
 
 
 def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:

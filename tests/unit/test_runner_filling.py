@@ -113,6 +113,9 @@ def test_a_bed_is_at_rest_when_its_slow_grains_have_the_energy_asked_for():
     assert not at_rest(scene, packing_of(1.02 * v, still), 1e-6, 0.02)
     few = bed(Spheres(diameter=3e-3, density=2e3, count=30))
     assert at_rest(few, packing_of(v[1:31], still[:30]), 1e-6, 0.01), "one grain may always move"
+    alone = bed(Spheres(diameter=3e-3, density=2e3, count=1))
+    assert not at_rest(alone, packing_of(v[:1], still[:1]), 1e-6, 0.01), "but not the only one"
+    assert at_rest(alone, packing_of(v[2:3], still[:1]), 1e-6, 0.01)
 
 
 class Listening(Unwatched):

@@ -77,6 +77,7 @@ def accepted(file: Path, lab: Path, key: str, name: str) -> bool:
     return False
 
 
+@pytest.mark.usefixtures("one_format")
 @pytest.mark.parametrize("grains", GRAINS)
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_plan_refuses_it_or_every_verb_works(tmp_path, container, grains):

@@ -31,7 +31,7 @@ from wrong_study import BASE, problems
         ("30 mm", "1e400 mm", 10, "container.orifice", "finite", "above 0"),
         ("30 mm", "[30 mm]", 10, "container.orifice", "a quantity in m", "above 0"),
         ("30 mm", "100 mm", 10, "container.orifice", "not narrower than the hopper", "smaller"),
-        ("30 mm", "2 mm", 10, "container.orifice", "less than the grain diameter", "at least 3 mm (1 d)"),
+        ("30 mm", "2 mm", 10, "container.orifice", "less than the grain diameter", "make it 3.03 mm (1.01 d) or more"),
         ("  orifice: 30 mm\n", "", 4, "container.orifice", "this key is missing", "for example 30 mm"),
         ("30 mm", "30 mm\n  gap: 36 mm", 11, "container.gap", "beyond (L - D)/2 = 35 mm", "at most 35 mm, or 34 mm"),
         ("90 deg", "120 deg", 9, "container.angle", "cannot be 120 deg", "1 to 90 deg"),

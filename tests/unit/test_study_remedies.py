@@ -1,5 +1,6 @@
-"""Remedies that name what a study's author meant: words of other codes, keys that end alike, and limits of size."""
+"""Remedies that name what a study's author meant: words of other codes, keys by their last word, and limits."""
 
+import re
 import sys
 import time
 
@@ -37,11 +38,28 @@ HERTZ = "shear_modulus: 100 MPa, poisson_ratio: 0.25"
         ("name: base", "name: base\nfriction: 0.5", "friction", "contact.friction"),
         ("name: base", "name: base\nmeasures: [flow_rate]", "measures", "did you mean measure?"),
         ("orifice: 30 mm", "outlet: 30 mm", "container.outlet", "write orifice"),
+        ("orifice: 30 mm", "orifice: 30 mm\n  radius: 30 mm", "container.radius", "known here: angle"),
+        ("name: base", "name: base\nwalls: {bottom: {mu: 0.1}}", "walls.bottom.mu", "write friction"),
+        ("name: base", "study: base", "study", "write name"),
     ],
 )
 def test_words_of_other_codes(tmp_path, old, new, key, remedy):
     assert BASE.count(old) == 1
     assert remedy in told(tmp_path, BASE.replace(old, new), key).remedy
+
+
+def test_a_radius_is_told_once(tmp_path):
+    (problem,) = problems(tmp_path, BASE.replace("diameter: 3 mm", "radius: 1.5 mm"))
+    assert problem.remedy == "write diameter: 3 mm"
+
+
+def test_a_container_too_narrow_for_a_grain_gets_a_width_that_is_taken(tmp_path):
+    narrow = BASE.replace("1.01 d", "0.5 d")
+    (problem,) = problems(tmp_path, narrow)
+    (enough,) = re.findall(r"make it (\S+ mm) \(1.01 d\) or more", problem.remedy)
+    path = tmp_path / "enough.yaml"
+    path.write_text(narrow.replace("0.5 d", enough))
+    assert load(path)
 
 
 def test_a_misnamed_modulus_is_told_once(tmp_path):
@@ -52,8 +70,11 @@ def test_a_misnamed_modulus_is_told_once(tmp_path):
 @pytest.mark.parametrize(
     ("key", "remedy"),
     [
-        ("friction", "did you mean contact.friction? walls.NAME.friction and fill.friction end alike"),
+        ("friction", "did you mean contact.friction? There are also walls.NAME.friction and fill.friction"),
         ("mu", "did you mean contact.friction?"),
+        ("walls.bottom.mu", "did you mean walls.bottom.friction?"),
+        ("grains.radius", "did you mean grains.diameter?"),
+        ("radius", "write diameter, twice the radius"),
         ("orifice", "did you mean container.orifice?"),
         ("container", "container is a section: name one of its keys, such as container."),
         ("container.orifce", "did you mean container.orifice?"),

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections import defaultdict
 from pathlib import Path
 from types import SimpleNamespace
@@ -72,6 +73,17 @@ def test_refused_steps(stated, scene, reason):
     with pytest.raises(TimeStepError, match=reason) as caught:
         resolve(stated, scene, 1.0)
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize("restitution", [0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("scene", [HERTZ, LINEAR])
+def test_a_refused_step_names_one_that_is_taken(scene, restitution):
+    damped = scene.model_copy(update={"contact": scene.contact.model_copy(update={"restitution": restitution})})
+    with pytest.raises(TimeStepError) as caught:
+        resolve("1 s", damped, 1.0)
+    found = re.fullmatch(r"use at most (\S+ collision), or leave numerics.dt out", caught.value.remedy)
+    assert found
+    assert resolve(found[1], damped, 1.0) > 0.85 * largest_stable_step(damped)
 
 
 def test_the_default_stays_below_what_heavy_damping_allows():

@@ -30,5 +30,6 @@ def acceleration_against_height(found: Sequence[tuple["PointResult", Acceleratio
             ax.axhline(height, color=FAINT, linewidth=0.6, zorder=0)
         ax.set_xlabel("height above the outlet, $z/D$")
         ax.set_ylabel("downward acceleration / g")
-        ax.legend()
+        if any(result.label for result, _ in found):  # the only point of a study has none
+            ax.legend()
     return figure

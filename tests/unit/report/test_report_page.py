@@ -90,6 +90,15 @@ def test_runs_that_all_clogged_are_reported_without_a_fit(synthetic, tmp_path):
     assert "W of clogged runs while flowing" in text
 
 
+def test_a_packing_fraction_that_could_not_be_measured_is_said(synthetic):
+    points = [synthetic.point(0, 0.03, count=150), synthetic.point(1, 0.036)]
+    runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
+    study = synthetic.study_of(points, measure=("packing",))
+    (said,) = (one for one in summary(analyse(study, runs)) if "packing fraction" in one)
+    assert said.startswith("No packing fraction of 2 of 4 runs: the bulk is smaller than 4 d: fill in more grains")
+    assert not any("packing fraction" in one for one in summary(analyse(study, runs[2:])))
+
+
 def test_the_summary_says_what_is_missing_and_what_falls_short(column, synthetic):
     study, finished = column
     accuracy = Accuracy(flow_rate=1e-5, max_replicates=3)

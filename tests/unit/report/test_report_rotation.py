@@ -233,6 +233,7 @@ def test_figures_show_every_curve(analysis):
     assert [text.get_text() for text in scaling.legends[0].get_texts()] == ["rods, L/d = 3.33", "spheres", "slope 5/2"]
 
 
+@pytest.mark.usefixtures("one_format")
 def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
     assert "Against the rotation of the bottom" in text
@@ -240,7 +241,7 @@ def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     assert "does not hold" in text
     for lacking in ("add `record:", "need `orifice` among the measures", "Q against D needs several outlets"):
         assert lacking in text
-    assert (tmp_path / "rotation-flow.pdf").exists()
+    assert (tmp_path / "rotation-flow.svg").exists()
     assert (tmp_path / "rotation-shapes.svg").exists()
     stated = plain(analysis)["statements"]
     assert stated[0]["verdict"] == "holds"

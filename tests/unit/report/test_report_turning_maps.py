@@ -9,6 +9,7 @@ from labbook.report.analysis import analyse
 from labbook.report.pattern import flow_patterns, moments
 
 
+@pytest.mark.usefixtures("one_format")
 def test_maps_are_of_three_instants_of_the_window(synthetic, tmp_path):
     points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
     runs = [Run(p, seed, filmed=seed == 1) for p in points for seed in (1, 2)]
@@ -38,6 +39,7 @@ def test_maps_are_of_three_instants_of_the_window(synthetic, tmp_path):
     assert {f"rotation-{kind}.svg" for kind in kinds} <= {p.name for p in tmp_path.iterdir()}
 
 
+@pytest.mark.usefixtures("one_format")
 def test_few_frames_make_maps_of_packing_but_not_of_speed(synthetic, tmp_path):
     points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
     runs = [Run(p, 1, filmed=True, every=0.15) for p in points]
