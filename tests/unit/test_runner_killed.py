@@ -61,7 +61,7 @@ def saved(lab: Path) -> dict[str, int]:
     ("engine", "count", "replicates", "delay"),
     [
         ("toy", 300, 2, 0.004),
-        pytest.param("numba", 200, 1, 0.0, marks=pytest.mark.slow),
+        pytest.param("numba", 200, 1, 0.0, marks=[pytest.mark.slow, pytest.mark.compiles]),
     ],
 )
 def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path, engine, count, replicates, delay):
