@@ -63,11 +63,11 @@ class Bed:
 
     def scene(self) -> Scene:
         """The closed container with its grains."""
-        shared = {"friction": 0.5, "restitution": self.restitution, "damping": self.damping}
+        shared: dict[str, Any] = {"friction": 0.5, "restitution": self.restitution, "damping": self.damping}
         if self.law == "hertz-mindlin":
-            law = HertzMindlin(shear_modulus=self.stiffness, poisson_ratio=0.25, **shared)  # type: ignore[arg-type]
+            law = HertzMindlin(shear_modulus=self.stiffness, poisson_ratio=0.25, **shared)
         else:
-            law = LinearSpringDashpot(normal_stiffness=self.stiffness, **shared)  # type: ignore[arg-type]
+            law = LinearSpringDashpot(normal_stiffness=self.stiffness, **shared)
         if self.length == 1:
             grains = Spheres(diameter=D, density=DENSITY, count=self.grains)
             wide = 8 * D

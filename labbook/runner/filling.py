@@ -21,7 +21,7 @@ from labbook.scene.timescales import collision
 
 _LOOK_EVERY = 20  # beats: a look copies the state of a member from its device
 _LOOKS = 2  # on end that have to find it at rest
-_REMEDY = "If it never rests, use a smaller numerics.dt, fill.moving: 1 %, or a larger fill.settled_below."
+_REMEDY = "If it never rests, use a smaller numerics.dt, a larger fill.moving, or a larger fill.settled_below."
 
 
 class FillJob(Job):
