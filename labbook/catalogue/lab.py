@@ -124,6 +124,13 @@ class Lab:
         """Keys with unfinished work."""
         return folders(self.works)
 
+    def touched(self) -> set[str]:
+        """Keys of which anything lies in the work folder: unfinished work, or a lock file whose process was killed."""
+        try:
+            return {name.removesuffix(".lock") for name in os.listdir(self.works)}
+        except FileNotFoundError:
+            return set()
+
     def put(self, made: Path, place: Path) -> None:
         """Put the complete folder `made` in `place`; an older one there is replaced.
 

@@ -94,13 +94,14 @@ class Board:
                 self.todo[key] = item
 
     def _tidy(self, items: Sequence[Item]) -> None:
-        """Remove the work folders of runs that a process finished but was killed before it could clear
-        them."""
+        """Remove what processes left in the work folder that were killed after they had put a run or packing in place:
+        its unfinished work, or only the lock file."""
         lab = self._bench.lab
-        working = set(lab.working())
-        for item in items:
-            if item.state == "done" and item.keys.run in working and (claim := lab.claim(item.keys.run)):
-                lab.clear(item.keys.run)
+        done = {item.keys.run for item in items if item.state == "done"}
+        done |= {item.keys.packing for item in items if item.packed}
+        for key in done & lab.touched():
+            if claim := lab.claim(key):
+                lab.clear(key)
                 claim.release()
 
     def next(self, spec: Spec | None = None) -> Started | None:

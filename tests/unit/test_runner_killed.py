@@ -121,6 +121,20 @@ def test_a_kill_between_the_renames_of_a_replaced_run_is_mended(tmp_path, monkey
     same(lab, tmp_path / "whole")
 
 
+def test_what_a_kill_left_of_finished_work_is_removed(tmp_path):
+    lab = tmp_path / "lab"
+    carry_out(study(tmp_path, replicates=1), lab)
+    before, work = folders(lab), lab / "work"
+    for number, key in enumerate(before):  # killed before its work folder was cleared, or just before its lock was
+        (work / f"{key}.lock").touch()
+        if number % 2:
+            (work / key).mkdir()
+    (work / "of-another-study.lock").touch()
+    carry_out(study(tmp_path, replicates=1), lab)
+    assert [path.name for path in work.iterdir()] == ["of-another-study.lock"]
+    assert folders(lab) == before
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_asked_to_stop_it_saves_and_says_how_to_go_on(tmp_path, number):
     path = study_file(tmp_path, count=100)
