@@ -1,11 +1,11 @@
 """The catalogue: what is in the lab, quick to ask. Readers open it read-only."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 from sqlalchemy import Connection, Engine, func, select
@@ -217,6 +217,24 @@ class Catalogue:
             for at in range(0, max(1, len(run_keys)), CHUNK)
         ]
         return pd.concat(parts, ignore_index=True)
+
+    def measured(
+        self, run_keys: Sequence[str], window: "Window"
+    ) -> dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]]:
+        """Rows of measurements within a window by run, and of each by name and version of the measure."""
+        found: dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]] = {}
+        base = select(measurements).where(
+            measurements.c.window_start == window.start, measurements.c.window_end == window.end
+        )
+        with self._asking() as connection:
+            for at in range(0, len(run_keys), CHUNK):
+                some = base.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK]))
+                for row in connection.execute(some):
+                    told = row._asdict()
+                    found.setdefault(told["run_key"], {}).setdefault((told["measure"], told["version"]), []).append(
+                        told
+                    )
+        return found
 
     def values(self, run_keys: Sequence[str], quantity: str, version: int, window: "Window") -> dict[str, float]:
         """The finite values of one quantity, by run; runs that diverged have none."""

@@ -18,7 +18,8 @@ from labbook.catalogue.tables import MOST, Stored, fault_of_rows, most_bytes, re
 from labbook.probes import Crossing, Probe, Sample
 
 if TYPE_CHECKING:
-    from labbook.measure.data import RunData
+    from labbook.catalogue.evaluations import Evaluated
+    from labbook.measure import Measure, RunData, Window
     from labbook.study import Point
 
 RECORDING = "recording.npz"
@@ -53,6 +54,17 @@ class FinishedRun:
         if stamp(self.folder) != self.stamp:
             return open_run(self.folder)[1]
         return run_data(self.folder, self.record)
+
+    def evaluated(self, measure: "Measure", window: "Window") -> "Evaluated":
+        """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError."""
+        from labbook.catalogue.evaluations import evaluated
+
+        return evaluated(self.folder, measure, window, self.data)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether frames were recorded of it. Raises Unreadable."""
+        return self.record.coverage.recording is not None
 
     def recording(self) -> dict[str, np.ndarray] | None:
         """Recorded frames (columns id, step, time, x, y, z, vx, vy, vz; single precision), or None without
@@ -90,6 +102,7 @@ def run_data(folder: Path, record: RunRecord, lab: Lab | None = None) -> "RunDat
         outcome=record.outcome,
         duration=record.coverage.duration,
         tables=read_tables(folder, record),
+        recorded=lambda: read_recording(folder, record),
     )
 
 

@@ -1,6 +1,7 @@
 """Writing the index: short transactions by the one process that coordinates; and making it again from the
 folders."""
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -145,7 +146,7 @@ class Index:
             seen = stamp(folder)
             try:
                 record = RunRecord.read(folder)
-                rows = derive(record, run_data(folder, record), observe)
+                rows = derive(folder, observe, lambda folder=folder, record=record: run_data(folder, record))
             except Unreadable as problem:
                 with self._transaction() as connection:
                     _replace_run(connection, unreadable_row(folder, seen, problem), [])
@@ -235,6 +236,23 @@ class Index:
             connection.execute(text("BEGIN IMMEDIATE"))
             yield connection
             connection.commit()
+
+
+def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
+    """Take rows of measurements of indexed runs into the index of a lab, which stays as it is if it cannot be written
+    to: they are then worked out again from what is kept beside the runs. Raises Unusable for a damaged one."""
+    if not rows or not os.access(lab.catalogue, os.W_OK) or not os.access(lab.folder, os.W_OK):
+        return
+    engine = connect(lab.catalogue, read_only=False)
+    try:
+        with engine.connect() as connection:
+            connection.execute(text("BEGIN IMMEDIATE"))
+            _upsert(connection, measurements, rows)
+            connection.commit()
+    except DatabaseError as error:
+        raise unusable(lab, error) from error
+    finally:
+        engine.dispose()
 
 
 def _upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:

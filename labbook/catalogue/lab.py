@@ -6,6 +6,7 @@
 | lab/packings/KEY/  | a settled packing, put in place by one rename                             |
 | lab/work/KEY/      | unfinished work on a run or packing, with its exact checkpoints           |
 | lab/work/KEY.lock  | held by the process that works on KEY                                     |
+| lab/work/KEY.look  | held by the process that evaluates the run KEY                            |
 | lab/catalogue.db   | an index of runs, packings and measured numbers, which can be made again  |
 """
 
@@ -21,6 +22,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 DEFAULT = Path("lab")
+EVALUATION = "measured-"
+"""How files begin that hold what was evaluated of a run: they can be made again from the others."""
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -62,6 +65,22 @@ class Claim:
         os.close(self._handle)
 
 
+def _lock(path: Path, how: int) -> Claim | None:
+    """A lock on a file, which is made if it is missing; None if it is not to be waited for and another has it."""
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(handle, how)
+        except BlockingIOError:
+            os.close(handle)
+            return None
+        # Between opening and locking the file may have been removed: a lock on it then holds nothing.
+        with suppress(FileNotFoundError):
+            if os.stat(path).st_ino == os.fstat(handle).st_ino:
+                return Claim(path, handle)
+        os.close(handle)
+
+
 class Lab:
     """Paths below one lab folder; nothing is made before something is written."""
 
@@ -92,19 +111,28 @@ class Lab:
     def claim(self, key: str) -> Claim | None:
         """The right to work on `key`, or None while another process has it."""
         self.works.mkdir(parents=True, exist_ok=True)
-        path = self.works / f"{key}.lock"
-        while True:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                os.close(handle)
-                return None
-            # Between opening and locking the file may have been removed: a lock on it then holds nothing.
-            with suppress(FileNotFoundError):
-                if os.stat(path).st_ino == os.fstat(handle).st_ino:
-                    return Claim(path, handle)
-            os.close(handle)
+        return _lock(self.works / f"{key}.lock", fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    @contextmanager
+    def alone(self, key: str) -> Iterator[None]:
+        """Waits until no other process or thread evaluates the run `key`, and keeps others waiting within.
+
+        In a lab that cannot be written to nothing is locked: nothing is kept there either.
+        """
+        path = self.works / f"{key}.look"
+        try:
+            self.works.mkdir(parents=True, exist_ok=True)
+            claim = _lock(path, fcntl.LOCK_EX)
+            assert claim is not None
+        except OSError as error:
+            if error.errno not in (errno.EROFS, errno.EACCES, errno.EPERM):
+                raise
+            yield
+            return
+        try:
+            yield
+        finally:
+            claim.release()
 
     def held(self, key: str) -> bool:
         """Whether some process is working on `key`; looking does not disturb it."""
@@ -127,7 +155,7 @@ class Lab:
     def touched(self) -> set[str]:
         """Keys of which anything lies in the work folder: unfinished work, or a lock file whose process was killed."""
         try:
-            return {name.removesuffix(".lock") for name in os.listdir(self.works)}
+            return {name.removesuffix(".lock").removesuffix(".look") for name in os.listdir(self.works)}
         except FileNotFoundError:
             return set()
 
@@ -169,10 +197,11 @@ def folders(parent: Path) -> list[str]:
 def stamp(folder: Path) -> int:
     """A number that changes when a file in `folder` comes, goes, or is written to: a hash of names, sizes and times.
 
-    0 if the folder is not there.
+    What was evaluated of a run is left out: it may come at any time. 0 if the folder is not there.
     """
     try:
-        found = [(entry.name, entry.stat(follow_symlinks=False)) for entry in os.scandir(folder)]
+        entries = (entry for entry in os.scandir(folder) if not entry.name.startswith(EVALUATION))
+        found = [(entry.name, entry.stat(follow_symlinks=False)) for entry in entries]
     except (FileNotFoundError, NotADirectoryError):
         return 0
     files = sorted((name, status.st_mode, status.st_size, status.st_mtime_ns) for name, status in found)

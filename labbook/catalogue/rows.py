@@ -6,7 +6,7 @@ from typing import Any
 
 from labbook.catalogue.derive import derive
 from labbook.catalogue.finished import open_run
-from labbook.catalogue.lab import folders, stamp
+from labbook.catalogue.lab import EVALUATION, folders, stamp
 from labbook.catalogue.packings import read_packing
 from labbook.catalogue.parts import Unreadable
 from labbook.catalogue.record import Observe, RunRecord
@@ -22,7 +22,8 @@ def stamps(folder: Path) -> dict[str, int]:
 
 
 def _size(folder: Path) -> int:
-    return sum(entry.stat().st_size for entry in os.scandir(folder) if entry.is_file())
+    files = (entry for entry in os.scandir(folder) if entry.is_file() and not entry.name.startswith(EVALUATION))
+    return sum(entry.stat().st_size for entry in files)
 
 
 def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -32,7 +33,7 @@ def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], lis
         record, data = open_run(folder)
     except Unreadable as problem:
         return unreadable_row(folder, seen, problem), []
-    rows = derive(record, data, observe or record.observe)
+    rows = derive(folder, observe or record.observe, lambda: data)
     coverage = record.coverage
     row = {
         "run_key": record.run_key,

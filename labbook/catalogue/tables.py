@@ -25,9 +25,9 @@ _META = "_meta"
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def write_table(path: Path, table: Table, *, compress: bool = True) -> None:
-    """Write columns by name as one npz, whole or not at all."""
-    _write(path, dict(table), compress)
+def write_table(path: Path, table: Table, *, compress: bool = True, durable: bool = True) -> None:
+    """Write columns by name as one npz, whole or not at all; `durable`: it is there after a crash."""
+    _write(path, dict(table), compress, durable)
 
 
 def read_table(path: Path, most: float = MOST) -> dict[str, np.ndarray]:
@@ -167,8 +167,8 @@ def read_checkpoint(path: Path, most: float = MOST) -> Checkpoint:
     return Checkpoint(engine, version, arrays)
 
 
-def _write(path: Path, arrays: Mapping[str, np.ndarray], compress: bool) -> None:
+def _write(path: Path, arrays: Mapping[str, np.ndarray], compress: bool, durable: bool = True) -> None:
     buffer = io.BytesIO()
     save = np.savez_compressed if compress else np.savez
     save(buffer, **arrays)  # pyright: ignore[reportArgumentType]
-    write_bytes(path, buffer.getvalue())
+    write_bytes(path, buffer.getvalue(), durable=durable)

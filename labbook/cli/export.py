@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, analysed
+from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, results
 
 
 def register(app: typer.Typer) -> None:
@@ -29,16 +29,16 @@ def register(app: typer.Typer) -> None:
 
         from labbook.export.study import NoParquet, write_numbers, write_recordings
 
-        analysis = analysed(study, lab, backend)
-        folder = out if out is not None else lab / "exports" / analysis.study.name
+        found = results(study, lab, backend)
+        folder = out if out is not None else lab / "exports" / found.study.name
         try:
-            paths = write_numbers(analysis, folder, kind)
+            paths = write_numbers(found, folder, kind)
         except NoParquet as missing:
             raise typer.BadParameter(str(missing), param_hint="--format") from None
         for path in paths:
             typer.echo(path)
         if vtk:
             with Console(stderr=True).status("writing VTK") as status:
-                recorded = write_recordings(analysis, folder / "vtk", status.update)
+                recorded = write_recordings(found, folder / "vtk", status.update)
             where = f"{len(recorded)} files in {folder / 'vtk'}" if recorded else "no run of this study was recorded"
             typer.echo(f"VTK: {where}")

@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from labbook.cli.options import ENGINE, LAB, AsJson, Engine, Lab, StudyFile, analysed
+from labbook.cli.options import ENGINE, LAB, AsJson, Engine, Lab, StudyFile, results
 from labbook.cli.screen import screen
 from labbook.cli.tables import print_table
 
@@ -18,54 +18,54 @@ def register(app: typer.Typer) -> None:
         """Show flow rates with errors, fits with intervals, and the comparison with the reference."""
         from labbook.report.plain import plain
 
-        analysis = analysed(study, lab, backend)
+        found = results(study, lab, backend)
         if as_json:
-            typer.echo(json.dumps(plain(analysis), indent=2, allow_nan=False))
+            typer.echo(json.dumps(plain(found), indent=2, allow_nan=False))
         else:
-            _show(analysis)
+            _show(found)
 
 
-def _show(analysis) -> None:
+def _show(found) -> None:
     from labbook.fit.outlet import DEFINITIONS, FORMULA
     from labbook.report import outlet_tables, tables
-    from labbook.report.comparison import at_series
     from labbook.report.fitted_tables import fit_table
-    from labbook.report.numerical import numerical_table
+    from labbook.report.numerical_table import numerical_table
     from labbook.report.page import summary
     from labbook.report.statement_tables import statement_digest, statement_table
+    from labbook.results.reference import at_series
 
     console = screen(highlight=False, width=None if sys.stdout.isatty() else 120)
-    console.print(analysis.study.name, style="bold", markup=False)
-    for sentence in summary(analysis):
+    console.print(found.study.name, style="bold", markup=False)
+    for sentence in summary(found):
         console.print(sentence, markup=False)
-    print_table(console, tables.flow_table(analysis), "Flow rates")
-    if analysis.numerical:
-        print_table(console, numerical_table(analysis.numerical), "Do numerics matter?")
-    further = tables.further_table(analysis)
+    print_table(console, tables.flow_table(found), "Flow rates")
+    if found.numerical:
+        print_table(console, numerical_table(found.numerical), "Do numerics matter?")
+    further = tables.further_table(found)
     if further is not None:
         print_table(console, further, "Further measurements")
-    for series in analysis.series:
+    for series in found.series:
         where = f" at {series.label}" if series.label else ""
-        for law, found in series.fits.items():
+        for law, fitted in series.fits.items():
             print_table(
                 console,
-                fit_table(law, found, at_series(analysis.comparisons, law, series), analysis.source),
-                f"{law.capitalize()}{where}: {found.law.formula}",
+                fit_table(law, fitted, at_series(found.comparisons, law, series), found.source),
+                f"{law.capitalize()}{where}: {fitted.law.formula}",
             )
         for name in series.profiles:
             title = f"Profiles along the outlets{where} ({DEFINITIONS[name]}): {FORMULA}"
-            shown = outlet_tables.profile_table(series, name, analysis.comparisons, analysis.source)
+            shown = outlet_tables.profile_table(series, name, found.comparisons, found.source)
             print_table(console, shown, title)
             print_table(console, outlet_tables.outlet_table(series, name), f"Outlets{where}")
         for problem in series.problems:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:
             console.print(series.verdict, markup=False)
-    if digest := statement_digest(analysis.judged):
-        print_table(console, digest, f"What {analysis.source} state")
-        if open_ones := [one for one in analysis.judged if one.verdict != "holds"]:
+    if digest := statement_digest(found.judged):
+        print_table(console, digest, f"What {found.source} state")
+        if open_ones := [one for one in found.judged if one.verdict != "holds"]:
             print_table(console, statement_table(open_ones), "Where that does not hold, or is undecided")
-    elif analysis.judged:
-        print_table(console, statement_table(analysis.judged), f"What {analysis.source} state")
-    if analysis.comparisons:
-        print_table(console, tables.comparison_table(analysis.comparisons), f"Beside {analysis.source}")
+    elif found.judged:
+        print_table(console, statement_table(found.judged), f"What {found.source} state")
+    if found.comparisons:
+        print_table(console, tables.comparison_table(found.comparisons), f"Beside {found.source}")

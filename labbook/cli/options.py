@@ -13,7 +13,7 @@ from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
     from labbook.catalogue import Catalogue
-    from labbook.report.analysis import Analysis
+    from labbook.results.study import Results
     from labbook.study import Study
 
 StudyFile = Annotated[Path, typer.Argument(help="Study file (YAML).", metavar="STUDY", show_default=False)]
@@ -97,24 +97,23 @@ def existing(lab: Path) -> "Catalogue":
     return Catalogue(lab)
 
 
-def analysed(path: Path, lab: Path, engine: str) -> "Analysis":
-    """The analysis of a study's finished runs in the lab; those that cannot be read are named and left out."""
+def results(path: Path, lab: Path, backend: str) -> "Results":
+    """What the lab holds of a study; runs that cannot be read are named and left out."""
     from rich.progress import Progress
 
-    from labbook.report.analysis import analyse
+    from labbook.results.study import find
 
     study = read_study(path)
     catalogue = existing(lab)
-    finished, lost = catalogue.finished(study, engine), catalogue.unreadable(study, engine)
-    if not finished and not lost:
-        fail(f"{lab} has no finished run of {study.name} on {engine}; make some: labbook run {path} --lab {lab}")
     console = screen(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("measuring", total=len(finished))
-        analysis = analyse(study, finished, lambda done: progress.update(task, completed=done), lost)
-    for problem in analysis.unreadable:
+        task = progress.add_task("evaluating", total=None)
+        found = find(study, catalogue, backend, lambda done: progress.update(task, completed=done))
+    if not found.points and not found.unreadable:
+        fail(f"{lab} has no finished run of {study.name} on {backend}; make some: labbook run {path} --lab {lab}")
+    for problem in found.unreadable:
         say(f"Left out: {problem}", err=True)
-    if not analysis.points:
-        fail(f"no finished run of {study.name} on {engine} in {lab} can be read; make them again: "
+    if not found.points:
+        fail(f"no finished run of {study.name} on {backend} in {lab} can be read; make them again: "
              f"labbook run {path} --lab {lab}")  # fmt: skip
-    return analysis
+    return found

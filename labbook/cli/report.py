@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, analysed
+from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, results
 
 
 def register(app: typer.Typer) -> None:
@@ -23,6 +23,6 @@ def register(app: typer.Typer) -> None:
         """Write the report of a study: one HTML file, and its figures as PNG, SVG and PDF."""
         from labbook.report.page import write
 
-        analysis = analysed(study, lab, backend)
-        page = write(analysis, out if out is not None else lab / "reports" / analysis.study.name)
+        found = results(study, lab, backend)
+        page = write(found, out if out is not None else lab / "reports" / found.study.name)
         typer.echo(f"Report: {page}")

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from labbook.catalogue.evaluations import evaluated
 from labbook.catalogue.finished import run_data
 from labbook.catalogue.lab import Lab
 from labbook.catalogue.packings import load_packing
@@ -52,11 +53,15 @@ def of_runs(lab: Lab, runs: Mapping[int, str], window: Window, measure: str, qua
             if record.outcome == "diverged":
                 found.lacking.append("diverged")
                 continue
-            measured = MEASURES[measure].evaluate(run_data(lab.run(key), record), window)
+            folder = lab.run(key)
+            kept = evaluated(folder, MEASURES[measure], window, lambda f=folder, r=record: run_data(f, r))
         except (Unreadable, MeasureError) as problem:
             found.lacking.append(str(problem))
             continue
-        found.take(seed, quantity, measured)
+        if kept.problem:
+            found.lacking.append(kept.problem)
+        else:
+            found.take(seed, quantity, kept.evaluation.numbers)
     return found
 
 

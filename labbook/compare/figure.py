@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 from labbook.compare.divergence import AGREE
 from labbook.compare.verdict import Contrast, Verdict
-from labbook.report.display import QUANTITIES
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house, look
+from labbook.results.display import QUANTITIES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,8 +2,8 @@
 
 from labbook.compare.divergence import AGREE
 from labbook.compare.verdict import Contrast, Verdict
-from labbook.report.display import QUANTITIES
 from labbook.report.tables import Table
+from labbook.results.display import QUANTITIES
 
 _DASH = "–"
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from labbook.catalogue.lab import write_bytes
-from labbook.export.numbers import frames
+from labbook.results.frames import frames
 
 if TYPE_CHECKING:
-    from labbook.report.analysis import Analysis, PointResult
+    from labbook.results.points import PointResult
+from labbook.results.study import Results
 
 Format = Literal["csv", "parquet"]
 
@@ -20,11 +21,11 @@ class NoParquet(Exception):
     """pandas has nothing to write Parquet with; the message says what to install."""
 
 
-def write_numbers(analysis: "Analysis", folder: Path, kind: Format) -> list[Path]:
+def write_numbers(results: "Results", folder: Path, kind: Format) -> list[Path]:
     """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for name, frame in frames(analysis).items():
+    for name, frame in frames(results).items():
         path = folder / f"{name}.{kind}"
         if kind == "csv":
             write_bytes(path, frame.to_csv(index=False).encode(), durable=False)
@@ -41,16 +42,16 @@ def write_numbers(analysis: "Analysis", folder: Path, kind: Format) -> list[Path
     return paths
 
 
-def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
+def write_recordings(results: "Results", folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
     """Write recorded runs as VTK, a file a frame in a folder a run, and the mean fields of each; the paths.
 
     ParaView opens `grains.vtk.series` of a run as one time series, with the times since the opening [s].
     """
     from labbook.export.vtk import write_fields
-    from labbook.report.pattern import flow_patterns
+    from labbook.results.recorded import flow_patterns
 
     paths = []
-    for result in analysis.points:
+    for result in results.points:
         for run in result.runs:
             rows = run.frames()
             if rows is None or not len(rows["time"]):
@@ -60,7 +61,7 @@ def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], No
         for pattern in flow_patterns(result)[:1]:
             path = folder / f"point-{result.point.index + 1}-fields.vtk"
             write_fields(
-                path, f"{analysis.study.name}, {result.label}: means over {pattern.frames} frames", pattern.fields
+                path, f"{results.study.name}, {result.label}: means over {pattern.frames} frames", pattern.fields
             )
             paths.append(path)
     return paths

@@ -1,15 +1,18 @@
 """Fields from grains and contacts by coarse-graining (Goldhirsch, Granul. Matter 12 (2010) 239)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import fields as fields_of
 from functools import cached_property
 
 import numpy as np
 
-from labbook.fields.grids import Grid, Layer, Ring
+from labbook.fields.grids import Grid, Layer, Ring, Space, Span
 from labbook.fields.kernel import CUTOFF, amplitude
 from labbook.fields.rows import Contacts, Grains
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_SUMS = ("density", "packing_fraction", "momentum", "flux", "number", "axes", "contact_stress")
 _PLACE = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
@@ -32,6 +35,25 @@ class Fields:
     number: np.ndarray
     axes: np.ndarray | None
     contact_stress: np.ndarray | None
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The fields as arrays by name, from which `of` makes them again."""
+        kind, numbers = type(self.grid).__name__, np.hstack([np.ravel(v) for v in vars(self.grid).values()])
+        sums = {name: a for name, a in vars(self).items() if isinstance(a, np.ndarray) and name in _SUMS}
+        return {"grid": np.array(kind), "grid_numbers": numbers, "omega": np.array(self.omega), **sums}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> "Fields":
+        """The fields that `arrays` gave. Raises KeyError or ValueError for others."""
+        made = {kind.__name__: kind for kind in (Layer, Space, Ring)}[str(arrays["grid"])]
+        numbers, place, values = arrays["grid_numbers"].tolist(), 0, {}
+        for part in fields_of(made):
+            if part.type is Span or part.type == "Span":
+                values[part.name], place = (numbers[place], numbers[place + 1]), place + 2
+            else:
+                whole = part.type in (int, "int")
+                values[part.name], place = int(numbers[place]) if whole else numbers[place], place + 1
+        return cls(made(**values), float(arrays["omega"]), **{name: arrays.get(name) for name in _SUMS})  # pyright: ignore[reportArgumentType]
 
     @property
     def mass(self) -> float:

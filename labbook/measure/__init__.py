@@ -2,7 +2,7 @@
 
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
-from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfiles
 from labbook.measure.packing import PackingStructure
@@ -19,4 +19,14 @@ FLOW_RATIO = "flow_ratio"
 FLOW_RATIOS = (f"{FLOW_RATIO}.angle", f"{FLOW_RATIO}.position")
 """What it can be: over a flat bottom, and over an outlet in the middle."""
 
-__all__ = ["FLOW_RATIO", "FLOW_RATIOS", "MEASURES", "Measure", "MeasureError", "RunData", "Window"]
+__all__ = [
+    "FLOW_RATIO",
+    "FLOW_RATIOS",
+    "MEASURES",
+    "Evaluation",
+    "Measure",
+    "MeasureError",
+    "Quantity",
+    "RunData",
+    "Window",
+]

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.measure.measure import Evaluation, unpacked
+
 
 @dataclass(frozen=True, eq=False)
 class AccelerationProfile:
@@ -21,6 +23,11 @@ class AccelerationProfile:
     count: np.ndarray
     interval: float
     left: float
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> "AccelerationProfile | None":
+        """The profile as a measure has given it; None without any."""
+        return unpacked(cls, evaluation.arrays)
 
     def free_fall_height(self, gravity: float) -> float:
         """Area under a_eff/g [m] over the bins that saw a grain; NaN if no bin did.

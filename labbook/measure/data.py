@@ -1,11 +1,12 @@
 """What a measurement reads: one finished run, free of any engine and of where it is stored."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from labbook.numerics import Numerics
+from labbook.protocol.bodies import Bodies
 from labbook.protocol.packing import Packing
 from labbook.scene import Scene
 
@@ -16,7 +17,8 @@ class RunData:
 
     `tables`: rows of the probes by their lower-case names (`crossing`, `sample`, `slab`, `zone`, `contacts`, `ledger`),
     columns as `labbook.probes` lists them. `duration`: simulated time covered since the opening [s].
-    `outcome`: how it ended (finished, precise, emptied, clogged, diverged, time-limit).
+    `outcome`: how it ended (finished, precise, emptied, clogged, diverged, time-limit). `recorded`: reads the frames of
+    a run that was recorded; None without any.
     """
 
     scene: Scene
@@ -26,3 +28,13 @@ class RunData:
     outcome: str
     duration: float
     tables: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+    recorded: Callable[[], Mapping[str, np.ndarray] | None] = lambda: None
+
+    def frames(self) -> Mapping[str, np.ndarray] | None:
+        """Recorded frames, of unlike grains with their `radius` [m] and `kind`; None without any."""
+        table = self.recorded()
+        if table is None or not self.scene.grains.varied:
+            return table
+        bodies = Bodies.of(self.scene.grains, self.start)
+        which = self.start.rows(np.asarray(table["id"]))
+        return {**table, "radius": bodies.radius[which], "kind": bodies.kind[which]}

@@ -1,12 +1,13 @@
 """Flow rate from crossing events."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from labbook.measure.data import RunData
-from labbook.measure.measure import Measure, MeasureError, Window
-from labbook.measure.series import crossings, mean_mass
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing
+from labbook.measure.series import crossings, flow_series, mean_mass
 from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
 from labbook.numerics import Numerics
 from labbook.probes import Crossing, Probe
@@ -16,6 +17,12 @@ from labbook.stats import Measured
 ENDED = "the run ended within the window ({})"
 CUT_SHORT = ENDED.format("finished")
 """Note on a run that met its stop rule before the window ended."""
+_GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
+_RATES = (
+    Quantity("flow_rate", "W", "kg/s", "mass flow rate over the steady part of the discharge", "g/s", 1e3),
+    Quantity("grain_rate", "Q", "1/s", "grains per second over the same part"),
+    Quantity("flow_rate_drift", "drift of W", "", "relative change of W across the window", "%", 100),
+)
 
 
 class FlowRate(Measure):
@@ -25,21 +32,25 @@ class FlowRate(Measure):
     from a straight line through 12 blocks) and, with gaps, `gap_time` [s]. The note `trending` says that
     there is no plateau. A run that clogged gives `flow_rate_flowing` and `grain_rate_flowing` instead, the
     rates while it flowed, and `waiting_time` [s] since the last grain, which is censored: the true one is
-    longer. A window with too few grains gives a rate of NaN and says so.
+    longer. A window with too few grains gives a rate of NaN and says so. Arrays: those of `Trace`, W(t) in bins of
+    25 grains and more, 80 of them at most.
     """
 
     name = "flow_rate"
     version = 1
+    declared = (
+        *_RATES,
+        *map(while_flowing, _RATES),
+        Quantity("gap_time", "time without flow", "s", "sum of the times between grains longer than 1 s"),
+        Quantity(
+            "waiting_time", "waiting time", "s", "time since the last grain of a clogged run, censored", pooled=False
+        ),
+    )
 
     def check(self, scene: Scene) -> None:
         if scene.container.outlet_plane is None:
             reason = f"flow_rate needs an outlet, and the container ({scene.container.kind}) has none"
             raise MeasureError(reason, "take flow_rate out of measure, or give the container an outlet")
-
-    def quantities(self, scene: Scene) -> dict[str, str]:
-        units = {"flow_rate": "kg/s", "grain_rate": "1/s", "flow_rate_drift": ""}
-        flowing = {f"{name}_flowing": unit for name, unit in units.items()}
-        return {**units, **flowing, "gap_time": "s", "waiting_time": "s"}
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         self.check(scene)
@@ -47,7 +58,7 @@ class FlowRate(Measure):
         assert plane is not None
         return (Crossing(plane),)
 
-    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
         (times, weights), total = crossings(run), len(run.start)
         clogged = run.outcome == "clogged"
         suffix = "_flowing" if clogged else ""
@@ -56,7 +67,32 @@ class FlowRate(Measure):
         if clogged:
             since = float(times[-1]) if len(times) else 0.0
             numbers += (_waiting(run.duration - since),)
-        return numbers
+        return Evaluation(numbers, _trace(run, times, flow))
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """W(t) of one run: times [s] and rates [kg/s], shape [n], and start and end [s] of the window of its mean."""
+
+    time: np.ndarray
+    rate: np.ndarray
+    window: tuple[float, float] | None
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> "Trace | None":
+        """W(t) as `FlowRate` has given it; None if no grain left."""
+        if "time" not in evaluation.arrays:
+            return None
+        time, rate, window = (evaluation.arrays[name] for name in ("time", "rate", "window"))
+        return cls(time, rate, (float(window[0]), float(window[1])) if len(window) else None)
+
+
+def _trace(run: RunData, times: np.ndarray, flow: SteadyFlow | None) -> dict[str, np.ndarray]:
+    if not len(times):
+        return {}
+    width = min(max(times[-1] / _BINS, _GRAINS_PER_BIN * times[-1] / len(times)), run.duration)
+    time, rate = flow_series(run, float(width))
+    return {"time": time, "rate": rate, "window": np.array([flow.begin, flow.end] if flow else [])}
 
 
 def _rates(

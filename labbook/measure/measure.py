@@ -1,14 +1,19 @@
-"""What a measure is: the probes that it needs, and numbers from one finished run."""
+"""What a measure is: the probes that it needs, the quantities that it gives, and how one finished run is evaluated."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import ClassVar, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Protocol, TypeVar
+
+import numpy as np
 
 from labbook.measure.data import RunData
 from labbook.numerics import Numerics
 from labbook.probes import Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
+
+_Kind = TypeVar("_Kind")
 
 
 class MeasureError(ValueError):
@@ -29,20 +34,76 @@ class Window(Protocol):
     def end(self) -> float: ...
 
 
+@dataclass(frozen=True)
+class Quantity:
+    """A number that a measure gives, declared once for the catalogue, tables, figures and references.
+
+    `symbol` stands on axes and in headings (superscripts as ^(...)); `unit` is SI, as numbers are stored; `shown` is
+    the unit that people read, if it is another, and `scale` the factor from SI to it. `pooled`: whether a mean over
+    replicates means anything; that of a censored time would not.
+    """
+
+    name: str
+    symbol: str
+    unit: str = ""
+    meaning: str = ""
+    shown: str = ""
+    scale: float = 1.0
+    pooled: bool = True
+
+
+def while_flowing(quantity: Quantity) -> Quantity:
+    """The same of a run that clogged, taken while it flowed, and kept apart from that of runs that did not clog."""
+    return replace(
+        quantity,
+        name=f"{quantity.name}_flowing",
+        symbol=f"{quantity.symbol} of clogged runs while flowing",
+        meaning=f"{quantity.meaning}, of runs that clogged, while they flowed",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What one measure gives of one run: `numbers`, and profiles, series or fields as `arrays` by name."""
+
+    numbers: tuple[Measured, ...] = ()
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __getitem__(self, quantity: str) -> Measured:
+        """The number of that name. Raises KeyError."""
+        for one in self.numbers:
+            if one.quantity == quantity:
+                return one
+        raise KeyError(quantity)
+
+
+def packed(record: Any) -> dict[str, np.ndarray]:
+    """The attributes of a record of numbers and arrays, as arrays by name."""
+    return {name: np.asarray(value) for name, value in vars(record).items()}
+
+
+def unpacked(kind: type[_Kind], arrays: Mapping[str, np.ndarray]) -> _Kind | None:
+    """The record of that kind that `packed` made arrays of; None without any. Raises TypeError for those of another."""
+    values: dict[str, Any] = {name: array if array.ndim else array.item() for name, array in arrays.items()}
+    return kind(**values) if values else None
+
+
 class Measure(ABC):
     """One kind of measurement."""
 
     name: ClassVar[str]
     version: ClassVar[int]
     """Rises whenever measured numbers may change; they are then derived again from what runs recorded."""
+    declared: ClassVar[tuple[Quantity, ...]]
+    """All quantities that it may give, in any scene."""
 
     @abstractmethod
     def check(self, scene: Scene) -> None:
         """Raises MeasureError, with a remedy, for a scene that this cannot be measured in."""
 
-    @abstractmethod
-    def quantities(self, scene: Scene) -> Mapping[str, str]:
-        """Names of the numbers that it may give in `scene`, and their SI units."""
+    def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
+        """Those of `declared` that it may give in `scene`."""
+        return self.declared
 
     @abstractmethod
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
@@ -50,5 +111,6 @@ class Measure(ABC):
         measured in."""
 
     @abstractmethod
-    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
-        """The numbers of one run. Raises MeasureError if the run did not record what is needed."""
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        """What the run gives within the window. Raises MeasureError if the run did not record what is needed,
+        ImportError if a package is missing."""

@@ -11,7 +11,7 @@ from labbook.measure.acceleration import AccelerationProfile, acceleration_profi
 from labbook.measure.bed import cells, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
-from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed, while_flowing
 from labbook.measure.series import crossings
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
 from labbook.numerics import Numerics
@@ -30,7 +30,20 @@ _STEP = 5e-3
 """Sizes of the zone are multiples of this [m], so that rods of similar size share an ensemble."""
 _FEWEST = 8
 """Frames below which there are no means."""
-_UNITS = {"v_z": "m/s", "kinetic_pressure": "Pa"}
+_MEANS = (
+    Quantity("orifice_packing_fraction", "⟨φ⟩", "", "packing fraction of the first centimetre above the orifice"),
+    Quantity("orifice_v_z", "⟨v_z⟩", "m/s", "vertical velocity there, weighted by φ"),
+    Quantity("orifice_kinetic_pressure", "⟨p_k⟩", "Pa", "trace of the kinetic stress there"),
+    Quantity("orifice_O_zz", "⟨O_zz⟩", "", "mean square of the cosine between rods and the vertical there"),
+    Quantity("orifice_O_rr", "⟨O_rr⟩", "", "the same with the radial direction"),
+    Quantity("orifice_O_tt", "⟨O_tt⟩", "", "the same with the azimuthal direction"),
+    Quantity("orifice_S", "⟨S⟩", "", "largest eigenvalue of the mean orientation tensor there"),
+    Quantity(
+        "free_fall_height", "free fall", "m", "height from which grains fall freely, as they gain speed", "mm", 1e3
+    ),
+)
+_OF_RODS = {f"orifice_{name}" for name in ("O_zz", "O_rr", "O_tt", "S")}
+_UNITS = {one.name.removeprefix("orifice_"): one.unit for one in _MEANS}
 
 
 class OrificeMeans(Measure):
@@ -40,7 +53,7 @@ class OrificeMeans(Measure):
     `orifice_O_zz`, `orifice_O_rr`, `orifice_O_tt` and `orifice_S` (see `labbook.fields.orifice_means`), from frames
     within the window of the flow rate, gaps without flow left out; `free_fall_height` [m], the area under a_eff/g up to
     two widths of the outlet, in the middle of it. Those of a run that clogged end in `_flowing` and are kept apart, as
-    its flow rate is.
+    its flow rate is. Arrays: those of `AccelerationProfile`, of a run that did not clog.
 
     The frames, in single precision, are of the grains that reach into that cylinder and of a column above the middle:
     some hundred grains instead of the whole bed. Frames come in pairs 50 ms apart, or evenly where pairs would be too
@@ -49,15 +62,14 @@ class OrificeMeans(Measure):
 
     name = NAME
     version = 1
+    declared = (*_MEANS, *map(while_flowing, _MEANS))
 
     def check(self, scene: Scene) -> None:
         round_silo(scene, NAME)
 
-    def quantities(self, scene: Scene) -> dict[str, str]:
-        rods = ("O_zz", "O_rr", "O_tt", "S") if scene.grains.half_length > 0 else ()
-        means = {f"orifice_{name}": _UNITS.get(name, "") for name in ("packing_fraction", *_UNITS, *rods)}
-        means["free_fall_height"] = "m"
-        return {**means, **{f"{name}_flowing": unit for name, unit in means.items()}}
+    def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
+        rods = scene.grains.half_length > 0
+        return tuple(one for one in self.declared if rods or one.name.removesuffix("_flowing") not in _OF_RODS)
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         silo = round_silo(scene, NAME)
@@ -69,40 +81,31 @@ class OrificeMeans(Measure):
         top = max(high, plane + UP_TO * silo.orifice)
         return (Crossing(plane), Zone(R + reach, low, high, core, top, every, again))
 
-    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
         round_silo(run.scene, NAME)
         flow, times = _steady(run, window)
         where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
         frames = {} if flow is None else frames_of(run, flow, times)
         count = len(np.unique(frames["step"])) if frames else 0
-        suffix = "_flowing" if run.outcome == "clogged" else ""
+        clogged = run.outcome == "clogged"
+        suffix = "_flowing" if clogged else ""
+        profile = _profile(run.scene, frames) if count else None
+        arrays = {} if profile is None or clogged else packed(profile)
         if flow is None or count < _FEWEST:
             note = f"only {count} frames while grains flowed within the window, fewer than {_FEWEST}"
-            return (
-                Measured(f"orifice_v_z{suffix}", math.nan, math.nan, 0, where, "coarse-grained frames", "m/s", note),
-            )
+            none = (math.nan, math.nan, 0, where, "coarse-grained frames", "m/s", note)
+            return Evaluation((Measured(f"orifice_v_z{suffix}", *none),), arrays)
         how = f"{count} frames, coarse-grained; error from seeds only"
         means = _means(run.scene, frames)
         numbers = [
             Measured(f"orifice_{name}{suffix}", value, math.nan, count, where, how, _UNITS.get(name, ""))
             for name, value in means.items()
         ]
-        profile = _profile(run.scene, frames)
         if profile is not None:
             height = profile.free_fall_height(run.scene.gravity)
             how = f"changes of velocity within {profile.interval * 1e3:.3g} ms"
             numbers.append(Measured(f"free_fall_height{suffix}", height, math.nan, count, where, how, "m"))
-        return tuple(numbers)
-
-
-def acceleration_of(run: RunData, window: Window) -> AccelerationProfile | None:
-    """Acceleration against height above the middle of the outlet within the window of the flow rate; None if the run
-    clogged, has no frames of it, or none as far apart as it takes."""
-    if "zone" not in run.tables or run.outcome == "clogged":
-        return None
-    flow, times = _steady(run, window)
-    frames = {} if flow is None else frames_of(run, flow, times)
-    return _profile(run.scene, frames) if frames and len(frames["time"]) else None
+        return Evaluation(tuple(numbers), arrays)
 
 
 def frames_of(run: RunData, flow: SteadyFlow, times: np.ndarray) -> dict[str, np.ndarray]:
@@ -125,10 +128,7 @@ def _means(scene: Scene, frames: dict[str, np.ndarray]) -> dict[str, float]:
     grains = grains_between(scene, frames, -math.inf, math.inf)
     R, bottom = silo.orifice / 2, silo.outlet_plane
     grid = Ring(R, (bottom, bottom + HEIGHT), cells(R, omega / 2), max(4, cells(HEIGHT, omega / 2)))
-    try:
-        fields = coarse_grain(grid, omega, grains)
-    except ImportError as missing:
-        raise MeasureError(f"orifice: {missing}") from missing
+    fields = coarse_grain(grid, omega, grains)
     return dict(orifice_means(fields, silo.orifice, bottom=bottom))
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.measure.data import RunData
-from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed, unpacked
 from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
 from labbook.numerics import Numerics
@@ -55,6 +55,11 @@ class OutletProfile:
     counted: float
     closure_error: float
     frames: int
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> "OutletProfile | None":
+        """The profiles as `OutletProfiles` has given them; None for too few grains."""
+        return unpacked(cls, evaluation.arrays)
 
     @property
     def velocity(self) -> np.ndarray:
@@ -123,41 +128,44 @@ class OutletProfiles(Measure):
     """Profiles of velocity and area fraction along the outlet of a quasi-2D hopper.
 
     Quantities: `outlet_closure`, the flow rate of the profiles over that of the grains counted; `outlet_area_fraction`,
-    the mean of phi across the outlet; `outlet_velocity` [m/s], int(phi v dx) / int(phi dx). `outlet_profile` gives the
-    profiles themselves.
+    the mean of phi across the outlet; `outlet_velocity` [m/s], int(phi v dx) / int(phi dx). Arrays: those of
+    `OutletProfile`.
     """
 
     name = "outlet_profiles"
     version = 1
+    declared = (
+        Quantity("outlet_closure", "flow of the profiles / W", "", "flow rate of the profiles over that counted"),
+        Quantity("outlet_area_fraction", "mean φ at the outlet", "", "mean of the area fraction along the outlet"),
+        Quantity("outlet_velocity", "mean v at the outlet", "m/s", "mean velocity along the outlet, weighted by φ"),
+    )
 
     def check(self, scene: Scene) -> None:
         _hopper(scene)
-
-    def quantities(self, scene: Scene) -> dict[str, str]:
-        return {"outlet_closure": "", "outlet_area_fraction": "", "outlet_velocity": "m/s"}
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         plane, radius = _hopper(scene).outlet_plane, scene.grains.radius
         return (Crossing(plane), Slab(low=plane - radius, high=plane + radius))
 
-    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
         profile = outlet_profile(run, window)
         where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
         if profile is None:
             note = "too few grains at the outlet within the window"
             none = (math.nan, math.nan, 0, where, "chords of grains on the outlet line", "", note)
-            return (Measured("outlet_closure", *none),)
+            return Evaluation((Measured("outlet_closure", *none),))
         how = f"chords of grains on the outlet line in {profile.frames} frames"
         mean_phi = float(profile.area_fraction.mean())
         mean_v = float(profile.flux.sum() / profile.area_fraction.sum()) if mean_phi > 0 else math.nan
         error, n = profile.closure_error, profile.frames
-        return (
+        numbers = (
             Measured(
                 "outlet_closure", profile.closure, error, n, where, f"{how}; error from the scatter between grains", ""
             ),
             Measured("outlet_area_fraction", mean_phi, math.nan, n, where, how, ""),
             Measured("outlet_velocity", mean_v, math.nan, n, where, how, "m/s"),
         )
+        return Evaluation(numbers, packed(profile))
 
 
 def _hopper(scene: Scene) -> WedgeHopper:

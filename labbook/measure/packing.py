@@ -6,7 +6,7 @@ import numpy as np
 
 from labbook.measure.clipped import disc_in_rectangle
 from labbook.measure.data import RunData
-from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.order import hexatic
 from labbook.measure.region import MARGIN, SMALLEST, Bodies, Region, Ring, bulk, extent_of, has_bulk, margin_of
 from labbook.numerics import Numerics
@@ -54,22 +54,27 @@ class PackingStructure(Measure):
 
     name = "packing"
     version = 2
+    declared = (
+        Quantity("packing_fraction", "φ", "", "volume of the grains over that of the bulk"),
+        Quantity("packing_fraction_2d", "φ in 2D", "", "area of the discs of a layer over that of the bulk"),
+        Quantity("hexatic_local", "ψ₆ local", "", "mean of the size of the hexatic order of each grain of a layer"),
+        Quantity("hexatic_global", "ψ₆ global", "", "size of the mean hexatic order of a layer"),
+    )
 
     def check(self, scene: Scene) -> None:
         if not has_bulk(scene):
             reason = f"packing needs a container whose bulk is known, and this is {scene.container.kind}"
             raise MeasureError(reason, "use a hopper, a silo or a box, or take packing out of measure")
 
-    def quantities(self, scene: Scene) -> dict[str, str]:
-        layer = ("packing_fraction_2d", "hexatic_local", "hexatic_global") if _layer(scene) else ()
-        return dict.fromkeys(("packing_fraction", *layer), "")
+    def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
+        return self.declared if _layer(scene) else self.declared[:1]
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         self.check(scene)
         return ()
 
-    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
-        return self.of(run.scene, run.start)
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        return Evaluation(self.of(run.scene, run.start))
 
     def of(self, scene: Scene, packing: Packing) -> tuple[Measured, ...]:
         """The numbers of `packing`, which stands in the container of `scene`. Raises MeasureError."""
@@ -92,8 +97,8 @@ class PackingStructure(Measure):
     def _too_small(self, scene: Scene, where: str) -> tuple[Measured, ...]:
         least = _extent(scene.grains)
         note = f"the bulk is smaller than {least}: fill in more grains or take a wider container"
-        names = self.quantities(scene)
-        return tuple(Measured(name, math.nan, math.nan, 0, where, "none", "", note) for name in names)
+        none = (math.nan, math.nan, 0, where, "none", "", note)
+        return tuple(Measured(one.name, *none) for one in self.quantities(scene))
 
 
 def _layer(scene: Scene) -> bool:

@@ -9,7 +9,7 @@ from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
 from labbook.measure.bed import bed_grid, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
-from labbook.measure.measure import Measure, MeasureError, Window
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
 from labbook.numerics import Numerics
@@ -24,6 +24,10 @@ some 30 bytes each: means over the azimuth of few frames already tell maps."""
 _LONGEST = 1.0  # s between two frames
 _MOST = 12
 """Frames that are coarse-grained, spread over the window: each contact costs as much as some fifteen grains."""
+_PRESSURES = (
+    Quantity("orifice_contact_pressure", "⟨p_c⟩", "Pa", "contact pressure of the first centimetre above the orifice"),
+    Quantity("bed_contact_pressure", "p_c in the bed", "Pa", "contact pressure of the bed, weighted by density"),
+)
 
 
 class ContactStress(Measure):
@@ -31,18 +35,15 @@ class ContactStress(Measure):
 
     Quantities: `orifice_contact_pressure` [Pa], a third of the trace, averaged above the orifice as `orifice` does, and
     `bed_contact_pressure` [Pa], its mean over the bed, weighted by density. Positions, forces and branch vectors of all
-    contacts are recorded, in single precision: about 0.8 MB a frame of 10 000 rods.
+    contacts are recorded, in single precision: about 0.8 MB a frame of 10 000 rods. Arrays: those of `Fields`.
     """
 
     name = NAME
     version = 1
+    declared = (*_PRESSURES, *map(while_flowing, _PRESSURES))
 
     def check(self, scene: Scene) -> None:
         round_silo(scene, NAME)
-
-    def quantities(self, scene: Scene) -> dict[str, str]:
-        names = ("orifice_contact_pressure", "bed_contact_pressure")
-        return dict.fromkeys((*names, *(f"{name}_flowing" for name in names)), "Pa")
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         every = beats_of(min(window_time(scene) / _FRAMES, _LONGEST), numerics, 1)
@@ -52,7 +53,7 @@ class ContactStress(Measure):
             Contacts(every=every),
         )
 
-    def evaluate(self, run: RunData, window: Window) -> tuple[Measured, ...]:
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
         silo = round_silo(run.scene, NAME)
         where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
         how = "contacts, coarse-grained; error from seeds only"
@@ -61,7 +62,7 @@ class ContactStress(Measure):
         if found is None:
             note = "no frame within the window"
             none = (math.nan, math.nan, 0, where, how, "Pa", note)
-            return (Measured(f"orifice_contact_pressure{kept}", *none), Measured(f"bed_contact_pressure{kept}", *none))
+            return Evaluation(tuple(Measured(f"{one.name}{kept}", *none) for one in _PRESSURES))
         fields, frames = found
         pressure = contact_pressure(fields)
         weight = fields.density * fields.grid.volumes
@@ -69,7 +70,8 @@ class ContactStress(Measure):
             "orifice_contact_pressure": float(orifice_mean(fields, pressure, silo.orifice, bottom=silo.outlet_plane)),
             "bed_contact_pressure": float((pressure * weight).sum() / weight.sum()),
         }
-        return tuple(Measured(name + kept, value, math.nan, frames, where, how, "Pa") for name, value in means.items())
+        told = (math.nan, frames, where, how, "Pa")
+        return Evaluation(tuple(Measured(name + kept, value, *told) for name, value in means.items()), fields.arrays())
 
 
 def contact_pressure(fields: Fields) -> np.ndarray:
@@ -81,7 +83,7 @@ def contact_pressure(fields: Fields) -> np.ndarray:
 def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
     """Fields with the contact stress of a run's bed within the window, and of how many frames; None without any.
 
-    Raises MeasureError if the run did not record contacts, or without Numba.
+    Raises MeasureError if the run did not record contacts, ImportError without Numba.
     """
     if not {"sample", "contacts"} <= set(run.tables):
         raise MeasureError("contact_stress: the run recorded no contacts; run it again with this measure")
@@ -99,11 +101,8 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
     sample, contacts = (_frames(table, chosen) for table in (sample, contacts))
     grains = grains_between(run.scene, sample, flow.begin, flow.end)
     touching = contacts_of(contacts, sample, flow.begin, flow.end)
-    try:
-        grid = bed_grid(run.scene, omega, grains.x, coarse=True)
-        return coarse_grain(grid, omega, grains, touching), grains.frames
-    except ImportError as missing:
-        raise MeasureError(f"contact_stress: {missing}") from missing
+    grid = bed_grid(run.scene, omega, grains.x, coarse=True)
+    return coarse_grain(grid, omega, grains, touching), grains.frames
 
 
 def _frames(table: Mapping[str, np.ndarray], steps: np.ndarray) -> dict[str, np.ndarray]:

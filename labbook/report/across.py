@@ -5,48 +5,49 @@ from pathlib import Path
 import numpy as np
 
 from labbook.fit.outlet import DEFINITIONS
-from labbook.report import display, figures
-from labbook.report.analysis import Analysis
+from labbook.report import figures
 from labbook.report.outlet_tables import approach_table
-from labbook.report.ratios import Ratio, angle_laws, by_angle, by_position
 from labbook.report.sections import Picture, picture
 from labbook.report.tables import Table
+from labbook.results import display
+from labbook.results.ratios import Ratio, angle_laws, by_angle, by_position
+from labbook.results.study import Results
 
 
-def outlet_pictures(analysis: Analysis, folder: Path) -> list[Picture]:
+def outlet_pictures(results: Results, folder: Path) -> list[Picture]:
     """Middles of profiles and flow rates of all series, by each definition of the profiles that was fitted."""
     pictures = []
     for definition in DEFINITIONS:
-        if sum(definition in one.profiles for one in analysis.series) > 1:
-            figure = figures.outlets_of_all(analysis.series, definition, analysis.comparisons, analysis.source)
+        if sum(definition in one.profiles for one in results.series) > 1:
+            figure = figures.outlets_of_all(results.series, definition, results.comparisons, results.source)
             name = definition.removeprefix("outlet_")
             alt = f"middles of the {name} of all series"
             pictures.append(picture(figure, folder / f"{name}-all", alt, f"{_sentence(definition)} {_OUTLETS}"))
     return pictures
 
 
-def ratio_sections(analysis: Analysis, folder: Path) -> list[tuple[list[tuple[Picture, Table | None]], Table]]:
+def ratio_sections(results: Results, folder: Path) -> list[tuple[list[tuple[Picture, Table | None]], Table]]:
     """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied.
 
     Of each its pictures, with a table to go below or None, and all numbers.
     """
     sections = []
-    if angles := by_angle(analysis.points):
+    if angles := by_angle(results.points):
         figure = figures.flow_against_angle(angles)
         caption = f"{_ANGLES} {farthest(angles)}"
         drawn = picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", caption)
         sections.append(([(drawn, None)], angle_table(angles)))
-    if positions := by_position(analysis.points):
-        figure = figures.flow_against_position(positions, analysis.comparisons, analysis.source)
+    if positions := by_position(results.points):
+        figure = figures.flow_against_position(positions, results.comparisons, results.source)
         alt = "flow rate against position over that in the middle"
         shown: list[tuple[Picture, Table | None]] = []
         shown.append((picture(figure, folder / "ratio-position", alt, _POSITIONS), None))
-        fitted = (name for name in DEFINITIONS if any(name in one.profiles for one in analysis.series))
+        fitted = (name for name in DEFINITIONS if any(name in one.profiles for one in results.series))
         for name in fitted:
             called = name.removeprefix("outlet_")
-            figure = figures.shape_against_position(positions, name, analysis.comparisons, analysis.source)
+            figure = figures.shape_against_position(positions, name, results.comparisons, results.source)
             alt = f"shape of the {called} against position"
-            fitted_to = approach_table(positions, name, analysis.comparisons, analysis.source)
+            fitted_to = approach_table(positions, name, results.comparisons, results.source)
             caption = f"{_sentence(name)} {_SHAPES}"
             shown.append((picture(figure, folder / f"{called}-position", alt, caption), fitted_to))
         sections.append((shown, position_table(positions)))

@@ -6,9 +6,9 @@ from types import MappingProxyType
 
 from labbook.fit import DEFINITIONS, FitResult, Parameter
 from labbook.fit.outlet import TERMS
-from labbook.report import display
-from labbook.report.comparison import CLOSE, Comparison
 from labbook.report.tables import Table, in_errors
+from labbook.results import display
+from labbook.results.reference import CLOSE, Comparison
 
 
 def fit_table(

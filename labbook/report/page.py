@@ -8,94 +8,96 @@ from labbook import __version__
 from labbook.catalogue.lab import write_bytes
 from labbook.fit import DEFINITIONS
 from labbook.measure.flow import CUT_SHORT
-from labbook.report import display, figures, tables
+from labbook.report import figures, tables
 from labbook.report.across import outlet_pictures, ratio_sections
-from labbook.report.analysis import Analysis, redundant
-from labbook.report.comparison import agreement
-from labbook.report.numerical import numerical_table
-from labbook.report.numerical import summed_up as numerics_summed_up
+from labbook.report.numerical_table import numerical_table
 from labbook.report.sections import Picture, picture, series_section
-from labbook.report.series import PACKING_FRACTION
 from labbook.report.statement_tables import statement_digest, statement_table
-from labbook.report.statements import summed_up
 from labbook.report.turning import scaling, turning_section
+from labbook.results import display
+from labbook.results.numerical import summed_up as numerics_summed_up
+from labbook.results.points import redundant
+from labbook.results.reference import agreement
+from labbook.results.series import PACKING_FRACTION
+from labbook.results.statements import summed_up
+from labbook.results.study import Results
 
 FILE = "report.html"
 
 
-def write(analysis: Analysis, folder: Path) -> Path:
+def write(results: Results, folder: Path) -> Path:
     """Write the report of a study into `folder` (made if missing): report.html and its figures. Path of the page."""
     folder.mkdir(parents=True, exist_ok=True)
-    study = analysis.study
+    study = results.study
     text = _template().render(
         title=study.name,
         about=study.about,
         version=__version__,
-        summary=summary(analysis),
-        incomplete=bool(analysis.missing or analysis.unreadable) or any(r.precise is False for r in analysis.points),
-        source=analysis.source,
-        comparison=tables.comparison_table(analysis.comparisons) if analysis.comparisons else None,
-        digest=tables.digest_table(analysis.comparisons),
-        statements=statement_table(analysis.judged) if analysis.judged else None,
-        statement_digest=statement_digest(analysis.judged),
-        turning=turning_section(analysis, folder),
-        overview=_overview(analysis, folder),
-        scaling=None if analysis.turning else scaling(analysis, folder),
-        trends=_trends(analysis, folder),
-        ratios=ratio_sections(analysis, folder),
-        series=[series_section(analysis, k, folder) for k in range(len(analysis.series))],
-        flow=tables.flow_table(analysis),
-        numerics=numerical_table(analysis.numerical) if analysis.numerical else None,
-        further=tables.further_table(analysis),
-        outcomes=tables.outcomes_table(analysis),
-        provenance=tables.provenance_table(analysis),
-        runs=tables.runs_table(analysis),
+        summary=summary(results),
+        incomplete=bool(results.missing or results.unreadable) or any(r.precise is False for r in results.points),
+        source=results.source,
+        comparison=tables.comparison_table(results.comparisons) if results.comparisons else None,
+        digest=tables.digest_table(results.comparisons),
+        statements=statement_table(results.judged) if results.judged else None,
+        statement_digest=statement_digest(results.judged),
+        turning=turning_section(results, folder),
+        overview=_overview(results, folder),
+        scaling=None if results.turning else scaling(results, folder),
+        trends=_trends(results, folder),
+        ratios=ratio_sections(results, folder),
+        series=[series_section(results, k, folder) for k in range(len(results.series))],
+        flow=tables.flow_table(results),
+        numerics=numerical_table(results.numerical) if results.numerical else None,
+        further=tables.further_table(results),
+        outcomes=tables.outcomes_table(results),
+        provenance=tables.provenance_table(results),
+        runs=tables.runs_table(results),
         study_text=study.path.read_text(encoding="utf-8") if study.path.is_file() else "",
     )
     write_bytes(folder / FILE, text.encode(), durable=False)
     return folder / FILE
 
 
-def summary(analysis: Analysis) -> list[str]:
+def summary(results: Results) -> list[str]:
     """What a reader should know first, in plain sentences."""
-    study, runs = analysis.study, sum(len(result.runs) for result in analysis.points)
-    sentences = [f"{_count(runs, 'run')} of {_count(len(analysis.points), 'point')}."]
-    if analysis.missing:
+    study, runs = results.study, sum(len(result.runs) for result in results.points)
+    sentences = [f"{_count(runs, 'run')} of {_count(len(results.points), 'point')}."]
+    if results.missing:
         extra = redundant(study.points)
-        names = "; ".join(display.label(point.at, extra) for point in analysis.missing[:5])
-        more = f" and {len(analysis.missing) - 5} more" if len(analysis.missing) > 5 else ""
+        names = "; ".join(display.label(point.at, extra) for point in results.missing[:5])
+        more = f" and {len(results.missing) - 5} more" if len(results.missing) > 5 else ""
         sentences.append(f"Not finished yet: {names}{more}.")
-    partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in analysis.points if one.partial]
+    partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in results.points if one.partial]
     if partial:
         listed = "; ".join(partial[:5]) + (f" and {len(partial) - 5} more" if len(partial) > 5 else "")
         sentences.append(f"Runs are lacking at {listed}: the first to end are no fair sample.")
-    if analysis.unreadable:
-        sentences.append(f"{_count(len(analysis.unreadable), 'run')} could not be read: {analysis.unreadable[0]}.")
+    if results.unreadable:
+        sentences.append(f"{_count(len(results.unreadable), 'run')} could not be read: {results.unreadable[0]}.")
     if study.accuracy.flow_rate is not None:
-        short = [result.label for result in analysis.points if result.precise is False]
+        short = [result.label for result in results.points if result.precise is False]
         asked = f"{100 * study.accuracy.flow_rate:g} %"
         if short:
             sentences.append(f"The asked error of {asked} on the flow rate is not met at {'; '.join(short)}.")
-        elif analysis.points:
+        elif results.points:
             sentences.append(f"The flow rate of every point is known to the asked {asked} (95 % interval).")
-    measured = [run.measured for result in analysis.points for run in result.runs]
+    measured = [run.measured for result in results.points for run in result.runs]
     packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
     if unknown := [one for one in packings if math.isnan(one.value)]:
         sentences.append(f"No packing fraction of {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
-    trending = [result.label for result in analysis.points if result.trending]
+    trending = [result.label for result in results.points if result.trending]
     if trending:
         sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
-    if cut := [result.label for result in analysis.points if result.notes[CUT_SHORT]]:
+    if cut := [result.label for result in results.points if result.notes[CUT_SHORT]]:
         sentences.append(
             f"The bed fell to stop.fill_height before the window ended (window.end, {study.window.end:g}) at "
             f"{'; '.join(cut)}, so that W is a mean over less than the window: lower one of them in {study.path.name}."
         )
-    if analysis.comparisons:
-        sentences.append(agreement(analysis.comparisons, analysis.source))
-    if tested := numerics_summed_up(analysis.numerical):
+    if results.comparisons:
+        sentences.append(agreement(results.comparisons, results.source))
+    if tested := numerics_summed_up(results.numerical):
         sentences.append(tested)
-    if analysis.judged:
-        sentences.append(summed_up(analysis.judged, analysis.source))
+    if results.judged:
+        sentences.append(summed_up(results.judged, results.source))
     return sentences
 
 
@@ -103,31 +105,31 @@ def _count(n: int, noun: str) -> str:
     return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
-def _overview(analysis: Analysis, folder: Path) -> Picture | None:
-    fitted = [one for one in analysis.series if one.used]
+def _overview(results: Results, folder: Path) -> Picture | None:
+    fitted = [one for one in results.series if one.used]
     if len(fitted) < 2 or len({result.orifice for one in fitted for result in one.points}) < 2:
         return None  # against one orifice there is nothing to see
     return picture(figures.overview(fitted), folder / "overview", "a power of W against orifice, all series", _OVERVIEW)
 
 
-def _trends(analysis: Analysis, folder: Path) -> list[Picture]:
+def _trends(results: Results, folder: Path) -> list[Picture]:
     """Fitted parameters of every law against the key that takes most values, if it takes several."""
     values = {
-        name: {one.at[name] for one in analysis.series if name in one.at} for one in analysis.series for name in one.at
+        name: {one.at[name] for one in results.series if name in one.at} for one in results.series for name in one.at
     }
     numbers = {name: len(found) for name, found in values.items() if not any(isinstance(v, str) for v in found)}
     key = max(numbers, key=lambda name: numbers[name], default="")
     pictures = []
-    for law in (*dict.fromkeys(law for one in analysis.series for law in one.fits), *DEFINITIONS):
-        places = {one.at[key] for one in analysis.series if one.parameters(law) and key in one.at}
+    for law in (*dict.fromkeys(law for one in results.series for law in one.fits), *DEFINITIONS):
+        places = {one.at[key] for one in results.series if one.parameters(law) and key in one.at}
         if len(places) > 1:
-            figure = figures.parameters_against(key, law, analysis.series, analysis.comparisons)
+            figure = figures.parameters_against(key, law, results.series, results.comparisons)
             called = law.replace("_", " ")
             caption = f"Parameters of {called.capitalize()} with 95 % intervals; diamonds: the reference."
             name = display.key(key).name
             stem = folder / f"{_slug(called)}-{_slug(name)}"
             pictures.append(picture(figure, stem, f"parameters of {called} against {name}", caption))
-    return pictures + outlet_pictures(analysis, folder)
+    return pictures + outlet_pictures(results, folder)
 
 
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."

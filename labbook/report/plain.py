@@ -6,24 +6,25 @@ from typing import Any
 
 from labbook.fit import Parameter
 from labbook.fit.outlet import FORMULA, OF_OUTLET, VERSION, ProfileFit
-from labbook.report.analysis import Analysis, PointResult
-from labbook.report.comparison import Comparison
-from labbook.report.numerical import Numerical
-from labbook.report.series import Series
-from labbook.report.statements import Judged
+from labbook.results.numerical import Numerical
+from labbook.results.points import PointResult
+from labbook.results.reference import Comparison
+from labbook.results.series import Series
+from labbook.results.statements import Judged
+from labbook.results.study import Results
 
 
-def plain(analysis: Analysis) -> dict[str, Any]:
+def plain(results: Results) -> dict[str, Any]:
     """What `labbook fit --json` prints."""
     return {
-        "study": analysis.study.name,
-        "points": [_point(result) for result in analysis.points],
-        "missing": [point.label for point in analysis.missing],
-        "unreadable": list(analysis.unreadable),
-        "series": [_series(one) for one in analysis.series],
-        "reference": [_comparison(one) for one in analysis.comparisons],
-        "statements": [_judged(one) for one in analysis.judged],
-        "numerics": [_numerical(one) for one in analysis.numerical],
+        "study": results.study.name,
+        "points": [_point(result) for result in results.points],
+        "missing": [point.label for point in results.missing],
+        "unreadable": list(results.unreadable),
+        "series": [_series(one) for one in results.series],
+        "reference": [_comparison(one) for one in results.comparisons],
+        "statements": [_judged(one) for one in results.judged],
+        "numerics": [_numerical(one) for one in results.numerical],
     }
 
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from labbook.fields.pattern import FUNNEL, SLOW
 from labbook.fit.outlet import DEFINITIONS, FORMULA, SOURCE
+from labbook.measure.orifice import INTERVAL
 from labbook.report import figures, outlet_tables, style, tables
-from labbook.report.analysis import Analysis
-from labbook.report.comparison import at_series
 from labbook.report.fitted_tables import fit_table
-from labbook.report.pattern import INTERVAL, acceleration, flow_patterns, pooled_means
-from labbook.report.series import Series
+from labbook.results.recorded import acceleration, flow_patterns, pooled_means
+from labbook.results.reference import at_series
+from labbook.results.series import Series
+from labbook.results.study import Results
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,17 +30,17 @@ class Picture:
     width: str
 
 
-def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
+def series_section(results: Results, index: int, folder: Path) -> dict:
     """Figures, tables and remarks of the series numbered `index`, as the template takes them."""
-    series = analysis.series[index]
-    suffix = f"-{index + 1}" if len(analysis.series) > 1 else ""
+    series = results.series[index]
+    suffix = f"-{index + 1}" if len(results.series) > 1 else ""
     where = f" ({series.label})" if series.label else ""
     fit = None
     if series.fits or len(series.used) > 1:  # a single point shows nothing
-        figure = figures.flow_against_orifice(series, analysis.comparisons, analysis.source)
+        figure = figures.flow_against_orifice(series, results.comparisons, results.source)
         fit = picture(figure, folder / f"fit{suffix}", f"a power of W against orifice{where}", _FIT)
     flow = figures.flow_against_time(series)
-    turning = any(set(series.points) & set(curve.points) for curve in analysis.turning)  # has a section of its own
+    turning = any(set(series.points) & set(curve.points) for curve in results.turning)  # has a section of its own
     problems = [f"Not fitted: {problem}." for problem in series.problems]
     try:
         patterns = None if turning else _patterns(series, folder, suffix, where)
@@ -53,7 +54,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
                 "name": law.capitalize(),
                 "formula": found.law.formula,
                 "source": found.law.source,
-                "table": fit_table(law, found, at_series(analysis.comparisons, law, series), analysis.source),
+                "table": fit_table(law, found, at_series(results.comparisons, law, series), results.source),
             }
             for law, found in series.fits.items()
         ],
@@ -62,7 +63,7 @@ def series_section(analysis: Analysis, index: int, folder: Path) -> dict:
         "flow": picture(flow, folder / f"flow{suffix}", f"W against time{where}", _FLOW),
         "patterns": patterns,
         "acceleration": None if turning else _acceleration(series, folder, suffix, where),
-        "profiles": [_profiles(analysis, series, name, folder, suffix, where) for name in series.profiles],
+        "profiles": [_profiles(results, series, name, folder, suffix, where) for name in series.profiles],
     }
 
 
@@ -84,18 +85,18 @@ def _acceleration(series: Series, folder: Path, suffix: str, where: str) -> Pict
 
 
 def _profiles(
-    analysis: Analysis, series: Series, definition: str, folder: Path, suffix: str, where: str
+    results: Results, series: Series, definition: str, folder: Path, suffix: str, where: str
 ) -> dict[str, Any]:
     name = definition.removeprefix("outlet_")
-    along = figures.outlet_profiles(series, definition, analysis.comparisons, analysis.source)
-    middles = figures.outlet_middles(series, definition, analysis.comparisons, analysis.source)
+    along = figures.outlet_profiles(series, definition, results.comparisons, results.source)
+    middles = figures.outlet_middles(series, definition, results.comparisons, results.source)
     return {
         "along": picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", _ALONG),
         "middles": picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", _MIDDLES),
         "definition": DEFINITIONS[definition],
         "formula": FORMULA,
         "source": SOURCE,
-        "table": outlet_tables.profile_table(series, definition, analysis.comparisons, analysis.source),
+        "table": outlet_tables.profile_table(series, definition, results.comparisons, results.source),
         "outlets": outlet_tables.outlet_table(series, definition),
     }
 

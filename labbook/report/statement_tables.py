@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from labbook.report import display
-from labbook.report.statements import Judged, at_all, by_statement
 from labbook.report.tables import Table
+from labbook.results import display
+from labbook.results.statements import Judged, at_all, by_statement
 from labbook.study.schema import TURNING
 
 if TYPE_CHECKING:

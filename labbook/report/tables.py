@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from labbook.report import display
-from labbook.report.analysis import Analysis, PointResult
-from labbook.report.comparison import CLOSE, Comparison
+from labbook.results import display
+from labbook.results.points import PointResult
+from labbook.results.reference import CLOSE, Comparison
+from labbook.results.study import Results
 from labbook.stats import Measured
 
 CONVENTIONS = (
@@ -31,12 +32,12 @@ class Table:
 _FLOW = ("flow_rate", "grain_rate", "flow_rate_drift", "gap_time")
 
 
-def flow_table(analysis: Analysis) -> Table:
+def flow_table(results: Results) -> Table:
     """Every point: what was swept, its pooled flow rate with errors, and what a reader must know of it."""
-    swept = _swept(analysis)
-    flow, others = _measured(analysis, of_flow=True)[:1], _measured(analysis, of_flow=True)[1:]
+    swept = _swept(results)
+    flow, others = _measured(results, of_flow=True)[:1], _measured(results, of_flow=True)[1:]
     rows = []
-    for result in analysis.points:
+    for result in results.points:
         pooled = result.flow_rate
         interval = "–"
         if pooled is not None:
@@ -47,23 +48,23 @@ def flow_table(analysis: Analysis) -> Table:
     return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=(CONVENTIONS,))
 
 
-def further_table(analysis: Analysis) -> Table | None:
+def further_table(results: Results) -> Table | None:
     """Every point: whatever else was measured, pooled over replicates; None if nothing was."""
-    swept, measured = _swept(analysis), _measured(analysis, of_flow=False)
+    swept, measured = _swept(results), _measured(results, of_flow=False)
     if not measured:
         return None
-    rows = tuple((*_at(result, swept), *_cells(result, measured)) for result in analysis.points)
+    rows = tuple((*_at(result, swept), *_cells(result, measured)) for result in results.points)
     return Table(_headings(swept, measured), rows, frozenset())
 
 
-def _swept(analysis: Analysis) -> list[str]:
-    return list(dict.fromkeys(name for result in analysis.points for name in result.at))
+def _swept(results: Results) -> list[str]:
+    return list(dict.fromkeys(name for result in results.points for name in result.at))
 
 
-def _measured(analysis: Analysis, of_flow: bool) -> list[Measured]:
+def _measured(results: Results, of_flow: bool) -> list[Measured]:
     """One example of each pooled quantity, flow rate first."""
     found: dict[str, Measured] = {}
-    for result in analysis.points:
+    for result in results.points:
         for run in result.runs:
             found |= {name: m for name, m in run.measured.items() if name in result.pooled and name not in found}
     ordered = sorted(found, key=lambda name: _FLOW.index(name) if name in _FLOW else len(_FLOW))
@@ -150,19 +151,19 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     return Table(headings, tuple(rows), frozenset({0, 1}), frozenset(marked), notes)
 
 
-def outcomes_table(analysis: Analysis) -> Table:
+def outcomes_table(results: Results) -> Table:
     """How many runs ended in which way, and at which points."""
     total: Counter[str] = Counter()
     where: dict[str, list[str]] = {}
-    for result in analysis.points:
+    for result in results.points:
         total.update(result.outcomes)
         for outcome in result.outcomes:
             where.setdefault(outcome, []).append(result.label)
         if result.trending:
             where.setdefault("trending", []).append(result.label)
-    total["trending"] = sum(result.trending for result in analysis.points)
+    total["trending"] = sum(result.trending for result in results.points)
     rows = [
-        (name, str(n), "all" if len(where[name]) == len(analysis.points) else "; ".join(where[name]))
+        (name, str(n), "all" if len(where[name]) == len(results.points) else "; ".join(where[name]))
         for name, n in total.items()
         if n
     ]
@@ -172,11 +173,11 @@ def outcomes_table(analysis: Analysis) -> Table:
     return Table(("outcome", "runs", "points"), tuple(rows), frozenset({0, 2}), notes=notes)
 
 
-def provenance_table(analysis: Analysis) -> Table:
+def provenance_table(results: Results) -> Table:
     """What made the runs: every fact on which they agree, and how many ways there are where they differ."""
     skipped = {"seed", "sessions"}
     facts: dict[str, list] = {}
-    for run in (run for result in analysis.points for run in result.runs):
+    for run in (run for result in results.points for run in result.runs):
         for name, value in _flat(run.provenance):
             if name not in skipped:
                 facts.setdefault(name, []).append(value)
@@ -194,10 +195,10 @@ def provenance_table(analysis: Analysis) -> Table:
     return Table(("fact", "of the runs"), tuple(rows), frozenset({0, 1}))
 
 
-def runs_table(analysis: Analysis) -> Table:
+def runs_table(results: Results) -> Table:
     """Point, seed, outcome and key of every run."""
     rows = tuple(
-        (result.label, str(run.seed), run.outcome, run.run_key) for result in analysis.points for run in result.runs
+        (result.label, str(run.seed), run.outcome, run.run_key) for result in results.points for run in result.runs
     )
     return Table(("point", "seed", "outcome", "run key"), rows, frozenset({0, 2, 3}))
 

@@ -4,19 +4,20 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from labbook.measure.orifice import INTERVAL
 from labbook.report import figures
-from labbook.report.analysis import Analysis
-from labbook.report.pattern import INTERVAL, acceleration
-from labbook.report.rotation import FLOW, Rotation, aspect_ratio
 from labbook.report.sections import Picture, picture
 from labbook.report.turning_maps import chosen, maps
+from labbook.results.recorded import acceleration
+from labbook.results.rotation import FLOW, Rotation, aspect_ratio
+from labbook.results.study import Results
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
 
 
-def turning_section(analysis: Analysis, folder: Path) -> dict | None:
+def turning_section(results: Results, folder: Path) -> dict | None:
     """Sentences, pictures and what is lacking, as the template takes them; None if the rotation was not swept."""
-    curves = analysis.turning
+    curves = results.turning
     if not curves:
         return None
     pictures, lacking = [_flow(curves, folder)], []
@@ -26,7 +27,7 @@ def turning_section(analysis: Analysis, folder: Path) -> dict | None:
         lacking.append(
             "The drop against the aspect ratio needs three frequencies of grains of several L/d: sweep them."
         )
-    against = scaling(analysis, folder)
+    against = scaling(results, folder)
     if against is None:
         lacking.append("Q against D needs several outlets, and `fit: [power, exponential]`: sweep container.orifice.")
     else:
@@ -54,9 +55,9 @@ def turning_section(analysis: Analysis, folder: Path) -> dict | None:
     }
 
 
-def scaling(analysis: Analysis, folder: Path) -> Picture | None:
+def scaling(results: Results, folder: Path) -> Picture | None:
     """Q(D) of holes on logarithmic axes, where the laws of that name are fitted."""
-    fitted = [one for one in analysis.series if {"power", "exponential"} & set(one.fits)]
+    fitted = [one for one in results.series if {"power", "exponential"} & set(one.fits)]
     if not fitted:
         return None
     return picture(figures.flow_scaling(fitted), folder / "scaling", "flow rate against orifice, logarithmic", _SCALING)

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from labbook.measure.recorded import FEWEST
 from labbook.report import figures
-from labbook.report.analysis import PointResult
-from labbook.report.pattern import FEWEST, FlowPattern, flow_patterns, moments
-from labbook.report.rotation import Rotation, turning_at
 from labbook.report.sections import PATTERNS, Picture, picture
+from labbook.results.points import PointResult
+from labbook.results.recorded import Flowing, flow_patterns, moments
+from labbook.results.rotation import Rotation, turning_at
 
 if TYPE_CHECKING:
     from labbook.fields import Fields
@@ -65,13 +66,12 @@ def _of(curve: Rotation, points: Sequence[PointResult]):
 
 
 def _filmed(result: PointResult) -> bool:
-    return any(run.frames() is not None for run in result.runs)
+    return any(run.recorded for run in result.runs)
 
 
-def _stress(pattern: FlowPattern) -> "Fields | None":
+def _stress(pattern: Flowing) -> "Fields | None":
     """Fields with the contact stress of the first run of a point that has them."""
-    found = next((one for run in pattern.result.runs if (one := run.stress()) is not None), None)
-    return None if found is None else found[0]
+    return next((run.stress for run in pattern.result.runs if run.stress is not None), None)
 
 
 _PACKING = (

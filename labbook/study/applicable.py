@@ -165,7 +165,7 @@ def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str
     from labbook.measure import MEASURES
 
     named = [MEASURES[name] for name in measures if name in MEASURES]
-    return {name: unit for scene in scenes for one in named for name, unit in one.quantities(scene).items()}
+    return {one.name: one.unit for scene in scenes for measure in named for one in measure.quantities(scene)}
 
 
 def _of_turning(tail: str, units: Mapping[str, str], turns: bool) -> str | Wrong:

@@ -10,6 +10,7 @@ import labbook_toy
 from typer.testing import CliRunner
 
 from labbook.catalogue import Lab
+from labbook.catalogue.lab import EVALUATION
 from labbook.cli import build
 from labbook.runner.runner import Runner, Summary
 from labbook.study import Study, load
@@ -70,11 +71,13 @@ def start(*words: object, delay: float = 0.0, terminal: int | None = None, **env
 
 
 def arrays(folder: Path) -> dict[str, bytes]:
-    """The bits of every array in a run's folder, by file and name."""
+    """The bits of every array that a run left in its folder, by file and name."""
     import numpy as np
 
     found = {}
     for path in sorted(Path(folder).glob("*.npz")):
+        if path.name.startswith(EVALUATION):
+            continue
         with np.load(path) as stored:
             found |= {f"{path.name}/{name}": stored[name].tobytes() for name in stored.files}
     return found

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from labbook.catalogue.evaluations import evaluate
 from labbook.measure import RunData
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
@@ -53,6 +54,13 @@ class Run:
         table |= {"z": z, "time": np.repeat(times, n), "step": np.repeat(np.arange(len(times)), n)}
         return {name: column[z > 0] for name, column in table.items()}
 
+    @property
+    def recorded(self):
+        return self.filmed
+
+    def evaluated(self, measure, window):
+        return evaluate(measure, window, self.data())
+
     def data(self):
         grains, f = self.point.scene.grains, float(self.point.at["container.rotation"])
         rate = (SPHERES if grains.length == grains.diameter else RODS)[f]  # pyright: ignore[reportAttributeAccessIssue]
@@ -64,9 +72,9 @@ class Run:
         zero = np.zeros((grains.count, 3))
         left = {"time": times, "id": np.arange(len(times)), "step": np.arange(len(times))}
         start = Packing(x=zero, v=zero, omega=zero)
-        return RunData(
-            self.point.scene, Numerics(dt=1e-6), self.seed, start, self.outcome, times[-1], {"crossing": left}
-        )
+        tables = {"crossing": left}
+        how = (self.point.scene, Numerics(dt=1e-6), self.seed, start, self.outcome, times[-1])
+        return RunData(*how, tables, self.recording)
 
 
 def point(index: int, f: float, size: tuple[float, float] = (6e-3, 20e-3), D: float = 0.06) -> Point:

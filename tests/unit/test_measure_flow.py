@@ -35,7 +35,7 @@ def run_of(times, total=1000, outcome="finished", duration=None):
 
 
 def numbers(run, window=None):
-    return {m.quantity: m for m in MEASURES["flow_rate"].evaluate(run, window or Window())}
+    return {m.quantity: m for m in MEASURES["flow_rate"].evaluate(run, window or Window()).numbers}
 
 
 def steady_times(rng, n=900, rate=500.0):

@@ -8,7 +8,7 @@ import pytest
 
 from labbook.fields import orifice_mean
 from labbook.measure import MEASURES, MeasureError, RunData
-from labbook.measure.orifice import acceleration_of
+from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.stress import contact_pressure, stress_fields
 from labbook.numerics import Numerics
 from labbook.probes import Contacts, Crossing, Sample, Zone
@@ -52,8 +52,12 @@ def run_of(here: Scene, **tables) -> RunData:
     return RunData(here, Numerics(dt=1e-6), 1, start, "finished", 0.6 * n / RATE, {"crossing": left, **tables})
 
 
+def acceleration_of(run: RunData, window) -> AccelerationProfile | None:
+    return AccelerationProfile.of(MEASURES["orifice"].evaluate(run, window))
+
+
 def numbers(name: str, run: RunData) -> dict[str, float]:
-    return {m.quantity: m.value for m in MEASURES[name].evaluate(run, WINDOW)}
+    return {m.quantity: m.value for m in MEASURES[name].evaluate(run, WINDOW).numbers}
 
 
 TIMES = np.arange(0, 4.8, 0.1)
@@ -154,7 +158,7 @@ def test_what_cannot_be_measured_is_told():
             MEASURES[name].evaluate(run_of(scene()), WINDOW)
     few = numbers("orifice", run_of(scene(), zone=frames(lattice(0.012), TIMES[:9])))
     assert math.isnan(few["orifice_v_z"])
-    assert acceleration_of(run_of(scene()), WINDOW) is None
+    assert acceleration_of(run_of(scene(), zone=frames(lattice(0.012), TIMES[:0])), WINDOW) is None
 
 
 def test_means_of_a_clogged_run_are_kept_apart():

@@ -182,7 +182,7 @@ def test_gaps_without_flow_are_left_out():
 
 def test_quantities_of_a_run():
     run = run_of(*passing(2000, 7))
-    found = {m.quantity: m for m in MEASURE.evaluate(run, Window())}
+    found = {m.quantity: m for m in MEASURE.evaluate(run, Window()).numbers}
     profile = profile_of(run)
     assert set(found) == {"outlet_closure", "outlet_area_fraction", "outlet_velocity"}
     assert found["outlet_closure"].error == profile.closure_error
@@ -191,7 +191,7 @@ def test_quantities_of_a_run():
 
 
 def test_too_few_grains_give_no_profile():
-    (nothing,) = MEASURE.evaluate(run_of(*passing(100, 8)), Window())
+    (nothing,) = MEASURE.evaluate(run_of(*passing(100, 8)), Window()).numbers
     assert math.isnan(nothing.value)
     assert "too few grains" in nothing.note
 

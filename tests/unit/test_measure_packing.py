@@ -51,7 +51,7 @@ def run_of(scene, packing):
 
 
 def numbers(scene, packing):
-    return {m.quantity: m for m in MEASURES["packing"].evaluate(run_of(scene, packing), Window())}
+    return {m.quantity: m for m in MEASURES["packing"].evaluate(run_of(scene, packing), Window()).numbers}
 
 
 HOPPER = WedgeHopper(width=0.1, height=0.4, thickness=1.01 * D, orifice=0.03)
@@ -215,7 +215,8 @@ def test_a_narrow_silo_says_that_its_bulk_is_too_small():
 def test_quantities_are_those_that_are_measured():
     for scene in (scene_of(HOPPER), scene_of(CYLINDER), scene_of(Box(width=0.1, depth=0.1, height=1))):
         found = numbers(scene, packing_of(cubic(D)))
-        assert dict(MEASURES["packing"].quantities(scene)) == {name: m.unit for name, m in found.items()}
+        stated = {one.name: one.unit for one in MEASURES["packing"].quantities(scene)}
+        assert stated == {name: m.unit for name, m in found.items()}
 
 
 def test_unknown_walls_are_refused():

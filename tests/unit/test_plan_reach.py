@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from labbook_toy import Backend
 from toy_lab import carry_out, labbook, study, study_file
+from toy_results import analyse
 
 from labbook.catalogue import Catalogue, Lab
 from labbook.catalogue.packings import load_packing
@@ -13,7 +14,6 @@ from labbook.plan.demand import PointDemand
 from labbook.plan.forecast import discharge_time
 from labbook.plan.plan import Planner
 from labbook.plan.reach import PACKED, cut_short, height_ahead, reach
-from labbook.report.analysis import analyse
 from labbook.report.page import summary
 from labbook.study import load
 

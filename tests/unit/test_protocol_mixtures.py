@@ -157,7 +157,7 @@ def test_flow_is_counted_by_the_mass_of_each_grain():
     """Every second grain is three times as heavy: W is twice the light mass times the rate, whatever leaves when."""
     mass = np.tile([1.0, 3.0], 500)
     run = outflow(mass, np.arange(1, 1001) / 100)
-    numbers = {m.quantity: m for m in FlowRate().evaluate(run, Window(start=0.2, end=0.6))}
+    numbers = {m.quantity: m for m in FlowRate().evaluate(run, Window(start=0.2, end=0.6)).numbers}
     light = 2500 * math.pi / 6 * D**3
     assert numbers["grain_rate"].value == pytest.approx(100, rel=1e-9)
     assert numbers["flow_rate"].value == pytest.approx(200 * light, rel=5e-3)
@@ -171,11 +171,11 @@ def test_the_window_is_one_of_mass_and_heavy_grains_first_flow_faster():
     mass = np.repeat([3.0, 1.0], 500)
     run = outflow(mass, np.arange(1, 1001) / 100)
     light = 2500 * math.pi / 6 * D**3
-    numbers = {m.quantity: m for m in FlowRate().evaluate(run, Window(start=0.1, end=0.6))}
+    numbers = {m.quantity: m for m in FlowRate().evaluate(run, Window(start=0.1, end=0.6)).numbers}
     assert numbers["flow_rate"].value == pytest.approx(300 * light, rel=1e-9)
     assert numbers["grain_rate"].value == pytest.approx(100, rel=1e-9)
     assert numbers["flow_rate"].error == pytest.approx(0, abs=1e-9 * 300 * light)
-    late = {m.quantity: m for m in FlowRate().evaluate(run, Window(start=0.8, end=1.0))}
+    late = {m.quantity: m for m in FlowRate().evaluate(run, Window(start=0.8, end=1.0)).numbers}
     assert late["flow_rate"].value == pytest.approx(100 * light, rel=1e-9)
 
 
@@ -186,7 +186,7 @@ def test_the_error_of_the_flow_is_that_of_repeated_outflows():
         rng = np.random.default_rng(seed)
         mass = rng.permutation(np.repeat([1.0, 3.0], 500))
         run = outflow(mass, np.cumsum(rng.exponential(0.01, 1000)))
-        found.append({m.quantity: m for m in FlowRate().evaluate(run, Window(start=0.1, end=0.9))}["flow_rate"])
+        found.append({m.quantity: m for m in FlowRate().evaluate(run, Window(start=0.1, end=0.9)).numbers}["flow_rate"])
     scatter = np.std([m.value for m in found], ddof=1)
     assert np.sqrt(np.mean([m.error**2 for m in found])) == pytest.approx(scatter, rel=0.3)
 

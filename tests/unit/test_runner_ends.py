@@ -11,6 +11,7 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import arrays, carry_out, study, study_file
 from toy_records import outcomes, records
+from toy_results import analyse
 
 from labbook.backend import Overflow
 from labbook.catalogue import Catalogue, Lab
@@ -19,7 +20,6 @@ from labbook.catalogue.packings import load_packing
 from labbook.catalogue.tables import read_checkpoint
 from labbook.cli.run import report
 from labbook.plan.plan import Planner
-from labbook.report.analysis import analyse
 from labbook.study import load
 
 

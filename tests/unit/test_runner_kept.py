@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from toy_lab import arrays, carry_out, study
 from toy_records import outcomes, records
+from toy_results import analyse
 
 from labbook.catalogue import Catalogue
-from labbook.report.analysis import analyse
 from labbook.runner.recording import frame_rows
 
 

@@ -8,9 +8,9 @@ import pytest
 pytest.importorskip("numba")
 
 from labbook_numba import Backend
+from toy_results import analyse
 
 from labbook.catalogue import Catalogue, Lab
-from labbook.report.analysis import analyse
 from labbook.runner.runner import Runner
 from labbook.study import load
 

@@ -11,7 +11,7 @@ from labbook.report.style import COLUMN, FAINT, MILLIMETRE, house, look
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from labbook.report.analysis import PointResult
+    from labbook.results.points import PointResult
 
 
 def acceleration_against_height(found: Sequence[tuple["PointResult", AccelerationProfile]], gravity: float) -> "Figure":

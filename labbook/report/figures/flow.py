@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.report.analysis import PointResult
-    from labbook.report.series import Series
+    from labbook.results.points import PointResult
+    from labbook.results.series import Series
 
 _COLUMNS = 4
 _SHADES = (0.0, 0.35, 0.55, 0.7)  # towards white: replicates of one point are one colour

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.fit.beverloo import Beverloo
-from labbook.report.analysis import ORIFICE
-from labbook.report.comparison import of_reference
 from labbook.report.style import (
     COLOURS,
     COLUMN,
@@ -24,14 +22,16 @@ from labbook.report.style import (
     look,
     verbatim,
 )
+from labbook.results.points import ORIFICE
+from labbook.results.reference import of_reference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.report.analysis import PointResult
-    from labbook.report.comparison import Comparison
-    from labbook.report.series import Series
+    from labbook.results.points import PointResult
+    from labbook.results.reference import Comparison
+    from labbook.results.series import Series
 
 _POWERS = {"slot": (2 / 3, "2/3"), "hole": (2 / 5, "2/5")}
 _FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow

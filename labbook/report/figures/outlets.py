@@ -7,9 +7,9 @@ import numpy as np
 
 from labbook.fit.outlet import Saturation, middle_speed
 from labbook.fit.outlet.flow import centred_flow, eccentric_flow
-from labbook.report import display
-from labbook.report.comparison import of_reference
 from labbook.report.style import INK, MILLIMETRE, PAGE, from_zero, house, look
+from labbook.results import display
+from labbook.results.reference import of_reference
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.report.comparison import Comparison
-    from labbook.report.series import Series
+    from labbook.results.reference import Comparison
+    from labbook.results.series import Series
     from labbook.stats import Pooled
 
 

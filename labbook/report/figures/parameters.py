@@ -4,16 +4,16 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from labbook.report import display
 from labbook.report.style import INK, MILLIMETRE, PAGE, house, legend_columns, look, mathtext
+from labbook.results import display
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from labbook.fit import Parameter
-    from labbook.report.comparison import Comparison
-    from labbook.report.series import Series
+    from labbook.results.reference import Comparison
+    from labbook.results.series import Series
 
 
 def parameters_against(key: str, law: str, series: Sequence["Series"], comparisons: Sequence["Comparison"]) -> "Figure":

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.fit.outlet import TERMS, approach_at
-from labbook.report import display
-from labbook.report.approach import approaches
-from labbook.report.ratios import GAP
 from labbook.report.style import COLOURS, INK, MILLIMETRE, PAGE, band, house, look, verbatim
+from labbook.results import display
+from labbook.results.approach import approaches
+from labbook.results.ratios import GAP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from labbook.fit.outlet import Approach
-    from labbook.report.comparison import Comparison
-    from labbook.report.ratios import Ratio
+    from labbook.results.ratios import Ratio
+    from labbook.results.reference import Comparison
 
 
 def shape_against_position(

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.fit.outlet import Saturation, middle_speed, tilted
-from labbook.report import display
-from labbook.report.comparison import of_reference
 from labbook.report.style import (
     COLOURS,
     FAINT,
@@ -22,14 +20,16 @@ from labbook.report.style import (
     look,
     verbatim,
 )
+from labbook.results import display
+from labbook.results.reference import of_reference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from labbook.fit.outlet import Curve, FittedOutlet, ProfileFit
-    from labbook.report.comparison import Comparison
-    from labbook.report.series import Series
+    from labbook.results.reference import Comparison
+    from labbook.results.series import Series
 
 _FINE = np.linspace(-1, 1, 401)
 _SHOWN = {"velocity": "v_c", "area_fraction": "phi_c"}

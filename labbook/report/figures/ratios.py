@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.report import display
-from labbook.report.ratios import ANGLE, GAP, RATIOS, angle_laws
 from labbook.report.style import COLUMN, DASHES, FAINT, INK, MILLIMETRE, PAGE, house, look, mathtext, verbatim
+from labbook.results import display
+from labbook.results.ratios import ANGLE, GAP, RATIOS, angle_laws
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.report.comparison import Comparison
-    from labbook.report.ratios import Ratio
+    from labbook.results.ratios import Ratio
+    from labbook.results.reference import Comparison
 
 
 def flow_against_angle(ratios: Sequence["Ratio"]) -> "Figure":

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.report import display
-from labbook.report.elongation import CLOSE
-from labbook.report.rotation import FLOW, aspect_ratio, by_seed, relative_orifice
 from labbook.report.style import COLUMN, FAINT, MILLIMETRE, PAGE, from_zero, house, look
+from labbook.results import display
+from labbook.results.elongation import CLOSE
+from labbook.results.rotation import FLOW, aspect_ratio, by_seed, relative_orifice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from labbook.measure.acceleration import AccelerationProfile
-    from labbook.report.rotation import Rotation
+    from labbook.results.rotation import Rotation
 
 _FREQUENCY = "rotation of the bottom, $f$ [Hz]"
 _PANELS = {

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.report import display
-from labbook.report.rotation import FLOW, ROTATION, shape_of
 from labbook.report.style import FAINT, MILLIMETRE, PAGE, house, look
+from labbook.results import display
+from labbook.results.rotation import FLOW, ROTATION, shape_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.report.series import Series
+    from labbook.results.series import Series
 
 _LAWS = ("power", "exponential")
 

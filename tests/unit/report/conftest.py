@@ -2,17 +2,19 @@
 
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from toy_results import analyse
 
-from labbook.measure.data import RunData
+from labbook.catalogue.evaluations import Evaluated, evaluate
+from labbook.measure import Measure, RunData
 from labbook.numerics import Numerics
 from labbook.protocol.packing import Packing
-from labbook.report.analysis import Analysis, analyse
+from labbook.results.study import Results
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.study.schema import Accuracy, Fill, Reference, ReferenceEntry, Stop, Window
 from labbook.study.study import Point, Study
@@ -141,7 +143,10 @@ class FinishedDouble:
         return sample(self.point.scene, dict(self.data().tables["crossing"])) if self.recorded else None
 
     def data(self) -> RunData:
-        return observe(self.point.scene, self.seed, self.outcome)
+        return replace(observe(self.point.scene, self.seed, self.outcome), recorded=self.recording)
+
+    def evaluated(self, measure: Measure, window: Any) -> Evaluated:
+        return evaluate(measure, window, self.data())
 
 
 def point(index: int, orifice: float, angle: float | None = None, **kind: Any) -> Point:
@@ -193,7 +198,7 @@ def column() -> tuple[Study, list[FinishedDouble]]:
 
 
 @pytest.fixture(scope="session")
-def analysis(column) -> Analysis:
+def analysis(column) -> Results:
     """What is found of the column."""
     study, finished = column
     return analyse(study, finished)

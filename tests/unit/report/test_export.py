@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from toy_results import analyse
 
-from labbook.export.numbers import frames
+from labbook.catalogue.evaluations import evaluate
 from labbook.export.study import NoParquet, write_numbers, write_recordings
 from labbook.export.vtk import write_fields, write_grains
 from labbook.fields import Contacts, Grains, Layer, Ring, Space, coarse_grain
 from labbook.fit.angle import brown, rose_tanaka
-from labbook.report.analysis import analyse
+from labbook.results.frames import frames
 from labbook.scene import Kind, Spherocylinders
 
 
@@ -179,6 +180,9 @@ def test_unlike_grains_have_radii_and_kinds_of_their_own(synthetic, tmp_path):
         def __getattr__(self, name):
             return getattr(self.run, name)
 
+        def evaluated(self, measure, window):
+            return evaluate(measure, window, self.data())
+
         def data(self):
             found = self.run.data()
             kind = np.arange(len(found.start)) % 2
@@ -206,6 +210,9 @@ def test_every_rod_of_a_recorded_run_is_there_with_its_axis_and_length(synthetic
 
         def __getattr__(self, name):
             return getattr(self.run, name)
+
+        def data(self):
+            return replace(self.run.data(), recorded=self.recording)
 
         def recording(self):
             table, zero = self.run.recording(), np.zeros

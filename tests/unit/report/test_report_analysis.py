@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from toy_results import analyse
 
 from labbook.catalogue import Unreadable
-from labbook.report.analysis import analyse, redundant
-from labbook.report.comparison import Comparison, agreement
 from labbook.report.plain import plain
+from labbook.results.points import redundant
+from labbook.results.reference import Comparison, agreement
 from labbook.study.schema import Accuracy, Reference, ReferenceEntry
 
 

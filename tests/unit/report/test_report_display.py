@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from labbook.report import display
+from labbook.results import display
 
 
 @pytest.mark.parametrize(

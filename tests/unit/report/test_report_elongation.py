@@ -5,11 +5,11 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
+from toy_results import analyse
 from turning_runs import ROD, SPHERE, F, Run, point, state
 
-from labbook.report.analysis import analyse
-from labbook.report.elongation import WITH_LENGTH, gained, neighbours
-from labbook.report.rotation import aspect_ratio
+from labbook.results.elongation import WITH_LENGTH, gained, neighbours
+from labbook.results.rotation import aspect_ratio
 from labbook.study.schema import Reference
 
 WIDE = (8e-3, 20e-3)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_results import analyse
 
 from labbook.report import figures, style
-from labbook.report.analysis import analyse
 
 
 def test_points_lie_at_d_and_w_to_the_two_thirds(analysis):

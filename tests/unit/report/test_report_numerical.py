@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from toy_results import analyse
 
 from labbook.numerics import Numerics
-from labbook.report.analysis import analyse
-from labbook.report.numerical import numerical_table, summed_up
+from labbook.report.numerical_table import numerical_table
 from labbook.report.page import summary, write
 from labbook.report.plain import plain
+from labbook.results.numerical import summed_up
 from labbook.study.schema import Accuracy, Fill
 from labbook.study.study import Point
 

@@ -3,9 +3,10 @@
 import re
 from html.parser import HTMLParser
 
-from labbook.report import display
-from labbook.report.analysis import analyse
+from toy_results import analyse
+
 from labbook.report.page import summary, write
+from labbook.results import display
 from labbook.study.schema import Accuracy
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from toy_results import analyse
 
 from labbook.report import figures, outlet_tables
-from labbook.report.analysis import analyse
-from labbook.report.pattern import acceleration, flow_patterns, pooled_means
+from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 
 
 @pytest.fixture(scope="module")

@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from toy_results import analyse
 
+from labbook.catalogue.evaluations import evaluate
 from labbook.fit import COVERAGE, CROSSINGS
 from labbook.numerics import Numerics
 from labbook.report import figures, outlet_tables
-from labbook.report.analysis import Analysis, analyse
 from labbook.report.page import write
 from labbook.report.plain import plain
-from labbook.report.series import series_of
+from labbook.results.series import series_of
+from labbook.results.study import Results
 from labbook.study.schema import Reference, ReferenceEntry
 
 A, B, GAMMA = 0.4, 0.3, 1.5
@@ -30,6 +32,9 @@ class Profiled:
 
     def __getattr__(self, name):
         return getattr(self.run, name)
+
+    def evaluated(self, measure, window):
+        return evaluate(measure, window, self.data())
 
     def data(self):
         made = self.run.data()
@@ -50,7 +55,7 @@ class Profiled:
 
 
 @pytest.fixture(scope="module")
-def profiled(synthetic) -> Analysis:
+def profiled(synthetic) -> Results:
     points = [synthetic.point(k, D) for k, D in enumerate(WIDTHS)]
     reference = Reference(
         "Fan et al. 2023",

@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from toy_results import analyse
 
 from labbook.fit import COVERAGE, Parameter
 from labbook.fit.angle import brown
 from labbook.fit.outlet import TERMS
-from labbook.report import approach, comparison, figures, ratios
+from labbook.report import figures
 from labbook.report.across import angle_table, farthest
-from labbook.report.analysis import analyse
 from labbook.report.outlet_tables import approach_table
-from labbook.report.ratios import by_angle, by_position
+from labbook.results import approach, ratios, reference
+from labbook.results.ratios import by_angle, by_position
 from labbook.stats import pool
 from labbook.study.schema import Reference, ReferenceEntry
 
@@ -145,17 +146,17 @@ def test_a_reference_can_name_how_a_shape_approaches_the_middle(monkeypatch, syn
     aside = [ratios.Ratio(r, s, 1.0, 0.1, 0.8, 1.2) for r, s in zip(found, places, strict=True)]
     monkeypatch.setattr(type(found[0]), "outlets", lambda self, definition: ("any",))
     monkeypatch.setattr(approach, "_own", own)
-    monkeypatch.setattr(comparison, "by_position", lambda points: aside)
+    monkeypatch.setattr(reference, "by_position", lambda points: aside)
     stated = [ReferenceEntry(f"outlet_profiles.sigma1.{term}", {}, v) for term, v in zip(TERMS, FAN, strict=True)]
-    compared = comparison.compare(Reference("a paper", tuple(stated)), found, ())
+    compared = reference.compare(Reference("a paper", tuple(stated)), found, ())
     assert [c.ours for c in compared] == pytest.approx(FAN, rel=0.01)
     table = approach_table(aside, COVERAGE, compared, "a paper")
     assert table is not None
     rows = {row[0]: row for row in table.rows}
     assert rows["rate of σ₁(s*)"][3] == "3.74"
     assert rows["rate of δ₁(s*)"][3] == "–"
-    monkeypatch.setattr(comparison, "by_position", lambda points: aside[:3])
-    (few,) = comparison.compare(Reference("a paper", tuple(stated[:1])), found, ())
+    monkeypatch.setattr(reference, "by_position", lambda points: aside[:3])
+    (few,) = reference.compare(Reference("a paper", tuple(stated[:1])), found, ())
     assert few.ours is None
     assert "4 distances from the wall" in few.why
 

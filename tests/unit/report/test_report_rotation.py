@@ -6,16 +6,16 @@ from itertools import product
 
 import numpy as np
 import pytest
+from toy_results import analyse
 from turning_runs import ROD, RODS, ROUND, SPHERE, STATED, F, Run, point, state
 
-from labbook.export.numbers import frames
 from labbook.report import figures, page
-from labbook.report.analysis import analyse
 from labbook.report.plain import plain
-from labbook.report.rotation import Rotation
 from labbook.report.statement_tables import statement_table
-from labbook.report.statements import judge, summed_up
 from labbook.report.turning import sentence
+from labbook.results.frames import frames
+from labbook.results.rotation import Rotation
+from labbook.results.statements import judge, summed_up
 from labbook.stats import pool
 from labbook.study.schema import Reference
 
@@ -102,7 +102,10 @@ def made_of(result, values):
 def replace_rate(result, f):
     """The point with the flow rates of its seeds in another order, as if measured at f."""
     order = [run.seed for run in result.runs]
-    runs = tuple(replace(run, seed=seed) for run, seed in zip(result.runs, order[1:] + order[:1], strict=True))
+    runs = tuple(
+        replace(run, run=replace(run.run, seed=seed))
+        for run, seed in zip(result.runs, order[1:] + order[:1], strict=True)
+    )
     return replace(result, at={**result.at, "container.rotation": f}, runs=runs)
 
 
@@ -209,7 +212,7 @@ def test_rods_that_turn_upright_to_radial_exchange_one_for_the_other(synthetic):
         return replace(result, runs=tuple(runs), pooled=pooled)
 
     turned = replace(found, points=(oriented(found.points[0], 0.5, 0.3), oriented(found.points[1], 0.4, 0.38)))
-    from labbook.report.statements import judge
+    from labbook.results.statements import judge
 
     stated = state("rotation.orifice_O_rr.for_O_zz", 0.5, 2)
     (one,) = judge(Reference("", (), (stated,)), turned.points, (), (turned,))

@@ -4,7 +4,7 @@ import pytest
 from turning_runs import state
 
 from labbook.report.statement_tables import statement_digest
-from labbook.report.statements import Judged, summed_up
+from labbook.results.statements import Judged, summed_up
 
 
 def test_a_verdict_needs_the_whole_interval_on_one_side():

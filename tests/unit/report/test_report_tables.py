@@ -3,12 +3,12 @@
 import math
 
 import pytest
+from toy_results import analyse
 
 from labbook.fit import Parameter
 from labbook.report import tables
-from labbook.report.analysis import analyse
-from labbook.report.comparison import Comparison
 from labbook.report.fitted_tables import parameter_row
+from labbook.results.reference import Comparison
 
 
 @pytest.mark.parametrize(

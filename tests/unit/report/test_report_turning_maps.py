@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from toy_results import analyse
 from turning_runs import SINKING, Run, point
 
 from labbook.report import figures, page
-from labbook.report.analysis import analyse
-from labbook.report.pattern import flow_patterns, moments
+from labbook.results.recorded import flow_patterns, moments
 
 
 @pytest.mark.usefixtures("one_format")

@@ -6,9 +6,9 @@ from functools import lru_cache
 
 from labbook.fit import FitError, Parameter
 from labbook.fit.outlet import Approach, ProfileFit, fit_approach, fit_profiles
-from labbook.report.analysis import PointResult
-from labbook.report.ratios import Ratio
-from labbook.report.series import context
+from labbook.results.points import PointResult
+from labbook.results.ratios import Ratio
+from labbook.results.series import context
 
 SHAPE = ("delta1", "sigma1", "delta2", "sigma2")
 """What is followed: tilts and exponents of eqs 16 and 17."""

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from labbook.fit import DEFINITIONS, LAWS
 from labbook.fit.outlet import PARAMETERS, TERMS
-from labbook.report import display
-from labbook.report.analysis import ORIFICE, PointResult
-from labbook.report.approach import FEWEST, SHAPE, approaches
-from labbook.report.ratios import RATIOS, Ratio, by_position
-from labbook.report.series import Series
+from labbook.results import display
+from labbook.results.approach import FEWEST, SHAPE, approaches
+from labbook.results.points import ORIFICE, PointResult
+from labbook.results.ratios import RATIOS, Ratio, by_position
+from labbook.results.series import Series
 
 if TYPE_CHECKING:
     from labbook.study import Point, Reference

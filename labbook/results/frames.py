@@ -1,23 +1,25 @@
-"""Every number of an analysis as data frames: SI units, a row a number, NaN for what is not known."""
+"""What was found of a study as tidy data frames: SI units, a row a number, NaN for what is not known."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fit.outlet import DEFINITIONS, OF_OUTLET
+from labbook.fit.outlet import DEFINITIONS, OF_OUTLET, Outlet
+from labbook.results.points import PointResult
+from labbook.results.ratios import RATIOS, angle_laws
+from labbook.results.recorded import acceleration
+from labbook.results.series import Series
+from labbook.results.study import Results
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from labbook.fit.outlet import Outlet
-    from labbook.report.analysis import Analysis, PointResult
-    from labbook.report.series import Series
 
 Row = dict[str, Any]
 
 
-def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
+def frames(results: "Results") -> dict[str, "pd.DataFrame"]:
     """Data frames by name; those without rows are left out.
 
     `runs`: what was measured of each run, with error, effective sample size, window, method and note. `points`: pooled
@@ -29,20 +31,18 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
     """
     import pandas as pd
 
-    from labbook.export import turning
-
     made = {
-        "runs": _runs(analysis),
-        "points": _points(analysis),
-        "ratios": _ratios(analysis),
-        "fits": _fits(analysis),
-        "flow": _flow(analysis),
-        "profiles": _profiles(analysis),
-        "outlets": _outlets(analysis),
-        "reference": _reference(analysis),
-        "rotation": turning.ratios(analysis),
-        "accelerations": turning.accelerations(analysis),
-        "statements": turning.statements(analysis),
+        "runs": _runs(results),
+        "points": _points(results),
+        "ratios": _ratios(results),
+        "fits": _fits(results),
+        "flow": _flow(results),
+        "profiles": _profiles(results),
+        "outlets": _outlets(results),
+        "reference": _reference(results),
+        "rotation": _rotation(results),
+        "accelerations": _accelerations(results),
+        "statements": _statements(results),
     }
     found = {name: pd.DataFrame(list(rows)) for name, rows in made.items()}
     return {name: frame for name, frame in found.items() if len(frame)}
@@ -52,15 +52,15 @@ def _of_point(result: "PointResult") -> Row:
     return {"point": result.point.index + 1, **result.point.at}
 
 
-def _runs(analysis: "Analysis") -> Iterator[Row]:
-    for result in analysis.points:
+def _runs(results: "Results") -> Iterator[Row]:
+    for result in results.points:
         for run in result.runs:
             head = {**_of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
             yield from ({**head, **vars(measured)} for measured in run.measured.values())
 
 
-def _points(analysis: "Analysis") -> Iterator[Row]:
-    for result in analysis.points:
+def _points(results: "Results") -> Iterator[Row]:
+    for result in results.points:
         units = {name: measured.unit for run in result.runs for name, measured in run.measured.items()}
         for name, pooled in result.pooled.items():
             numbers = {"value": pooled.value, "error": pooled.error, "low": pooled.low, "high": pooled.high}
@@ -68,11 +68,9 @@ def _points(analysis: "Analysis") -> Iterator[Row]:
             yield {**head, "replicates": pooled.n, "confidence": pooled.confidence, "remark": result.remark}
 
 
-def _ratios(analysis: "Analysis") -> Iterator[Row]:
-    from labbook.report.ratios import RATIOS, angle_laws
-
+def _ratios(results: "Results") -> Iterator[Row]:
     for name, found in RATIOS.items():
-        for one in found(analysis.points):
+        for one in found(results.points):
             numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
             row = {**_of_point(one.result), "quantity": name, **numbers}
             if name.endswith("angle"):
@@ -90,8 +88,8 @@ def _of_series(series: "Series") -> Row:
     return {"series": series.label, **series.at}
 
 
-def _fits(analysis: "Analysis") -> Iterator[Row]:
-    for series in analysis.series:
+def _fits(results: "Results") -> Iterator[Row]:
+    for series in results.series:
         for law in (*series.fits, *series.profiles):
             for name, parameter in series.parameters(law).items():
                 yield {**_of_series(series), "law": law, "parameter": name, **vars(parameter), **_goodness(series, law)}
@@ -104,16 +102,16 @@ def _goodness(series: "Series", law: str) -> Mapping[str, float]:
     return {"chi2": fit.chi2, "degrees_of_freedom": fit.dof, "p_value": fit.p_value, "aicc": fit.aicc}
 
 
-def _flow(analysis: "Analysis") -> Iterator[Row]:
-    for result in analysis.points:
+def _flow(results: "Results") -> Iterator[Row]:
+    for result in results.points:
         for run in result.runs:
             if run.trace is not None:
                 for time, rate in zip(run.trace.time, run.trace.rate, strict=True):
                     yield {**_of_point(result), "seed": run.seed, "time": float(time), "flow_rate": float(rate)}
 
 
-def _profiles(analysis: "Analysis") -> Iterator[Row]:
-    for result in analysis.points:
+def _profiles(results: "Results") -> Iterator[Row]:
+    for result in results.points:
         for definition in (name for name in DEFINITIONS if result.outlets(name)):
             head = {**_of_point(result), "definition": definition}
             yield from ({**head, **row} for row in _along(result.outlets(definition)))
@@ -132,8 +130,8 @@ def _along(outlets: Sequence["Outlet"]) -> Iterator[Row]:
         yield dict(zip(columns, (value.item() for value in values), strict=True))
 
 
-def _outlets(analysis: "Analysis") -> Iterator[Row]:
-    for series in analysis.series:
+def _outlets(results: "Results") -> Iterator[Row]:
+    for series in results.series:
         for definition, fit in series.profiles.items():
             for result, one in zip(series.profiled, fit.outlets, strict=True):
                 numbers = {name: getattr(one, name) for name in OF_OUTLET}
@@ -142,9 +140,55 @@ def _outlets(analysis: "Analysis") -> Iterator[Row]:
                 yield {**_of_point(result), "definition": definition, "R": one.profile.R, **means, **errors}
 
 
-def _reference(analysis: "Analysis") -> Iterator[Row]:
-    for one in analysis.comparisons:
+def _reference(results: "Results") -> Iterator[Row]:
+    for one in results.comparisons:
         theirs = {"reference": one.reference, "reference_error": one.reference_error}
         ours = {"ours": one.ours, "error": one.error, "low": one.low, "high": one.high, "unit": one.unit}
         apart = {"difference_in_errors": one.in_errors, "why": one.why}
         yield {"quantity": one.quantity, **one.at, **theirs, **ours, **apart}
+
+
+def _rotation(results: "Results") -> Iterator[Row]:
+    """Every quantity over that with the bottom at rest, paired by seeds; intervals have the stated confidence."""
+    for curve in results.turning:
+        for k, result in enumerate(curve.points):
+            for quantity in result.pooled if k else ():
+                ratio = curve.ratio(quantity, k) if _positive(curve.points[0], quantity) else None
+                if ratio is not None:
+                    ends = {"low": ratio.low, "high": ratio.high, "confidence": ratio.confidence}
+                    numbers = {"ratio": ratio.value, "error": ratio.error, **ends, "pairs": ratio.n}
+                    yield {"shape": curve.shape, **result.at, "quantity": quantity, **numbers}
+
+
+def _positive(at_rest, quantity: str) -> bool:
+    """Whether a ratio to the value at rest means anything: a drift or a waiting time may be 0."""
+    pooled = at_rest.pooled.get(quantity)
+    return pooled is not None and pooled.value != 0 and not quantity.startswith("flow_rate_drift")
+
+
+def _accelerations(results: "Results") -> Iterator[Row]:
+    """Mean upward acceleration [m/s^2] of the grains that start within each bin of height [m] above an outlet."""
+    for result in results.points:
+        profile = acceleration(result)
+        if profile is None:
+            continue
+        columns = (profile.edges[:-1], profile.edges[1:], profile.acceleration, profile.error, profile.count)
+        for bottom, top, value, error, count in zip(*columns, strict=True):
+            height = {"bottom": float(bottom), "top": float(top)}
+            numbers = {"acceleration": float(value), "error": float(error), "pairs": int(count)}
+            yield {
+                "point": result.point.index + 1,
+                **result.point.at,
+                **height,
+                **numbers,
+                "interval": profile.interval,
+            }
+
+
+def _statements(results: "Results") -> Iterator[Row]:
+    """What a paper states, ours, and the verdict."""
+    for one in results.judged:
+        stated = one.statement
+        asked = {"quantity": stated.quantity, "at": one.label, "says": stated.says}
+        ours = {"from": stated.low, "to": stated.high, "ours": one.ours, "error": one.error}
+        yield {**asked, **ours, "low": one.low, "high": one.high, "verdict": one.verdict, "why": one.why}

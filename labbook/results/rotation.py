@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from labbook.report import display
-from labbook.report.analysis import PointResult
+from labbook.results import display
+from labbook.results.points import PointResult, by_seed
 from labbook.stats import Pooled
 from labbook.stats.ratio import paired_ratio
 
@@ -132,13 +132,6 @@ def rotations(points: Sequence[PointResult], missing: Sequence[Mapping[str, floa
 
 def _but_turning(at: Mapping[str, float | str]) -> tuple:
     return tuple((name, value) for name, value in at.items() if name != ROTATION)
-
-
-def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
-    """The quantity of every run of a point that counts."""
-    found = {run.seed: run.measured[quantity].value for run in result.runs if quantity in run.measured}
-    diverged = {run.seed for run in result.runs if run.outcome == "diverged"}
-    return {seed: value for seed, value in found.items() if math.isfinite(value) and seed not in diverged}
 
 
 def shape_of(result: PointResult) -> str:

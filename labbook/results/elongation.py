@@ -4,7 +4,7 @@ al. 2022, Fig. 3)."""
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from labbook.report.rotation import CONFIDENCE, Rotation, aspect_ratio, relative_orifice
+from labbook.results.rotation import CONFIDENCE, Rotation, aspect_ratio, relative_orifice
 from labbook.stats import Pooled
 from labbook.stats.pooling import student, welch
 

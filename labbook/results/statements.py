@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Literal, get_args
 
-from labbook.report import display
-from labbook.report.analysis import PointResult
-from labbook.report.comparison import Comparison, entry_of, matches
-from labbook.report.elongation import WITH_LENGTH, drop_of, gained, neighbours, rise_of
-from labbook.report.rotation import CONFIDENCE, FLOW, ROTATION, Rotation, by_seed
+from labbook.results import display
+from labbook.results.elongation import WITH_LENGTH, drop_of, gained, neighbours, rise_of
+from labbook.results.points import PointResult
+from labbook.results.reference import Comparison, entry_of, matches
+from labbook.results.rotation import CONFIDENCE, FLOW, ROTATION, Rotation, by_seed
 from labbook.stats import Pooled
 from labbook.stats.ratio import paired_ratio
 from labbook.study.schema import TURNING
 
 if TYPE_CHECKING:
-    from labbook.report.series import Series
+    from labbook.results.series import Series
     from labbook.study import Reference, Statement
 
 Verdict = Literal["holds", "does not hold", "undecided"]

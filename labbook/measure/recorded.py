@@ -1,0 +1,194 @@
+"""What recorded frames show of how a bed flows: mean fields, some moments, and how grains accelerate above the outlet.
+
+These are no measures that a study asks for: they are evaluated of runs that were recorded, when they are first shown.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.fields import Fields, Pattern, coarse_grain, orifice_means, pattern_of
+from labbook.measure.acceleration import acceleration_profile
+from labbook.measure.bed import bed_grid, grains_between, omega_of
+from labbook.measure.data import RunData
+from labbook.measure.flow import FlowRate
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed
+from labbook.measure.orifice import BINS, INTERVAL, UP_TO
+from labbook.measure.series import crossings
+from labbook.measure.steady import steady_flow
+from labbook.numerics import Numerics
+from labbook.probes import Probe
+from labbook.scene import Scene, WedgeHopper
+from labbook.stats import Measured
+
+FEWEST = 8
+"""Recorded frames within the window below which there is no mean field."""
+_MOMENT = 1.0  # s
+_MOMENTS = 3
+_FEWEST_ABOUT_AN_INSTANT = 4  # frames: means over the azimuth of few already tell maps
+_OF_FRAMES = ("x", "z", "vx", "vz")
+
+
+@dataclass(frozen=True, eq=False)
+class Bed:
+    """Mean fields of a bed over `frames` recorded frames between the instants `window` [s]; `moment`: columns x, z [m],
+    vx, vz [m/s] of the grains near y = 0 in one frame."""
+
+    fields: Fields
+    moment: Mapping[str, np.ndarray]
+    frames: int
+    window: tuple[float, float]
+
+    @property
+    def pattern(self) -> Pattern:
+        """Where grains stand still."""
+        return pattern_of(self.fields)
+
+    @classmethod
+    def of(cls, evaluation: Evaluation, name: str = "") -> "Bed | None":
+        """The bed that a measure of this module has given; one of its several beds by `name`. None without it."""
+        start = f"{name}." if name else ""
+        kept = {key.removeprefix(start): a for key, a in evaluation.arrays.items() if key.startswith(start)}
+        if "frames" not in kept:
+            return None
+        begin, end = kept["window"].tolist()
+        moment = {column: kept[f"moment_{column}"] for column in _OF_FRAMES}
+        return cls(Fields.of(kept), moment, int(kept["frames"]), (begin, end))
+
+    def arrays(self, name: str = "") -> dict[str, np.ndarray]:
+        """The bed as arrays, by names that begin with `name`."""
+        moment = {f"moment_{column}": values for column, values in self.moment.items()}
+        kept = {**self.fields.arrays(), **moment, "frames": np.array(self.frames), "window": np.array(self.window)}
+        return {f"{name}.{key}" if name else key: array for key, array in kept.items()}
+
+
+class OfRecording(Measure):
+    """What is evaluated of recorded frames within the window of the flow rate."""
+
+    def check(self, scene: Scene) -> None:
+        FlowRate().check(scene)
+        if not isinstance(scene.container, WedgeHopper) and not hasattr(scene.container, "diameter"):
+            raise MeasureError(f"{self.name} needs a hopper or a silo about an axis, not a {scene.container.kind}")
+
+    def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
+        return ()
+
+    def _seen(self, run: RunData, window: Window) -> tuple[Mapping[str, np.ndarray], tuple[float, float]] | None:
+        """Recorded frames, and begin and end [s] of the window; None without either."""
+        self.check(run.scene)
+        times, weights = crossings(run)
+        flow = steady_flow(times, len(run.start), window, weights)
+        frames = run.frames() if flow is not None else None
+        return None if flow is None or frames is None else (frames, (flow.begin, flow.end))
+
+
+class FlowPattern(OfRecording):
+    """Mean fields of a recorded run over the window of its flow rate, their means above the orifice, and the stagnant
+    part of the bed. Arrays: those of `Bed`."""
+
+    name = "flow_pattern"
+    version = 1
+    declared = (
+        Quantity("orifice.packing_fraction", "φ", "", "packing fraction above the orifice, of recorded frames"),
+        Quantity("orifice.v_z", "v_z", "m/s", "vertical velocity there, weighted by φ"),
+        Quantity("orifice.kinetic_pressure", "p_k", "Pa", "trace of the kinetic stress there"),
+        Quantity(
+            "orifice.stagnant_fraction", "stagnant", "", "part of the mass of the bed that stands still", "%", 100
+        ),
+    )
+
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        seen = self._seen(run, window)
+        bed = bed_between(run.scene, *seen) if seen else None
+        if bed is None:
+            return Evaluation()
+        container = run.scene.container
+        middle = container.eccentricity if isinstance(container, WedgeHopper) else 0.0
+        width = float(getattr(container, "orifice", math.nan))
+        means = {**orifice_means(bed.fields, width, centre=middle), "stagnant_fraction": bed.pattern.fraction}
+        units = {one.name: one.unit for one in self.declared}
+        where, how = f"{bed.window[0]:.4g} s to {bed.window[1]:.4g} s", "recorded frames, coarse-grained"
+        numbers = tuple(
+            Measured(f"orifice.{name}", value, math.nan, bed.frames, where, how, units.get(f"orifice.{name}", ""))
+            for name, value in means.items()
+        )
+        return Evaluation(numbers, bed.arrays())
+
+
+class FlowMoments(OfRecording):
+    """The bed within 1 s (a part of the window, if that is shorter) about three instants of the window (Pongo et al.
+    2022, Figs 6 and 7). Arrays: those of `Bed`, by `moment-1` and so on."""
+
+    name = "flow_moments"
+    version = 1
+    declared = ()
+
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        seen = self._seen(run, window)
+        if seen is None:
+            return Evaluation()
+        frames, (begin, end) = seen
+        part = (end - begin) / _MOMENTS
+        half = min(_MOMENT, part) / 2
+        arrays = {}
+        for number in range(_MOMENTS):
+            middle = begin + part * (number + 0.5)
+            bed = bed_between(run.scene, frames, (middle - half, middle + half), _FEWEST_ABOUT_AN_INSTANT)
+            arrays |= bed.arrays(f"moment-{number + 1}") if bed is not None else {}
+        return Evaluation(arrays=arrays)
+
+    @staticmethod
+    def beds(evaluation: Evaluation) -> list[Bed]:
+        """The beds at the instants that have frames enough."""
+        found = (Bed.of(evaluation, f"moment-{number + 1}") for number in range(_MOMENTS))
+        return [bed for bed in found if bed is not None]
+
+
+class FreeFall(OfRecording):
+    """Acceleration against height in the middle of the outlet, up to half of its half width, of recorded frames.
+    Arrays: those of `AccelerationProfile`."""
+
+    name = "free_fall"
+    version = 1
+    declared = ()
+
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
+        seen = self._seen(run, window)
+        if seen is None:
+            return Evaluation()
+        scene, (frames, (begin, end)) = run.scene, seen
+        hopper = scene.container if isinstance(scene.container, WedgeHopper) else None
+        D = float(getattr(scene.container, "orifice", math.nan))
+        try:
+            profile = acceleration_profile(
+                frames,
+                interval=INTERVAL,
+                radius=D / 4,
+                edges=np.linspace(0.0, UP_TO * D, BINS + 1),
+                gravity=scene.gravity,
+                begin=begin,
+                end=end,
+                centre=hopper.eccentricity if hopper else 0.0,
+                planar=hopper is not None,
+            )
+        except ValueError:  # no two frames are far enough apart
+            return Evaluation()
+        return Evaluation(arrays=packed(profile))
+
+
+def bed_between(
+    scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float], fewest: int = FEWEST
+) -> Bed | None:
+    """Mean fields of the recorded frames within `window` [s]; None of fewer than `fewest`. Raises ImportError without
+    Numba."""
+    time = np.asarray(frames["time"], float)
+    times = np.unique(time[(time >= window[0]) & (time <= window[1])])
+    if len(times) < fewest:
+        return None
+    grains, omega = grains_between(scene, frames, *window), omega_of(scene)
+    fields = coarse_grain(bed_grid(scene, omega, grains.x), omega, grains)
+    now = (time == times[len(times) // 2]) & (np.abs(frames["y"]) <= scene.grains.equivalent_diameter / 2)
+    moment = {name: np.asarray(frames[name], float)[now] for name in _OF_FRAMES}
+    return Bed(fields, moment, len(times), window)

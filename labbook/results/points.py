@@ -1,0 +1,253 @@
+"""Points of a study with their replicates: what was measured of each run, and means over seeds."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from labbook.fields import Fields
+from labbook.fit import COVERAGE, CROSSINGS
+from labbook.fit.outlet import Outlet
+from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window
+from labbook.measure.acceleration import AccelerationProfile
+from labbook.measure.flow import CUT_SHORT, FlowRate, Trace
+from labbook.measure.orifice import OrificeMeans
+from labbook.measure.outlet import OutletProfile, OutletProfiles
+from labbook.measure.stress import ContactStress
+from labbook.results import display
+from labbook.stats import Measured, Pooled, StoppingRule
+from labbook.study import Point, Study
+
+FLOW_RATE = "flow_rate"
+ORIFICE = "container.orifice"
+
+
+class Evaluated(Protocol):
+    """What a measure gave of a run, or why it gave nothing."""
+
+    @property
+    def evaluation(self) -> Evaluation: ...
+    @property
+    def problem(self) -> str: ...
+
+
+class Finished(Protocol):
+    """A run that has ended, as the lab hands it out."""
+
+    @property
+    def point(self) -> Point: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def run_key(self) -> str: ...
+    @property
+    def outcome(self) -> str: ...
+    @property
+    def provenance(self) -> Mapping[str, Any]: ...
+    @property
+    def recorded(self) -> bool: ...
+    def data(self) -> RunData:
+        """What was observed."""
+        ...
+
+    def evaluated(self, measure: Measure, window: Window) -> Evaluated:
+        """What a measure gave of it: kept, or evaluated now."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """One run: how it ended, and what was measured of it, by quantity. Profiles and fields are read when asked for."""
+
+    run: Finished
+    measured: Mapping[str, Measured]
+    measures: tuple[str, ...]
+    """Those that the study asks for."""
+    window: Window
+
+    @property
+    def seed(self) -> int:
+        """Number of the replicate."""
+        return self.run.seed
+
+    @property
+    def run_key(self) -> str:
+        """Key of the run in the lab."""
+        return self.run.run_key
+
+    @property
+    def outcome(self) -> str:
+        """How it ended."""
+        return self.run.outcome
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """What made it."""
+        return self.run.provenance
+
+    @property
+    def recorded(self) -> bool:
+        """Whether frames of it were recorded."""
+        return self.run.recorded
+
+    def evaluation(self, measure: Measure) -> Evaluation:
+        """What a measure gave of it; nothing if it cannot be taken of this run. Raises ImportError without a package
+        that it needs."""
+        return self.run.evaluated(measure, self.window).evaluation
+
+    def frames(self) -> Mapping[str, np.ndarray] | None:
+        """Recorded frames; None without any."""
+        return self.run.data().frames() if self.recorded else None
+
+    @cached_property
+    def trace(self) -> Trace | None:
+        """W(t), if its outflow was recorded and any grain left."""
+        try:
+            FlowRate().check(self.run.point.scene)
+        except MeasureError:
+            return None
+        return Trace.of(self.evaluation(FlowRate()))
+
+    @cached_property
+    def acceleration(self) -> AccelerationProfile | None:
+        """Above the middle of the outlet, where `orifice` was measured."""
+        return AccelerationProfile.of(self.evaluation(OrificeMeans())) if OrificeMeans.name in self.measures else None
+
+    @cached_property
+    def stress(self) -> Fields | None:
+        """Fields with the contact stress of the bed, where `contact_stress` was measured."""
+        kept = self.evaluation(ContactStress()).arrays if ContactStress.name in self.measures else {}
+        return Fields.of(kept) if kept else None
+
+    @cached_property
+    def outlets(self) -> Mapping[str, Outlet]:
+        """Profiles along its outlet by definition (`labbook.fit.DEFINITIONS`); none of a run that clogged, as for its
+        flow rate."""
+        if COVERAGE not in self.measures or self.outcome in ("clogged", "diverged"):
+            return {}
+        found = OutletProfile.of(self.evaluation(OutletProfiles()))
+        if found is None:
+            return {}
+        reach = 1 - self.run.point.scene.grains.radius / found.R
+        return {
+            COVERAGE: Outlet(found.R, found.edges, found.area_fraction, found.flux, reach, found.counted),
+            CROSSINGS: Outlet(found.R, found.edges, found.crossing_fraction, found.crossing_flux, 1.0, found.counted),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class PointResult:
+    """One point of a study with its replicates.
+
+    `at`: what was swept, without what follows from the rest; `pooled`: means over seeds, by quantity, with Student
+    intervals; `tolerance`: the relative half-width that the study asks for; `asked`: how many replicates it asks for at
+    least.
+    """
+
+    point: Point
+    at: Mapping[str, float | str]
+    runs: tuple[RunResult, ...]
+    pooled: Mapping[str, Pooled]
+    tolerance: float | None
+    asked: int
+
+    @property
+    def label(self) -> str:
+        """What was swept, in the units of the field."""
+        return display.label(self.at)
+
+    @property
+    def orifice(self) -> float:
+        """Width of the outlet [m]; NaN where the container has none."""
+        return float(getattr(self.point.scene.container, "orifice", math.nan))
+
+    @property
+    def flow_rate(self) -> Pooled | None:
+        """Pooled W [kg/s], or None if no replicate gave one."""
+        return self.pooled.get(FLOW_RATE)
+
+    def outlets(self, definition: str) -> tuple[Outlet, ...]:
+        """Profiles along the outlet, of every run that has them."""
+        return tuple(run.outlets[definition] for run in self.runs if definition in run.outlets)
+
+    @property
+    def outcomes(self) -> Counter[str]:
+        """How many replicates ended in which way."""
+        return Counter(run.outcome for run in self.runs)
+
+    @cached_property
+    def notes(self) -> Counter[str]:
+        """How many replicates carry which note on their flow rate (`trending` ...)."""
+        carried = (run.measured[FLOW_RATE].notes for run in self.runs if FLOW_RATE in run.measured)
+        return Counter(note for notes in carried for note in notes)
+
+    @property
+    def trending(self) -> bool:
+        """Whether the flow of more than half of the replicates has no plateau."""
+        return self.notes["trending"] > len(self.runs) / 2
+
+    @property
+    def precise(self) -> bool | None:
+        """Whether the pooled flow rate meets the study's tolerance; None if none was asked for."""
+        if self.tolerance is None:
+            return None
+        return self.flow_rate is not None and self.flow_rate.relative <= self.tolerance
+
+    @property
+    def partial(self) -> bool:
+        """Whether replicates are lacking. Of runs that began together the first to end flow fast: no fair sample."""
+        return len(self.runs) < self.asked
+
+    @property
+    def remark(self) -> str:
+        """What a reader must know of this point, in a few words; empty if nothing."""
+        parts = [f"{len(self.runs)} of {self.asked} runs so far"] if self.partial else []
+        parts += ["trending"] if self.trending else []
+        parts += ["stopped within the window"] if self.notes[CUT_SHORT] else []
+        ended = {how: n for how, n in self.outcomes.items() if how in ("clogged", "diverged")}
+        return ", ".join(parts + [f"{n} of {len(self.runs)} {how}" for how, n in ended.items()])
+
+
+def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
+    """The quantity of every run of a point that counts."""
+    found = {run.seed: run.measured[quantity].value for run in result.runs if quantity in run.measured}
+    diverged = {run.seed for run in result.runs if run.outcome == "diverged"}
+    return {seed: value for seed, value in found.items() if math.isfinite(value) and seed not in diverged}
+
+
+def redundant(points: Sequence[Point]) -> frozenset[str]:
+    """Swept keys that follow from another one, such as a number of grains given for every width.
+
+    The orifice counts by itself: what varies with it makes series of its own.
+    """
+    names = list(dict.fromkeys(name for point in points for name in point.at if name != ORIFICE))
+    extra: set[str] = set()
+    for place, name in enumerate(names):
+        for other in (other for other in names[:place] if other not in extra):
+            pairs = {(point.at.get(other), point.at.get(name)) for point in points}
+            if len(pairs) == len({first for first, _ in pairs}) == len({second for _, second in pairs}) > 1:
+                extra.add(name)
+    return frozenset(extra)
+
+
+def swept(point: Point, extra: frozenset[str]) -> dict[str, float | str]:
+    """What was swept at a point, without what follows from the rest."""
+    return {name: value for name, value in point.at.items() if name not in extra}
+
+
+def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
+    """A point with its numbers pooled over seeds; runs that diverged do not count."""
+    cap = max(study.replicates, study.accuracy.max_replicates)
+    rule = StoppingRule(study.accuracy.flow_rate, study.replicates, cap)
+    unpooled = {one.name for measure in MEASURES.values() for one in measure.declared if not one.pooled}
+    values: dict[str, list[float]] = {}
+    for run in runs:
+        for name, measured in run.measured.items():
+            if run.outcome != "diverged" and name not in unpooled and math.isfinite(measured.value):
+                values.setdefault(name, []).append(measured.value)
+    pooled = {name: rule.pool(found) for name, found in values.items()}
+    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, study.replicates)

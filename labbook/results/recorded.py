@@ -1,0 +1,142 @@
+"""How the bed of a point flows: mean velocities of its recorded runs, one moment of one, means above the orifice."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from labbook.fields import Fields, Layer, Pattern, Ring
+from labbook.measure.acceleration import AccelerationProfile, pooled_profile
+from labbook.measure.recorded import Bed, FlowMoments, FlowPattern, FreeFall
+from labbook.results.points import PointResult, RunResult
+from labbook.scene import WedgeHopper
+from labbook.stats import Pooled, pool
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Fields in the plane y = 0: x and z [m] of points, and of shape [z, x] velocities u along x, w along z [m/s]."""
+
+    x: np.ndarray
+    z: np.ndarray
+    u: np.ndarray
+    w: np.ndarray
+    bed: np.ndarray
+    stagnant: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Flowing:
+    """Fields of a recorded run of a point, averaged over some time; `orifice`: means above the orifice and the stagnant
+    fraction, by name, where they were taken."""
+
+    result: PointResult
+    bed: Bed
+    orifice: Mapping[str, float]
+
+    @property
+    def container(self) -> Any:
+        """Of the point."""
+        return self.result.point.scene.container
+
+    @property
+    def fields(self) -> Fields:
+        """Mean fields."""
+        return self.bed.fields
+
+    @property
+    def pattern(self) -> Pattern:
+        """Where grains stand still."""
+        return self.bed.pattern
+
+    @property
+    def moment(self) -> Mapping[str, np.ndarray]:
+        """Rows of one frame near y = 0."""
+        return self.bed.moment
+
+    @property
+    def frames(self) -> int:
+        """How many were averaged."""
+        return self.bed.frames
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Begin and end [s]."""
+        return self.bed.window
+
+    def section(self) -> Section:
+        """The plane y = 0; what is averaged over the azimuth appears on both sides of the axis."""
+        grid, v, p = self.fields.grid, self.fields.velocity, self.pattern
+        if isinstance(grid, Layer):
+            z, x = grid.points
+            return Section(x, z, v[0], v[2], p.bed, p.stagnant)
+        assert isinstance(grid, Ring)
+        x, z = across(grid)
+        return Section(x, z, both(v[0], -1.0), both(v[2]), both(p.bed), both(p.stagnant))
+
+
+def across(grid: Ring) -> tuple[np.ndarray, np.ndarray]:
+    """x and z [m] of a plane through the axis, on both of its sides."""
+    r, z = grid.points
+    return np.concatenate([-r[::-1], r]), z
+
+
+def both(a: np.ndarray, sign: float = 1.0) -> np.ndarray:
+    """A field over r and z on both sides of the axis, shape [z, x]; on the left times `sign`."""
+    return np.concatenate([a[::-1] if sign == 1 else sign * a[::-1], a]).T
+
+
+def flow_patterns(result: PointResult) -> list[Flowing]:
+    """The patterns of all recorded runs of a point that flowed and have frames enough; none where nothing was recorded.
+
+    Of quasi-2D hoppers and of silos round the axis; there are none of other containers. Raises ImportError without
+    Numba, unless they were evaluated before.
+    """
+    return [found for run in _recorded(result) if (found := _of_run(result, run)) is not None]
+
+
+def moments(result: PointResult) -> list[Flowing]:
+    """The first recorded run of a point about three instants of the window of its flow rate (Pongo et al. 2022, Figs 6
+    and 7); empty where there are too few frames."""
+    for run in _recorded(result):
+        if run.trace is not None and run.trace.window is not None:
+            return [Flowing(result, bed, {}) for bed in FlowMoments.beds(run.evaluation(FlowMoments()))]
+    return []
+
+
+def acceleration(result: PointResult) -> AccelerationProfile | None:
+    """Acceleration against height in the middle of the outlet, up to half of its half width.
+
+    The mean over the runs of a point that measured `orifice`, else of its first recorded run; None without any, or with
+    frames too far apart.
+    """
+    measured = [run.acceleration for run in result.runs if run.acceleration is not None]
+    if measured:
+        return pooled_profile(measured)
+    found = (AccelerationProfile.of(run.evaluation(FreeFall())) for run in _recorded(result))
+    return next((profile for profile in found if profile is not None), None)
+
+
+def pooled_means(patterns: list[Flowing]) -> dict[str, Pooled]:
+    """Means above the orifice and the stagnant part of the bed, pooled over recorded runs; where the point measured
+    `orifice`, its means are those of all runs."""
+    rows = [one.orifice for one in patterns]
+    measured = patterns[0].result.pooled if patterns else {}
+    means = {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
+    return {name: measured.get(f"orifice_{name}", mean) for name, mean in means.items()}
+
+
+def _recorded(result: PointResult) -> list[RunResult]:
+    container = result.point.scene.container
+    if not isinstance(container, WedgeHopper) and not hasattr(container, "diameter"):
+        return []
+    return [run for run in result.runs if run.recorded]
+
+
+def _of_run(result: PointResult, run: RunResult) -> Flowing | None:
+    found = run.evaluation(FlowPattern())
+    bed = Bed.of(found)
+    if bed is None:
+        return None
+    return Flowing(result, bed, {one.quantity.removeprefix("orifice."): one.value for one in found.numbers})

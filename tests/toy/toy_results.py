@@ -1,0 +1,39 @@
+"""Results of runs that no index knows: each is asked for what was measured of it."""
+
+from collections.abc import Callable, Sequence
+
+from labbook.catalogue import Unreadable
+from labbook.measure import MEASURES
+from labbook.results.points import Finished
+from labbook.results.study import Results, results_of
+from labbook.stats import Measured
+from labbook.study import Study
+
+
+def analyse(
+    study: Study,
+    finished: Sequence[Finished],
+    progress: Callable[[int], None] = lambda done: None,
+    lost: Sequence[str] = (),
+) -> Results:
+    """What these runs come to. `progress` is told how many are done; `lost`: why others cannot be read."""
+    numbers: dict[str, dict[str, Measured]] = {}
+    problems: dict[str, str] = {}
+    for done, run in enumerate(finished, 1):
+        kept = numbers.setdefault(run.run_key, {})
+        try:
+            for name in study.measure:
+                found = run.evaluated(MEASURES[name], study.window)
+                kept |= {one.quantity: one for one in found.evaluation.numbers}
+                if found.problem:
+                    problems[run.run_key] = _said(run, found.problem)
+        except ImportError as problem:
+            problems[run.run_key] = _said(run, str(problem))
+        except Unreadable as problem:
+            problems[run.run_key] = str(problem)
+        progress(done)
+    return results_of(study, finished, numbers, problems, lost)
+
+
+def _said(run: Finished, problem: str) -> str:
+    return f"run {run.run_key} of {run.point.label}, seed {run.seed}: {problem}"
