@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from labbook.catalogue.lab import write_bytes
 from labbook.export.numbers import frames
+from labbook.lab.folder import write_bytes
 
 if TYPE_CHECKING:
     from labbook.report.analysis import Analysis, PointResult

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
 from labbook.measure.measure import Measure, MeasureError, Window
 from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
-from labbook.numerics import Numerics
-from labbook.probes import Crossing, Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
 

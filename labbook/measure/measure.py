@@ -4,9 +4,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar, Protocol
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
 from labbook.measure.data import RunData
-from labbook.numerics import Numerics
-from labbook.probes import Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
 

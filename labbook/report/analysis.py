@@ -202,7 +202,7 @@ def analyse(
     `progress` is told how many runs have been measured. A run that cannot be read or measured is left out and reported,
     after those of which that was known before (`lost`: why).
     """
-    from labbook.catalogue import Unreadable
+    from labbook.lab import Unreadable
     from labbook.report.comparison import compare
     from labbook.report.numerical import numerical
     from labbook.report.rotation import rotations

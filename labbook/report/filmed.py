@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.measure import RunData
-from labbook.protocol import Bodies
+from labbook.scene import Bodies
 
 if TYPE_CHECKING:
     from labbook.report.analysis import Finished

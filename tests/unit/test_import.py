@@ -12,8 +12,8 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import arrays, carry_out, labbook, study
 
-from labbook.catalogue import Catalogue, Lab
-from labbook.catalogue.tables import read_table
+from labbook.lab import Catalogue, Lab
+from labbook.lab.tables import read_table
 
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
 
@@ -29,7 +29,7 @@ def made(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def labs(made, tmp_path, monkeypatch) -> tuple[Path, Path]:
-    monkeypatch.setattr("labbook.catalogue.merge.load", lambda name: Backend())
+    monkeypatch.setattr("labbook.lab.merge.load", lambda name: Backend())
     for name in ("ours", "theirs"):
         shutil.copytree(made / name, tmp_path / name)
     return tmp_path / "ours", tmp_path / "theirs"
@@ -243,7 +243,7 @@ def test_a_full_disk_ends_an_import_in_one_line(labs, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("labbook.catalogue.merge.shutil.copyfileobj", full)
+    monkeypatch.setattr("labbook.lab.merge.shutil.copyfileobj", full)
     ended = labbook("import", theirs, "--lab", ours, check=False)
     assert ended.exit_code == 1
     assert "no room is left" in ended.output

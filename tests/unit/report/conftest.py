@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labbook.backend.numerics import Numerics
 from labbook.measure.data import RunData
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
 from labbook.report.analysis import Analysis, analyse
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
+from labbook.scene.packing import Packing
 from labbook.study.schema import Accuracy, Fill, Reference, ReferenceEntry, Stop, Window
 from labbook.study.study import Point, Study
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from labbook.catalogue import Unreadable
+from labbook.lab import Unreadable
 from labbook.report.analysis import analyse, redundant
 from labbook.report.comparison import Comparison, agreement
 from labbook.report.plain import plain

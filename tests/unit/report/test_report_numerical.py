@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.report.analysis import analyse
 from labbook.report.numerical import numerical_table, summed_up
 from labbook.report.page import summary, write

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labbook.backend.numerics import Numerics
 from labbook.fit import COVERAGE, CROSSINGS
-from labbook.numerics import Numerics
 from labbook.report import figures, outlet_tables
 from labbook.report.analysis import Analysis, analyse
 from labbook.report.page import write
