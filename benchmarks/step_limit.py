@@ -22,11 +22,20 @@ import numpy as np
 
 from labbook import backend
 from labbook.backend import Failed
+from labbook.backend.numerics import Numerics
 from labbook.bench.hardware import hardware
-from labbook.numerics import Numerics
-from labbook.protocol import Packing, place
-from labbook.protocol.rest import fastest_points
-from labbook.scene import CylinderSilo, Grains, HertzMindlin, LinearSpringDashpot, Scene, Spheres, Spherocylinders
+from labbook.filling import place
+from labbook.filling.bed import fastest_points
+from labbook.scene import (
+    CylinderSilo,
+    Grains,
+    HertzMindlin,
+    LinearSpringDashpot,
+    Packing,
+    Scene,
+    Spheres,
+    Spherocylinders,
+)
 from labbook.scene.timescales import collision
 
 D, DENSITY, G = 3e-3, 2500.0, 9.81

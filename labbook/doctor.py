@@ -8,10 +8,10 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from labbook import __version__, backend
+from labbook.backend.numerics import Numerics
 from labbook.bench.hardware import hardware
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
+from labbook.scene.packing import Packing
 
 PACKAGES = {
     "numpy": "everything",

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook_dem import restitution
 from labbook_dem.laws import hertz_mindlin, linear

@@ -9,10 +9,10 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from labbook.backend import Capabilities, Checkpoint, Emptied, Event, Failed, Member, Settled, Spec, Status
-from labbook.numerics import Numerics
-from labbook.probes import Probe, Table, empty_table
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe, Table, empty_table
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 
 LONGEST = 2**53
 """Steps from which on their number has no exact time."""

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from labbook.backend import Capabilities, Spec, Unsupported
-from labbook.numerics import Numerics
-from labbook.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
 from labbook.scene import Scene, SurfaceMotion
 from labbook_dem.describe import LAWS
 from labbook_dem.walls import frustum, plane, strip

@@ -1,6 +1,6 @@
 """What guards measure by, and what they say when they stop a member."""
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 
 

@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from labbook.backend import Status
-from labbook.protocol import Bodies
-from labbook.scene import Grains, Scene
+from labbook.scene import Bodies, Grains, Scene
 from labbook_dem.rotation import spins
 
 

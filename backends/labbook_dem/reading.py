@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from labbook.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table, Zone, due
+from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table, Zone, due
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 OF_RODS = ("qw", "qx", "qy", "qz")

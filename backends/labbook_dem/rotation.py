@@ -8,8 +8,8 @@ the orientation, and as it does a sphere's spin (`labbook_dem.motion`).
 
 import numpy as np
 
-from labbook.protocol.segments import axes
 from labbook.scene import Grains
+from labbook.scene.orientation import axes
 from labbook_dem.words import dot, func, real, sqrt, vec3, wide, wide3
 
 

@@ -9,10 +9,10 @@ from labbook_dem.features import specialise
 from labbook_dem.reading import read
 
 from labbook.backend import Capabilities, Checkpoint, Event, Member, Spec, Status
-from labbook.numerics import Numerics
-from labbook.probes import Probe, Table
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe, Table
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 from labbook_numba.member import Run
 from labbook_numba.parts import threads_for
 from labbook_numba.reading import Seen

@@ -11,10 +11,9 @@ from labbook_dem.rotation import axes, momenta
 from labbook_dem.springs import places
 
 from labbook.backend import Capabilities, Checkpoint, Status
-from labbook.numerics import Numerics
-from labbook.probes import Crossing
-from labbook.protocol import Bodies, Packing
-from labbook.scene import Scene
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing
+from labbook.scene import Bodies, Packing, Scene
 from labbook_numba import state as S
 from labbook_numba.parameters import parameters
 from labbook_numba.parts import advance, in_layers
@@ -225,7 +224,7 @@ class Run:
         return v, w
 
     def contacts(self) -> np.ndarray:
-        """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as in `labbook.probes.Contacts`."""
+        """Touching contacts: i, j, wall, force on i [N] and branch vector [m], as the probe `Contacts` gives them."""
         self._fresh_lists()
         out = np.zeros((int(self.state.count[S.PAIRS] + self.state.wall_first[-1] * self.layout.WALL_PARTS), 9))
         return out[: self.kernels.contact_rows(self.state, self.params, out)]

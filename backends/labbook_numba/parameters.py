@@ -6,8 +6,8 @@ from labbook_dem import features
 from labbook_dem.guards import finest
 from labbook_dem.rotation import slenderness
 
-from labbook.numerics import Numerics
-from labbook.probes import Probe
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
 from labbook.scene import Scene
 from labbook_numba.state import Params
 

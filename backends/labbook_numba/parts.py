@@ -17,7 +17,7 @@ from types import ModuleType
 import numpy as np
 from labbook_dem.reading import CROSSING_COLUMNS
 
-from labbook.protocol.packing import Packing
+from labbook.scene.packing import Packing
 from labbook_numba import state as S
 from labbook_numba.state import Params, State
 

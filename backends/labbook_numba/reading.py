@@ -6,7 +6,7 @@ import numpy as np
 from labbook_dem.ledger import totals
 from labbook_dem.reading import Grains
 
-from labbook.probes import Probe
+from labbook.backend.probes import Probe
 from labbook_numba import state as S
 from labbook_numba.member import Run
 

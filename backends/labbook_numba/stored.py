@@ -6,7 +6,7 @@ import numpy as np
 from labbook_dem.ensemble import LONGEST
 from labbook_dem.features import is_rod
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook_numba import state as S
 from labbook_numba.state import Layout, State

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 from labbook.backend import Capabilities, Checkpoint, Spec, Survey
-from labbook.numerics import Numerics
-from labbook.probes import Probe
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
 from labbook.scene import Scene
 
 CACHE_VERSION = 4

@@ -8,10 +8,10 @@ from labbook_dem.guards import explain
 from labbook_dem.reading import read
 
 from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Spec, Status
-from labbook.numerics import Numerics
-from labbook.probes import Probe, Table
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe, Table
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 from labbook_warp.kernels.words import NO_FAILURE
 from labbook_warp.reading import Seen
 from labbook_warp.run import Run

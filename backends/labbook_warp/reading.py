@@ -8,7 +8,7 @@ from labbook_dem.ledger import totals
 from labbook_dem.reading import Grains
 from labbook_dem.rotation import spins
 
-from labbook.probes import Probe
+from labbook.backend.probes import Probe
 from labbook_warp import transfer
 from labbook_warp.arrays import fetch
 from labbook_warp.run import Run

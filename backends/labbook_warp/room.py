@@ -7,7 +7,7 @@ from types import ModuleType
 import warp as wp
 
 from labbook.backend import Overflow, Spec
-from labbook.probes import Contacts, Crossing
+from labbook.backend.probes import Contacts, Crossing
 from labbook.scene import Scene
 from labbook_warp import devices
 from labbook_warp.build import SWITCHES, kernels, most_parts

@@ -11,10 +11,9 @@ from labbook_dem.ledger import kinetic, status
 from labbook_dem.rotation import momenta
 
 from labbook.backend import Checkpoint, Status
-from labbook.numerics import Numerics
-from labbook.probes import Probe
-from labbook.protocol import Bodies, Packing
-from labbook.scene import Scene
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
+from labbook.scene import Bodies, Packing, Scene
 from labbook_warp.build import REACH
 from labbook_warp.parameters import cell_size, lattice
 

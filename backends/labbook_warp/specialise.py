@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from labbook_dem import features
 
 from labbook.backend import Capabilities, Spec, Unsupported
-from labbook.numerics import Numerics
-from labbook.probes import Probe
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
 from labbook.scene import Scene
 from labbook_warp.build import most_parts
 

@@ -8,7 +8,7 @@ import warp as wp
 from labbook_dem import features
 
 from labbook.backend import Capabilities, Checkpoint, Spec
-from labbook.protocol.packing import Packing
+from labbook.scene.packing import Packing
 from labbook_warp import room, transfer
 from labbook_warp.arrays import Arrays, fetch
 from labbook_warp.beat import Beat

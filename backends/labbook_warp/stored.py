@@ -7,7 +7,7 @@ from labbook_dem.ensemble import LONGEST, check_checkpoint
 from labbook_dem.features import is_rod
 
 from labbook.backend import Capabilities, Checkpoint, Spec
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook_warp.build import most_parts
 from labbook_warp.codec import Codec

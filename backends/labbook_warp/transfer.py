@@ -8,9 +8,8 @@ from labbook_dem.rotation import momenta, spins
 from labbook_dem.springs import places
 
 from labbook.backend import Checkpoint
-from labbook.protocol import Bodies, Packing
-from labbook.protocol.segments import axes
-from labbook.scene import Scene
+from labbook.scene import Bodies, Packing, Scene
+from labbook.scene.orientation import axes
 from labbook_warp.arrays import Arrays
 from labbook_warp.kernels.words import PARKED
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from labbook.backend import Checkpoint, Status
-from labbook.protocol.packing import Packing
+from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.arrays import fetch
 from labbook_warp.run import Run

@@ -12,13 +12,13 @@ from typing import Any
 
 from labbook import backend
 from labbook.backend import Backend, Failed, Load, Settled, Weighed
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing
 from labbook.bench.scenes import FAN_STEP, cylinder, fan, silo
-from labbook.numerics import Numerics
-from labbook.probes import Crossing
-from labbook.protocol.opening import opened
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 
 SETTLED = 1e-4  # kinetic energy per grain [m g d] of the beds that are opened
 OUTFLOW = 0.1  # s of discharge before it is timed

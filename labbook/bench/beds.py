@@ -1,10 +1,10 @@
 """Beds that have settled."""
 
 from labbook.backend import Backend, Failed, Settled
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
+from labbook.backend.numerics import Numerics
+from labbook.filling.placing import place
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 
 
 def settled(engine: Backend, closed: Scene, numerics: Numerics, below: float) -> Packing:

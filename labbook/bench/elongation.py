@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass
 
 from labbook import backend
 from labbook.backend import Backend
+from labbook.backend.probes import Crossing
 from labbook.bench import batch, rate
 from labbook.bench.batch import CYLINDER_STEP, FILLING_STEP, flowing
 from labbook.bench.scenes import elongated
-from labbook.probes import Crossing
-from labbook.protocol.placing import place
+from labbook.filling.placing import place
 
 ASPECT_RATIOS = (1.0, 2.0, 3.3, 5.0, 10.0)
 RODS, OF_A_GPU, MEMBERS = 1000, 10_000, 64

@@ -14,17 +14,17 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from labbook import backend
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing
 from labbook.bench.beds import settled
 from labbook.bench.rate import TIMED, Rate, timed
 from labbook.bench.rods import RODS, has_rods, rod_rates
 from labbook.bench.savings import Saving, savings
 from labbook.bench.scenes import BOX_STEP, FAN_STEP, box, fan
 from labbook.bench.starting import Starting, starting
-from labbook.numerics import Numerics
-from labbook.probes import Crossing
-from labbook.protocol.opening import opened
-from labbook.protocol.packing import Packing
+from labbook.filling.opening import opened
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 
 SETTLED = 1e-6  # kinetic energy per grain [m g d] of the bed that is timed
 OUTFLOW = 0.2  # s of discharge before the flow is timed

@@ -5,10 +5,10 @@ import time
 from dataclasses import dataclass
 
 from labbook.backend import Backend, Ensemble, Failed, Member
-from labbook.numerics import Numerics
-from labbook.probes import Probe
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 
 TIMED = 12_000_000  # grain-steps of one timing, about
 LONGEST = 1.5  # s of processor time of one timing, about; at least one beat

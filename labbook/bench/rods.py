@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 
 from labbook.backend import Backend
+from labbook.backend.probes import Crossing
 from labbook.bench.batch import CYLINDER_STEP, FILLING_STEP, OUTFLOW, SETTLED
 from labbook.bench.beds import settled
 from labbook.bench.rate import Rate, timed
 from labbook.bench.scenes import cylinder
-from labbook.probes import Crossing
-from labbook.protocol.opening import opened
+from labbook.filling.opening import opened
 
 RODS = 1500  # few enough to settle within half a minute of processor time
 

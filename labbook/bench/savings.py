@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from labbook.backend import Backend
+from labbook.backend.probes import Ledger
 from labbook.bench.scenes import FAN_STEP, variants
-from labbook.probes import Ledger
-from labbook.protocol.packing import Packing
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 
 STILL = FAN_STEP.model_copy(update={"dt": 1e-10})
 """While they are timed, grains move by less than 1e-9 m, and overlaps are some 2e-7 m: contacts remain those of the

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
 from labbook.scene import (
     Box,
     CylinderSilo,
@@ -22,6 +21,7 @@ from labbook.scene import (
     Wall,
     WedgeHopper,
 )
+from labbook.scene.packing import Packing
 
 FAN_STEP = Numerics(dt=2.5e-6)
 BOX_STEP = Numerics(dt=2e-6, steps_per_beat=200)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from labbook import backend
 from labbook.bench.scenes import FAN_STEP, fan
-from labbook.protocol.placing import place
+from labbook.filling.placing import place
 
 
 @dataclass(frozen=True)

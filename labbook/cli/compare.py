@@ -85,29 +85,29 @@ def register(app: typer.Typer) -> None:
 
 
 def _stored(asked, lab: Path, backends: str, precisions: str | None) -> "Verdict":
-    from labbook.catalogue.lab import Lab as Folder
     from labbook.compare.pair import names_of
     from labbook.compare.verdict import Verdict, folder_of, stem
+    from labbook.lab.folder import Lab as Folder
 
     return Verdict.read(folder_of(Folder(lab), asked.name) / f"{stem(*names_of(backends, precisions))}.json")
 
 
 def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points: list[int], seconds: float | None):
     from labbook.backend import BackendMissing, Unsupported
-    from labbook.catalogue import NoCatalogue, Unreadable
-    from labbook.catalogue.lab import DiskFull
-    from labbook.catalogue.lab import Lab as Folder
     from labbook.compare.carry import Stopped
     from labbook.compare.compare import CannotCompare, compare, narrowed
     from labbook.compare.figure import figure
     from labbook.compare.pair import pair
     from labbook.compare.recording import record
     from labbook.compare.verdict import folder_of, stem
+    from labbook.export.recording import ViewerMissing
+    from labbook.lab import NoCatalogue, Unreadable
+    from labbook.lab.folder import DiskFull
+    from labbook.lab.folder import Lab as Folder
     from labbook.measure import MeasureError
-    from labbook.plan.demand import Conflict
-    from labbook.recording import ViewerMissing
     from labbook.report.style import save
-    from labbook.runner.progress import Bar
+    from labbook.run.demand import Conflict
+    from labbook.run.progress import Bar
 
     console = screen(stderr=True, highlight=False, markup=False)
     folder = Folder(lab)
@@ -141,11 +141,11 @@ def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points
 def _tell(verdict: "Verdict", asked, lab: Path, as_json: bool) -> None:
     import json
 
-    from labbook.catalogue.lab import Lab as Folder
     from labbook.cli.tables import print_table
     from labbook.compare import tables
     from labbook.compare.stale import stale
     from labbook.compare.verdict import folder_of
+    from labbook.lab.folder import Lab as Folder
 
     reasons = stale(verdict, asked)
     if as_json:

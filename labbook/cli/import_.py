@@ -22,10 +22,10 @@ def register(app: typer.Typer) -> None:
         Everything is looked at before it is taken; what is damaged or does not belong is named, and left out. Exit
         status 1 if anything was left out.
         """
-        from labbook.catalogue.index import Index
-        from labbook.catalogue.lab import Lab as Folder
-        from labbook.catalogue.lab import room
-        from labbook.catalogue.merge import merge
+        from labbook.lab.folder import Lab as Folder
+        from labbook.lab.folder import room
+        from labbook.lab.index import Index
+        from labbook.lab.merge import merge
 
         if not Folder(folder).runs.is_dir() and not Folder(folder).packings.is_dir():
             fail(f"{folder}: no lab: it has neither runs/ nor packings/")

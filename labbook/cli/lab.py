@@ -12,7 +12,7 @@ from labbook.cli.screen import screen
 
 if TYPE_CHECKING:
     from labbook.backend import Backend
-    from labbook.catalogue import Catalogue
+    from labbook.lab import Catalogue
 
 Device = Annotated[str, typer.Option("--device", help="Device to run on, as the engine names it.")]
 
@@ -29,7 +29,7 @@ def engine_called(name: str) -> "Backend":
 
 def open_catalogue(lab: Path) -> "Catalogue":
     """The catalogue of a lab; if it must be made again first, that is said, and ends the program."""
-    from labbook.catalogue import Catalogue, NoCatalogue
+    from labbook.lab import Catalogue, NoCatalogue
 
     try:
         return Catalogue(lab)
@@ -45,7 +45,7 @@ def saying(what: str) -> Iterator[Callable[[str], None]]:
 
     from rich.console import Console
 
-    from labbook.runner.progress import duration
+    from labbook.run.progress import duration
 
     console, begun = Console(stderr=True, markup=False), time.monotonic()
     if console.is_terminal:

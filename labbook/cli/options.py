@@ -12,7 +12,7 @@ import typer
 from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
-    from labbook.catalogue import Catalogue
+    from labbook.lab import Catalogue
     from labbook.results.study import Results
     from labbook.study import Study
 
@@ -47,9 +47,9 @@ def told(error: Exception) -> str | None:
     """What an error of the storage means to the user and what to do, in a line; None for any other error."""
     if isinstance(error, OSError):
         return _of_files(error) if error.errno not in (None, errno.EPIPE) else None
-    if "labbook.catalogue" not in sys.modules:
+    if "labbook.lab" not in sys.modules:
         return None
-    from labbook.catalogue import Unreadable, Unusable
+    from labbook.lab import Unreadable, Unusable
 
     if isinstance(error, Unreadable):
         return f"{error}; it is made again by labbook run, and labbook reindex lists all that is damaged"
@@ -87,8 +87,8 @@ def read_study(path: Path) -> "Study":
 
 def existing(lab: Path) -> "Catalogue":
     """The catalogue of a lab that is there; if there is none, that is said, and ends the program."""
-    from labbook.catalogue import Catalogue
-    from labbook.catalogue import Lab as Folder
+    from labbook.lab import Catalogue
+    from labbook.lab import Lab as Folder
 
     if not lab.exists():
         fail(f"there is no lab {lab}; give its folder with --lab, or make one: labbook run STUDY --lab {lab}")

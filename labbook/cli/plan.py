@@ -13,8 +13,8 @@ from labbook.cli.screen import say, screen
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from labbook.plan.forecast import Forecast
-    from labbook.plan.plan import Plan
+    from labbook.run.forecast import Forecast
+    from labbook.run.plan import Plan
 
 _ROWS, _LABELS = 30, 3
 """Rows of the table of steps, and points that are named in each."""
@@ -33,16 +33,15 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Show what is done, missing, partial or stale and why, with a forecast of time and disk."""
         from labbook.backend import Unsupported
-        from labbook.catalogue.lab import Lab as Folder
+        from labbook.lab.folder import Lab as Folder
         from labbook.measure import MeasureError
-        from labbook.plan.advice import advice, too_large
-        from labbook.plan.check import check
-        from labbook.plan.demand import Conflict
-        from labbook.plan.forecast import forecast
-        from labbook.plan.plan import Planner
-        from labbook.plan.reach import cut_short
-        from labbook.runner.provenance import cores, memory, provenance
-        from labbook.runner.slots import slots
+        from labbook.run.advice import advice, too_large
+        from labbook.run.demand import Conflict
+        from labbook.run.forecast import forecast
+        from labbook.run.lane import slots
+        from labbook.run.plan import Planner, check
+        from labbook.run.provenance import cores, memory, provenance
+        from labbook.run.reach import cut_short
 
         asked, engine = read_study(study), engine_called(backend)
         catalogue = open_catalogue(lab)
@@ -70,7 +69,7 @@ def register(app: typer.Typer) -> None:
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
     """The plan as plain values."""
-    from labbook.plan.outline import outline
+    from labbook.run.outline import outline
 
     return {
         "study": plan.study.name,
@@ -127,8 +126,8 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.plan.outline import outline
-    from labbook.runner.progress import duration, size
+    from labbook.run.outline import outline
+    from labbook.run.progress import duration, size
 
     console = screen(highlight=False)
     groups: dict[tuple[str, str, str], list[int]] = defaultdict(list)
@@ -180,7 +179,7 @@ def _physics(plan: "Plan") -> "Table":
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.plan.outline import outline
+    from labbook.run.outline import outline
 
     rods = any(point.shared.scene.grains.half_length > 0 for point in plan.points)
     ratio = "D/L" if rods else "D/d"

@@ -13,8 +13,8 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def reindex(lab: Lab = LAB) -> None:
         """Make the catalogue again from run and packing folders, and measure again."""
-        from labbook.catalogue.index import Index
-        from labbook.catalogue.lab import Lab as Folder
+        from labbook.lab.folder import Lab as Folder
+        from labbook.lab.index import Index
 
         if not Folder(lab).exists:
             fail(f"there is no lab {lab}: it has neither runs nor packings; give its folder with --lab")

@@ -12,7 +12,7 @@ from labbook.cli.options import ENGINE, GO_ON, LAB, STOPPED, Lab, RunsOn, StudyF
 from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
-    from labbook.runner.runner import Summary
+    from labbook.run.runner import Summary
 
 Every = Annotated[float, typer.Option("--checkpoint-every", help="Seconds between two checkpoints of a run.", min=0)]
 
@@ -30,14 +30,14 @@ def register(app: typer.Typer) -> None:
         1 if some failed or diverged, 130 if it was stopped.
         """
         from labbook.backend import Unsupported
-        from labbook.catalogue.lab import DiskFull
-        from labbook.catalogue.lab import Lab as Folder
+        from labbook.lab.folder import DiskFull
+        from labbook.lab.folder import Lab as Folder
         from labbook.measure import MeasureError
-        from labbook.plan.demand import Conflict
-        from labbook.plan.plan import Planner
-        from labbook.plan.reach import cut_short
-        from labbook.runner.progress import Bar
-        from labbook.runner.runner import Runner
+        from labbook.run.demand import Conflict
+        from labbook.run.plan import Planner
+        from labbook.run.progress import Bar
+        from labbook.run.reach import cut_short
+        from labbook.run.runner import Runner
 
         asked, engine = read_study(study), engine_called(backend)
         console = screen(highlight=False, markup=False)
@@ -74,8 +74,8 @@ def report(summary: "Summary") -> list[str]:
     """What came of it, line by line."""
     from collections import Counter
 
-    from labbook.plan.plan import counted
-    from labbook.runner.progress import duration
+    from labbook.run.plan import counted
+    from labbook.run.progress import duration
 
     tally = summary.tally
     outcomes = Counter(tally.ran.values())
@@ -119,7 +119,7 @@ def diverged(summary: "Summary") -> dict[str, list[int]]:
 
 def advice(summary: "Summary", study: Path, lab: Path, backend: str) -> list[str]:
     """What to do next, as commands."""
-    from labbook.plan.plan import counted
+    from labbook.run.plan import counted
 
     there = f" --lab {shlex.quote(str(lab))}" if lab != LAB else ""
     given = shlex.quote(str(study)) + there + (f" --backend {backend}" if backend != ENGINE else "")

@@ -23,8 +23,8 @@ def register(app: typer.Typer) -> None:
         """List runs, the latest first, with outcome, how far they went and how fast."""
         from typing import get_args
 
-        from labbook.catalogue.record import Ending
-        from labbook.catalogue.rows import UNREADABLE
+        from labbook.lab.index import UNREADABLE
+        from labbook.lab.records import Ending
 
         catalogue = existing(lab)
         if outcome is not None and outcome not in (known := (*get_args(Ending), UNREADABLE)):

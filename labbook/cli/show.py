@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def show(run: Key, lab: Lab = LAB, as_json: AsJson = False) -> None:
         """Show one run: how it ended, what was measured, and where its numbers come from."""
-        from labbook.catalogue.finished import open_run
+        from labbook.lab.runs import open_run
 
         catalogue = existing(lab)
         found = catalogue.matching(run)
@@ -41,7 +41,7 @@ def _show(record, folder, measured) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.runner.progress import duration
+    from labbook.run.progress import duration
 
     coverage, provenance = record.coverage, record.provenance
     lines = {

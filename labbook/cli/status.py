@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def status(lab: Lab = LAB, as_json: AsJson = False) -> None:
         """Count runs by outcome and packings, and list unfinished work."""
-        from labbook.runner.unfinished import unfinished
+        from labbook.lab.journal import unfinished
 
         catalogue = existing(lab)
         counts, packings = catalogue.counts(), catalogue.packing_count()

@@ -33,10 +33,10 @@ def register(app: typer.Typer) -> None:
         backend: Engine = ENGINE,
     ) -> None:
         """Make recordings of runs that kept their frames, and open them in the rerun viewer."""
-        from labbook.catalogue import NoCatalogue, Unreadable
-        from labbook.recording import NotRecorded, ViewerMissing
-        from labbook.viewer import ViewerFailed, show
-        from labbook.viewer import screenshot as photograph
+        from labbook.export.recording import NotRecorded, ViewerMissing
+        from labbook.export.viewer import ViewerFailed, show
+        from labbook.export.viewer import screenshot as photograph
+        from labbook.lab import NoCatalogue, Unreadable
 
         try:
             recordings = _recordings(target, point, lab, backend)
@@ -53,8 +53,9 @@ def register(app: typer.Typer) -> None:
 
 def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[Path]:
     """Recordings of what is asked for; those that are missing are made."""
-    from labbook.catalogue import Unreadable
-    from labbook.recording import NotRecorded, of_run
+    from labbook.export.recording import NotRecorded, of_run
+    from labbook.lab import Unreadable
+    from labbook.run.coverage import finished, unreadable
 
     catalogue = existing(lab)
     if not Path(target).is_file():
@@ -67,8 +68,8 @@ def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[
     if point is not None and point > len(study.points):
         points = "1 point" if len(study.points) == 1 else f"{len(study.points)} points"
         fail(f"--point {point}: the study has {points}; use 1 to {len(study.points)}")
-    runs = [run for run in catalogue.finished(study, engine) if point is None or run.point.index == point - 1]
-    made, lost = [], catalogue.unreadable(study, engine)
+    runs = [run for run in finished(catalogue, study, engine) if point is None or run.point.index == point - 1]
+    made, lost = [], unreadable(catalogue, study, engine)
     for run in runs:
         try:
             if run.record.coverage.recording is not None:

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, field
 
-from labbook.catalogue.lab import Lab
 from labbook.compare.pair import Contestant, Pair
-from labbook.runner.runner import CHECKPOINT_EVERY, Runner, Summary
-from labbook.runner.watch import Unwatched, Watcher
+from labbook.lab.folder import Lab
+from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
+from labbook.run.watch import Unwatched, Watcher
 from labbook.study import Study
 
 

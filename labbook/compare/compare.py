@@ -3,17 +3,17 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from labbook.catalogue.lab import Lab
 from labbook.compare.carry import Session, carry_out
 from labbook.compare.contrast import ALPHA, OF_RUNS, UNITS, USED, contrast, of_runs, packing_fractions
 from labbook.compare.cost import cost
 from labbook.compare.divergence import divergence
 from labbook.compare.pair import Contestant, Pair
 from labbook.compare.verdict import Contrast, Divergence, Entrant, NoVerdict, PointVerdict, Verdict, folder_of, stem
+from labbook.lab.folder import Lab
 from labbook.measure import MEASURES
-from labbook.plan.demand import Demand, PointDemand
-from labbook.runner.provenance import now
-from labbook.runner.watch import Watcher
+from labbook.run.demand import Demand, PointDemand
+from labbook.run.provenance import now
+from labbook.run.watch import Watcher
 from labbook.study import Point, Study
 from labbook.study.schema import Accuracy
 

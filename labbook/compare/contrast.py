@@ -5,13 +5,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from labbook.catalogue.evaluations import evaluated
-from labbook.catalogue.finished import run_data
-from labbook.catalogue.lab import Lab
-from labbook.catalogue.packings import load_packing
-from labbook.catalogue.parts import Unreadable
-from labbook.catalogue.record import RunRecord
 from labbook.compare.verdict import Contrast, Finding
+from labbook.lab.evaluations import evaluated
+from labbook.lab.folder import Lab
+from labbook.lab.packings import load_packing
+from labbook.lab.records import RunRecord, Unreadable
+from labbook.lab.runs import run_data
 from labbook.measure import MEASURES
 from labbook.measure.measure import MeasureError, Window
 from labbook.measure.packing import PackingStructure

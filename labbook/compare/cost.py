@@ -3,11 +3,10 @@
 from collections.abc import Iterable
 from statistics import median
 
-from labbook.catalogue.lab import Lab
-from labbook.catalogue.parts import Unreadable
-from labbook.catalogue.record import RunRecord
 from labbook.compare.carry import Session
 from labbook.compare.verdict import Cost
+from labbook.lab.folder import Lab
+from labbook.lab.records import RunRecord, Unreadable
 
 
 def cost(lab: Lab, engine: str, runs: Iterable[str], session: Session, before: Cost | None) -> Cost:

@@ -9,15 +9,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.catalogue.lab import Lab
-from labbook.catalogue.packings import load_packing
+from labbook.backend.probes import Sample
 from labbook.compare.lockstep import Frame, side_by_side
 from labbook.compare.pair import Pair
 from labbook.compare.verdict import Divergence
-from labbook.keys import digest
-from labbook.plan.demand import Demand
-from labbook.probes import Sample
-from labbook.protocol import opened
+from labbook.filling import opened
+from labbook.lab.folder import Lab
+from labbook.lab.packings import load_packing
+from labbook.run.demand import Demand
+from labbook.scene.canonical import digest
 
 AGREE = 1e-3
 """Largest difference of a position [d] up to which engines agree."""

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from labbook.backend import Ensemble, Failed, Member
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Sample, Table
 from labbook.compare.pair import Contestant, Pair
-from labbook.numerics import Numerics
-from labbook.probes import Sample, Table
-from labbook.protocol import Packing
-from labbook.scene import Scene
+from labbook.scene import Packing, Scene
 
 
 @dataclass(frozen=True)

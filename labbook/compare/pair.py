@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from labbook.backend import Backend, Capabilities, load
-from labbook.numerics import Numerics, Precision
-from labbook.plan.demand import PackingsOf, PointDemand
-from labbook.probes import Probe
+from labbook.backend.numerics import Numerics, Precision
+from labbook.backend.probes import Probe
+from labbook.run.demand import PackingsOf, PointDemand
 from labbook.study import Point, Study
 
 

@@ -5,14 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from labbook.catalogue.lab import Lab
-from labbook.catalogue.packings import load_packing
+from labbook.backend.probes import film_probe
 from labbook.compare.compare import SEED, demands
 from labbook.compare.lockstep import Frame, side_by_side
 from labbook.compare.pair import Pair
-from labbook.plan.demand import PointDemand, film_probe
-from labbook.protocol import opened
-from labbook.recording import (
+from labbook.export.recording import (
     FRAMES,
     above_bar,
     frames_of,
@@ -23,6 +20,10 @@ from labbook.recording import (
     resting,
     top_speed,
 )
+from labbook.filling import opened
+from labbook.lab.folder import Lab
+from labbook.lab.packings import load_packing
+from labbook.run.demand import PointDemand
 from labbook.study import Point, Study
 
 

@@ -5,10 +5,10 @@ from typing import Literal, Self
 
 from pydantic import ValidationError
 
-from labbook.catalogue.lab import Lab, write_bytes
-from labbook.catalogue.parts import Part
+from labbook.backend.numerics import Precision
 from labbook.compare.pair import called
-from labbook.numerics import Precision
+from labbook.lab.folder import Lab, write_bytes
+from labbook.lab.records import Part
 
 Finding = Literal["equivalent", "different", "undecided", "untested"]
 """`equivalent`: shown to lie within the margin. `different`: its whole interval lies beyond it. `undecided`: neither.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from labbook.catalogue.lab import write_bytes
+from labbook.lab.folder import write_bytes
 from labbook.results.frames import frames
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from labbook.catalogue.lab import write_bytes
 from labbook.fields import Fields, Layer, Ring
+from labbook.lab.folder import write_bytes
 
 _TITLE_LENGTH = 255  # of the format
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from labbook.numerics import Numerics
-from labbook.protocol.bodies import Bodies
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
+from labbook.scene.bodies import Bodies
+from labbook.scene.packing import Packing
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +16,7 @@ class RunData:
     """A discharge as it was observed.
 
     `tables`: rows of the probes by their lower-case names (`crossing`, `sample`, `slab`, `zone`, `contacts`, `ledger`),
-    columns as `labbook.probes` lists them. `duration`: simulated time covered since the opening [s].
+    columns as `labbook.backend.probes` lists them. `duration`: simulated time covered since the opening [s].
     `outcome`: how it ended (finished, precise, emptied, clogged, diverged, time-limit). `recorded`: reads the frames of
     a run that was recorded; None without any.
     """

@@ -2,7 +2,7 @@
 
 import math
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.scene import Scene, Silo, WedgeHopper
 
 FLOW = (0.58, 1.5)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing
 from labbook.measure.series import crossings, flow_series, mean_mass
 from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
-from labbook.numerics import Numerics
-from labbook.probes import Crossing, Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
 

@@ -7,9 +7,9 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
 from labbook.measure.data import RunData
-from labbook.numerics import Numerics
-from labbook.probes import Probe
 from labbook.scene import Scene
 from labbook.stats import Measured
 

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Probe, Zone
 from labbook.fields import Ring, coarse_grain, orifice_means
 from labbook.fields.kernel import CUTOFF
 from labbook.fields.orifice import HEIGHT
@@ -14,8 +16,6 @@ from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed, while_flowing
 from labbook.measure.series import crossings
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
-from labbook.numerics import Numerics
-from labbook.probes import Crossing, Probe, Zone
 from labbook.scene import Scene
 from labbook.stats import Measured
 

@@ -17,14 +17,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Probe, Slab
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed, unpacked
 from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
-from labbook.numerics import Numerics
-from labbook.probes import Crossing, Probe, Slab
-from labbook.protocol.bodies import Bodies
 from labbook.scene import Scene, WedgeHopper
+from labbook.scene.bodies import Bodies
 from labbook.stats import Measured
 
 BINS = 24

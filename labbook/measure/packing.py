@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
 from labbook.measure.clipped import disc_in_rectangle
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.order import hexatic
 from labbook.measure.region import MARGIN, SMALLEST, Bodies, Region, Ring, bulk, extent_of, has_bulk, margin_of
-from labbook.numerics import Numerics
-from labbook.probes import Probe
-from labbook.protocol.packing import Packing
 from labbook.scene import Grains, Scene
+from labbook.scene.packing import Packing
 from labbook.stats import Measured
 
 _CELLS = 4

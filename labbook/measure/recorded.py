@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
 from labbook.fields import Fields, Pattern, coarse_grain, orifice_means, pattern_of
 from labbook.measure.acceleration import acceleration_profile
 from labbook.measure.bed import bed_grid, grains_between, omega_of
@@ -18,8 +20,6 @@ from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity,
 from labbook.measure.orifice import BINS, INTERVAL, UP_TO
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
-from labbook.numerics import Numerics
-from labbook.probes import Probe
 from labbook.scene import Scene, WedgeHopper
 from labbook.stats import Measured
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from labbook.measure.clipped import rod_in_box, rod_in_ring, sphere_in_box, sphere_in_ring
 from labbook.measure.measure import MeasureError
-from labbook.protocol.packing import Packing
 from labbook.scene import Box, ConicalSilo, CylinderSilo, Grains, Scene, WedgeHopper
+from labbook.scene.packing import Packing
 from labbook.scene.walls import Strip
 
 MARGIN = 3.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from labbook.measure.data import RunData
 from labbook.measure.measure import MeasureError
-from labbook.protocol.bodies import masses
+from labbook.scene.bodies import masses
 
 
 def crossings(run: RunData) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Contacts, Crossing, Probe, Sample
 from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
 from labbook.measure.bed import bed_grid, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
@@ -12,8 +14,6 @@ from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
-from labbook.numerics import Numerics
-from labbook.probes import Contacts, Crossing, Probe, Sample
 from labbook.scene import Scene
 from labbook.stats import Measured
 

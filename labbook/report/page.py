@@ -5,8 +5,8 @@ import re
 from pathlib import Path
 
 from labbook import __version__
-from labbook.catalogue.lab import write_bytes
 from labbook.fit import DEFINITIONS
+from labbook.lab.folder import write_bytes
 from labbook.measure.flow import CUT_SHORT
 from labbook.report import figures, tables
 from labbook.report.across import outlet_pictures, ratio_sections

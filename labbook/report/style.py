@@ -7,7 +7,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from labbook.catalogue.lab import write_bytes
+from labbook.lab.folder import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

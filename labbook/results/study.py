@@ -3,15 +3,16 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from labbook.catalogue import Catalogue
-from labbook.catalogue.numbers import numbers
-from labbook.catalogue.record import Observe
+from labbook.lab import Catalogue
+from labbook.lab.numbers import numbers
+from labbook.lab.records import Observe
 from labbook.results.numerical import Numerical, numerical
 from labbook.results.points import Finished, PointResult, RunResult, pooled_point, redundant, swept
 from labbook.results.reference import Comparison, compare
 from labbook.results.rotation import Rotation, rotations
 from labbook.results.series import Series, series_of
 from labbook.results.statements import Judged, judge
+from labbook.run.coverage import finished, unreadable
 from labbook.stats import Measured
 from labbook.study import Point, Study
 
@@ -44,7 +45,7 @@ class Results:
 
 def results_of(
     study: Study,
-    finished: Sequence[Finished],
+    runs: Sequence[Finished],
     measured: Mapping[str, Mapping[str, Measured]],
     problems: Mapping[str, str] | None = None,
     lost: Sequence[str] = (),
@@ -56,7 +57,7 @@ def results_of(
     """
     wrong, unreadable = problems or {}, list(lost)
     by_point: dict[int, list[RunResult]] = {}
-    for run in sorted(finished, key=lambda run: (run.point.index, run.seed)):
+    for run in sorted(runs, key=lambda run: (run.point.index, run.seed)):
         if (why := wrong.get(run.run_key)) is not None:
             unreadable.append(why)
             continue
@@ -81,7 +82,7 @@ def find(
 
     `progress` is told how many runs are done.
     """
-    finished, lost = catalogue.finished(study, backend), catalogue.unreadable(study, backend)
+    runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
     observe = Observe(measure=study.measure, start=study.window.start, end=study.window.end)
-    found = numbers(catalogue, finished, observe, progress)
-    return results_of(study, finished, found.measured, found.problems, lost)
+    found = numbers(catalogue, runs, observe, progress)
+    return results_of(study, runs, found.measured, found.problems, lost)

@@ -1,5 +1,6 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
+from labbook.scene.bodies import Bodies
 from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
 from labbook.scene.container import (
     Box,
@@ -12,12 +13,14 @@ from labbook.scene.container import (
     outlet_shape,
 )
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
+from labbook.scene.packing import Packing
 from labbook.scene.scene import Scene
 from labbook.scene.sizes import Normal, Uniform
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
 __all__ = [
     "Between",
+    "Bodies",
     "Box",
     "ConicalSilo",
     "ContactLaw",
@@ -29,6 +32,7 @@ __all__ = [
     "Kind",
     "LinearSpringDashpot",
     "Normal",
+    "Packing",
     "Plane",
     "Primitives",
     "Scene",

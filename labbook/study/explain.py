@@ -7,8 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from labbook.study.habits import habit
-from labbook.study.key import NEGLIGIBLE, Key
-from labbook.study.keys import find, siblings
+from labbook.study.keys import NEGLIGIBLE, Key, find, siblings
 from labbook.study.problems import instead, meant, shown
 from labbook.study.source import Location, dotted
 

@@ -7,8 +7,7 @@ import re
 import sys
 from pathlib import Path
 
-from labbook.study.key import Key
-from labbook.study.keys import all_keys
+from labbook.study.keys import Key, all_keys
 
 _MARKED = re.compile(r"(<!-- keys ([a-z ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

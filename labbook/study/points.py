@@ -6,17 +6,16 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.scene.grains import Grains, Spheres
 from labbook.scene.scene import Scene
 from labbook.study.explain import Complaint, complaints
-from labbook.study.numerics import resolve
 from labbook.study.problems import Problem, shown
 from labbook.study.schema import SCENE_KEYS, Fill
 from labbook.study.source import Location, Source, dotted
 from labbook.study.study import Point
 from labbook.study.sweep import Assignment
-from labbook.study.timestep import TimeStepError
+from labbook.study.timestep import TimeStepError, numerics_for
 
 MAX_WRONG = 500
 """After this many points that are wrong, the rest are not looked at: they repeat the same mistakes."""
@@ -143,7 +142,7 @@ class PointReader:
         if _validated(Numerics, settings, context, "numerics", found) is None or scene is None:
             return None
         try:
-            return resolve(raw, scene)
+            return numerics_for(raw, scene)
         except TimeStepError as error:
             stated = f"{shown(raw['dt'])}: " if "dt" in raw else ""
             found.append(Complaint(_STEP, f"{stated}{error}", error.remedy, error.clash))

@@ -7,8 +7,7 @@ from typing import Any
 
 from labbook.scene.quantities import parse
 from labbook.study.applicable import Wrong, unit_of
-from labbook.study.key import Key
-from labbook.study.keys import find, nearest
+from labbook.study.keys import Key, find, nearest
 from labbook.study.problems import Problem, instead, shown
 from labbook.study.schema import FEATURES, TURNING, Reference, ReferenceEntry, Settings, Statement
 from labbook.study.source import Location, Source, dotted

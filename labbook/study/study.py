@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.scene.scene import Scene
-from labbook.study.numerics import resolve
 from labbook.study.schema import Accuracy, Fill, Record, Reference, Stop, Window
+from labbook.study.timestep import numerics_for
 
 
 @dataclass(frozen=True)
@@ -58,4 +58,4 @@ class Study:
 
     def numerics(self, scene: Scene) -> Numerics:
         """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
-        return resolve(self.numerics_stated, scene)
+        return numerics_for(self.numerics_stated, scene)

@@ -1,8 +1,11 @@
-"""The time step of a study: stated as a time, stated as a part of a time scale, or chosen."""
+"""The numerics of a study, resolved for a scene: its time step is a time, a part of a time scale, or chosen."""
 
 import math
 import re
+from collections.abc import Mapping
+from typing import Any
 
+from labbook.backend.numerics import Numerics
 from labbook.scene.quantities import parse
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import TIME_SCALES, collision, largest_stable_step
@@ -81,3 +84,15 @@ def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:
         return float(f"{part * TIME_SCALES[name](scene):.6g}")
     except ValueError as error:
         raise TimeStepError(str(error), f"use {DEFAULT[scene.contact.law]}", clash=True) from None
+
+
+def numerics_for(stated: Mapping[str, Any], scene: Scene) -> Numerics:
+    """Numerics with the step that `stated` asks for in `scene`.
+
+    Raises pydantic's ValidationError for any key but `dt`, and TimeStepError for that.
+    """
+    context = {"units": "required", "d": scene.grains.diameter}
+    settings = {key: value for key, value in stated.items() if key != "dt"}
+    numerics = Numerics.model_validate({**settings, "dt": "1 us"}, context=context)
+    dt = resolve(stated.get("dt"), scene, numerics.stiffness_scale)
+    return numerics.model_copy(update={"dt": dt})

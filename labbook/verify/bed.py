@@ -6,11 +6,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from labbook.probes import Contacts, Ledger, Sample
-from labbook.protocol import Bodies
-from labbook.protocol.placing import place
-from labbook.protocol.rest import fastest_points
-from labbook.scene import Box, Primitives, Scene, WedgeHopper
+from labbook.backend.probes import Contacts, Ledger, Sample
+from labbook.filling.bed import fastest_points
+from labbook.filling.placing import place
+from labbook.scene import Bodies, Box, Primitives, Scene, WedgeHopper
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.collision import STUDY_STEP
 from labbook.verify.materials import LAWS, D, G, floor, hertz, scene

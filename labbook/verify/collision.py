@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from labbook.probes import Ledger, Sample
-from labbook.protocol.packing import Packing
+from labbook.backend.probes import Ledger, Sample
 from labbook.scene import LinearSpringDashpot, Scene
+from labbook.scene.packing import Packing
 from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import LAWS, D, room, scene

@@ -10,9 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from labbook.probes import Crossing, Sample
-from labbook.protocol.packing import Packing
+from labbook.backend.probes import Crossing, Sample
 from labbook.scene import CylinderSilo, Scene, Surface, WedgeHopper
+from labbook.scene.packing import Packing
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import D, G, linear, scene, spheres
 from labbook.verify.rolling import lever

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.probes import Contacts, Ledger, Sample
+from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.scene import Primitives, Scene, Surface
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import LAWS, D, G, floor, scene

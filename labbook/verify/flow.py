@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from labbook.probes import Crossing
-from labbook.protocol.opening import opened
-from labbook.protocol.placing import place
+from labbook.backend.probes import Crossing
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
 from labbook.scene import Scene, WedgeHopper
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import D, G, hertz, scene

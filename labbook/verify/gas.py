@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.probes import Contacts, Ledger
-from labbook.protocol.packing import Packing
+from labbook.backend.probes import Contacts, Ledger
 from labbook.scene import HertzMindlin, Scene
+from labbook.scene.packing import Packing
 from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.collision import duration

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from labbook.probes import Ledger
-from labbook.protocol import Bodies, Packing, opened, place
+from labbook.backend.probes import Ledger
+from labbook.filling import opened, place
 from labbook.scene import (
     Between,
+    Bodies,
     HertzMindlin,
     Kind,
+    Packing,
     Primitives,
     Scene,
     Spheres,

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.probes import Contacts, Sample
-from labbook.protocol.segments import axes
+from labbook.backend.probes import Contacts, Sample
 from labbook.scene import Frustum, LinearSpringDashpot, Primitives, Scene, Spheres, SurfaceMotion, Wall
+from labbook.scene.orientation import axes
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import G
 from labbook.verify.rods import HALF, ROD, R, rods, rods_at, towards

@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from labbook.probes import Ledger, Sample
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
-from labbook.protocol.segments import axes
+from labbook.backend.probes import Ledger, Sample
+from labbook.filling.placing import place
 from labbook.scene import (
     CylinderSilo,
     Frustum,
@@ -22,6 +20,8 @@ from labbook.scene import (
     Wall,
 )
 from labbook.scene.container import Container
+from labbook.scene.orientation import axes
+from labbook.scene.packing import Packing
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import G, floor
 from labbook.verify.stand import Stand, Start, require

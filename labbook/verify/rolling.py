@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.probes import Sample
-from labbook.protocol.packing import Packing
+from labbook.backend.probes import Sample
 from labbook.scene import HertzMindlin, Primitives, Scene, Surface
+from labbook.scene.packing import Packing
 from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import LAWS, D, G, floor, scene

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labbook.probes import Sample
+from labbook.backend.probes import Sample
 from labbook.scene import ConicalSilo, CylinderSilo, Frustum, Grains, Primitives, Scene, Spherocylinders, Surface, Wall
 from labbook.verify.bed import at_rest, borne, in_each
 from labbook.verify.case import Case, limited

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from labbook.backend import Backend, Event, Failed, Member, Status, Unsupported
-from labbook.numerics import Numerics
-from labbook.probes import Ledger, Probe, Table
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Ledger, Probe, Table
 from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
+from labbook.scene.packing import Packing
 
 
 class NotMeasured(Exception):

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from labbook.probes import Crossing
-from labbook.protocol.opening import opened
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
+from labbook.backend.probes import Crossing
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
 from labbook.scene import Plane, Primitives, Scene, Strip, SurfaceMotion, Wall, WedgeHopper
+from labbook.scene.packing import Packing
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import D, G, hertz, scene, spheres
 from labbook.verify.stand import Motion, Stand, Start, require

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from labbook.protocol.opening import opened
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene
+from labbook.scene.packing import Packing
 from labbook.verify.case import Case, limited
 from labbook.verify.rods import ROD
 from labbook.verify.stand import Stand, Start, require

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from labbook.probes import Sample
+from labbook.backend.probes import Sample
 from labbook.scene import Frustum, Primitives, SurfaceMotion, Wall
 from labbook.scene.scene import Surface
 from labbook.verify.case import Case, Measure, limited

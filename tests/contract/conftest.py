@@ -10,12 +10,12 @@ import pytest
 from stands import stands, where
 
 from labbook.backend import Checkpoint, Ensemble, Member
-from labbook.numerics import Numerics
-from labbook.probes import Crossing, Ledger, Probe, Table
-from labbook.protocol.opening import opened
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Ledger, Probe, Table
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 from labbook.verify.stand import Stand, rows_of
 from labbook.verify.symmetry import DT, hopper
 

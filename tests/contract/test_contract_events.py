@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from labbook.backend import Emptied, Failed, Settled, Unsupported
-from labbook.probes import Ledger
-from labbook.protocol.packing import Packing
+from labbook.backend.probes import Ledger
 from labbook.scene import Plane, Primitives, SurfaceMotion, Wall
+from labbook.scene.packing import Packing
 from labbook.verify.stand import grains_at, identical
 from labbook.verify.symmetry import DT, hopper
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from stands import second
 
-from labbook.probes import Crossing, Ledger
-from labbook.protocol import Bodies, opened, place
+from labbook.backend.probes import Crossing, Ledger
+from labbook.filling import opened, place
+from labbook.scene import Bodies
 from labbook.verify.bed import DT
 from labbook.verify.mixture import graded_hopper
 from labbook.verify.stand import identical, rows_of

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from labbook.probes import Contacts, Crossing, Ledger, Sample, Slab, Zone
+from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab, Zone
 from labbook.scene import Primitives, Spheres
 from labbook.verify.stand import Start, grains_at, identical, rows_of
 from labbook.verify.symmetry import DT, difference, hopper

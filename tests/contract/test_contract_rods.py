@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from labbook.backend import Unsupported
-from labbook.numerics import Numerics
-from labbook.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Zone, columns
-from labbook.protocol import Packing, opened, place
-from labbook.protocol.segments import axes
-from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Zone, columns
+from labbook.filling import opened, place
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders
+from labbook.scene.orientation import axes
 from labbook.verify.stand import Stand, identical, rows_of
 from labbook.verify.symmetry import hopper
 

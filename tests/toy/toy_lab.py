@@ -9,10 +9,10 @@ from pathlib import Path
 import labbook_toy
 from typer.testing import CliRunner
 
-from labbook.catalogue import Lab
-from labbook.catalogue.lab import EVALUATION
 from labbook.cli import build
-from labbook.runner.runner import Runner, Summary
+from labbook.lab import Lab
+from labbook.lab.folder import EVALUATION
+from labbook.run.runner import Runner, Summary
 from labbook.study import Study, load
 
 ROOT = Path(__file__).parents[2]

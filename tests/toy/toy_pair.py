@@ -4,9 +4,9 @@ from labbook_toy import Backend, Twin
 from toy_lab import study as toy_study
 from toy_lab import study_file as toy_study_file
 
-from labbook.catalogue import Lab, RunRecord
 from labbook.compare.compare import compare
 from labbook.compare.pair import Contestant
+from labbook.lab import Lab, RunRecord
 
 GRAINS = 400  # enough for a bulk to measure the packing fraction in
 

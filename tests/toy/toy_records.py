@@ -1,6 +1,6 @@
 """What a toy study left in its lab."""
 
-from labbook.catalogue import RunRecord
+from labbook.lab import RunRecord
 
 
 def records(lab) -> dict[tuple[str, int], RunRecord]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from labbook.catalogue import Unreadable
+from labbook.lab import Unreadable
 from labbook.measure import MEASURES
 from labbook.results.points import Finished
 from labbook.results.study import Results, results_of

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from labbook.catalogue.evaluations import evaluate
+from labbook.backend.numerics import Numerics
+from labbook.lab.evaluations import evaluate
 from labbook.measure import RunData
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
+from labbook.scene.packing import Packing
 from labbook.study.schema import Fill, Statement
 from labbook.study.study import Point
 

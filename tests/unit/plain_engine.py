@@ -11,9 +11,9 @@ from labbook_dem.describe import LAWS
 from labbook_dem.walls import plane, strip
 from labbook_dem.words import cross, dot, sqrt, vec3
 
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
+from labbook.scene.packing import Packing
 
 
 def touching_walls(scene: Scene, w: int, x: vec3):

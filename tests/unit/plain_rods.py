@@ -13,10 +13,10 @@ from labbook_dem.laws import hertz_mindlin
 from labbook_dem.walls import frustum, plane, strip
 from labbook_dem.words import vec3
 
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
-from labbook.protocol.segments import axes
+from labbook.backend.numerics import Numerics
 from labbook.scene import HertzMindlin, Scene
+from labbook.scene.orientation import axes
+from labbook.scene.packing import Packing
 
 NONE = vec3(0.0, 0.0, 0.0)
 predict: Any = motion.predict  # written for one component, and as good for arrays of them

@@ -1,6 +1,6 @@
 """Rods in a silo whose bottom turns, and in a trough: scenes for tests of an engine, and one member that it steps."""
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Primitives, Scene, Spherocylinders, Strip, Wall
 
 D, DENSITY = 6e-3, 620.0

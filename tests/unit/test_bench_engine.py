@@ -3,11 +3,11 @@
 import pytest
 
 from labbook.backend import load
+from labbook.backend.probes import Contacts
 from labbook.bench import engine, savings
 from labbook.bench.beds import settled
 from labbook.bench.savings import STILL, bed_of
 from labbook.bench.scenes import FAN_STEP, fan, variants
-from labbook.probes import Contacts
 
 pytestmark = pytest.mark.compiles
 

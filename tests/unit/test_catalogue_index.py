@@ -10,13 +10,14 @@ from sqlalchemy import event, text
 from toy_lab import carry_out, study, study_file
 from typer.testing import CliRunner
 
-from labbook.catalogue import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
-from labbook.catalogue.connect import connect
-from labbook.catalogue.index import Index
-from labbook.catalogue.merge import Merged, merge
-from labbook.catalogue.schema import SCHEMA_VERSION, metadata, runs
 from labbook.cli import build
+from labbook.lab import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
+from labbook.lab.connect import connect
+from labbook.lab.index import Index
+from labbook.lab.merge import Merged, merge
+from labbook.lab.schema import SCHEMA_VERSION, metadata, runs
 from labbook.measure import MEASURES
+from labbook.run.coverage import finished
 
 EVERYTHING = ("runs", "packings", "measurements")
 
@@ -262,9 +263,9 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
 def test_versions_of_the_engine_do_not_mix(tmp_path):
     asked = study(tmp_path, replicates=1)
     carry_out(asked, tmp_path / "lab", engine=Backend(version=1))
-    old = {run.run_key for run in Catalogue(tmp_path / "lab").finished(asked, "toy")}
+    old = {run.run_key for run in finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     carry_out(asked, tmp_path / "lab", engine=Backend(version=2))
-    new = {run.run_key for run in Catalogue(tmp_path / "lab").finished(asked, "toy")}
+    new = {run.run_key for run in finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     assert len(old) == len(new) == 2
     assert not old & new
 
@@ -276,10 +277,10 @@ def test_replicates_of_an_older_version_are_not_pooled_with_newer_ones(tmp_path)
     capped = study(tmp_path, replicates=2, orifices="[24]")
     carry_out(capped, lab, engine=Backend(version=2))
     newer = set(Catalogue(lab).runs()[lambda runs: runs.cache_version == 2].run_key)
-    found = Catalogue(lab).finished(fewer, "toy")
+    found = finished(Catalogue(lab), fewer, "toy")
     assert [run.seed for run in found] == [1, 2], "seeds 3 and 4 were run by version 1 only"
     assert {run.run_key for run in found} == newer
-    both = Catalogue(lab).finished(study(tmp_path, replicates=4), "toy")
+    both = finished(Catalogue(lab), study(tmp_path, replicates=4), "toy")
     assert [(run.point.index, run.seed) for run in both] == [(0, 1), (0, 2), (0, 3), (0, 4), (1, 1), (1, 2)]
     assert all(run.record.cache_version == (1 if run.point.index == 0 else 2) for run in both)
 

@@ -8,12 +8,12 @@ from labbook_toy import Ensemble, Twin
 from toy_lab import carry_out
 from toy_pair import compared, contestants, study
 
-from labbook.catalogue import Lab
+from labbook.backend.probes import Sample
 from labbook.compare.compare import demands
 from labbook.compare.divergence import AGREE, divergence
 from labbook.compare.lockstep import side_by_side
-from labbook.probes import Sample
-from labbook.protocol.placing import place
+from labbook.filling.placing import place
+from labbook.lab import Lab
 
 # drifting apart
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from labbook.backend import BackendMissing, Unsupported
-from labbook.catalogue import Lab
 from labbook.compare.compare import compare
 from labbook.compare.pair import pair
+from labbook.lab import Lab
 from labbook.study import load
 
 pytestmark = pytest.mark.compiles

@@ -7,12 +7,13 @@ from labbook_toy import Backend, Twin
 from toy_lab import carry_out
 from toy_pair import compared, records, stamps, stamps_of_packings, study
 
-from labbook.catalogue import Catalogue, Lab
 from labbook.compare.compare import compare, narrowed
 from labbook.compare.pair import Contestant
 from labbook.compare.verdict import Verdict, folder_of
-from labbook.plan.demand import PackingsOf
-from labbook.runner.runner import Runner
+from labbook.lab import Catalogue, Lab
+from labbook.run.coverage import finished
+from labbook.run.demand import PackingsOf
+from labbook.run.runner import Runner
 
 # shared packings
 
@@ -55,8 +56,8 @@ def test_packings_can_be_made_alone(tmp_path):
 def test_runs_from_foreign_packings_stay_out_of_a_studys_own(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     compared(asked, lab)
-    assert len(Catalogue(lab).finished(asked, "toy")) == 4
-    assert Catalogue(lab).finished(asked, "twin") == []
+    assert len(finished(Catalogue(lab), asked, "toy")) == 4
+    assert finished(Catalogue(lab), asked, "twin") == []
 
 
 class Mixed(Twin):

@@ -8,12 +8,12 @@ import pytest
 from labbook_toy import Backend, Twin
 from toy_lab import carry_out, study
 
-from labbook.catalogue import Lab
 from labbook.compare.figure import figure
 from labbook.compare.pair import Contestant
 from labbook.compare.recording import record
 from labbook.compare.tables import contrast_table, cost_table, divergence_table, summary
 from labbook.compare.verdict import Contrast, Cost, Divergence, Entrant, PointVerdict, Verdict
+from labbook.lab import Lab
 from labbook.report.style import encode
 
 

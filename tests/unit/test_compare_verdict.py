@@ -5,11 +5,11 @@ from labbook_toy import Backend, Twin
 from toy_pair import compared, study
 
 from labbook.backend import Unsupported
-from labbook.catalogue import Lab
 from labbook.compare.compare import CannotCompare, compare, narrowed
 from labbook.compare.pair import Contestant, WrongPair, pair
 from labbook.compare.stale import stale
 from labbook.compare.verdict import NoVerdict, Verdict, folder_of
+from labbook.lab import Lab
 from labbook.measure import MEASURES
 
 BIAS = 0.07

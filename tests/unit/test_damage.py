@@ -15,8 +15,8 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import arrays, carry_out, labbook, study, study_file
 
-from labbook.catalogue import Catalogue
-from labbook.catalogue.tables import read_table
+from labbook.lab import Catalogue
+from labbook.lab.tables import read_table
 
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
 RECORDED = "record: {every: 2 ms, replicates: 2}"

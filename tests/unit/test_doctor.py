@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from labbook import backend, doctor
+from labbook.backend.numerics import Numerics
 from labbook.cli import build
-from labbook.numerics import Numerics
 from labbook.verify.symmetry import hopper
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from labbook.backend import Settled, load
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Contacts, Sample
 from labbook.fields import Layer, coarse_grain, contacts_of, grains_of
-from labbook.numerics import Numerics
-from labbook.probes import Contacts, Sample
-from labbook.protocol.placing import place
+from labbook.filling.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 
 pytestmark = pytest.mark.compiles

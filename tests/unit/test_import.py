@@ -12,8 +12,9 @@ import pytest
 from labbook_toy import Backend
 from toy_lab import arrays, carry_out, labbook, study
 
-from labbook.catalogue import Catalogue, Lab
-from labbook.catalogue.tables import read_table
+from labbook.lab import Catalogue, Lab
+from labbook.lab.folder import EVALUATION
+from labbook.lab.tables import read_table
 
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
 
@@ -29,7 +30,7 @@ def made(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def labs(made, tmp_path, monkeypatch) -> tuple[Path, Path]:
-    monkeypatch.setattr("labbook.catalogue.merge.load", lambda name: Backend())
+    monkeypatch.setattr("labbook.lab.merge.load", lambda name: Backend())
     for name in ("ours", "theirs"):
         shutil.copytree(made / name, tmp_path / name)
     return tmp_path / "ours", tmp_path / "theirs"
@@ -166,7 +167,8 @@ def test_what_other_programs_put_there_is_not_copied(labs):
     (theirs / "runs" / "notes.txt").write_text("mine")
     (victim / "notes.txt").write_text("mine")
     assert labbook("import", theirs, "--lab", ours).output.strip() == "2 runs and packings imported"
-    assert {path.name for path in (ours / "runs" / victim.name).iterdir()} == {
+    taken = {path.name for path in (ours / "runs" / victim.name).iterdir()}
+    assert {name for name in taken if not name.startswith(EVALUATION)} == {
         "run.json",
         "crossing.npz",
         "checkpoint.npz",
@@ -243,7 +245,7 @@ def test_a_full_disk_ends_an_import_in_one_line(labs, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("labbook.catalogue.merge.shutil.copyfileobj", full)
+    monkeypatch.setattr("labbook.lab.merge.shutil.copyfileobj", full)
     ended = labbook("import", theirs, "--lab", ours, check=False)
     assert ended.exit_code == 1
     assert "no room is left" in ended.output

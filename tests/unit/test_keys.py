@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labbook import keys
 from labbook.backend import Capabilities
-from labbook.keys import Filling
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
+from labbook.lab import identity
+from labbook.lab.identity import Filling
 from labbook.scene import HertzMindlin, Primitives, Scene, Spheres, Surface, WedgeHopper
+from labbook.scene.canonical import canonical, digest
 
 
 def scene(**changes) -> Scene:
@@ -28,11 +29,11 @@ def engine(name="numba", version=1) -> Capabilities:
     return Capabilities(name, version, none, none, none, none, ("cpu",))
 
 
-def identities(scene_=None, engine_=None, filling=None, numerics=None) -> keys.Keys:
+def identities(scene_=None, engine_=None, filling=None, numerics=None) -> identity.Keys:
     one = scene_ or scene()
-    return keys.run_keys(
-        keys.scene_key(one),
-        keys.scene_key(one.close()),
+    return identity.run_keys(
+        identity.scene_key(one),
+        identity.scene_key(one.close()),
         filling or Filling("rain", 1, 1e-6, 1),
         numerics or Numerics(dt=2.5e-6),
         engine_ or engine(),
@@ -53,30 +54,30 @@ def test_the_order_in_which_keys_were_written_does_not_matter(value):
             return {key: turned(item[key]) for key in reversed(list(item))}
         return [turned(one) for one in item] if isinstance(item, list) else item
 
-    assert keys.digest(value) == keys.digest(turned(value))
+    assert digest(value) == digest(turned(value))
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.floats(allow_nan=False, allow_infinity=False))
 def test_numbers_count_to_the_last_digit_and_minus_zero_is_zero(a, b):
-    assert (keys.digest({"x": a}) == keys.digest({"x": b})) == (a == b)
+    assert (digest({"x": a}) == digest({"x": b})) == (a == b)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_has_no_key(bad):
     with pytest.raises(ValueError, match="JSON"):
-        keys.digest({"x": [bad]})
+        digest({"x": [bad]})
 
 
 def test_canonical_form_is_frozen():
-    assert keys.canonical({"b": [1.0, -0.0], "a": {"é": None}}) == '{"a":{"\\u00e9":null},"b":[1.0,0.0]}'
-    assert keys.digest({"b": 1}) == "eb8ed3ccb5023093b56f490a"  # printf '{"b":1}' | sha256sum
+    assert canonical({"b": [1.0, -0.0], "a": {"é": None}}) == '{"a":{"\\u00e9":null},"b":[1.0,0.0]}'
+    assert digest({"b": 1}) == "eb8ed3ccb5023093b56f490a"  # printf '{"b":1}' | sha256sum
 
 
 def test_a_scene_is_known_by_its_walls_not_by_how_it_is_spelled():
     hopper = scene()
     explicit = scene(walls={"left": Surface(friction=0.5)})
     parts = Primitives(parts=hopper.container.walls(), outlet_plane=0.0)
-    assert keys.scene_key(hopper) == keys.scene_key(explicit) == keys.scene_key(scene(container=parts))
+    assert identity.scene_key(hopper) == identity.scene_key(explicit) == identity.scene_key(scene(container=parts))
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,7 @@ def test_a_scene_is_known_by_its_walls_not_by_how_it_is_spelled():
     ],
 )
 def test_what_changes_the_motion_changes_the_key(other):
-    assert keys.scene_key(other) != keys.scene_key(scene())
+    assert identity.scene_key(other) != identity.scene_key(scene())
 
 
 def test_flat_bottoms_share_packings_and_inclined_ones_do_not():
@@ -140,22 +141,26 @@ def test_the_filling_decides_the_packing(change):
 
 def test_a_filling_in_which_no_grain_may_move_keeps_the_key_it_had_before_there_was_a_choice():
     filling = {"kind": "rain", "seed": 1, "settled_below": 1e-6, "placing": 1}
-    numerics, closed = Numerics(dt=2.5e-6), keys.scene_key(scene().close())
-    without = {"scene": closed, "filling": filling, "numerics": keys.numerics_identity(numerics), "maker": "numba"}
-    expected = keys.digest({**without, "cache_version": engine().cache_version})
+    numerics, closed = Numerics(dt=2.5e-6), identity.scene_key(scene().close())
+    without = {"scene": closed, "filling": filling, "numerics": identity.numerics_identity(numerics), "maker": "numba"}
+    expected = digest({**without, "cache_version": engine().cache_version})
     made = Filling(**filling, moving=0.0)
-    assert keys.packing_key(closed, made, numerics, engine().name, engine().cache_version) == expected
+    assert identity.packing_key(closed, made, numerics, engine().name, engine().cache_version) == expected
 
 
 def test_a_packings_maker_decides_the_experiment_and_not_who_goes_on_from_it():
     numba, warp = engine(), engine("warp")
     one = scene()
-    given = (keys.scene_key(one), keys.scene_key(one.close()), Filling("rain", 1, 1e-6, 1), Numerics(dt=2.5e-6))
-    maker = keys.Maker(numba, given[-1])
-    own, guest, alone = keys.run_keys(*given, numba), keys.run_keys(*given, warp, maker), keys.run_keys(*given, warp)
-    assert keys.run_keys(*given, numba, maker) == own
+    given = (identity.scene_key(one), identity.scene_key(one.close()), Filling("rain", 1, 1e-6, 1), Numerics(dt=2.5e-6))
+    maker = identity.Maker(numba, given[-1])
+    own, guest, alone = (
+        identity.run_keys(*given, numba),
+        identity.run_keys(*given, warp, maker),
+        identity.run_keys(*given, warp),
+    )
+    assert identity.run_keys(*given, numba, maker) == own
     assert (guest.packing, guest.experiment) == (own.packing, own.experiment)
     assert alone.experiment != own.experiment
     assert len({own.run, guest.run, alone.run}) == 3
     assert len({own.lineage, guest.lineage, alone.lineage}) == 3
-    assert keys.lineage_key(*given, "warp", maker) == guest.lineage
+    assert identity.lineage_key(*given, "warp", maker) == guest.lineage

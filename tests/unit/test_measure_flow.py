@@ -3,13 +3,13 @@ import math
 import numpy as np
 import pytest
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.series import discharged, flow_series, smooth_flow
 from labbook.measure.steady import steady_flow
-from labbook.numerics import Numerics
-from labbook.probes import Crossing
-from labbook.protocol.packing import Packing
 from labbook.scene import Box, HertzMindlin, Scene, Spheres, WedgeHopper
+from labbook.scene.packing import Packing
 
 D = 3e-3
 SCENE = Scene(

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Contacts, Crossing, Sample, Zone
 from labbook.fields import orifice_mean
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.stress import contact_pressure, stress_fields
-from labbook.numerics import Numerics
-from labbook.probes import Contacts, Crossing, Sample, Zone
-from labbook.protocol.packing import Packing
 from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
+from labbook.scene.packing import Packing
 from labbook.study.schema import Window
 
 D, SPEED, G = 0.06, 0.3, 9.8

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Slab
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.outlet import BINS, outlet_profile
-from labbook.numerics import Numerics
-from labbook.probes import Crossing, Slab
-from labbook.protocol.packing import Packing
 from labbook.scene import Box, HertzMindlin, Scene, Spheres, WedgeHopper
+from labbook.scene.packing import Packing
 
 D, ORIFICE, G = 3e-3, 0.03, 9.81
 R, RADIUS = ORIFICE / 2, D / 2

@@ -3,12 +3,11 @@ import math
 import numpy as np
 import pytest
 
+from labbook.backend.numerics import Numerics
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.order import hexatic
 from labbook.measure.packing import area_fraction, packing_fraction
 from labbook.measure.region import Region, Ring, bulk
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
 from labbook.scene import (
     Box,
     ConicalSilo,
@@ -20,6 +19,7 @@ from labbook.scene import (
     Spherocylinders,
     WedgeHopper,
 )
+from labbook.scene.packing import Packing
 
 D = 3e-3
 LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)

@@ -17,9 +17,9 @@ ROOT = Path(__file__).parents[2]
 COLLISION = """
 import json, sys
 import numpy as np
-from labbook.probes import Ledger
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
+from labbook.backend.probes import Ledger
+from labbook.backend.numerics import Numerics
+from labbook.scene.packing import Packing
 from labbook.scene import HertzMindlin, Primitives, Scene, Spheres
 from labbook_numba import Backend, build
 

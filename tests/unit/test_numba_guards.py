@@ -7,8 +7,8 @@ import pytest
 from labbook_numba.state import W
 
 from labbook.backend import Checkpoint, Failed, load
-from labbook.numerics import Numerics
-from labbook.probes import Crossing, Ledger
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Ledger
 from labbook.scene import Scene, Spheres
 from labbook.verify.stand import grains_at
 from labbook.verify.symmetry import hopper

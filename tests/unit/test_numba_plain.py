@@ -12,8 +12,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from plain_engine import Plain
 
 from labbook.backend import load
-from labbook.numerics import Numerics
-from labbook.protocol.placing import place
+from labbook.backend.numerics import Numerics
+from labbook.filling.placing import place
 from labbook.verify.case import ROUNDING
 from labbook.verify.materials import LAWS, D
 from labbook.verify.symmetry import DT, hopper

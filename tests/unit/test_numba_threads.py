@@ -12,10 +12,10 @@ pytest.importorskip("numba")
 from labbook_numba import Backend, parts
 
 from labbook.backend import Failed
-from labbook.numerics import Numerics
-from labbook.probes import Contacts, Crossing, Sample
-from labbook.protocol.opening import opened
-from labbook.protocol.placing import place
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Contacts, Crossing, Sample
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
 from labbook.scene import Scene
 from labbook.verify.stand import identical
 from labbook.verify.symmetry import DT, hopper

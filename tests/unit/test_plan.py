@@ -9,14 +9,14 @@ from toy_lab import carry_out, start, study, study_file
 from typer.testing import CliRunner
 
 from labbook.backend import Unsupported
-from labbook.catalogue import Catalogue
-from labbook.catalogue.record import Coverage, StopRule
 from labbook.cli import build
-from labbook.plan.coverage import shortfall
-from labbook.plan.demand import demands
-from labbook.plan.forecast import DEFAULT_SPEED, discharge_time, forecast
-from labbook.plan.plan import Planner
-from labbook.runner.provenance import provenance
+from labbook.lab import Catalogue
+from labbook.lab.records import Coverage, StopRule
+from labbook.run.coverage import finished, shortfall
+from labbook.run.demand import demands
+from labbook.run.forecast import DEFAULT_SPEED, discharge_time, forecast
+from labbook.run.plan import Planner
+from labbook.run.provenance import provenance
 
 ENGINE = Backend().capabilities
 STOP = StopRule(discharged=0.6, max_time=10.0, stall=1.0)
@@ -134,7 +134,7 @@ def test_the_forecast_of_a_discharge_is_of_the_right_size(tmp_path):
     """The toy's flow follows the same law with nearly the same constants, so the times must be close."""
     asked, lab = study(tmp_path, replicates=1), tmp_path / "lab"
     carry_out(asked, lab)
-    for run in Catalogue(lab).finished(asked, "toy"):
+    for run in finished(Catalogue(lab), asked, "toy"):
         demand = next(one for one in demands(asked, 1) if one.point.index == run.point.index)
         assert discharge_time(demand.shared) == pytest.approx(run.record.coverage.duration, rel=0.25)
 

@@ -10,14 +10,14 @@ import pytest
 from toy_lab import STUDY, labbook, study_file
 
 from labbook.backend import Device, Survey, Unsupported
-from labbook.catalogue import Catalogue
-from labbook.plan import check, forecast, rates
-from labbook.plan.advice import SOFT, advice, softer, too_large
-from labbook.plan.demand import PointDemand
-from labbook.plan.outline import bed_height_ahead, outline
-from labbook.plan.plan import Planner
-from labbook.plan.rates import DEFAULT_SPEED, MEASURED, rate_of
-from labbook.plan.reach import PACKED
+from labbook.lab import Catalogue
+from labbook.run import forecast
+from labbook.run.advice import SOFT, advice, softer, too_large
+from labbook.run.demand import PointDemand
+from labbook.run.forecast import DEFAULT_SPEED, MEASURED, rate_of
+from labbook.run.outline import bed_height_ahead, outline
+from labbook.run.plan import Planner, check
+from labbook.run.reach import PACKED
 from labbook.scene import (
     Box,
     ConicalSilo,
@@ -111,7 +111,7 @@ def test_a_recorded_replicate_goes_on_beside_others_of_its_kind_only(tmp_path):
 
 
 def test_compiling_counts_once_for_every_set_of_features(tmp_path, monkeypatch):
-    monkeypatch.setattr(rates, "wide_vectors", lambda: True)
+    monkeypatch.setattr(forecast, "wide_vectors", lambda: True)
     made, lab, engine = planned(tmp_path, "numba")
     ahead = forecast.forecast(made, lab, "none", "cpu", 2, engine)
     filling_and_discharge = 2
@@ -325,9 +325,9 @@ def test_a_device_that_is_not_there_is_said_by_plan(tmp_path):
     made, _, _ = planned(tmp_path)
     engine = engine_of("toy", survey=lambda self: Survey({}, (Device("cpu", "a processor"),)))
     engine.capabilities = type(engine.capabilities)(**{**vars(engine.capabilities), "devices": ("cpu", "cuda:0")})
-    check.check(engine, "cpu", made.points)
+    check(engine, "cpu", made.points)
     with pytest.raises(Unsupported, match="there is no device cuda:0 here; there is cpu"):
-        check.check(engine, "cuda:0", made.points)
+        check(engine, "cuda:0", made.points)
 
 
 def test_an_engine_that_cannot_be_imported_is_told_by_plan(tmp_path, monkeypatch):

@@ -8,13 +8,14 @@ from labbook_toy import Backend
 from toy_lab import carry_out, labbook, study, study_file
 from toy_results import analyse
 
-from labbook.catalogue import Catalogue, Lab
-from labbook.catalogue.packings import load_packing
-from labbook.plan.demand import PointDemand
-from labbook.plan.forecast import discharge_time
-from labbook.plan.plan import Planner
-from labbook.plan.reach import PACKED, cut_short, height_ahead, reach
+from labbook.lab import Catalogue, Lab
+from labbook.lab.packings import load_packing
 from labbook.report.page import summary
+from labbook.run.coverage import finished
+from labbook.run.demand import PointDemand
+from labbook.run.forecast import discharge_time
+from labbook.run.plan import Planner
+from labbook.run.reach import PACKED, cut_short, height_ahead, reach
 from labbook.study import load
 
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -74,12 +75,12 @@ def test_plan_run_and_report_say_so(tmp_path):
     assert where in labbook("plan", path, "--lab", lab, "--backend", "toy").output
     assert where in labbook("run", path, "--lab", lab, "--backend", "toy").output
     asked = load(path)
-    found = analyse(asked, Catalogue(lab).finished(asked, "toy"))
+    found = analyse(asked, finished(Catalogue(lab), asked, "toy"))
     assert [point.remark for point in found.points] == ["stopped within the window"] * 2
     (sentence,) = (text for text in summary(found) if "stop.fill_height" in text)
     assert "D = 18 mm; D = 24 mm" in sentence
     assert sentence.endswith("lower one of them in toy.yaml.")
     whole = study(tmp_path, replicates=1)
     carry_out(whole, tmp_path / "whole")
-    found = analyse(whole, Catalogue(tmp_path / "whole").finished(whole, "toy"))
+    found = analyse(whole, finished(Catalogue(tmp_path / "whole"), whole, "toy"))
     assert not any("stop.fill_height" in text for text in summary(found))

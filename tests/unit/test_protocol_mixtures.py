@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, truncnorm
 
+from labbook.backend.numerics import Numerics
+from labbook.filling import place
+from labbook.filling.placing import assort, whole_numbers
 from labbook.measure import RunData
 from labbook.measure.flow import FlowRate
 from labbook.measure.packing import packing_fraction
 from labbook.measure.region import Region
-from labbook.numerics import Numerics
-from labbook.protocol import Bodies, Packing, place
-from labbook.protocol.assortment import assort, whole_numbers
-from labbook.scene import HertzMindlin, Kind, Normal, Scene, Spheres, Uniform, WedgeHopper
+from labbook.scene import Bodies, HertzMindlin, Kind, Normal, Packing, Scene, Spheres, Uniform, WedgeHopper
 from labbook.scene.timescales import collision, rayleigh
 from labbook.study import Window
 

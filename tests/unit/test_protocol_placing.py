@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial import KDTree
 from scipy.stats import kstest
 
-from labbook.protocol import Packing, PlacingError, opened, place
-from labbook.scene import Box, HertzMindlin, Primitives, Scene, Spheres, WedgeHopper
+from labbook.filling import PlacingError, opened, place
+from labbook.scene import Box, HertzMindlin, Packing, Primitives, Scene, Spheres, WedgeHopper
 
 D = 3e-3
 

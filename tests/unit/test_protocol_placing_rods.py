@@ -7,9 +7,18 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.spatial import KDTree
 
-from labbook.protocol import Packing, PlacingError, opened, place
-from labbook.protocol.segments import axes, distances, random_turns
-from labbook.scene import ConicalSilo, CylinderSilo, LinearSpringDashpot, Primitives, Scene, Spheres, Spherocylinders
+from labbook.filling import PlacingError, opened, place
+from labbook.scene import (
+    ConicalSilo,
+    CylinderSilo,
+    LinearSpringDashpot,
+    Packing,
+    Primitives,
+    Scene,
+    Spheres,
+    Spherocylinders,
+)
+from labbook.scene.orientation import axes, distances, random_turns
 
 D, LENGTH = 6e-3, 20e-3
 HALF = (LENGTH - D) / 2

@@ -13,11 +13,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from plain_rods import PlainRods
 from rods_in_silo import ROUNDING, D, advanced, numerics, silo, trough
 
-from labbook.probes import Contacts, Ledger, Sample
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
-from labbook.protocol.segments import axes, distances
+from labbook.backend.probes import Contacts, Ledger, Sample
+from labbook.filling.placing import place
 from labbook.scene import Frustum, HertzMindlin, Plane, Primitives, Scene, Strip, SurfaceMotion, Wall
+from labbook.scene.orientation import axes, distances
+from labbook.scene.packing import Packing
 from labbook.verify.stand import Stand
 
 pytestmark = pytest.mark.compiles

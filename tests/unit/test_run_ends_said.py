@@ -9,7 +9,7 @@ from toy_lab import carry_out, labbook, study, study_file
 from toy_records import records
 
 from labbook.backend import BackendMissing, Failed, load
-from labbook.catalogue import RunRecord
+from labbook.lab import RunRecord
 
 ENGINE = ("--backend", "toy")
 

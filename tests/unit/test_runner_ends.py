@@ -14,12 +14,13 @@ from toy_records import outcomes, records
 from toy_results import analyse
 
 from labbook.backend import Overflow
-from labbook.catalogue import Catalogue, Lab
-from labbook.catalogue.lab import DiskFull
-from labbook.catalogue.packings import load_packing
-from labbook.catalogue.tables import read_checkpoint
 from labbook.cli.run import report
-from labbook.plan.plan import Planner
+from labbook.lab import Catalogue, Lab
+from labbook.lab.folder import DiskFull
+from labbook.lab.packings import load_packing
+from labbook.lab.tables import read_checkpoint
+from labbook.run.coverage import finished
+from labbook.run.plan import Planner
 from labbook.study import load
 
 
@@ -153,7 +154,7 @@ def test_points_that_share_a_run_are_all_done_when_it_is(tmp_path):
     assert outcomes(summary) == ["finished"] * 2
     assert [[item.state for item in point.items] for point in summary.points] == [["done"] * 2] * 2
     assert report(summary)[0].startswith("2 of 2 runs done"), "a shared run counts once"
-    assert [(run.point.index, run.seed) for run in Catalogue(lab).finished(asked, "toy")] == [
+    assert [(run.point.index, run.seed) for run in finished(Catalogue(lab), asked, "toy")] == [
         (0, 1),
         (0, 2),
         (1, 1),
@@ -169,7 +170,7 @@ def test_a_shared_run_that_diverged_is_not_handed_to_and_fro(tmp_path):
 def test_a_run_that_no_grain_left_has_seen_none_and_says_so(tmp_path):
     asked, lab = study(tmp_path, "stop: {max_time: 4 ms}", orifices="[12]", replicates=1), tmp_path / "lab"
     carry_out(asked, lab)
-    (run,) = Catalogue(lab).finished(asked, "toy")
+    (run,) = finished(Catalogue(lab), asked, "toy")
     assert run.record.coverage.crossed == 0
     assert len(run.data().tables["crossing"]["time"]) == 0
     (point,) = analyse(asked, [run]).points
@@ -178,7 +179,7 @@ def test_a_run_that_no_grain_left_has_seen_none_and_says_so(tmp_path):
     assert "too few grains: 0 of 200 left" in rate.note
     longer = study(tmp_path, orifices="[12]", replicates=1)
     assert carry_out(longer, lab).tally.resumed == 1
-    (run,) = Catalogue(lab).finished(longer, "toy")
+    (run,) = finished(Catalogue(lab), longer, "toy")
     assert len(run.data().tables["crossing"]["time"]) == run.record.coverage.crossed > 0
 
 
@@ -193,7 +194,7 @@ def test_what_fails_at_a_beginning_gives_its_claim_back(tmp_path, monkeypatch, s
 
     asked = study(tmp_path, orifices="[24]", replicates=1)
     module, name = step.split(".", 1)
-    owner = getattr(import_module(f"labbook.runner.{module}"), name.split(".")[0])
+    owner = getattr(import_module(f"labbook.run.{module}"), name.split(".")[0])
     method = name.split(".")[1]
     begun = getattr(owner, method)
     with monkeypatch.context() as patch:
@@ -227,7 +228,7 @@ def test_a_full_disk_ends_when_no_kernel_is_at_work_any_more(tmp_path, monkeypat
     asked = study(tmp_path, orifices="[24]", replicates=2)
     carry_out(asked, tmp_path / "before", engine=Slow(), lanes=1)  # so that no lane has yet to prepare
     quick.clear()
-    monkeypatch.setattr("labbook.runner.journal.write_bytes", no_room)
+    monkeypatch.setattr("labbook.lab.journal.write_bytes", no_room)
     with pytest.raises(DiskFull):
         carry_out(asked, tmp_path / "lab", engine=Slow(), lanes=2, checkpoint_every=0)
     assert not at_work

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from toy_lab import carry_out, study
 
-from labbook.plan.demand import demands
-from labbook.protocol import Packing
-from labbook.protocol.rest import at_rest, fastest_points
-from labbook.runner.watch import Unwatched
-from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spheres, Spherocylinders
+from labbook.filling.bed import at_rest, fastest_points
+from labbook.run.demand import demands
+from labbook.run.watch import Unwatched
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spheres, Spherocylinders
 from labbook.study import load
 
 BRAKED = "rolling_friction: 0.01, friction: 0.5"

@@ -6,8 +6,9 @@ from toy_lab import arrays, carry_out, study
 from toy_records import outcomes, records
 from toy_results import analyse
 
-from labbook.catalogue import Catalogue
-from labbook.runner.recording import frame_rows
+from labbook.lab import Catalogue
+from labbook.run.coverage import finished
+from labbook.run.recording import frame_rows
 
 
 def test_a_study_is_carried_out_once(tmp_path):
@@ -47,9 +48,9 @@ def test_a_run_knows_how_it_came_about(tmp_path):
 def test_finished_runs_give_their_data(tmp_path):
     asked = study(tmp_path)
     carry_out(asked, tmp_path / "lab")
-    finished = Catalogue(tmp_path / "lab").finished(asked, "toy")
-    assert [(run.point.index, run.seed) for run in finished] == [(0, 1), (0, 2), (1, 1), (1, 2)]
-    for run in finished:
+    runs = finished(Catalogue(tmp_path / "lab"), asked, "toy")
+    assert [(run.point.index, run.seed) for run in runs] == [(0, 1), (0, 2), (1, 1), (1, 2)]
+    for run in runs:
         data = run.data()
         crossing = data.tables["crossing"]
         assert len(crossing["id"]) == run.record.coverage.crossed == len(np.unique(crossing["id"]))
@@ -62,7 +63,7 @@ def test_finished_runs_give_their_data(tmp_path):
 def test_recorded_runs_keep_frames_and_others_do_not(tmp_path):
     asked = study(tmp_path, "record: {every: 2 ms, replicates: 1}")
     carry_out(asked, tmp_path / "lab")
-    for run in Catalogue(tmp_path / "lab").finished(asked, "toy"):
+    for run in finished(Catalogue(tmp_path / "lab"), asked, "toy"):
         frames = run.recording()
         assert "sample" not in run.data().tables
         if run.seed > 1:
@@ -82,13 +83,13 @@ def test_long_recordings_are_thinned_evenly_also_when_continued(tmp_path):
         )
 
     carry_out(every("stop: {max_time: 0.5 s}"), tmp_path / "lab")
-    (run, _) = Catalogue(tmp_path / "lab").finished(every("stop: {max_time: 0.5 s}"), "toy")
+    (run, _) = finished(Catalogue(tmp_path / "lab"), every("stop: {max_time: 0.5 s}"), "toy")
     frames = run.recording()
     assert frames is not None
     assert np.allclose(np.diff(np.unique(frames["time"])), 4e-3)
     asked = every("stop: {max_time: 1.2 s}")
     carry_out(asked, tmp_path / "lab")
-    (run, _) = Catalogue(tmp_path / "lab").finished(asked, "toy")
+    (run, _) = finished(Catalogue(tmp_path / "lab"), asked, "toy")
     frames = run.recording()
     assert frames is not None
     assert np.allclose(np.diff(np.unique(frames["time"])), 8e-3)
@@ -114,7 +115,7 @@ def test_replicates_are_added_until_the_flow_rate_is_precise_enough(tmp_path):
     assert point.decision.pooled is not None
     assert point.decision.pooled.relative <= 0.02
     assert 3 < point.decision.pooled.n <= 30
-    assert len(Catalogue(tmp_path / "lab").finished(asked, "toy")) == point.decision.pooled.n
+    assert len(finished(Catalogue(tmp_path / "lab"), asked, "toy")) == point.decision.pooled.n
 
 
 def test_a_run_that_diverged_is_no_replicate_whose_flow_rate_counts(tmp_path):
@@ -128,7 +129,7 @@ def test_a_run_that_diverged_is_no_replicate_whose_flow_rate_counts(tmp_path):
     (point,) = summary.points
     assert point.decision is not None
     assert point.decision.pooled is not None
-    (found,) = analyse(asked, Catalogue(lab).finished(asked, "toy")).points
+    (found,) = analyse(asked, finished(Catalogue(lab), asked, "toy")).points
     assert found.outcomes == {"finished": 3, "diverged": 1}
     assert found.flow_rate == point.decision.pooled, "the rule and the report pool the same runs"
     assert found.flow_rate is not None

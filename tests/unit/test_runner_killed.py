@@ -14,9 +14,9 @@ from toy_lab import arrays, carry_out, labbook, start, study, study_file
 from typer.testing import CliRunner
 
 from labbook.backend import load
-from labbook.catalogue import Catalogue, DiskFull, Lab, RunRecord
-from labbook.catalogue import lab as lab_module
 from labbook.cli import build
+from labbook.lab import Catalogue, DiskFull, Lab, RunRecord
+from labbook.lab import folder as lab_module
 
 ENGINE = ("--backend", "toy")
 

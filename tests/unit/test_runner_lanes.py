@@ -8,15 +8,15 @@ from toy_lab import arrays, carry_out, study, study_file
 from toy_records import outcomes
 
 from labbook.backend import Spec
-from labbook.catalogue import Catalogue, Lab
-from labbook.catalogue.index import Index
-from labbook.catalogue.record import Observe
-from labbook.plan.plan import Planner
-from labbook.runner.board import Board
-from labbook.runner.filling import FillJob
-from labbook.runner.job import Bench
-from labbook.runner.progress import counts
-from labbook.runner.watch import Unwatched, View
+from labbook.lab import Catalogue, Lab
+from labbook.lab.index import Index
+from labbook.lab.records import Observe
+from labbook.run.board import Board
+from labbook.run.fill import FillJob
+from labbook.run.job import Bench
+from labbook.run.plan import Planner
+from labbook.run.progress import counts
+from labbook.run.watch import Unwatched, View
 from labbook.study import load
 
 

@@ -12,12 +12,12 @@ from rich.console import Console
 from toy_lab import carry_out, labbook, start, study, study_file
 
 from labbook.backend import Compiles, load
-from labbook.numerics import Numerics
-from labbook.plan.forecast import fill_time
-from labbook.runner import progress
-from labbook.runner.filling import FillJob, short
-from labbook.runner.progress import Bar, fitted, remaining
-from labbook.runner.watch import Going, Unwatched, View
+from labbook.backend.numerics import Numerics
+from labbook.run import progress
+from labbook.run.fill import FillJob, short
+from labbook.run.forecast import fill_time
+from labbook.run.progress import Bar, fitted, remaining
+from labbook.run.watch import Going, Unwatched, View
 from labbook.study import load as read
 from labbook.verify.symmetry import hopper
 
@@ -207,6 +207,6 @@ def test_what_takes_long_to_count_is_counted_seldom(tmp_path, monkeypatch):
         time.sleep(0.05)
         return 1.0
 
-    monkeypatch.setattr("labbook.runner.board.Board.work_left", work_left)
+    monkeypatch.setattr("labbook.run.board.Board.work_left", work_left)
     carry_out(study(tmp_path, orifices="[24]", replicates=1), tmp_path / "lab", engine=Backend(delay=0.02))
     assert np.diff(counted).min(initial=np.inf) > 0.9

@@ -12,7 +12,7 @@ import pytest
 from toy_lab import carry_out, labbook, start, study, study_file
 from toy_records import records
 
-from labbook.runner.stopping import SAVING, Request
+from labbook.run.stopping import SAVING, Request
 
 ENGINE = ("--backend", "toy")
 

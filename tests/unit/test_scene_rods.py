@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from labbook.keys import scene_key
+from labbook.lab.identity import scene_key
 from labbook.scene import (
     ConicalSilo,
     CylinderSilo,

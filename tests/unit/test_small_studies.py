@@ -10,8 +10,9 @@ pytest.importorskip("numba")
 from labbook_numba import Backend
 from toy_results import analyse
 
-from labbook.catalogue import Catalogue, Lab
-from labbook.runner.runner import Runner
+from labbook.lab import Catalogue, Lab
+from labbook.run.coverage import finished
+from labbook.run.runner import Runner
 from labbook.study import load
 
 pytestmark = pytest.mark.compiles
@@ -45,7 +46,7 @@ def test_a_reduced_study_runs_to_its_flow_rates(name, tmp_path):
     asked = load(file)
     summary = Runner(asked, Lab(tmp_path / "lab"), Backend()).run()
     assert list(summary.tally.ran.values()) == ["finished"] * 2, summary.tally.failed
-    found = analyse(asked, Catalogue(tmp_path / "lab").finished(asked, "numba"))
+    found = analyse(asked, finished(Catalogue(tmp_path / "lab"), asked, "numba"))
     rates = [point.pooled["grain_rate"].value for point in found.points]
     assert len(rates) == 2
     for point, rate in zip(found.points, rates, strict=True):

@@ -10,9 +10,9 @@ import pytest
 from sqlalchemy import event
 from toy_lab import carry_out, labbook, study, study_file
 
-from labbook.catalogue import Catalogue
-from labbook.catalogue.connect import connect
 from labbook.cli.options import told
+from labbook.lab import Catalogue
+from labbook.lab.connect import connect
 
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
 RUN = ("run", "--backend", "toy")
@@ -71,7 +71,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_files(place, verb, monkeypat
 
     lab = place / ("new" if verb == "run" else "lab")
     with monkeypatch.context() as patched:
-        patched.setattr("labbook.catalogue.lab.os.replace", full)
+        patched.setattr("labbook.lab.folder.os.replace", full)
         line = one_line(labbook(*words(verb, place), "--lab", lab, check=False))
     assert "room" in line
     assert not half_files(lab)
@@ -89,7 +89,7 @@ def test_no_room_for_the_index_is_one_line(place, verb, monkeypatch):
     for suffix in ("-wal", "-shm"):
         (place / f"lab/catalogue.db{suffix}").unlink(missing_ok=True)
     with monkeypatch.context() as patched:
-        patched.setattr("labbook.catalogue.index.connect", small)
+        patched.setattr("labbook.lab.index.connect", small)
         assert "room" in one_line(labbook(*words(verb, place), "--lab", place / "lab", check=False))
     assert labbook("reindex", "--lab", place / "lab").output.startswith("2 runs and 2 packings indexed")
 
@@ -99,7 +99,7 @@ def test_a_lab_that_nobody_can_write_to_is_read_without_the_log_of_its_index(pla
     lab = place / "lab"
     for suffix in ("-wal", "-shm"):
         (lab / f"catalogue.db{suffix}").unlink(missing_ok=True)
-    monkeypatch.setattr("labbook.catalogue.connect.os.access", lambda *_: False)
+    monkeypatch.setattr("labbook.lab.connect.os.access", lambda *_: False)
     catalogue = Catalogue(lab)
     assert catalogue.counts() == {"finished": 2}
     catalogue.close()
@@ -115,7 +115,7 @@ def test_a_lab_that_cannot_be_written_is_one_line(place, monkeypatch):
         return opened(path, flags, *_, **__)
 
     opened = os.open
-    monkeypatch.setattr("labbook.catalogue.lab.os.open", forbidden)
+    monkeypatch.setattr("labbook.lab.folder.os.open", forbidden)
     asked = study_file(place, **{**SMALL, "replicates": 3})
     line = one_line(labbook("run", asked, "--backend", "toy", "--lab", place / "lab", check=False))
     assert "Read-only file system" in line

@@ -10,9 +10,9 @@ pytest.importorskip("warp")
 from labbook_warp import Backend, stage
 
 from labbook.backend import Failed
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
+from labbook.backend.numerics import Numerics
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
+from labbook.scene.packing import Packing
 
 pytestmark = pytest.mark.compiles
 

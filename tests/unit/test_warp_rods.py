@@ -17,11 +17,9 @@ from rods_in_silo import DENSITY, PRECISIONS, ROUNDING, D, law, numerics, silo, 
 from rods_on_warp import run
 
 from labbook.backend import Failed
-from labbook.probes import Crossing, Ledger
-from labbook.protocol.opening import opened
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
-from labbook.protocol.segments import random_turns
+from labbook.backend.probes import Crossing, Ledger
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
 from labbook.scene import (
     Box,
     Primitives,
@@ -31,6 +29,8 @@ from labbook.scene import (
     Strip,
     Wall,
 )
+from labbook.scene.orientation import random_turns
+from labbook.scene.packing import Packing
 from labbook.verify.stand import identical
 
 pytestmark = pytest.mark.compiles

@@ -11,9 +11,9 @@ from labbook_warp import Backend, devices, room
 from labbook_warp.arrays import Arrays
 from labbook_warp.layout import memory
 
+from labbook.backend.probes import Contacts, Crossing
 from labbook.bench.scenes import FAN_STEP, cylinder, fan
-from labbook.probes import Contacts, Crossing
-from labbook.protocol.placing import place
+from labbook.filling.placing import place
 from labbook.verify.stand import identical
 
 pytestmark = pytest.mark.compiles

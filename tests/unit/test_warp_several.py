@@ -18,12 +18,12 @@ from rods_in_silo import DENSITY, PRECISIONS, D, numerics, silo
 from rods_on_warp import run
 
 from labbook.backend import Failed
-from labbook.numerics import Numerics
-from labbook.probes import Crossing
-from labbook.protocol.opening import opened
-from labbook.protocol.packing import Packing
-from labbook.protocol.placing import place
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing
+from labbook.filling.opening import opened
+from labbook.filling.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres
+from labbook.scene.packing import Packing
 from labbook.verify.stand import identical
 
 pytestmark = pytest.mark.compiles

@@ -24,8 +24,8 @@ from collections import defaultdict
 import numpy as np
 
 from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
-from labbook.probes import Contacts, Crossing, Sample, Slab, Zone, due, empty_table
-from labbook.protocol.packing import Packing
+from labbook.backend.probes import Contacts, Crossing, Sample, Slab, Zone, due, empty_table
+from labbook.scene.packing import Packing
 
 DECAY = 0.9
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from toy_results import analyse
 
-from labbook.catalogue.evaluations import Evaluated, evaluate
+from labbook.backend.numerics import Numerics
+from labbook.lab.evaluations import Evaluated, evaluate
 from labbook.measure import Measure, RunData
-from labbook.numerics import Numerics
-from labbook.protocol.packing import Packing
 from labbook.results.study import Results
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
+from labbook.scene.packing import Packing
 from labbook.study.schema import Accuracy, Fill, Reference, ReferenceEntry, Stop, Window
 from labbook.study.study import Point, Study
 

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from labbook.colour_bar import KIND_COLOURS
+from labbook.backend.numerics import Numerics
+from labbook.export.colour_bar import KIND_COLOURS
+from labbook.export.recording import SPOKE_COLOUR, write
+from labbook.export.viewer import screenshot
 from labbook.measure import RunData
-from labbook.numerics import Numerics
-from labbook.protocol import Packing
-from labbook.recording import SPOKE_COLOUR, write
-from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders, WedgeHopper
-from labbook.viewer import screenshot
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders, WedgeHopper
 
 pytest.importorskip("rerun")
 pytestmark = pytest.mark.render

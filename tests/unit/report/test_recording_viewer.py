@@ -2,8 +2,8 @@
 
 import pytest
 
-from labbook.recording import write
-from labbook.viewer import ViewerFailed, screenshot, show
+from labbook.export.recording import write
+from labbook.export.viewer import ViewerFailed, screenshot, show
 
 pytest.importorskip("rerun")
 

@@ -6,11 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labbook.colour_bar import speed_colours, speed_ticks
-from labbook.protocol import Packing
-from labbook.recording import CLOCK, FRAMES, Frame, NotRecorded, ViewerMissing, log_grains, seen_from, top_speed, write
-from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
-from labbook.wall_shapes import flat_walls, round_walls
+from labbook.export.colour_bar import speed_colours, speed_ticks
+from labbook.export.recording import (
+    CLOCK,
+    FRAMES,
+    Frame,
+    NotRecorded,
+    ViewerMissing,
+    log_grains,
+    seen_from,
+    top_speed,
+    write,
+)
+from labbook.export.wall_shapes import flat_walls, round_walls
+from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders
 
 rerun = pytest.importorskip("rerun")
 
@@ -76,7 +85,7 @@ def test_it_is_put_in_place_whole(run, tmp_path, monkeypatch):
     write(run, run.tables["sample"], path, name="a", run_key="1" * 16)
     assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
     before = path.read_bytes()
-    monkeypatch.setattr("labbook.recording._send_flow_rate", lambda *_: 1 / 0)
+    monkeypatch.setattr("labbook.export.recording._send_flow_rate", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write(run, run.tables["sample"], path, name="a", run_key="1" * 16)
     assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]

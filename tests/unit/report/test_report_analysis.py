@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from toy_results import analyse
 
-from labbook.catalogue import Unreadable
+from labbook.lab import Unreadable
 from labbook.report.plain import plain
 from labbook.results.points import redundant
 from labbook.results.reference import Comparison, agreement

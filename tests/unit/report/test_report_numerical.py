@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from toy_results import analyse
 
-from labbook.numerics import Numerics
+from labbook.backend.numerics import Numerics
 from labbook.report.numerical_table import numerical_table
 from labbook.report.page import summary, write
 from labbook.report.plain import plain

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from toy_results import analyse
 
-from labbook.catalogue.evaluations import evaluate
+from labbook.backend.numerics import Numerics
 from labbook.fit import COVERAGE, CROSSINGS
-from labbook.numerics import Numerics
+from labbook.lab.evaluations import evaluate
 from labbook.report import figures, outlet_tables
 from labbook.report.page import write
 from labbook.report.plain import plain

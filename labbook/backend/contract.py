@@ -1,0 +1,264 @@
+"""The contract that an engine fulfils.
+
+An engine runs *ensembles*: many members of one specialisation, each with its own parameters, clock and time step.
+Engines know no phases: a filling is a closed scene that starts from a gas, a discharge is the open scene that starts
+from its packing. A member's bits depend only on its scene, numerics, start and the Spec: not on its neighbours, its
+slot, or how `advance` is split.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe, Table
+from labbook.scene import Scene
+from labbook.scene.packing import Packing
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What an engine can do, as data. `cache_version` rises whenever its numbers may change."""
+
+    name: str
+    cache_version: int
+    shapes: frozenset[str]
+    laws: frozenset[str]
+    walls: frozenset[str]
+    precisions: frozenset[str]
+    devices: tuple[str, ...]
+    mixtures: bool = False
+    """Whether grains of one scene may differ in size and material."""
+    single_velocities: bool = False
+    """Whether `mixed` keeps velocities and spins in single precision too, and not the contact law only."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """A handle on one running scene of an ensemble."""
+
+    index: int
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Kinetic energy per grain fell below the asked part of m g d, and stayed there for the asked number of beats."""
+
+    member: Member
+    time: float
+
+
+@dataclass(frozen=True)
+class Emptied:
+    """No grain is left."""
+
+    member: Member
+    time: float
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A guard stopped a member; its state is that of the last good beat. `guard`: state (a velocity or spin that is no
+    number; spins may be looked at once a beat), speed, overlap."""
+
+    member: Member
+    guard: str
+    step: int
+    grain: int
+    message: str
+
+
+Event = Settled | Emptied | Failed
+
+
+@dataclass(frozen=True)
+class Status:
+    """Where a member stands; kinetic energy per grain is in units of m g d (m d^2/s^2 without gravity)."""
+
+    step: int
+    time: float
+    grains: int
+    kinetic: float
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The exact state of a member, private to the engine that made it. Restoring it continues bit for bit."""
+
+    engine: str
+    cache_version: int
+    arrays: Mapping[str, np.ndarray] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What is compiled in. Members with equal Specs share an ensemble."""
+
+    engine: str
+    features: tuple[tuple[str, Any], ...]
+    probes: tuple[Probe, ...] = ()
+    steps_per_beat: int = 1000
+
+    def feature(self, name: str) -> Any:
+        """The value of one feature."""
+        return dict(self.features)[name]
+
+
+class Unsupported(Exception):
+    """The engine lacks what the scene or numerics ask for. `key` as in a study, `remedy` in words."""
+
+    def __init__(self, key: str, remedy: str):
+        super().__init__(f"{key}: {remedy}")
+        self.key, self.remedy = key, remedy
+
+
+class Overflow(Exception):
+    """A buffer of fixed size was too small. Nothing is dropped silently."""
+
+
+class Ensemble(Protocol):
+    """Running members of one Spec."""
+
+    def admit(
+        self,
+        scene: Scene,
+        numerics: Numerics,
+        start: Packing | Checkpoint,
+        *,
+        settled_below: float | None = None,
+        settled_beats: int = 3,
+    ) -> Member:
+        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]."""
+        ...
+
+    def advance(self, beats: int = 1) -> Sequence[Event]:
+        """Let every member take `beats` x steps_per_beat steps of its own dt; members that failed or emptied rest."""
+        ...
+
+    def drain(self) -> Mapping[Probe, Table]:
+        """Rows since the last drain, for every declared probe: one without rows gives an empty table with its
+        columns, so that nothing seen differs from not having looked. Raises Overflow, never drops."""
+        ...
+
+    def status(self, member: Member) -> Status:
+        """Where a member stands."""
+        ...
+
+    def checkpoint(self, member: Member) -> Checkpoint:
+        """The exact state; taking it changes nothing."""
+        ...
+
+    def packing(self, member: Member) -> Packing:
+        """The portable state, in double precision."""
+        ...
+
+    def retire(self, member: Member) -> None:
+        """Drop a member; its slot is free."""
+        ...
+
+    def close(self) -> None:
+        """Free all resources."""
+        ...
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a grain-step comes to on a device that memory limits; averages over all members."""
+
+    listed: float
+    """Near neighbours in the list of a grain."""
+    touching: float
+    """Contacts of a grain, with grains and walls."""
+    bytes: float
+    """Bytes that must move a grain-step: state, lists and springs, each in and out once."""
+    bandwidth: float
+    """Bytes per second that the device copies (read and written), measured."""
+    lanes: int
+    """Threads that share a grain."""
+    rebuilds: float
+    """Rebuilds of lists so far, a member."""
+
+
+@runtime_checkable
+class Weighed(Protocol):
+    """An ensemble that tells what limits it."""
+
+    def load(self) -> Load:
+        """Where it stands now."""
+        ...
+
+
+@runtime_checkable
+class Backend(Protocol):
+    """An engine. Instances are cheap; compiling happens in `open` or at first use."""
+
+    capabilities: Capabilities
+
+    def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
+        """Features compiled in. Raises Unsupported(key, remedy)."""
+        ...
+
+    def open(self, spec: Spec, slots: int | None = None, device: str = "cpu") -> Ensemble:
+        """Prepare and allocate; `slots` None: as many as memory allows (members on a CPU: as many as are admitted)."""
+        ...
+
+    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
+        """Derived physics for the catalogue: restitution_asked, restitution_realised, damping_coefficient."""
+        ...
+
+
+@runtime_checkable
+class Compiles(Protocol):
+    """An engine that can tell when it compiles."""
+
+    def compiling(self) -> bool:
+        """Whether this process is compiling kernels of the engine now; cheap, and from any thread."""
+        ...
+
+
+@runtime_checkable
+class Rationed(Protocol):
+    """An engine on whose devices memory limits how many members run at once."""
+
+    def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
+        """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
+        ...
+
+
+@runtime_checkable
+class Verifies(Protocol):
+    """An engine that tells whether it can go on from a checkpoint, which may come from a damaged or foreign file."""
+
+    def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
+        """Raises ValueError, saying what is wrong, for one that it never made of this scene after `step` steps: arrays
+        that lack, or have other shapes or types, grains that are not there, positions or velocities that are no
+        numbers. `admit` raises the same before anything runs."""
+        ...
+
+
+@dataclass(frozen=True)
+class Device:
+    """A processor that an engine finds here. `memory`: bytes of its own, if it has any."""
+
+    alias: str
+    name: str
+    memory: int | None = None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What an engine finds here: versions of what it stands on, by name, and its devices."""
+
+    versions: Mapping[str, str]
+    devices: tuple[Device, ...]
+
+
+@runtime_checkable
+class Surveys(Protocol):
+    """An engine that tells what it finds on a machine."""
+
+    def survey(self) -> Survey:
+        """Versions and devices."""
+        ...

@@ -1,0 +1,185 @@
+"""What can be observed of a member: compiled in only if declared; reading it never changes the motion."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from labbook.backend.numerics import Numerics
+from labbook.scene import Grains, Spheres
+from labbook.scene.canonical import canonical
+
+Table = Mapping[str, np.ndarray]
+"""Columns of equal length by name; `member`, `step` and `time` [s] are always among them."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """First passage of each grain's centre downwards through z = `plane` [m].
+
+    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz, and for rods qw, qx, qy, qz:
+    positions and orientations at the end of that step, velocities half a step before.
+    """
+
+    plane: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sample:
+    """State of all grains every `every` beats. `fields` from x, v, omega and, for rods, q (unit quaternions, whose
+    rotation takes the z axis to the rod's); columns id, x, y, z, vx, ..., wx, ..., qw, qx, qy, qz."""
+
+    fields: tuple[str, ...] = ("x", "v")
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Slab:
+    """State of the grains whose centres lie at `low` <= z <= `high` [m], every `every` beats.
+
+    What happens at an outlet needs many frames but few grains. Columns id, x, y, z, vx, vy, vz.
+    """
+
+    low: float
+    high: float
+    every: int = 1
+
+    def holds(self, z: np.ndarray) -> np.ndarray:
+        """Which of the heights z [m] lie within."""
+        return (z >= self.low) & (z <= self.high)
+
+
+@dataclass(frozen=True)
+class Zone:
+    """State of the grains around and above an outlet about the z axis, every `every` beats and, unless `again` is 0,
+    `again` beats after each of these: two frames shortly after one another tell accelerations.
+
+    Around: centres within `radius` [m] of the axis at `low` <= z <= `high`; above: within `core` of it at `high` < z <=
+    `top`. Columns id, x, y, z, vx, vy, vz and, of rods, qw, qx, qy, qz.
+    """
+
+    radius: float
+    low: float
+    high: float
+    core: float
+    top: float
+    every: int = 1
+    again: int = 0
+
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie within."""
+        off, z = np.hypot(x[:, 0], x[:, 1]), x[:, 2]
+        around = (off <= self.radius) & (z >= self.low) & (z <= self.high)
+        return around | ((off <= self.core) & (z > self.high) & (z <= self.top))
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Every touching contact every `every` beats; a rod may touch a wall at several points, each a row.
+
+    Columns: i, j (ids; j = -1 at a wall), wall (index into the scene's walls, -1 for a pair), fx, fy, fz [N] on i,
+    bx, by, bz [m]: branch vector, from the centre of i to that of j or to the point of contact with the wall.
+    """
+
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Totals every `every` beats.
+
+    Columns: grains, kinetic, potential [J], contact_work [J] (work done by contacts since the start), mass [kg],
+    max_overlap [m], touching (contacts), rebuilds, px, py, pz [kg m/s], lx, ly, lz [kg m^2/s] about the origin.
+    """
+
+    every: int = 1
+
+
+Probe = Crossing | Sample | Slab | Zone | Contacts | Ledger
+
+
+def due(probe: Probe, beat: int) -> bool:
+    """Whether a probe is read on this beat."""
+    if isinstance(probe, Crossing):
+        return True
+    return beat % probe.every == 0 or (isinstance(probe, Zone) and beat % probe.every == probe.again)
+
+
+_VECTORS = {"x": "x y z", "v": "vx vy vz", "omega": "wx wy wz", "q": "qw qx qy qz"}
+_WHOLE = frozenset(["member", "step", "id", "i", "j", "wall", "grains", "touching", "rebuilds"])
+
+
+def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
+    """Names of the columns of a probe's table, and whether each holds whole or real numbers (int64, float64).
+
+    rods: whether the grains have an orientation.
+    """
+    match probe:
+        case Crossing():
+            names = "id x y z vx vy vz wx wy wz" + (" qw qx qy qz" if rods else "")
+        case Sample(fields=fields):
+            names = " ".join(["id", *(_VECTORS[name] for name in fields)])
+        case Slab():
+            names = f"id {_VECTORS['x']} {_VECTORS['v']}"
+        case Zone():
+            names = f"id {_VECTORS['x']} {_VECTORS['v']}" + (f" {_VECTORS['q']}" if rods else "")
+        case Contacts():
+            names = "i j wall fx fy fz bx by bz"
+        case Ledger():
+            names = "grains kinetic potential contact_work mass max_overlap touching rebuilds px py pz lx ly lz"
+    return {name: np.int64 if name in _WHOLE else np.float64 for name in ["member", "step", "time", *names.split()]}
+
+
+def empty_table(probe: Probe, rods: bool = False) -> Table:
+    """The table of a probe that saw nothing; `rods` as in `columns`."""
+    return {name: np.zeros(0, kind) for name, kind in columns(probe, rods).items()}
+
+
+_KINDS: dict[str, type[Probe]] = {
+    "crossing": Crossing,
+    "sample": Sample,
+    "slab": Slab,
+    "zone": Zone,
+    "contacts": Contacts,
+    "ledger": Ledger,
+}
+
+
+def table_name(probe: Probe) -> str:
+    """Name of a probe's table: `crossing`, `sample`, `slab`, `zone`, `contacts` or `ledger`."""
+    return type(probe).__name__.lower()
+
+
+def describe_probe(probe: Probe) -> str:
+    """A probe as canonical JSON, by which coverage compares."""
+    return canonical({"kind": table_name(probe), **vars(probe)})
+
+
+def parse_probe(text: str) -> Probe:
+    """The probe that `describe_probe` described. Raises ValueError for a text that describes none."""
+    try:
+        given: dict[str, Any] = json.loads(text)
+        kind = _KINDS[given.pop("kind")]
+        _adapter(kind).validate_python(given)  # its types; a number keeps the form that it was written in
+        values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()}
+        probe = kind(**values)
+        if describe_probe(probe) == text and getattr(probe, "every", 1) > 0:
+            return probe
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        pass
+    raise ValueError(f"no probe: {text[:80]}")
+
+
+@cache
+def _adapter(kind: type[Probe]) -> TypeAdapter[Probe]:
+    return TypeAdapter(kind)
+
+
+def film_probe(every: float, numerics: Numerics, grains: Grains) -> Sample:
+    """The probe that records a frame every `every` seconds, as near as beats allow; of rods, orientations too."""
+    fields = ("x", "v") if isinstance(grains, Spheres) else ("x", "v", "q")
+    return Sample(fields=fields, every=max(1, round(every / numerics.beat)))

@@ -1,0 +1,161 @@
+"""The rerun viewer: recordings in a window, or as a picture where there is no screen."""
+
+import os
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from labbook.export.colour_bar import BACKGROUND
+from labbook.export.recording import CLOCK, need_rerun
+
+_SIZE = "1100x1200"
+_PATIENCE = 120.0  # s: to start, and to have drawn everything
+_LATER = 0.5  # s between two looks
+_LOOKS = 2  # in a row that have to show the same as the one before
+_NOTICE = 4.0  # s: for two seconds the viewer says on which port it listens
+_ORDER = {"3D": 0, "2D": 1}  # grains, the bar of their colours, then what else there is
+_HEAD = 28  # pixels: height of a line above a view
+
+
+class ViewerFailed(Exception):
+    """The viewer did not open or drew nothing; the message has its last words and a remedy."""
+
+
+def show(recordings: Sequence[Path]) -> None:
+    """Open recordings (.rrd) in a window and wait until it is closed. Raises ViewerMissing or ViewerFailed."""
+    command = [*_command(), "--port", "auto", *map(str, recordings)]
+    done = subprocess.run(command, capture_output=True, text=True, env=_plain())
+    if done.returncode:
+        raise ViewerFailed(
+            f"the viewer could not open a window; without a screen use --screenshot FILE or --no-open:\n"
+            f"{_last_words(done.stderr or done.stdout)}"
+        )
+
+
+def screenshot(recording: Path, picture: Path, at: float = 0.4) -> None:
+    """Write to `picture` (.png) what the views of a recording show at its fraction `at`; needs no screen.
+
+    The views stand below one another, without the viewer's own bars and panels; each is headed by its name, the first
+    by the time too. Raises ViewerMissing or ViewerFailed.
+    """
+    command = _command()
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command += ["--headless", "--port", str(port), "--hide-welcome-screen", "--window-size", _SIZE]
+    # Not ViewerClient.spawn: a viewer that it starts listens on all addresses.
+    viewer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=_plain())
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            shown = _photograph(viewer, port, recording.resolve(), Path(folder), at)
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            _stack(shown, picture)
+    except (RuntimeError, ConnectionError, TimeoutError) as error:
+        viewer.terminate()
+        said = _last_words(viewer.communicate(timeout=_PATIENCE)[0])
+        raise ViewerFailed(
+            f"the viewer drew no picture ({error}); without a GPU it needs a software Vulkan driver, such as "
+            f"Debian's mesa-vulkan-drivers:\n{said}"
+        ) from error
+    finally:
+        viewer.terminate()
+        viewer.communicate(timeout=_PATIENCE)
+
+
+def _photograph(
+    viewer: subprocess.Popen, port: int, recording: Path, folder: Path, at: float
+) -> list[tuple[str, Path]]:
+    """Pictures of all views, in `folder`, with what stands above them."""
+    client = _connect(viewer, port)
+    answered = time.monotonic()
+    opened = client.open(str(recording))
+    if not opened.store_ids and not opened.loading:
+        raise RuntimeError(f"{recording} is no recording that it can read")
+    deadline = answered + _PATIENCE
+    state = client.get_state()
+    while state.loading or not state.recordings or not state.recordings[0].timelines:
+        _wait_until(deadline, "it is still loading")
+        state = client.get_state()
+    clock = next(timeline for timeline in state.recordings[0].timelines if timeline.name == CLOCK)
+    start, end = clock.start or 0, clock.end or 0  # nanoseconds
+    now = (start + at * (end - start)) * 1e-9
+    client.set_time(CLOCK, duration=now, play_state="paused")
+    # What is drawn arrives bit by bit: pictures are complete when they no longer change. The first seconds show a
+    # notice of the viewer's own besides.
+    before, looks = b"", 0
+    while looks < _LOOKS or time.monotonic() < answered + _NOTICE:
+        _wait_until(deadline, "its picture keeps changing")
+        views = sorted(client.get_state().views, key=lambda view: (_ORDER.get(view.view_class, len(_ORDER)), view.name))
+        paths = [folder / f"{view.view_id}.png" for view in views]
+        for view, path in zip(views, paths, strict=True):
+            client.save_screenshot(str(path), view_id=view.view_id)
+        drawn = b"".join(path.read_bytes() for path in paths)
+        looks = looks + 1 if drawn == before else 0
+        before = drawn
+    complaints = [f"{view.name}: {report.summary}" for view in views for report in view.reports]
+    if complaints:
+        raise RuntimeError("; ".join(complaints))
+    names = ["" if view.view_class == "2D" else view.name for view in views]  # colour bars speak for themselves
+    first = f"{names[0]}{', ' if names[0] else ''}t = {now:.3f} s"
+    return list(zip([first, *names[1:]], paths, strict=True))
+
+
+def _stack(shown: Sequence[tuple[str, Path]], picture: Path) -> None:
+    """Put pictures with lines of text above them (empty: none) below one another."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.image import imread
+
+    parts = [(text, imread(path)) for text, path in shown]
+    heads = [_HEAD if text else 0 for text, _ in parts]
+    width = max(part.shape[1] for _, part in parts)
+    height = sum(heads) + sum(part.shape[0] for _, part in parts)
+    figure = Figure((width / 100, height / 100), dpi=100, facecolor="#{:02x}{:02x}{:02x}".format(*BACKGROUND))
+    FigureCanvasAgg(figure)
+    top = height
+    for head, (text, part) in zip(heads, parts, strict=True):
+        if text:
+            figure.text(10 / width, (top - head / 2) / height, text, fontsize=11, va="center")
+        top -= head + part.shape[0]
+        figure.figimage(part, 0, top)
+    figure.savefig(picture, dpi=100, facecolor=figure.get_facecolor())
+
+
+def _connect(viewer: subprocess.Popen, port: int):
+    from rerun.experimental import ViewerClient
+
+    deadline = time.monotonic() + _PATIENCE
+    while viewer.poll() is None:
+        try:
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.get_state()
+            return client
+        except (RuntimeError, ConnectionError):
+            _wait_until(deadline, "it does not answer")
+    raise RuntimeError(f"it ended with status {viewer.returncode}")
+
+
+def _wait_until(deadline: float, complaint: str) -> None:
+    if time.monotonic() > deadline:
+        raise TimeoutError(f"{complaint} after {_PATIENCE:g} s")
+    time.sleep(_LATER)
+
+
+def _command() -> list[str]:
+    """The viewer's binary, listening to this machine only; the `rerun` script on the PATH is a wrapper."""
+    need_rerun()
+    import rerun_cli
+
+    return [str(Path(rerun_cli.__file__).with_name("rerun")), "--bind", "127.0.0.1"]
+
+
+def _plain() -> dict[str, str]:
+    """The environment, asking for messages without colours and without what does not matter."""
+    return {**os.environ, "NO_COLOR": "1", "RUST_LOG": "error"}
+
+
+def _last_words(text: str) -> str:
+    return "\n".join(text.strip().splitlines()[-3:])

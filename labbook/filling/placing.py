@@ -1,0 +1,182 @@
+"""Where grains are before they fall: a seeded random start in the column above a closed container's bottom.
+
+Random sequential addition: uniformly drawn positions are taken one after another wherever they overlap
+neither a wall nor a grain already there, so no lattice is left for the packing to remember. Both starts lie
+well below the density at which random addition jams (solid fraction 0.38 in 3D, area fraction 0.547 in 2D:
+Torquato & Stillinger, Rev. Mod. Phys. 82 (2010) 2633), and are low enough that the fall is short. Where grains
+differ, the seed also draws which is of what size and kind; the largest are placed first.
+"""
+
+import math
+
+import numpy as np
+
+from labbook.filling.room import PlacingError, Room, first_come, full
+from labbook.scene import Scene, Spheres, Spherocylinders
+from labbook.scene.orientation import axes, distances, random_turns
+from labbook.scene.packing import Packing
+
+VERSION = 1
+"""Part of every packing's key; raise it whenever a seed gives other positions than before."""
+
+DENSITY = {"gas": 0.25, "rain": 0.12}
+"""Solid fraction of the start."""
+SPEED = {"gas": 1.0, "rain": 0.1}
+"""Standard deviation of each velocity component, in units of sqrt(g d)."""
+_APART = 1 + 1e-6  # nothing touches at the start
+_ROUNDS = 2000
+
+
+def volume_of_start(closed: Scene, kind: str) -> float:
+    """Volume [m^3] over which a start spreads the grains: spheres at DENSITY, rods as often in each other's way.
+
+    Rods of random orientations exclude 4/3 pi d^3 + 2 pi l d^2 + pi/2 l^2 d from one another, l = L - d (Onsager 1949).
+    """
+    grains = closed.grains
+    d, slender = grains.diameter, 2 * grains.half_length / grains.diameter
+    cube = grains.mean_cube if isinstance(grains, Spheres) else d**3
+    return grains.count * math.pi / 6 * cube / DENSITY[kind] * (1 + 1.5 * slender + 0.375 * slender**2)
+
+
+def place(closed: Scene, kind: str, seed: int) -> Packing:
+    """Grains of `closed` at random places above its bottom, for `kind` `gas` or `rain`.
+
+    `gas` is denser and moves with Gaussian velocities of sqrt(g d) each way; `rain` is a taller, more dilute
+    column that moves ten times slower, so that grains land one after another. The seed decides positions in
+    all three directions, orientations, velocities, and where grains differ which is of what size and kind; nothing
+    spins. Raises PlacingError where the container has no sides or no gravity.
+    """
+    grains = closed.grains
+    if closed.gravity == 0:
+        raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
+    rng = np.random.default_rng([VERSION, seed])
+    room = Room(closed, grains.radius * _APART)
+    top = room.height_for(volume_of_start(closed, kind))
+    diameter, sort = assort(grains, VERSION, seed) if isinstance(grains, Spheres) and grains.varied else (None, None)
+    if diameter is None:
+        x, q = _place_equal(closed, rng, room, top)
+    else:
+        x, q = place_graded(room, rng, top, diameter / 2 * _APART), None
+    speed = SPEED[kind] * math.sqrt(closed.gravity * grains.diameter)
+    v = rng.normal(0, speed, x.shape)
+    return Packing(x=x, v=v, omega=np.zeros_like(x), q=q, diameter=diameter, kind=sort)
+
+
+def _place_equal(
+    closed: Scene, rng: np.random.Generator, room: Room, top: float
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Centres [m], shape [n, 3], and of rods orientations, shape [n, 4], of grains that are alike."""
+    grains = closed.grains
+    rods = isinstance(grains, Spherocylinders)
+    x, q = np.empty((0, 3)), np.empty((0, 4))
+    for _ in range(_ROUNDS):
+        wanted = grains.count - len(x)
+        if wanted == 0:
+            return x, q if rods else None
+        drawn = room.draw(rng, 2 * wanted + 16, top)
+        turned = random_turns(rng, len(drawn)) if rods else np.empty((len(drawn), 4))
+        if rods:
+            reach = grains.half_length * axes(turned)
+            fits = room.holds(drawn + reach) & room.holds(drawn - reach)
+            drawn, turned = drawn[fits], turned[fits]
+            free = _rods_apart(drawn, turned, x, q, grains.half_length, grains.diameter * _APART)
+        else:
+            free = _apart(drawn, x, grains.diameter * _APART)
+        x, q = (np.concatenate(both)[: grains.count] for both in ((x, drawn[free]), (q, turned[free])))
+    raise full(grains.count)
+
+
+def _apart(drawn: np.ndarray, there: np.ndarray, distance: float) -> np.ndarray:
+    """Which of `drawn`, taken in their order, keep `distance` from `there` and from each other."""
+    from scipy.spatial import KDTree
+
+    kept = np.ones(len(drawn), bool)
+    if len(there) and len(drawn):
+        kept = KDTree(there).query(drawn)[0] >= distance
+    if len(drawn) > 1:
+        first_come(kept, KDTree(drawn).query_pairs(distance, output_type="ndarray"))
+    return kept
+
+
+def _rods_apart(
+    drawn: np.ndarray, turned: np.ndarray, there: np.ndarray, q: np.ndarray, half: float, distance: float
+) -> np.ndarray:
+    """As `_apart`, for rods centred at `drawn` and `there`, turned by `turned` and `q`."""
+    from scipy.spatial import KDTree
+
+    kept = np.ones(len(drawn), bool)
+    if len(drawn) == 0:
+        return kept
+    all_x, all_a = np.concatenate([there, drawn]), axes(np.concatenate([q, turned]))
+    pairs = KDTree(all_x).query_pairs(2 * half + distance, output_type="ndarray")
+    pairs = pairs[pairs[:, 1] >= len(there)]
+    i, j = pairs.T
+    pairs = pairs[distances(all_x[i] - all_x[j], all_a[i], all_a[j], half) < distance] - len(there)
+    kept[pairs[pairs[:, 0] < 0, 1]] = False
+    first_come(kept, pairs[pairs[:, 0] >= 0])
+    return kept
+
+
+_NEARLY = 0.9
+"""Grains of this part of the largest diameter that is left, and above, are placed at a time."""
+
+
+def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.ndarray) -> np.ndarray:
+    """Centres [m], shape [n, 3], up to z = `top` of grains that keep `reach` [m], shape [n], free around them.
+
+    Large grains come first, as they would find no room among small ones: at a time, those of nearly the largest size
+    that is left, each of which tries one place a round. Raises PlacingError.
+    """
+    x, left = np.empty((len(reach), 3)), np.arange(len(reach))
+    placed = left[:0]
+    for _ in range(_ROUNDS):
+        if len(left) == 0:
+            return x
+        trying = left[reach[left] >= _NEARLY * reach[left].max()]
+        x[trying] = room.draw_each(rng, reach[trying], top)
+        free = _free(x, reach, placed, trying[room.holds(x[trying], reach[trying])])
+        placed = np.concatenate([placed, free])
+        left = np.setdiff1d(left, free, assume_unique=True)
+    raise full(len(reach))
+
+
+def _free(x: np.ndarray, reach: np.ndarray, placed: np.ndarray, trying: np.ndarray) -> np.ndarray:
+    """Those of the grains `trying`, in their order, that are in the way of neither grains `placed` nor each other."""
+    from scipy.spatial import KDTree
+
+    both = np.concatenate([placed, trying])
+    kept = np.ones(len(both), bool)
+    pairs = KDTree(x[both]).query_pairs(2 * reach.max(), output_type="ndarray")
+    one, other = both[pairs].T
+    near = np.linalg.norm(x[one] - x[other], axis=1) < reach[one] + reach[other]
+    first_come(kept, pairs[near & (pairs[:, 1] >= len(placed))])
+    return trying[kept[len(placed) :]]
+
+
+_STREAM = 1
+"""Told from the placing's random numbers by this."""
+
+
+def assort(grains: Spheres, version: int, seed: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Diameters [m] and kinds (places in `grains.kinds`) by id, each of shape [count]; None where all are alike.
+
+    Of each kind there are as many as its share says, to the nearest whole grain; who they are is drawn, and so is each
+    diameter. `version`: of the rules that place the grains.
+    """
+    rng = np.random.default_rng([version, seed, _STREAM])
+    numbers = whole_numbers(np.array([part.share for part in grains.parts]), grains.count)
+    kind = rng.permutation(np.repeat(np.arange(len(numbers)), numbers))
+    diameter = np.full(grains.count, grains.diameter)
+    for index, part in enumerate(grains.parts):
+        mine = kind == index
+        diameter[mine] = part.sizes.draw(rng, int(mine.sum()), grains.diameter)
+    return diameter if grains.graded else None, kind if grains.kinds else None
+
+
+def whole_numbers(shares: np.ndarray, total: int) -> np.ndarray:
+    """Whole numbers that add up to `total`, each within one of its share: the largest remainders are rounded up."""
+    exact = shares / shares.sum() * total
+    numbers = np.floor(exact).astype(int)
+    short = total - int(numbers.sum())
+    numbers[np.argsort(-(exact - numbers), kind="stable")[:short]] += 1
+    return numbers

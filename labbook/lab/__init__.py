@@ -1,0 +1,10 @@
+"""The lab's runs, packings and measured numbers: kept in folders, indexed in SQLite, asked through
+`Catalogue`."""
+
+from labbook.lab.catalogue import Catalogue, Entry
+from labbook.lab.connect import NoCatalogue
+from labbook.lab.folder import DiskFull, Lab, Unusable
+from labbook.lab.records import RunRecord, Unreadable
+from labbook.lab.runs import FinishedRun
+
+__all__ = ["Catalogue", "DiskFull", "Entry", "FinishedRun", "Lab", "NoCatalogue", "RunRecord", "Unreadable", "Unusable"]

@@ -1,0 +1,265 @@
+"""The catalogue: what is in the lab, quick to ask. Readers open it read-only."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+from sqlalchemy import Connection, Engine, func, select
+from sqlalchemy.exc import DatabaseError
+
+from labbook.lab.connect import CHUNK, DAMAGED, NoCatalogue, connect, empty, schema_version, unusable
+from labbook.lab.folder import Lab, Unusable, stamp
+from labbook.lab.packings import read_packing
+from labbook.lab.records import Coverage, Unreadable
+from labbook.lab.schema import SCHEMA_VERSION, measurements, packings, runs
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from labbook.measure import Window
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the catalogue knows of one run when planning."""
+
+    run_key: str
+    lineage_key: str
+    cache_version: int
+    outcome: str
+    coverage: Coverage | None
+    problem: str | None = None
+    stamp: int = 0
+    """Of the folder, as it was indexed."""
+
+
+class Catalogue:
+    """Questions to the index of one lab. Raises NoCatalogue if there are runs but no index of this
+    version."""
+
+    def __init__(self, lab: Path | Lab):
+        self.lab = lab if isinstance(lab, Lab) else Lab(lab)
+        self._engine = self._open()
+        self._packings: dict[tuple[str, int], str | None] | None = None
+        """Why a packing cannot be read, by its key and the stamp of its folder."""
+
+    def _open(self) -> Engine:
+        path, folder = self.lab.catalogue, self.lab.folder
+        if folder.exists() and not folder.is_dir():
+            raise Unusable(f"{folder} is a file, and no lab folder; give another one with --lab")
+        if not path.exists():
+            if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
+                raise NoCatalogue(f"{path} is missing; make it again: labbook reindex --lab {folder}")
+            return empty()
+        engine = connect(path, read_only=True)
+        try:
+            version = schema_version(engine) if path.is_file() else DAMAGED
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+        if version != SCHEMA_VERSION:
+            what = "is damaged" if version == DAMAGED else "is of another version of labbook, or damaged"
+            raise NoCatalogue(f"{path} {what}; make it again: labbook reindex --lab {folder}")
+        return engine
+
+    @contextmanager
+    def _asking(self) -> Iterator[Connection]:
+        """A connection for a question. Raises Unusable."""
+        try:
+            with self._engine.connect() as connection:
+                yield connection
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+        except ValidationError as error:  # a damaged page may hold other text than was written
+            raise NoCatalogue(
+                f"{self.lab.catalogue} is damaged; make it again: labbook reindex --lab {self.lab.folder}"
+            ) from error
+
+    def runs(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
+        """Runs, the latest first: key, study, point, seed, engine, outcome, how far, speed, size.
+
+        Columns: run_key, study, label, seed, engine, cache_version, outcome, grains, discharged, duration
+        [s], wall_time [s], rate [grain-steps/s], finished, device, bytes, problem.
+        """
+        query = select(*(runs.c[name] for name in RUN_COLUMNS)).order_by(runs.c.finished.desc(), runs.c.run_key)
+        if study is not None:
+            query = query.where(runs.c.study == study)
+        if outcome is not None:
+            query = query.where(runs.c.outcome == outcome)
+        return self._frame(query.limit(limit) if limit is not None else query)
+
+    def counts(self) -> dict[str, int]:
+        """Number of runs by outcome."""
+        with self._asking() as connection:
+            rows = connection.execute(select(runs.c.outcome, func.count()).group_by(runs.c.outcome))
+            return {outcome: count for outcome, count in rows}
+
+    def packing_count(self) -> int:
+        """Number of packings."""
+        with self._asking() as connection:
+            return connection.scalar(select(func.count()).select_from(packings)) or 0
+
+    def matching(self, prefix: str) -> list[str]:
+        """Run keys that begin with `prefix`, at most ten."""
+        query = select(runs.c.run_key).where(runs.c.run_key.startswith(prefix, autoescape=True)).limit(10)
+        with self._asking() as connection:
+            return list(connection.scalars(query))
+
+    def entries(self, run_keys: Iterable[str] = (), lineages: Iterable[str] = ()) -> list[Entry]:
+        """What is known of runs with these keys or of these lineages."""
+        columns = (runs.c[name] for name in Entry.__dataclass_fields__)
+        base = select(*columns)
+        rows = []
+        with self._asking() as connection:
+            for column, wanted in ((runs.c.run_key, list(run_keys)), (runs.c.lineage_key, list(lineages))):
+                for at in range(0, len(wanted), CHUNK):
+                    rows += connection.execute(base.where(column.in_(wanted[at : at + CHUNK]))).all()
+            return [
+                Entry(
+                    row.run_key,
+                    row.lineage_key or "",
+                    row.cache_version or 0,
+                    row.outcome,
+                    Coverage.model_validate_json(row.coverage) if row.coverage else None,
+                    row.problem,
+                    row.stamp,
+                )
+                for row in rows
+            ]
+
+    def versions(self, engine: str) -> list[int]:
+        """Versions of `engine` of which there are runs."""
+        query = select(runs.c.cache_version).where(runs.c.engine == engine).distinct()
+        with self._asking() as connection:
+            return [version for version in connection.scalars(query) if version is not None]
+
+    def changed(self, keys: Sequence[str]) -> set[str]:
+        """Which of these runs are not as they were indexed: a file in their folder came, went or was written to, or
+        their packing cannot be read."""
+        columns = runs.c.run_key, runs.c.stamp, runs.c.packing_key
+        rows = []
+        with self._asking() as connection:
+            for at in range(0, len(keys), CHUNK):
+                rows += connection.execute(select(*columns).where(runs.c.run_key.in_(keys[at : at + CHUNK]))).all()
+        packed = {row.packing_key for row in rows if row.packing_key is not None}
+        lost = {key for key in packed if self.packing_problem(key) is not None}
+        return {row.run_key for row in rows if stamp(self.lab.run(row.run_key)) != row.stamp or row.packing_key in lost}
+
+    def packing_problem(self, key: str) -> str | None:
+        """Why the packing with this key cannot be started from; None if it can. One that is not as it was indexed is
+        read as a whole."""
+        folder = self.lab.packing(key)
+        seen = stamp(folder)
+        if self._packings is None:
+            columns = packings.c.packing_key, packings.c.stamp, packings.c.problem
+            with self._asking() as connection:
+                self._packings = {(row[0], row[1]): row[2] for row in connection.execute(select(*columns))}
+        if (key, seen) not in self._packings:
+            self._packings[key, seen] = _problem(folder)
+        return self._packings[key, seen]
+
+    def measurements(self, run_keys: Sequence[str] | None = None, quantity: str | None = None) -> "pd.DataFrame":
+        """Measured numbers, with run, measure, version and window; of all runs unless `run_keys` are
+        given."""
+        base = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
+        if quantity is not None:
+            base = base.where(measurements.c.quantity == quantity)
+        if run_keys is None:
+            return self._frame(base)
+        import pandas as pd
+
+        parts = [
+            self._frame(base.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK])))
+            for at in range(0, max(1, len(run_keys)), CHUNK)
+        ]
+        return pd.concat(parts, ignore_index=True)
+
+    def measured(
+        self, run_keys: Sequence[str], window: "Window"
+    ) -> dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]]:
+        """Rows of measurements within a window by run, and of each by name and version of the measure."""
+        found: dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]] = {}
+        base = select(measurements).where(
+            measurements.c.window_start == window.start, measurements.c.window_end == window.end
+        )
+        with self._asking() as connection:
+            for at in range(0, len(run_keys), CHUNK):
+                some = base.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK]))
+                for row in connection.execute(some):
+                    told = row._asdict()
+                    found.setdefault(told["run_key"], {}).setdefault((told["measure"], told["version"]), []).append(
+                        told
+                    )
+        return found
+
+    def values(self, run_keys: Sequence[str], quantity: str, version: int, window: "Window") -> dict[str, float]:
+        """The finite values of one quantity, by run; runs that diverged have none."""
+        query = select(measurements.c.run_key, measurements.c.value).where(
+            measurements.c.run_key == runs.c.run_key,
+            runs.c.outcome != "diverged",
+            measurements.c.quantity == quantity,
+            measurements.c.version == version,
+            measurements.c.window_start == window.start,
+            measurements.c.window_end == window.end,
+            measurements.c.value.is_not(None),
+            measurements.c.run_key.in_(run_keys),
+        )
+        with self._asking() as connection:
+            return {key: value for key, value in connection.execute(query)}
+
+    def speeds(self, engine: str, machine: str, device: str) -> list[tuple[str, int, float]]:
+        """(run key, grains, grain-steps per second) of the latest 50 runs of `engine` on this machine and device."""
+        query = (
+            select(runs.c.run_key, runs.c.grains, runs.c.rate)
+            .where(runs.c.engine == engine, runs.c.machine == machine, runs.c.device == device, runs.c.rate > 0)
+            .order_by(runs.c.finished.desc())
+            .limit(50)
+        )
+        with self._asking() as connection:
+            return [(key, grains, rate) for key, grains, rate in connection.execute(query)]
+
+    def settling(self, closed_key: str) -> float | None:
+        """Mean simulated time [s] that fillings of this closed scene took to settle, or None."""
+        with self._asking() as connection:
+            return connection.scalar(select(func.avg(packings.c.duration)).where(packings.c.closed_key == closed_key))
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._engine.dispose()
+
+    def _frame(self, query) -> "pd.DataFrame":
+        import pandas as pd
+
+        with self._asking() as connection:
+            result = connection.execute(query)
+            return pd.DataFrame.from_records(result.fetchall(), columns=list(result.keys()))
+
+
+def _problem(folder: Path) -> str | None:
+    try:
+        read_packing(folder)
+    except Unreadable as problem:
+        return str(problem)
+    return None
+
+
+RUN_COLUMNS = (
+    "run_key",
+    "study",
+    "label",
+    "seed",
+    "engine",
+    "cache_version",
+    "outcome",
+    "grains",
+    "discharged",
+    "duration",
+    "wall_time",
+    "rate",
+    "finished",
+    "device",
+    "bytes",
+    "problem",
+)

@@ -1,0 +1,155 @@
+"""Identities: hashes of what decides a result, and of nothing else.
+
+A scene counts by its grains, its law, its walls (shape, motion and complete surface) and gravity, not by how
+a study spells them: two containers that amount to the same walls are one scene. Stop rules, probes, guards,
+threads, slots and devices are no part of any key; they are coverage or provenance.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from labbook.backend import Capabilities
+from labbook.backend.numerics import Numerics
+from labbook.scene import Scene, Surface
+from labbook.scene.canonical import digest
+
+_GUARDS = ("speed_limit", "overlap_limit")
+
+
+def scene_key(scene: Scene) -> str:
+    """Key of what is simulated: grains, law, walls, motion, gravity."""
+    return digest(scene_identity(scene))
+
+
+def scene_identity(scene: Scene) -> dict[str, Any]:
+    """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
+    grains."""
+    container = scene.container
+    walls = [{**wall.model_dump(mode="json"), "surface": _surface(scene.surface(wall))} for wall in container.walls()]
+    contact = scene.contact.model_dump(mode="json", exclude={"between"})
+    kinds = range(len(scene.grains.kinds))
+    if kinds:  # what acts between them, however it is spelled
+        contact["surfaces"] = [[_surface(scene.surface_between(a, b)) for b in kinds] for a in kinds]
+        for entry, wall in zip(walls, container.walls(), strict=True):
+            entry["surface"] = [_surface(scene.surface(wall, kind)) for kind in kinds]
+    return {
+        "grains": scene.grains.model_dump(mode="json"),
+        "contact": contact,
+        "walls": walls,
+        "outlet_plane": None if getattr(container, "closed", False) else container.outlet_plane,
+        "gravity": scene.gravity,
+    }
+
+
+def _surface(surface: Surface) -> dict[str, Any]:
+    return surface.model_dump(mode="json")
+
+
+def numerics_identity(numerics: Numerics) -> dict[str, Any]:
+    """The resolved numbers that decide a trajectory: all but the guards, which only say when to give up."""
+    return numerics.model_dump(mode="json", exclude=set(_GUARDS))
+
+
+def guards(numerics: Numerics) -> dict[str, float]:
+    """The limits beyond which a run counts as diverged."""
+    return {name: getattr(numerics, name) for name in _GUARDS}
+
+
+@dataclass(frozen=True)
+class Filling:
+    """How a packing is made: kind of start, its placing's version, when it counts as settled, and the
+    seed."""
+
+    kind: str
+    seed: int
+    settled_below: float
+    """Kinetic energy per grain [m g d] below which a packing is at rest."""
+    placing: int
+    """Version of the rules that place the grains."""
+    moving: float = 0.0
+    """Fraction of the grains that may still move; part of the key where there is one."""
+
+
+@dataclass(frozen=True)
+class Keys:
+    """All identities of one run."""
+
+    scene: str
+    packing: str
+    experiment: str
+    """Scene and packing: two engines with the same one ran the same experiment."""
+    run: str
+    lineage: str
+    """As `run`, whatever the engine's version: what a stale run and its replacement have in common."""
+
+
+@dataclass(frozen=True)
+class Maker:
+    """What makes a packing: an engine, and the numerics by which it does."""
+
+    engine: Capabilities
+    numerics: Numerics
+
+
+def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: str, cache_version: int) -> str:
+    """Key of a packing: key of the closed scene, filling with its seed, resolved numerics, name and version of the
+    engine that makes it."""
+    return digest({**_packing(closed, filling, numerics, maker), "cache_version": cache_version})
+
+
+def experiment_key(scene: str, packing: str) -> str:
+    """Key of an experiment: keys of the scene and of the packing that it starts from."""
+    return digest({"scene": scene, "packing": packing})
+
+
+def run_key(experiment: str, numerics: Numerics, engine: str, cache_version: int) -> str:
+    """Key of a run: that of the experiment, resolved numerics, name and version of the engine."""
+    return digest({"experiment": experiment, **_how(numerics, engine), "cache_version": cache_version})
+
+
+def lineage_key(
+    scene: str, closed: str, filling: Filling, numerics: Numerics, engine: str, maker: Maker | None = None
+) -> str:
+    """As a run's key, but of every version of the engine called `engine`, and of the packing's `maker` (None: the
+    engine itself, by the same numerics)."""
+    made = (maker.numerics, maker.engine.name) if maker else (numerics, engine)
+    return lineage_from(scene, closed, filling, *made, numerics, engine)
+
+
+def lineage_from(
+    scene: str, closed: str, filling: Filling, filled: Numerics, maker: str, numerics: Numerics, engine: str
+) -> str:
+    """The same where the packing was made by the engine called `maker` with the numerics `filled`."""
+    packing = _packing(closed, filling, filled, maker)
+    return digest({"scene": scene, "packing": packing, **_how(numerics, engine)})
+
+
+def run_keys(
+    scene: str,
+    closed: str,
+    filling: Filling,
+    numerics: Numerics,
+    engine: Capabilities,
+    maker: Maker | None = None,
+) -> Keys:
+    """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
+    computed. `maker`: what makes the packing; None: `engine` itself, by the same numerics."""
+    made = maker or Maker(engine, numerics)
+    packing = packing_key(closed, filling, made.numerics, made.engine.name, made.engine.cache_version)
+    experiment = experiment_key(scene, packing)
+    run = run_key(experiment, numerics, engine.name, engine.cache_version)
+    lineage = lineage_key(scene, closed, filling, numerics, engine.name, made)
+    return Keys(scene=scene, packing=packing, experiment=experiment, run=run, lineage=lineage)
+
+
+def _how(numerics: Numerics, engine: str) -> dict[str, Any]:
+    return {"numerics": numerics_identity(numerics), "engine": engine}
+
+
+def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:
+    return {
+        "scene": closed,
+        "filling": {name: value for name, value in vars(filling).items() if name != "moving" or value},
+        "numerics": numerics_identity(numerics),
+        "maker": maker,
+    }

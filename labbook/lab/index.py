@@ -1,0 +1,360 @@
+"""Writing the index: short transactions by the one process that coordinates; and making it again from the folders."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Table, delete, inspect, select, text
+from sqlalchemy.dialects.sqlite import insert
+from sqlalchemy.exc import DatabaseError
+
+from labbook.lab.connect import CHUNK, DAMAGED, connect, schema_version, unusable, whole
+from labbook.lab.derive import derive, expected
+from labbook.lab.folder import EVALUATION, Lab, Unusable, folders, remove, stamp
+from labbook.lab.packings import read_packing
+from labbook.lab.records import Observe, RunRecord, Unreadable
+from labbook.lab.runs import open_run, run_data
+from labbook.lab.schema import SCHEMA_VERSION, about, measurements, metadata, packings, runs
+
+Tick = Callable[[int, int], None]
+"""Told how many folders of how many are done."""
+
+
+@dataclass
+class Indexed:
+    """What was found: folders indexed, rows dropped because their folder is gone, what could not be read, by file or
+    folder, and where a damaged index was put aside."""
+
+    runs: int = 0
+    packings: int = 0
+    gone: int = 0
+    unreadable: dict[Path, str] = field(default_factory=dict)
+    aside: Path | None = None
+
+    @property
+    def problems(self) -> list[str]:
+        """All that was wrong, in words."""
+        lost = [f"{self.aside.with_suffix('')} was damaged: it is kept as {self.aside.name}, and made again from the "
+                "folders"] if self.aside else []  # fmt: skip
+        return lost + list(dict.fromkeys(self.unreadable.values()))
+
+
+class Index:
+    """The writer's side of a catalogue.
+
+    Opening it brings the index up to date with the folders; it is made again if it is of another version, if `again`
+    says so, or if it is damaged, in which case the old file is put aside. `found` has what that gave. Raises Unusable
+    if it cannot be written, or is damaged while it is in use.
+    """
+
+    def __init__(self, lab: Lab, *, again: bool = False, tick: Tick | None = None):
+        self.lab = lab
+        if lab.folder.exists() and not lab.folder.is_dir():
+            raise Unusable(f"{lab.folder} is a file, and no lab folder; give another one with --lab")
+        lab.folder.mkdir(parents=True, exist_ok=True)
+        self.found = Indexed()
+        if not self._open(again):
+            self.found.aside = self._put_aside()
+            self._open(again=True)
+        self._sync(tick)
+
+    def _open(self, again: bool) -> bool:
+        """Open the file, with empty tables if it is new, old or to be made `again`; False if it is damaged."""
+        path = self.lab.catalogue
+        if path.exists() and not path.is_file():
+            return False
+        self._engine = connect(path, read_only=False)
+        try:
+            version = schema_version(self._engine)
+            if version == DAMAGED or (version is not None and not whole(self._engine)):
+                self._engine.dispose()
+                return False
+            if again or version != SCHEMA_VERSION:
+                self._clear()
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+        return True
+
+    def _put_aside(self) -> Path:
+        path = self.lab.catalogue
+        aside = path.with_name(f"{path.name}.damaged")
+        remove(aside)
+        path.rename(aside)
+        for suffix in ("-wal", "-shm"):
+            remove(path.with_name(path.name + suffix))
+        return aside
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._engine.dispose()
+
+    def add_run(self, folder: Path, observe: Observe | None = None) -> str | None:
+        """Index one run folder with its measurements, replacing what was known; `observe` overrides its
+        own. Why it cannot be read, or None."""
+        row, rows = run_rows(folder, observe)
+        with self._transaction() as connection:
+            _replace_run(connection, row, rows)
+        self._tell(folder, row["problem"])
+        return row["problem"]
+
+    def add_packing(self, folder: Path) -> str | None:
+        """Index one packing folder, and the runs that could not be read for want of it. Why it cannot be read, or
+        None."""
+        row = packing_row(folder)
+        with self._transaction() as connection:
+            _upsert(connection, packings, [row])
+        self._tell(folder, row["problem"])
+        if not row["problem"]:
+            of_it = select(runs.c.run_key).where(runs.c.packing_key == folder.name, runs.c.problem.is_not(None))
+            with self._asking() as connection:
+                waiting = list(connection.scalars(of_it))
+            for key in waiting:
+                self.add_run(self.lab.run(key))
+        return row["problem"]
+
+    def problem(self, folder: Path) -> str | None:
+        """Why a run or packing folder cannot be read, as far as it was looked at; None if it can be."""
+        table, key = (runs, runs.c.run_key) if folder.parent == self.lab.runs else (packings, packings.c.packing_key)
+        with self._asking() as connection:
+            return connection.scalar(select(table.c.problem).where(key == folder.name))
+
+    def note(self, folder: Path, problem: str) -> None:
+        """Take down that something in `folder` could not be read."""
+        self.found.unreadable[folder] = problem
+
+    def _tell(self, folder: Path, problem: str | None) -> None:
+        if problem:
+            self.note(folder, problem)
+        elif folder in self.found.unreadable:
+            self.found.unreadable[folder] += "; it was made again"
+
+    def derive(self, run_keys: Iterable[str], observe: Observe) -> int:
+        """Measure whatever of `observe` is not there for these runs; the number of runs that were measured, or
+        turned out to be damaged."""
+        wanted, keys, done = expected(observe), list(run_keys), 0
+        had = self._measured(keys)
+        for key in keys:
+            if wanted <= had[key]:
+                continue
+            folder = self.lab.run(key)
+            done += 1
+            seen = stamp(folder)
+            try:
+                record = RunRecord.read(folder)
+                rows = derive(folder, observe, lambda folder=folder, record=record: run_data(folder, record))
+            except Unreadable as problem:
+                with self._transaction() as connection:
+                    _replace_run(connection, unreadable_row(folder, seen, problem), [])
+                self.note(folder, str(problem))
+                continue
+            with self._transaction() as connection:
+                _upsert(connection, measurements, rows)
+        return done
+
+    def _measured(self, run_keys: list[str]) -> dict[str, set[tuple[Any, ...]]]:
+        """(measure, version, window) of what is there, by run."""
+        names = ("run_key", "measure", "version", "window_start", "window_end")
+        query = select(*(measurements.c[name] for name in names)).distinct()
+        found: dict[str, set[tuple[Any, ...]]] = {key: set() for key in run_keys}
+        with self._asking() as connection:
+            for at in range(0, len(run_keys), CHUNK):
+                of_some = query.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK]))
+                for key, *measured in connection.execute(of_some):
+                    found[key].add(tuple(measured))
+        return found
+
+    def _sync(self, tick: Tick | None) -> None:
+        """Index folders that are new or changed, and forget those that are gone."""
+        found, repacked = self.found, self._sync_packings()
+        there = stamps(self.lab.runs)
+        with self._asking() as connection:
+            rows = connection.execute(select(runs.c.run_key, runs.c.stamp, runs.c.packing_key, runs.c.problem)).all()
+        known = {row.run_key: row.stamp for row in rows}
+        moved = {row.run_key for row in rows if row.packing_key in repacked}
+        new = [key for key, stamp in there.items() if known.get(key) != stamp or key in moved]
+        changed = set(new)
+        for row in rows:
+            if row.problem and row.run_key in there and row.run_key not in changed:
+                self.note(self.lab.run(row.run_key), row.problem)
+        for at, key in enumerate(new, 1):
+            self.add_run(self.lab.run(key))
+            found.runs += 1
+            if tick:
+                tick(at, len(new))
+        gone = [key for key in known if key not in there]
+        with self._transaction() as connection:
+            for key in gone:
+                _forget(connection, key)
+        found.gone = len(gone)
+
+    def _sync_packings(self) -> set[str]:
+        """The same of packings; the keys of those that changed or are gone."""
+        there = stamps(self.lab.packings)
+        with self._asking() as connection:
+            columns = packings.c.packing_key, packings.c.stamp, packings.c.problem
+            found = connection.execute(select(*columns)).all()
+        known = {row.packing_key: row.stamp for row in found}
+        new = {key for key, stamp in there.items() if known.get(key) != stamp}
+        rows = [packing_row(self.lab.packing(key)) for key in sorted(new)]
+        self.found.packings = len(rows)
+        lost = {row["packing_key"]: row["problem"] for row in rows}
+        lost |= {row.packing_key: row.problem for row in found if row.packing_key in there.keys() - new}
+        for key, problem in lost.items():
+            if problem:
+                self.note(self.lab.packing(key), problem)
+        gone = known.keys() - there.keys()
+        with self._transaction() as connection:
+            _upsert(connection, packings, rows)
+            for key in gone:
+                connection.execute(delete(packings).where(packings.c.packing_key == key))
+        return new | gone
+
+    def _clear(self) -> None:
+        """Forget everything."""
+        with self._transaction() as connection:
+            for name in inspect(connection).get_table_names():
+                connection.execute(text(f'DROP TABLE "{name}"'))
+            metadata.create_all(connection)
+            connection.execute(about.insert().values(schema_version=SCHEMA_VERSION))
+
+    @contextmanager
+    def _asking(self) -> Iterator[Connection]:
+        try:
+            with self._engine.connect() as connection:
+                yield connection
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[Connection]:
+        with self._asking() as connection:
+            connection.execute(text("BEGIN IMMEDIATE"))
+            yield connection
+            connection.commit()
+
+
+def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
+    """Take rows of measurements of indexed runs into the index of a lab, which stays as it is if it cannot be written
+    to: they are then worked out again from what is kept beside the runs. Raises Unusable for a damaged one."""
+    if not rows or not os.access(lab.catalogue, os.W_OK) or not os.access(lab.folder, os.W_OK):
+        return
+    engine = connect(lab.catalogue, read_only=False)
+    try:
+        with engine.connect() as connection:
+            connection.execute(text("BEGIN IMMEDIATE"))
+            _upsert(connection, measurements, rows)
+            connection.commit()
+    except DatabaseError as error:
+        raise unusable(lab, error) from error
+    finally:
+        engine.dispose()
+
+
+def _upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:
+    if not rows:
+        return
+    statement = insert(table)
+    changed = {column.name: statement.excluded[column.name] for column in table.columns if not column.primary_key}
+    connection.execute(
+        statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed), rows
+    )
+
+
+def _replace_run(connection: Connection, row: dict[str, Any], rows: list[dict[str, Any]]) -> None:
+    _forget(connection, row["run_key"])
+    _upsert(connection, runs, [row])
+    _upsert(connection, measurements, rows)
+
+
+def _forget(connection: Connection, key: str) -> None:
+    connection.execute(delete(measurements).where(measurements.c.run_key == key))
+    connection.execute(delete(runs).where(runs.c.run_key == key))
+
+
+UNREADABLE = "unreadable"
+"""Outcome, in the index, of a run whose folder cannot be read."""
+
+
+def stamps(folder: Path) -> dict[str, int]:
+    """Folders in `folder`, each with its stamp."""
+    return {name: stamp(folder / name) for name in folders(folder)}
+
+
+def _size(folder: Path) -> int:
+    files = (entry for entry in os.scandir(folder) if entry.is_file() and not entry.name.startswith(EVALUATION))
+    return sum(entry.stat().st_size for entry in files)
+
+
+def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Row of a run, and of its measurements; of a folder that cannot be read, a row that says so."""
+    seen = stamp(folder)  # before it is read: what changes meanwhile is noticed later
+    try:
+        record, data = open_run(folder)
+    except Unreadable as problem:
+        return unreadable_row(folder, seen, problem), []
+    rows = derive(folder, observe or record.observe, lambda: data)
+    coverage = record.coverage
+    row = {
+        "run_key": record.run_key,
+        "study": record.study,
+        "label": record.label,
+        "seed": record.seed,
+        "engine": record.engine,
+        "cache_version": record.cache_version,
+        "outcome": record.outcome,
+        "grains": coverage.grains,
+        "discharged": coverage.discharged,
+        "duration": coverage.duration,
+        "wall_time": record.wall_time,
+        "rate": record.rate if record.rate == record.rate else None,
+        "finished": record.finished,
+        "device": record.device,
+        "machine": record.sessions[-1].provenance.get("machine"),
+        "bytes": _size(folder),
+        "experiment_key": record.experiment_key,
+        "scene_key": record.scene_key,
+        "packing_key": record.packing_key,
+        "lineage_key": record.lineage_key,
+        "coverage": coverage.model_dump_json(),
+        "stamp": seen,
+        "problem": None,
+    }
+    return row, rows
+
+
+def unreadable_row(folder: Path, seen: int, problem: Unreadable) -> dict[str, Any]:
+    """Row of a run folder with the stamp `seen` that cannot be read; what its record says of it is kept."""
+    row = dict.fromkeys((column.name for column in runs.columns), None)
+    try:
+        record = RunRecord.read(folder)
+    except Unreadable:
+        row |= {"study": "", "label": ""}
+    else:
+        known = ("study", "label", "seed", "engine", "cache_version", "packing_key", "lineage_key")
+        row |= {name: getattr(record, name) for name in known}
+    return {**row, "run_key": folder.name, "outcome": UNREADABLE, "stamp": seen, "problem": str(problem)}
+
+
+def packing_row(folder: Path) -> dict[str, Any]:
+    """Row of a packing folder."""
+    blank = dict.fromkeys(column.name for column in packings.columns)
+    row = {**blank, "packing_key": folder.name, "stamp": stamp(folder)}
+    try:
+        record, _ = read_packing(folder)
+    except Unreadable as problem:
+        return {**row, "problem": str(problem)}
+    return {
+        **row,
+        "closed_key": record.closed_key,
+        "engine": record.engine,
+        "seed": record.filling.seed,
+        "grains": record.grains,
+        "duration": record.duration,
+        "wall_time": record.wall_time,
+        "rate": record.rate if record.rate == record.rate else None,
+        "machine": record.sessions[-1].provenance.get("machine"),
+        "bytes": _size(folder),
+    }

@@ -1,0 +1,183 @@
+"""Merging the runs and packings of another lab, brought from another machine.
+
+What is in the other lab may be damaged, or made by somebody who means harm. Only ordinary files that belong to a run or
+a packing are copied, into the work folder of their key; there everything in them is looked at as if it had always been
+ours; and only then does the copy get its place. What is left out is named, and stops nothing else.
+"""
+
+import errno
+import os
+import shutil
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from labbook.backend import BackendMissing, Verifies, load
+from labbook.backend.probes import parse_probe, table_name
+from labbook.lab.folder import Lab, remove
+from labbook.lab.index import Index
+from labbook.lab.packings import ARRAYS, PackingRecord, read_packing
+from labbook.lab.records import LONGEST, RunRecord, Unreadable
+from labbook.lab.runs import CHECKPOINT, RECORDING, open_run, read_end
+from labbook.lab.tables import MOST
+
+_CHUNK = 2**20  # bytes copied at a time
+
+
+@dataclass
+class Merged:
+    """Keys of what was copied, and what was left out, with the reason."""
+
+    copied: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+
+def merge(index: Index, source: Path) -> Merged:
+    """Copy runs and packings of the lab (or copy of one) in `source` that the lab of `index` lacks, and index them.
+
+    Where both have a run, the one that covers more stays; one of ours that cannot be read is replaced. Raises
+    FileNotFoundError if `source` is no lab.
+    """
+    lab, other = index.lab, Lab(source)
+    if not other.runs.is_dir() and not other.packings.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no lab: it has neither runs/ nor packings/", str(source))
+    merged = Merged()
+    for theirs, take in ((other.packings, _take_packing), (other.runs, _take_run)):
+        for name in _entries(theirs):
+            try:
+                if take(index, lab, theirs / name):
+                    merged.copied.append(name)
+            except Unreadable as problem:
+                merged.left_out.append(str(problem))
+    return merged
+
+
+def _entries(folder: Path) -> list[str]:
+    """Names in `folder` that may be those of runs or packings: files and what is hidden are none."""
+    if not folder.is_dir():
+        return []
+    found = os.scandir(folder)
+    return sorted(one.name for one in found if not one.name.startswith(".") and (one.is_dir() or one.is_symlink()))
+
+
+def _take_packing(index: Index, lab: Lab, theirs: Path) -> bool:
+    _check_files(theirs)
+    record = PackingRecord.read(theirs)
+    key = record.packing_key
+    mine = lab.packing(key)
+    if mine.exists() and not index.problem(mine):
+        return False
+
+    def look(copy: Path) -> None:
+        read_packing(copy, key)
+
+    _copy(lab, key, theirs, mine, {PackingRecord.FILE, ARRAYS}, look)
+    index.add_packing(mine)
+    return True
+
+
+def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
+    _check_files(theirs)
+    record = RunRecord.read(theirs)
+    key = record.run_key
+    mine = lab.run(key)
+    if mine.exists() and not index.problem(mine) and not covers_more(record, RunRecord.read(mine)):
+        return False
+
+    def look(copy: Path) -> None:
+        found, _ = open_run(copy, key=key, lab=lab)
+        _check_end(copy, found)
+
+    names = {RunRecord.FILE, CHECKPOINT, *(f"{table_name(parse_probe(text))}.npz" for text in record.coverage.probes)}
+    if record.coverage.recording is not None:
+        names.add(RECORDING)
+    _copy(lab, key, theirs, mine, names, look)
+    index.add_run(mine)
+    return True
+
+
+def covers_more(theirs: RunRecord, mine: RunRecord) -> bool:
+    """Whether a run goes on for longer than ours, and observed all that ours did."""
+    one, other = theirs.coverage, mine.coverage
+    seen = set(one.probes) >= set(other.probes)
+    filmed = other.recording is None or (one.recording is not None and one.recording <= other.recording)
+    return one.duration > other.duration and seen and filmed
+
+
+def _check_end(copy: Path, record: RunRecord) -> None:
+    """Whether the engine of a run, if it is installed in this version, could go on from its last state."""
+    try:
+        engine = load(record.engine)
+    except BackendMissing:
+        return  # the state is looked at again by whoever goes on from it
+    own = engine.capabilities
+    if isinstance(engine, Verifies) and (own.name, own.cache_version) == (record.engine, record.cache_version):
+        try:
+            engine.verify(record.scene, record.numerics, read_end(copy, record), record.coverage.steps)
+        except ImportError:
+            return
+        except ValueError as error:
+            raise Unreadable(f"{copy / CHECKPOINT}: {error}") from error
+
+
+def _check_files(folder: Path) -> None:
+    """Raises Unreadable for a folder that is a link, or holds anything but ordinary files; what is hidden is left."""
+    if folder.is_symlink():
+        raise Unreadable(f"{folder}: it is a link; import copies no links")
+    for entry in os.scandir(folder):
+        if entry.is_symlink():
+            raise Unreadable(f"{entry.path}: it is a link; import copies no links")
+        if not entry.is_file(follow_symlinks=False) and not entry.name.startswith("."):
+            raise Unreadable(f"{entry.path}: it is no ordinary file, and does not belong there")
+
+
+def _copy(lab: Lab, key: str, theirs: Path, mine: Path, names: set[str], look: Callable[[Path], None]) -> None:
+    """Put a copy of the files `names` of a folder in place once `look` finds nothing wrong with it. Raises Unreadable,
+    and OSError if there is no room."""
+    claim = lab.claim(key)
+    if claim is None:
+        raise Unreadable(f"{theirs}: another process works on it; import again later")
+    made = lab.work(key) / "done"
+    try:
+        remove(made)
+        made.mkdir(parents=True)
+        for name in sorted(names):
+            _copy_file(theirs / name, made / name)
+        try:
+            look(made)
+        except Unreadable as problem:
+            raise Unreadable(str(problem).replace(str(made), str(theirs))) from problem
+        lab.put(made, mine)
+        remove(lab.work(key) / "replaced")
+        if mine.parent == lab.packings:
+            lab.clear(key)
+    finally:
+        remove(made)
+        _remove_empty(lab.work(key))
+        claim.release()
+
+
+def _remove_empty(folder: Path) -> None:
+    """Remove a folder if it is empty."""
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _copy_file(theirs: Path, mine: Path) -> None:
+    """Copy an ordinary file, which is not a link, and keep its time. Raises Unreadable, or OSError if there is no
+    room."""
+    try:
+        handle = os.open(theirs, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
+    except OSError as error:
+        raise Unreadable(f"{theirs}: {error.strerror or error}") from error
+    with os.fdopen(handle, "rb") as source:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise Unreadable(f"{theirs}: it is no ordinary file")
+        most = MOST if theirs.suffix == ".npz" else LONGEST
+        if status.st_size > most:
+            raise Unreadable(f"{theirs}: it has {status.st_size} bytes, more than the {most:.0f} that it may have")
+        with open(mine, "wb") as target:
+            shutil.copyfileobj(source, target, _CHUNK)
+    os.utime(mine, ns=(status.st_atime_ns, status.st_mtime_ns))

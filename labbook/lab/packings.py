@@ -1,0 +1,91 @@
+"""Packings kept in the lab: made once, shared by all runs with the same packing key."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from labbook.backend.numerics import Numerics
+from labbook.lab import identity
+from labbook.lab.identity import Filling
+from labbook.lab.records import Measure, Record, Unreadable, Whole
+from labbook.lab.tables import MOST, read_table
+from labbook.scene import Bodies, Scene, Spheres
+from labbook.scene.packing import Packing
+
+ARRAYS = "packing.npz"
+_BYTES = 4096  # of a grain, at most: state, and springs of 20 contacts
+
+
+class PackingRecord(Record):
+    """How a packing was made."""
+
+    FILE = "packing.json"
+    KEY = "packing_key"
+
+    format: Literal[1] = 1
+    packing_key: Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
+    closed_key: str
+    engine: str
+    cache_version: Whole
+    scene: Scene
+    """The closed scene, with the friction of the filling."""
+    filling: Filling
+    numerics: Numerics
+    grains: Whole
+    duration: Measure
+    """Simulated time until it was at rest [s]."""
+    kinetic: Measure
+    """Kinetic energy per grain at the end [m g d]."""
+
+
+def load_packing(folder: Path) -> Packing:
+    """The packing in `folder`. Raises Unreadable as `read_packing` does."""
+    return read_packing(folder)[1]
+
+
+def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, Packing]:
+    """What is in the folder of a packing, which is named by its key, or has yet to be named `key`.
+
+    Raises Unreadable for anything that is missing or damaged, does not belong together, or has another key.
+    """
+    record = PackingRecord.read(folder, key)
+    path = folder / PackingRecord.FILE
+    if identity.scene_key(record.scene) != record.closed_key:
+        raise Unreadable(f"{path}: closed_key: it is not that of the scene")
+    whose = identity.packing_key(
+        record.closed_key, record.filling, record.numerics, record.engine, record.cache_version
+    )  # fmt: skip
+    if whose != record.packing_key:
+        raise Unreadable(f"{path}: packing_key: it is not that of the scene, the filling and the numerics, {whose}")
+    path = folder / ARRAYS
+    try:
+        packing = Packing(**read_table(path, min(MOST, 2**20 + _BYTES * record.grains)))
+    except (OSError, ValueError, TypeError) as error:
+        raise Unreadable(f"{path}: not a packing ({type(error).__name__}: {error})") from error
+    if fault := _fault(record, packing):
+        raise Unreadable(f"{path}: {fault}")
+    return record, packing
+
+
+def _fault(record: PackingRecord, packing: Packing) -> str | None:
+    """Why these cannot be the grains of the packing."""
+    grains, count = record.scene.grains, record.scene.grains.count
+    container, ids = record.scene.container, packing.ids
+    assert ids is not None
+    lost = len(packing) < count and (getattr(container, "closed", False) or container.outlet_plane is None)
+    if lost or record.grains != count:  # out of an open container of primitives grains may have fallen
+        return f"{len(packing)} of {count} grains"
+    if not (len(np.unique(ids)) == len(ids) > 0 and ids.min() >= 0 and ids.max() < count):
+        return f"the ids of the grains are not different ones of 0 to {count - 1}"
+    if packing.q is None and not isinstance(grains, Spheres):
+        return "rods without orientations"
+    names = {wall.name for wall in record.scene.container.walls()}
+    if unknown := set(map(str, np.unique(packing.wall_name))) - names:
+        return f"springs at walls that are not there: {', '.join(sorted(unknown))}"
+    try:
+        Bodies.of(grains, packing)
+    except ValueError as error:
+        return str(error)
+    return None

@@ -1,0 +1,243 @@
+"""What a finished run (`run.json`) or a packing says of itself, in its folder."""
+
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import parse_probe
+from labbook.lab.folder import open_file, write_bytes
+from labbook.scene import Scene
+
+Whole = Annotated[int, Field(ge=0, lt=2**63)]
+"""A count, or another number that SQLite can hold."""
+Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+"""A time, a length or a fraction."""
+LONGEST = 2**26
+"""Bytes that a record may have: those of some 10^4 sessions."""
+
+
+class Unreadable(Exception):
+    """A folder that holds nothing that can be read; the message names file and reason."""
+
+
+class Part(BaseModel):
+    """A frozen piece of a record; an unknown key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
+
+
+class Session(Part):
+    """A stretch of one computation within one process."""
+
+    from_step: Whole
+    to_step: Whole
+    started: str
+    """UTC, ISO 8601."""
+    wall_time: Measure
+    """Spent stepping [s]."""
+    process_time: Measure
+    """Share of the process's processor time while stepping [s]."""
+    grain_steps: Measure
+    provenance: dict[str, Any] = {}
+
+
+class Record(Part):
+    """A folder's account of how its content was computed, in one or more sessions."""
+
+    FILE: ClassVar[str]
+    KEY: ClassVar[str]
+
+    sessions: Annotated[tuple[Session, ...], Field(min_length=1)]
+
+    @property
+    def wall_time(self) -> float:
+        """Time spent stepping [s], over all sessions."""
+        return sum(session.wall_time for session in self.sessions)
+
+    @property
+    def process_time(self) -> float:
+        """Processor time spent stepping [s], over all sessions."""
+        return sum(session.process_time for session in self.sessions)
+
+    @property
+    def rate(self) -> float:
+        """Grain-steps per second of wall time; NaN if nothing was stepped."""
+        wall = self.wall_time
+        return sum(session.grain_steps for session in self.sessions) / wall if wall else float("nan")
+
+    def write(self, folder: Path) -> None:
+        """Write into `folder`."""
+        write_bytes(folder / self.FILE, (self.model_dump_json(indent=1) + "\n").encode())
+
+    @classmethod
+    def read(cls, folder: Path, key: str | None = None) -> Self:
+        """Read the record in `folder`, which is named by its key, or has yet to be named `key`. Raises Unreadable."""
+        path, key = folder / cls.FILE, key or folder.name
+        try:
+            with open_file(path) as file:
+                text = file.read(LONGEST + 1)
+            record = cls.model_validate_json(text)
+        except OSError as error:
+            raise Unreadable(f"{path}: {error.strerror or error}") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"])) or "the file"
+            raise Unreadable(f"{path}: {where}: {first['msg']}") from error
+        if getattr(record, cls.KEY) != key:
+            raise Unreadable(f"{path}: it belongs to {getattr(record, cls.KEY)}: the folder was renamed or copied")
+        return record
+
+
+Ending = Literal["finished", "precise", "emptied", "clogged", "diverged", "time-limit"]
+Outcome = Annotated[
+    Ending,
+    BeforeValidator(lambda word: "time-limit" if word == "interrupted" else word),  # as older runs have it
+]
+"""How a discharge ended; every one of them is physics, none an error.
+
+`finished`: the asked part was discharged. `precise`: stopped because the answer was precise enough.
+`emptied`: no grain is left. `clogged`: no grain left for the stall time, a censored waiting time. `diverged`:
+a guard stopped it. `time-limit`: it came to the end of `stop.max_time`.
+"""
+
+
+class StopRule(Part):
+    """When a discharge ends."""
+
+    discharged: float
+    """Fraction of the mass that has left."""
+    max_time: float
+    """Time since the opening [s]."""
+    stall: float
+    """Time without a grain leaving [s] after which the outlet counts as clogged."""
+    fill_height: float | None = None
+    """Height of the bed [m] at which it has fallen far enough; None: any."""
+
+
+class Coverage(Part):
+    """How far a run went and what was observed: what a demand is compared with."""
+
+    duration: Measure
+    """Simulated time since the opening [s]."""
+    steps: Whole
+    grains: Annotated[Whole, Field(ge=1)]
+    """At the opening."""
+    crossed: Whole
+    """Grains that left through the outlet plane."""
+    last_crossing: Measure
+    """When the last grain left [s]; 0 if none did."""
+    stop: StopRule
+    """The rule that ended it."""
+    guards: dict[str, float]
+    probes: tuple[str, ...]
+    """Probes, as `describe_probe` writes them."""
+    recording: Annotated[Measure, Field(gt=0)] | None = None
+    """Time between recorded frames [s] if the run was recorded."""
+    mass_left: Measure | None = None
+    """Fraction of the mass that left with these grains; None where all are equal."""
+    bed_height: Measure | None = None
+    """Height of the settled bed at the opening [m]: twice its mean height above the outlet plane."""
+
+    @field_validator("probes")
+    @classmethod
+    def _are_probes(cls, probes: tuple[str, ...]) -> tuple[str, ...]:
+        for probe in probes:
+            parse_probe(probe)
+        return probes
+
+    @model_validator(mode="after")
+    def _belongs_together(self):
+        if self.crossed > self.grains:
+            raise ValueError(f"{self.crossed} of {self.grains} grains have left")
+        return self
+
+    @property
+    def discharged(self) -> float:
+        """Fraction of the mass that has left."""
+        return self.crossed / self.grains if self.mass_left is None else self.mass_left
+
+    @property
+    def fill_height(self) -> float | None:
+        """Height [m] of the bed as it is now, if its cross-section is the same everywhere."""
+        return None if self.bed_height is None else self.bed_height * (1 - self.discharged)
+
+    @property
+    def waiting(self) -> float:
+        """Time since the last grain left, or since the opening [s]; censored if the run clogged."""
+        return self.duration - self.last_crossing
+
+
+class Failure(Part):
+    """Why a run diverged; its folder holds the state at the last good beat."""
+
+    guard: str
+    step: int
+    grain: int
+    message: str
+
+
+class Observe(Part):
+    """What is measured, over which fractions of the initial mass discharged."""
+
+    measure: tuple[str, ...]
+    start: float
+    end: float
+
+
+class RunRecord(Record):
+    """All that is known of a finished run apart from its tables."""
+
+    FILE = "run.json"
+    KEY = "run_key"
+
+    format: Literal[1] = 1
+    run_key: Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
+    experiment_key: str
+    scene_key: str
+    packing_key: str
+    lineage_key: str
+    engine: str
+    cache_version: Whole
+    study: str
+    point: Whole
+    label: str
+    at: dict[str, float | str]
+    seed: Whole
+    scene: Scene
+    numerics: Numerics
+    outcome: Outcome
+    coverage: Coverage
+    failure: Failure | None = None
+    observe: Observe
+    physics: dict[str, float]
+    """What the engine derived: asked and realised restitution, damping coefficient."""
+    device: str
+    finished: str
+    """When it ended (UTC, ISO 8601)."""
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What made its last stretch: commit, versions, processor, device, threads; with seed, precision and
+        speeds."""
+        return {
+            **self.sessions[-1].provenance,
+            "engine": self.engine,
+            "cache_version": self.cache_version,
+            "seed": self.seed,
+            "precision": self.numerics.precision,
+            "device": self.device,
+            "wall_time": self.wall_time,
+            "process_time": self.process_time,
+            "grain_steps_per_second": self.rate,
+            "sessions": len(self.sessions),
+        }

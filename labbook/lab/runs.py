@@ -1,0 +1,217 @@
+"""A run that is there: its record, its tables, its recording, and whether they are whole."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from labbook.backend import Checkpoint
+from labbook.backend.probes import Crossing, Probe, Sample, film_probe, parse_probe, table_name
+from labbook.lab import identity
+from labbook.lab.folder import Lab, stamp
+from labbook.lab.packings import PackingRecord, read_packing
+from labbook.lab.records import RunRecord, Unreadable
+from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_checkpoint
+
+if TYPE_CHECKING:
+    from labbook.lab.evaluations import Evaluated
+    from labbook.measure import Measure, RunData, Window
+    from labbook.study import Point
+
+RECORDING = "recording.npz"
+CHECKPOINT = "checkpoint.npz"
+_FRAMES = 1000  # of a recording, at most
+_BYTES = 2**16  # of a grain in a checkpoint, at most
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """A run that covers what a study asks. `stamp`: of its folder, when it was indexed."""
+
+    point: "Point"
+    seed: int
+    run_key: str
+    folder: Path
+    outcome: str
+    stamp: int
+
+    @cached_property
+    def record(self) -> RunRecord:
+        """All that the run says of itself. Raises Unreadable."""
+        return RunRecord.read(self.folder)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Commit, versions, processor, device, threads, precision, seed, times and speed."""
+        return self.record.provenance
+
+    def data(self) -> "RunData":
+        """Start and tables, for measuring. Raises Unreadable, where the folder changed also for what is not read."""
+        if stamp(self.folder) != self.stamp:
+            return open_run(self.folder)[1]
+        return run_data(self.folder, self.record)
+
+    def evaluated(self, measure: "Measure", window: "Window") -> "Evaluated":
+        """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError."""
+        from labbook.lab.evaluations import evaluated
+
+        return evaluated(self.folder, measure, window, self.data)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether frames were recorded of it. Raises Unreadable."""
+        return self.record.coverage.recording is not None
+
+    def recording(self) -> dict[str, np.ndarray] | None:
+        """Recorded frames (columns id, step, time, x, y, z, vx, vy, vz; single precision), or None without
+        any. Raises Unreadable."""
+        return read_recording(self.folder, self.record)
+
+
+def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) -> "tuple[RunRecord, RunData]":
+    """The run in `folder`, after everything in it has been looked at: record, tables, recording, checkpoint, keys.
+
+    `key`: what the folder has yet to be named, if it is not named by its key; `lab`: where its packing is, if that is
+    not the lab around the folder. Raises Unreadable, which names the file, for anything that is missing or damaged.
+    """
+    record = RunRecord.read(folder, key)
+    check_keys(folder, record)
+    data = run_data(folder, record, lab)
+    read_end(folder, record)
+    if record.coverage.recording is not None:
+        with _opened(folder / RECORDING, _most_recorded(record)) as stored:
+            _check_rows(folder / RECORDING, stored, _film(record), record)
+    return record, data
+
+
+def run_data(folder: Path, record: RunRecord, lab: Lab | None = None) -> "RunData":
+    """The run in `folder`, which lies in a lab beside its packings unless `lab` is given. Raises Unreadable."""
+    from labbook.measure.data import RunData
+
+    packed, start = read_packing((lab or Lab(folder.parent.parent)).packing(record.packing_key))
+    _check_start(folder, record, packed)
+    return RunData(
+        scene=record.scene,
+        numerics=record.numerics,
+        seed=record.seed,
+        start=start,
+        outcome=record.outcome,
+        duration=record.coverage.duration,
+        tables=read_tables(folder, record),
+        recorded=lambda: read_recording(folder, record),
+    )
+
+
+def read_tables(folder: Path, record: RunRecord) -> dict[str, dict[str, np.ndarray]]:
+    """Rows of every probe of the run, by table name. Raises Unreadable if one is missing or holds what it cannot."""
+    tables = {}
+    for probe in map(parse_probe, record.coverage.probes):
+        path = folder / f"{table_name(probe)}.npz"
+        most = most_bytes(probe, record.scene, record.numerics, record.coverage.steps)
+        with _opened(path, most) as stored:
+            tables[table_name(probe)] = table = _columns(path, stored)
+        _check_rows(path, table, probe, record)
+    return tables
+
+
+def read_recording(folder: Path, record: RunRecord) -> dict[str, np.ndarray] | None:
+    """Recorded frames of the run, or None if it was not recorded. Raises Unreadable."""
+    if record.coverage.recording is None:
+        return None
+    with _opened(folder / RECORDING, _most_recorded(record)) as stored:
+        table = _columns(folder / RECORDING, stored)
+    _check_rows(folder / RECORDING, table, _film(record), record)
+    return table
+
+
+def read_end(folder: Path, record: RunRecord) -> Checkpoint:
+    """The exact last state of the run, which its engine alone can judge. Raises Unreadable."""
+    path = folder / CHECKPOINT
+    try:
+        checkpoint = read_checkpoint(path, min(MOST, 2**20 + _BYTES * record.scene.grains.count))
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+    if (checkpoint.engine, checkpoint.cache_version) != (record.engine, record.cache_version):
+        raise Unreadable(f"{path}: it is of {checkpoint.engine} version {checkpoint.cache_version}")
+    return checkpoint
+
+
+def _opened(path: Path, most: float) -> Stored:
+    try:
+        return Stored(path, most)
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+
+
+def _columns(path: Path, stored: Stored) -> dict[str, np.ndarray]:
+    try:
+        return dict(stored)
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: OSError | ValueError) -> Unreadable:
+    if isinstance(error, FileNotFoundError):
+        return Unreadable(f"{path} is missing")
+    return Unreadable(f"{path}: {error.strerror or error}" if isinstance(error, OSError) else str(error))
+
+
+def _check_rows(path: Path, table: Mapping[str, np.ndarray], probe: Probe, record: RunRecord) -> None:
+    coverage = record.coverage
+    try:
+        fault = fault_of_rows(table, probe, record.scene, record.numerics, coverage.steps)
+        if fault is None and isinstance(probe, Crossing) and probe.plane == record.scene.container.outlet_plane:
+            fault = fault_of_crossings(table, coverage.crossed, coverage.last_crossing)
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+    if fault:
+        raise Unreadable(f"{path}: {fault}")
+
+
+def fault_of_crossings(table: Mapping[str, np.ndarray], crossed: int, last: float) -> str | None:
+    """Why these cannot be the rows of `crossed` grains of which the last left the container at `last` [s]."""
+    if len(table["id"]) != crossed:
+        return f"{len(table['id'])} grains have crossed the outlet, and not {crossed} as recorded"
+    if len(np.unique(table["id"])) != crossed:
+        return "a grain has crossed the outlet twice"
+    if float(np.max(table["time"], initial=0.0)) != last:
+        return f"the last grain has not left at {last:g} s, as recorded"
+    return None
+
+
+def check_keys(folder: Path, record: RunRecord) -> None:
+    """Whether the keys are those of what is recorded. Raises Unreadable."""
+    whose = {
+        "scene_key": identity.scene_key(record.scene),
+        "experiment_key": identity.experiment_key(record.scene_key, record.packing_key),
+        "run_key": identity.run_key(record.experiment_key, record.numerics, record.engine, record.cache_version),
+    }
+    for name, key in whose.items():
+        if getattr(record, name) != key:
+            raise Unreadable(f"{folder / RunRecord.FILE}: {name}: it is not that of what is recorded, {key}")
+    if record.coverage.grains != record.scene.grains.count:
+        raise Unreadable(f"{folder / RunRecord.FILE}: coverage.grains: the scene has {record.scene.grains.count}")
+
+
+def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None:
+    """Whether a packing is one that the run can have started from."""
+    path = folder / RunRecord.FILE
+    if packed.scene.grains != record.scene.grains:
+        raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} is of other grains")
+    lineage = identity.lineage_from(
+        record.scene_key, packed.closed_key, packed.filling, packed.numerics, packed.engine, record.numerics,
+        record.engine,
+    )  # fmt: skip
+    if record.lineage_key != lineage:
+        raise Unreadable(f"{path}: lineage_key: it is not that of what is recorded, {lineage}")
+
+
+def _film(record: RunRecord) -> Sample:
+    return film_probe(record.coverage.recording or 0.0, record.numerics, record.scene.grains)
+
+
+def _most_recorded(record: RunRecord) -> float:
+    return min(MOST, 2**16 + 8.0 * _FRAMES * record.scene.grains.count * 13)

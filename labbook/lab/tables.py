@@ -1,0 +1,174 @@
+"""Tables of a run as npz files, and an engine's checkpoint likewise."""
+
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from zipfile import ZipFile
+
+import numpy as np
+from numpy.lib import format as npy
+
+from labbook.backend import Checkpoint
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Ledger, Probe, Table, columns
+from labbook.lab.folder import open_file, write_bytes
+from labbook.scene import Scene, Spheres
+
+MOST = 2.0**34
+"""Bytes that a file may unpack to, whatever it is said to hold: it is read into memory."""
+_LATE = 1.001  # steps between the time of a row and its step: crossings are interpolated within theirs
+_CONTACTS = 64  # rows of a grain in one frame, at most
+_META = "_meta"
+_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+
+
+def write_table(path: Path, table: Table, *, compress: bool = True, durable: bool = True) -> None:
+    """Write columns by name as one npz, whole or not at all; `durable`: it is there after a crash."""
+    _write(path, dict(table), compress, durable)
+
+
+def read_table(path: Path, most: float = MOST) -> dict[str, np.ndarray]:
+    """Columns by name. Raises OSError or ValueError as `Stored` does."""
+    with Stored(path, most) as stored:
+        return dict(stored)
+
+
+class Stored(Mapping[str, np.ndarray]):
+    """The columns of an npz, each read when it is asked for; a context that holds the file open.
+
+    Nothing is unpacked before what the file declares has been checked: `most` bytes in all, numbers or text, as many as
+    the shapes say. Raises OSError, or ValueError for a file that is none.
+    """
+
+    def __init__(self, path: Path, most: float = MOST):
+        self._path, self._file = path, open_file(path)
+        try:
+            with self._reading():
+                self._archive = ZipFile(self._file)
+                self._entries = {entry.filename.removesuffix(".npy"): entry for entry in self._archive.infolist()}
+                declared = sum(entry.file_size for entry in self._archive.infolist())
+                if declared > most:
+                    raise ValueError(f"it declares {declared:.3g} bytes, more than the {most:.3g} that it may hold")
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> "Stored":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._entries
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        entry = self._entries[name]
+        with self._reading(), self._archive.open(entry) as stream:
+            version = npy.read_magic(stream)
+            if version not in _HEADERS:
+                raise ValueError(f"{name}: npy version {version}")
+            shape, _, dtype = _HEADERS[version](stream)
+            if dtype.hasobject or math.prod(shape) * dtype.itemsize != entry.file_size - stream.tell():
+                raise ValueError(f"{name}: not {shape} of {dtype}")
+            stream.seek(0)
+            return npy.read_array(stream, allow_pickle=False)
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Whatever unpacking damaged bytes may raise is a ValueError."""
+        try:
+            yield
+        except OSError:
+            raise
+        except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds on bytes that are no table
+            why = str(error) if type(error) is ValueError else type(error).__name__
+            raise ValueError(f"{self._path}: not a table of numbers ({why})") from error
+
+
+def fault_of_rows(table: Table, probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> str | None:
+    """Why these cannot be the rows that `probe` gave in the first `steps` steps of a run; None if they can.
+
+    Columns are asked for one at a time, and must hold finite numbers of the right kind, as many each; steps and times
+    lie within the run and belong together, ids are those of grains, and walls those of the scene.
+    """
+    wanted = columns(probe, rods=not isinstance(scene.grains, Spheres))
+    del wanted["member"]
+    if missing := [name for name in wanted if name not in table]:
+        return f"no column {', '.join(missing)}"
+    count, step = None, np.zeros(0)
+    for name, kind in wanted.items():
+        column = np.asarray(table[name])
+        count = len(column) if count is None and column.ndim == 1 else count
+        if column.shape != (count,):
+            return f"column {name} has shape {column.shape}, not ({count},)"
+        if not np.issubdtype(column.dtype, np.integer if kind is np.int64 else np.floating):
+            return f"column {name} holds {column.dtype}"
+        if not np.isfinite(column).all():
+            return f"column {name} is not finite in row {int(np.argmin(np.isfinite(column)))}"
+        if name in (limits := _limits(scene, steps)) and count:
+            least, most = limits[name]
+            if not (column.min() >= least and column.max() <= most):
+                return f"column {name} is not within {least} to {most}"
+        if name == "step":
+            step = column
+        elif name == "time" and count and np.abs(column / numerics.dt - step).max() > _LATE:
+            return "column time does not fit to the steps"
+    return None
+
+
+def _limits(scene: Scene, steps: int) -> dict[str, tuple[int, int]]:
+    last, walls = scene.grains.count - 1, len(scene.container.walls()) - 1
+    return {"step": (0, steps), "id": (0, last), "i": (0, last), "j": (-1, last), "wall": (-1, walls)}
+
+
+def most_bytes(probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> float:
+    """Bytes to which the table that `probe` gave in so many steps may unpack."""
+    if isinstance(probe, Crossing):
+        rows = scene.grains.count
+    else:
+        frames = 2 * (steps // (probe.every * numerics.steps_per_beat) + 1)
+        rows = frames * (1 if isinstance(probe, Ledger) else _CONTACTS * scene.grains.count)
+    return min(MOST, 2**16 + 8 * rows * len(columns(probe, rods=True)))
+
+
+def join(tables: Sequence[Table]) -> dict[str, np.ndarray]:
+    """One table below the other; none gives a table without columns."""
+    if not tables:
+        return {}
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+
+def write_checkpoint(path: Path, checkpoint: Checkpoint, *, compress: bool = False) -> None:
+    """Write an engine's exact state; while work goes on it is written often, so not compressed."""
+    meta = json.dumps({"engine": checkpoint.engine, "cache_version": checkpoint.cache_version})
+    _write(path, {**checkpoint.arrays, _META: np.array(meta)}, compress)
+
+
+def read_checkpoint(path: Path, most: float = MOST) -> Checkpoint:
+    """Read what `write_checkpoint` wrote. Raises OSError or ValueError on a file that is none."""
+    arrays = read_table(path, most)
+    try:
+        meta = json.loads(str(arrays.pop(_META)))
+        engine, version = meta["engine"], meta["cache_version"]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"{path}: not a checkpoint: it does not say of which engine it is") from error
+    if not isinstance(engine, str) or type(version) is not int:
+        raise ValueError(f"{path}: not a checkpoint: it does not say of which engine it is")
+    return Checkpoint(engine, version, arrays)
+
+
+def _write(path: Path, arrays: Mapping[str, np.ndarray], compress: bool, durable: bool = True) -> None:
+    buffer = io.BytesIO()
+    save = np.savez_compressed if compress else np.savez
+    save(buffer, **arrays)  # pyright: ignore[reportArgumentType]
+    write_bytes(path, buffer.getvalue(), durable=durable)

@@ -1,0 +1,174 @@
+"""What a study may well want otherwise, told before it runs: warnings with key and remedy, never refusals."""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from labbook.run.demand import PointDemand
+from labbook.run.outline import Outline, outline
+from labbook.run.plan import Plan
+from labbook.run.reach import PACKED
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
+
+NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
+"""Outlets below so many largest dimensions of a grain often clog."""
+SOFT = 3e-3
+"""Overlap at the foot of the bed, in diameters, with which grains are still hard: what is softer flows otherwise."""
+_SLOWER, _LONG = 3.0, 600.0
+"""Steps as many times smaller than need be, of a plan as long [s], are worth a hint."""
+_NAMED = 3
+
+
+def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
+    """Warnings about `plan`, which is forecast to take `seconds`: file, key, what, and the remedy."""
+    file = plan.study.path
+    points = [(point.shared, outline(point.shared)) for point in plan.points]
+    yield from _narrow(file, points)
+    yield from _overfull(file, points)
+    yield from _too_few_outlets(plan)
+    yield from _endless(plan)
+    if plan.rule.cap < 2:
+        remedy = "use replicates: 3 or more, or accuracy.flow_rate"
+        yield _told(file, "replicates", "with one run a point no number has an error between replicates", remedy)
+    if seconds > _LONG:
+        yield from _stiff(file, points)
+
+
+def too_large(plan: Plan, lanes: int, available: float) -> str | None:
+    """Why `lanes` runs at once do not fit into the `available` memory [bytes]; None if they do."""
+    if not plan.todo:
+        return None
+    largest = max((point.shared for point in plan.points), key=lambda shared: outline(shared).memory)
+    runs = max(1, min(lanes, len(plan.todo)))
+    needed = outline(largest).memory * runs
+    if needed <= available:
+        return None
+    count, several = largest.scene.grains.count, f"{runs} runs at once of " if runs > 1 else ""
+    reason = (
+        f"{several}{count} grains take about {needed / 1e9:.3g} GB of memory, and this machine has "
+        f"{available / 1e9:.3g} GB"
+    )
+    fits = available / needed * count
+    step = 10 ** math.floor(math.log10(fits))
+    remedy = f"use at most {fits // step * step:.0f} grains, or a larger machine"
+    return _told(plan.study.path, "grains.count", reason, remedy)
+
+
+def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
+    def narrow(shared: PointDemand, one: Outline) -> bool:
+        return one.ratio is not None and one.ratio < NARROW[shared.scene.grains.shape] * (1 - 1e-9)
+
+    few = [(shared, one) for shared, one in points if narrow(shared, one)]
+    if few:
+        shared, one = min(few, key=lambda pair: pair[1].ratio or 0)
+        rods = shared.scene.grains.half_length > 0
+        what = "lengths of a rod" if rods else "diameters of a grain"
+        least = NARROW[shared.scene.grains.shape]
+        reason = (
+            f"the outlet is {one.ratio:.2g} {what} wide ({one.extent * 1e3:.3g} mm), and below {least:g} it often clogs"
+        )
+        enough = math.ceil(least * one.extent * 1e4 * (1 - 1e-9)) / 10  # mm
+        yield _told(file, "container.orifice", reason, f"use {enough:g} mm or more", few, points)
+
+
+def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
+    over = [
+        (shared, one)
+        for shared, one in points
+        if one.height is not None and one.height > getattr(shared.scene.container, "height", math.inf)
+    ]
+    if over:
+        shared, one = max(over, key=lambda pair: pair[1].height or 0)
+        height, top = one.height or 0.0, float(getattr(shared.scene.container, "height", math.inf))
+        reason = (
+            f"the grains will stand about {height * 1e3:.3g} mm high, at a packing fraction of {PACKED}, "
+            f"above the walls ({top * 1e3:.3g} mm)"
+        )
+        remedy = f"make the container {1.1 * height * 1e3:.3g} mm high or more, or lower grains.count"
+        yield _told(file, "container.height", reason, remedy, over, points)
+
+
+def _endless(plan: Plan) -> Iterator[str]:
+    """Runs that nothing leaves, and that go on for as long as stop.max_time has by default."""
+    stop = plan.study.stop
+    closed = all(point.scene.container.outlet_plane is None for point in plan.study.points)
+    if not closed or "max_time" in stop.model_fields_set:
+        return
+    reason = f"nothing leaves this container, so that every run goes on for {stop.max_time:g} s"
+    remedy = "state stop.max_time; for measurements of the packing alone, 10 ms are enough"
+    yield _told(plan.study.path, "stop.max_time", reason, remedy)
+
+
+def _too_few_outlets(plan: Plan) -> Iterator[str]:
+    from labbook.fit import LAWS
+
+    outlets: dict[tuple, set[float]] = defaultdict(set)
+    for point in plan.study.points:
+        others = tuple((key, value) for key, value in point.at.items() if key != "container.orifice")
+        outlets[others].add(float(getattr(point.scene.container, "orifice", math.nan)))
+    fewest = min(map(len, outlets.values()))
+    short = [name for name in plan.study.fit if name in LAWS and len(LAWS[name].free) >= fewest]
+    if short:
+        needed = max(len(LAWS[name].free) for name in short) + 1
+        parameters = ", ".join(f"{name} has {len(LAWS[name].free)} parameters" for name in short)
+        reason = f"{fewest} {'orifice is' if fewest == 1 else 'orifices are'} too few: {parameters}"
+        yield _told(plan.study.path, "fit", reason, f"sweep {needed} or more values of container.orifice")
+
+
+def _stiff(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
+    """Grains much stiffer than their bed needs, which costs steps."""
+    found = []
+    for shared, one in points:
+        scale = shared.numerics.stiffness_scale
+        told = softer(shared.scene.stiffened(scale), one.height) if one.height else None
+        if told:
+            key, soft, unit, times = told
+            found.append((key, soft / scale, unit, times))  # the study states stiffness before it is scaled
+    if found:
+        key, soft, unit, times = max(found, key=lambda one: one[-1])
+        reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed asks for"
+        remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {SOFT:.1%} of d"
+        yield _told(file, f"contact.{key}", reason, remedy)
+
+
+def softer(scene: Scene, height: float) -> tuple[str, float, str, float] | None:
+    """A stiffness at which grains overlap by SOFT d below a bed of the height [m]: key, value, unit, and how many times
+    fewer steps it takes; None where that is less than a few.
+
+    The pressure p = phi rho g H presses grains with p d^2 together. Hertz: (delta/d)^{3/2} = 3 p/(2 E*), as
+    F = (4/3) E* sqrt(d/4) delta^{3/2} = (2/3) E* d^2 (delta/d)^{3/2}. Linear: delta/d = p d/k_n. A step goes as one
+    over the root of the stiffness.
+    """
+    grains, law = scene.grains, scene.contact
+    pressure = PACKED * grains.mean_density * scene.gravity * height
+    if isinstance(law, HertzMindlin):
+        key, unit, stated = "shear_modulus", "Pa", law.shear_modulus
+        soft = 1.5 * pressure / SOFT**1.5 * (1 - law.poisson_ratio)
+    elif isinstance(law, LinearSpringDashpot):
+        key, unit, stated = "normal_stiffness", "N/m", law.normal_stiffness
+        soft = pressure * grains.diameter / SOFT
+    else:
+        return None
+    times = math.sqrt(stated / soft) if soft > 0 else 0.0
+    return (key, soft, unit, times) if times > _SLOWER else None
+
+
+def _rounded(value: float) -> str:
+    return f"{float(f'{value:.1g}'):g}"
+
+
+def _told(
+    file: Path,
+    key: str,
+    reason: str,
+    remedy: str,
+    at: Sequence[tuple[PointDemand, Outline]] = (),
+    among: Iterable[object] = (),
+) -> str:
+    labels = [shared.point.label for shared, _ in at]
+    where = ""
+    if labels and len(labels) < len(list(among)):
+        more = f" and {len(labels) - _NAMED} other points" if len(labels) > _NAMED else ""
+        where = f" (at {'; '.join(labels[:_NAMED])}{more})"
+    return f"{file}: {key}: {reason}{where}\n    remedy: {remedy}"

@@ -1,0 +1,272 @@
+"""What is still to be done, and who does it: fillings first, then the runs whose packings are there."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+from labbook.backend import Checkpoint, Spec
+from labbook.lab.folder import Claim
+from labbook.lab.index import Index
+from labbook.lab.records import Observe
+from labbook.run.demand import Demand
+from labbook.run.discharge import DischargeJob
+from labbook.run.fill import FillJob
+from labbook.run.forecast import discharge_work, fill_work
+from labbook.run.job import Bench, Job, JobFailed
+from labbook.run.plan import Item, Plan, Planner, PointPlan, counted
+from labbook.scene.packing import Packing
+
+
+@dataclass(eq=False)
+class Started:
+    """A job that has been begun: where it starts, and the Spec that it needs."""
+
+    job: Job
+    start: Packing | Checkpoint
+    spec: Spec
+
+
+@dataclass
+class Tally:
+    """What came of it."""
+
+    ran: dict[str, str] = field(default_factory=dict)
+    """Outcome by run key, of the runs that were done here."""
+    resumed: int = 0
+    packings: int = 0
+    failed: list[str] = field(default_factory=list)
+
+
+@contextmanager
+def _given_back(held: Claim | Job) -> Iterator[None]:
+    """Releases a claim if what is done within fails: nobody in this process could have its key again."""
+    try:
+        yield
+    except BaseException:
+        held.release()
+        raise
+
+
+class Board:
+    """The study's runs that are not done, and the jobs that are going on here.
+
+    `packings_only`: only the packings of the runs are asked for.
+    """
+
+    def __init__(self, bench: Bench, planner: Planner, index: Index, observe: Observe, *, packings_only: bool = False):
+        self._packings_only = packings_only
+        self._work: dict[str, float] = {}
+        """Expected grain-steps, by the key of a run or packing."""
+        self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
+        self.tally = Tally()
+        self.todo: dict[str, Item] = {}
+        self.going: dict[str, Job] = {}
+        self._lost: set[str] = set()
+        self._unfit: set[tuple[str, Spec]] = set()
+        """Keys of jobs that need another Spec than one that was asked for: beginning a job to learn that is dear."""
+        self.points: dict[int, PointPlan] = {}
+        self._sharing: dict[str, set[int]] = defaultdict(set)
+        """Points by the key of a run that they ask for: points with the same scene share runs."""
+        self._standing: dict[str, set[int]] = defaultdict(set)
+        """Points by the key of the packing that their runs start from."""
+        self.elsewhere = 0
+        """Jobs that another process was found to hold at the last look."""
+        self.beginning: Callable[[Job], None] = lambda job: None
+        """Called before a job is begun: placing many grains takes a while."""
+
+    def pin(self, plan: Plan) -> None:
+        """Take up a plan."""
+        for point in plan.points:
+            self._take(point)
+        self._tidy(plan.items)
+
+    def _take(self, point: PointPlan) -> None:
+        self.points[point.shared.point.index] = point
+        for item in point.items:
+            key = item.keys.run
+            self._sharing[key].add(point.shared.point.index)
+            self._standing[item.keys.packing].add(point.shared.point.index)
+            # what ended here is not begun again: points with other guards could hand it to and fro
+            known = key in self.going or key in self._lost or key in self.tally.ran
+            lacking = not item.packed if self._packings_only else item.state != "done"
+            if lacking and not known:
+                self.todo[key] = item
+
+    def _tidy(self, items: Sequence[Item]) -> None:
+        """Remove what processes left in the work folder that were killed after they had put a run or packing in place:
+        its unfinished work, or only the lock file."""
+        lab = self._bench.lab
+        done = {item.keys.run for item in items if item.state == "done"}
+        done |= {item.keys.packing for item in items if item.packed}
+        for key in done & lab.touched():
+            if claim := lab.claim(key):
+                lab.clear(key)
+                claim.release()
+
+    def next(self, spec: Spec | None = None) -> Started | None:
+        """A job to begin (of `spec`, if one is given), or None if there is none that this process can have
+        now."""
+        self.elsewhere = 0
+        items = sorted(self.todo.values(), key=lambda item: (item.demand.seed, item.demand.point.index))
+        for item in items:
+            if not item.packed and (started := self._fill(item, spec)):
+                return started
+        for item in items:
+            if item.keys.run in self.todo and item.packed and (started := self._discharge(item, spec)):
+                return started
+        return None
+
+    def _fill(self, item: Item, spec: Spec | None) -> Started | None:
+        key, lab = item.keys.packing, self._bench.lab
+        if key in self.going or item.keys.run not in self.todo or (key, spec) in self._unfit:
+            return None
+        if self._there(key):
+            self._packed(key)
+            return None
+        if (claim := lab.claim(key)) is None:
+            self.elsewhere += 1
+            return None
+        with _given_back(claim):
+            there = self._there(key)  # put there between the look and the claim
+        if there:
+            claim.release()
+            self._packed(key)
+            return None
+        return self._begin(FillJob(self._bench, item.demand, item.keys, claim, self._served(key)), spec)
+
+    def _served(self, packing: str) -> str:
+        """The points whose runs start from a packing, in words; empty if those are all points."""
+        of = self._standing[packing]
+        if len(of) == len(self.points):
+            return ""
+        first, more = self.points[min(of)].shared.point.label, len(of) - 1
+        return first + (f" and {more} more point{'s' if more > 1 else ''}" if more else "")
+
+    def _there(self, packing: str) -> bool:
+        """Whether a packing is in the lab, and whole."""
+        return self._planner.catalogue.packing_problem(packing) is None
+
+    def _discharge(self, item: Item, spec: Spec | None) -> Started | None:
+        key, lab = item.keys.run, self._bench.lab
+        if (key, spec) in self._unfit:
+            return None
+        if (claim := lab.claim(key)) is None:
+            self.elsewhere += 1
+            return None
+        with _given_back(claim):
+            lab.mend(key, lab.run(key))
+            now = self._planner.refresh(item.demand)
+        if now.state == "done":  # by another process, or when its packing was made again
+            claim.release()
+            self._done(item.demand)
+            if key in self.todo:
+                self._lose(key, f"{self.todo[key].reason}, though its folder is whole: {lab.run(key)}")
+            return None
+        job = DischargeJob(self._bench, item.demand, item.keys, claim, self._observe)
+        return self._begin(job, spec)
+
+    def _begin(self, job: Job, spec: Spec | None) -> Started | None:
+        with _given_back(job):
+            self.beginning(job)
+            try:
+                start = job.begin()
+            except JobFailed as problem:
+                self.failed(job, str(problem))
+                return None
+            finally:
+                for folder, why in job.damaged.items():
+                    self._index.note(folder, why)
+            needed = self._bench.backend.specialise(job.scene, job.numerics, job.probes)
+        if spec is not None and needed != spec:
+            job.release()
+            self._unfit.add((job.key, spec))
+            return None
+        self.going[job.key] = job
+        if isinstance(job, DischargeJob):
+            self.todo.pop(job.key, None)
+        return Started(job, start, needed)
+
+    def finished(self, job: Job, verdict: str) -> None:
+        """A job's result is in the lab."""
+        job.release()
+        self.going.pop(job.key, None)
+        if isinstance(job, FillJob):
+            if problem := self._index.add_packing(job.place):
+                self._lose(job.key, f"{job.label}: {problem}")  # to make it once more would give the same
+                return
+            self.tally.packings += 1
+            self._packed(job.key)
+            return
+        self.tally.ran[job.key] = verdict
+        self.tally.resumed += job.resumed
+        if problem := self._done(job.demand):
+            self.tally.failed.append(f"{job.label}: {problem}")
+
+    def _done(self, demand: Demand) -> str | None:
+        """Index a run that is in its folder, and see what its points ask for now. Why it cannot be read, or None."""
+        key = demand.keys(self._bench.backend.capabilities).run
+        self.todo.pop(key, None)
+        problem = self._index.add_run(self._bench.lab.run(key), self._observe)
+        for index in sorted(self._sharing[key]):
+            self._take(self._planner.point(self.points[index].shared))
+        return problem
+
+    def failed(self, job: Job, why: str) -> None:
+        """A job came to nothing; runs that wait for its packing are given up."""
+        job.release()
+        self.going.pop(job.key, None)
+        self._lose(job.key, why)
+
+    def _lose(self, lost: str, why: str) -> None:
+        """Give up the run or packing with this key, and what waits for it."""
+        self.tally.failed.append(why)
+        for key, item in list(self.todo.items()):
+            if lost in (key, item.keys.packing):
+                self._lost.add(key)
+                del self.todo[key]
+        self._lost.add(lost)
+
+    def dropped(self, job: Job) -> None:
+        """A job was saved and is left for another time."""
+        job.release()
+        self.going.pop(job.key, None)
+
+    def _packed(self, key: str) -> None:
+        waiting = [item for item in self.todo.values() if item.keys.packing == key]
+        for item in waiting:
+            if self._packings_only:
+                del self.todo[item.keys.run]
+            else:
+                self.todo[item.keys.run] = replace(item, packed=True)
+
+    # for progress
+
+    def runs(self) -> tuple[int, int]:
+        """Runs done, and runs asked for so far; one that several points share counts once."""
+        return counted(self.points.values())
+
+    def fillings_left(self) -> int:
+        """Packings that runs still wait for, also those being made."""
+        return len({item.keys.packing for item in self.todo.values() if not item.packed})
+
+    def open_ended(self) -> bool:
+        """Whether a job goes on for longer than expected, so that more work may be left than `work_left` says."""
+        return any(job.open_ended for job in self.going.values())
+
+    def work_left(self) -> float:
+        """Grain-steps still to be done here, as far as can be told."""
+        waiting = {item.keys.packing: item.demand for item in self.todo.values() if not item.packed}
+        runs = {} if self._packings_only else self.todo
+        work = sum(self._estimate(key, item.demand, filling=False) for key, item in runs.items())
+        work += sum(self._estimate(key, d, filling=True) for key, d in waiting.items() if key not in self.going)
+        for key, job in self.going.items():
+            filling = isinstance(job, FillJob)
+            work += (1 - job.progress()) * self._estimate(key, job.demand, filling=filling)
+        return work
+
+    def _estimate(self, key: str, demand: Demand, *, filling: bool) -> float:
+        if key not in self._work:
+            catalogue = self._planner.catalogue
+            self._work[key] = fill_work(demand, catalogue) if filling else discharge_work(demand.shared)
+        return self._work[key]

@@ -1,0 +1,103 @@
+"""Whether a run that exists covers what is asked: how far it went, and what it observed; and a study's runs that do."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from labbook.lab.catalogue import Catalogue, Entry
+from labbook.lab.records import Coverage, StopRule
+from labbook.lab.runs import FinishedRun
+from labbook.run.demand import Demand, demands, stopping_rule
+from labbook.study import Study
+
+Gap = Literal["none", "shorter", "unobserved"]
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """What a run lacks: nothing (`none`), time (`shorter`: it can go on), or an observable (`unobserved`: run
+    again)."""
+
+    gap: Gap
+    reason: str = ""
+
+
+NOTHING = Shortfall("none")
+
+
+def shortfall(
+    outcome: str,
+    had: Coverage,
+    stop: StopRule,
+    guards: Mapping[str, float],
+    probes: frozenset[str],
+    recording: float | None = None,
+) -> Shortfall:
+    """What a run that ended as `outcome` with coverage `had` lacks of what is asked, with the reason in
+    words.
+
+    `recording`: time between frames [s] if the run is to be recorded; a finer recording will do.
+    """
+    missing = sorted(probes - set(had.probes))
+    if missing:
+        return Shortfall("unobserved", f"not observed: {', '.join(missing)}")
+    if recording is not None and (had.recording is None or had.recording > recording * (1 + 1e-9)):
+        what = "not recorded" if had.recording is None else f"recorded only every {had.recording:.3g} s"
+        return Shortfall("unobserved", what)
+    if outcome == "emptied" or had.discharged >= stop.discharged:
+        return NOTHING
+    if stop.fill_height is not None and had.fill_height is not None and had.fill_height <= stop.fill_height:
+        return NOTHING
+    if outcome == "diverged":
+        changed = [name for name, value in guards.items() if had.guards.get(name) != value]
+        return Shortfall("shorter", f"diverged under another {' and '.join(changed)}") if changed else NOTHING
+    if had.waiting >= stop.stall:
+        return NOTHING
+    if had.duration >= stop.max_time * (1 - 1e-12):
+        return NOTHING
+    ended = "out of time" if outcome in ("time-limit", "interrupted") else outcome  # the latter in older indexes
+    return Shortfall(
+        "shorter",
+        f"{ended} after {had.duration:.4g} s with {had.discharged:.1%} discharged; "
+        f"asked: {stop.discharged:.1%}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s",
+    )
+
+
+def finished(catalogue: Catalogue, study: Study, engine: str) -> list[FinishedRun]:
+    """Runs of `study` on `engine` that cover its stop rule and measures, by point and seed.
+
+    Replicates beyond the minimum count too. The runs of one point are all of one version of the engine, the
+    newest that has any: what several versions computed is never pooled.
+    """
+    asked: dict[str, list[Demand]] = defaultdict(list)  # points that come to the same scene share their runs
+    for demand in demands(study, stopping_rule(study).cap):
+        asked[demand.lineage(engine)].append(demand)
+    found: list[tuple[Demand, Entry]] = []
+    for entry in catalogue.entries(lineages=asked):
+        if entry.coverage is None:
+            continue
+        for demand in asked[entry.lineage_key]:
+            shared = demand.shared
+            lacks = shortfall(entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names)
+            if lacks.gap == "none":
+                found.append((demand, entry))
+    newest: dict[int, int] = {}
+    for demand, entry in found:
+        newest[demand.point.index] = max(entry.cache_version, newest.get(demand.point.index, entry.cache_version))
+    found.sort(key=lambda pair: (pair[0].point.index, pair[0].seed))
+    lab = catalogue.lab
+    return [
+        FinishedRun(demand.point, demand.seed, entry.run_key, lab.run(entry.run_key), entry.outcome, entry.stamp)
+        for demand, entry in found
+        if entry.cache_version == newest[demand.point.index]
+    ]
+
+
+def unreadable(catalogue: Catalogue, study: Study, engine: str) -> list[str]:
+    """Why runs of `study` on `engine` that are there cannot be read, as far as is known of each whose it is."""
+    asked = list(demands(study, stopping_rule(study).cap))
+    versions = catalogue.versions(engine)
+    whose = [demand.run_key(engine, version) for demand in asked for version in versions]
+    found = catalogue.entries(whose, {demand.lineage(engine) for demand in asked})
+    return sorted({entry.problem for entry in found if entry.problem})

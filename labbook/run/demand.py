@@ -1,0 +1,193 @@
+"""What a study asks for, run by run: the experiment, how it is computed, and what must be observed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from labbook.backend import Capabilities
+from labbook.backend.numerics import Numerics, Precision
+from labbook.backend.probes import Crossing, Probe, Sample, describe_probe, film_probe, table_name
+from labbook.filling import bed, placing
+from labbook.lab import identity
+from labbook.lab.identity import Filling, Keys, Maker
+from labbook.lab.records import StopRule
+from labbook.scene import Scene
+from labbook.stats import StoppingRule
+
+if TYPE_CHECKING:
+    from labbook.study import Point, Study
+
+
+class Conflict(Exception):
+    """A study asks for observations that cannot be made in one run; the message says which."""
+
+
+@dataclass(frozen=True)
+class PackingsOf:
+    """The engine whose packings runs start from, and the precision in which it makes them."""
+
+    engine: Capabilities
+    precision: Precision
+
+
+@dataclass(frozen=True, eq=False)
+class PointDemand:
+    """All that the runs of one point have in common."""
+
+    study: "Study"
+    point: "Point"
+    packings_of: PackingsOf | None = None
+    """Whose packings its runs start from; None: each engine makes its own."""
+
+    @property
+    def scene(self) -> Scene:
+        """The open scene."""
+        return self.point.scene
+
+    @cached_property
+    def closed(self) -> Scene:
+        """The scene of its filling."""
+        return self.scene.close(self.point.fill.friction)
+
+    @property
+    def numerics(self) -> Numerics:
+        """How filling and discharge are computed."""
+        return self.point.numerics
+
+    @cached_property
+    def maker(self) -> Maker | None:
+        """What makes the packings, if that is not the engine of the run by the same numerics."""
+        if self.packings_of is None:
+            return None
+        numerics = self.numerics.model_copy(update={"precision": self.packings_of.precision})
+        return Maker(self.packings_of.engine, numerics)
+
+    @cached_property
+    def scene_key(self) -> str:
+        """Key of the open scene."""
+        return identity.scene_key(self.scene)
+
+    @cached_property
+    def closed_key(self) -> str:
+        """Key of the closed scene."""
+        return identity.scene_key(self.closed)
+
+    @cached_property
+    def probes(self) -> tuple[Probe, ...]:
+        """What every run observes: grains leaving, and what the study's measures need. Raises Conflict."""
+        from labbook.measure import MEASURES
+
+        plane = self.scene.container.outlet_plane
+        leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
+        asked = (probe for name in self.study.measure for probe in MEASURES[name].probes(self.scene, self.numerics))
+        probes = tuple(dict.fromkeys((*leaving, *asked)))
+        by_table = {table_name(probe): probe for probe in probes}
+        for probe in probes:
+            if by_table[table_name(probe)] != probe:
+                raise Conflict(
+                    f"measure: {probe} and {by_table[table_name(probe)]} cannot be observed in one run; "
+                    "put the measures that ask for them into two studies"
+                )
+        return probes
+
+    @cached_property
+    def film(self) -> Sample | None:
+        """The probe by which runs are recorded; at least one beat lies between two frames."""
+        record = self.study.record
+        if record is None:
+            return None
+        return film_probe(record.every, self.numerics, self.scene.grains)
+
+    @cached_property
+    def stop(self) -> StopRule:
+        """When a run ends."""
+        return StopRule.model_validate(self.study.stop.model_dump())
+
+    @cached_property
+    def probe_names(self) -> frozenset[str]:
+        """What every run observes, as coverage compares it."""
+        return frozenset(map(describe_probe, self.probes))
+
+    def run(self, seed: int) -> "Demand":
+        """The run with this seed."""
+        record = self.study.record
+        return Demand(self, seed, recorded=record is not None and seed <= record.replicates)
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """One run that a study asks for."""
+
+    shared: PointDemand
+    seed: int
+    recorded: bool
+
+    @property
+    def point(self) -> "Point":
+        """The point of the study."""
+        return self.shared.point
+
+    @cached_property
+    def filling(self) -> Filling:
+        """How its packing is made."""
+        fill = self.point.fill
+        moving = fill.moving
+        if moving is None:
+            rolls = "settled_below" not in fill.model_fields_set and bed.unbraked(self.shared.closed)
+            moving = bed.ROLLING if rolls else 0.0
+        return Filling(fill.kind, self.seed, fill.settled_below, placing.VERSION, moving)
+
+    @property
+    def film(self) -> Sample | None:
+        """The probe by which this run is recorded, if it is."""
+        return self.shared.film if self.recorded else None
+
+    @property
+    def recording(self) -> float | None:
+        """Time between recorded frames [s], if this run is recorded."""
+        return self.film.every * self.shared.numerics.beat if self.film else None
+
+    @property
+    def guards(self) -> dict[str, float]:
+        """The guards of its numerics."""
+        return identity.guards(self.shared.numerics)
+
+    def keys(self, engine: Capabilities) -> Keys:
+        """Identities of this run on `engine`."""
+        found = self._keys.get((engine.name, engine.cache_version))
+        if found is None:
+            s = self.shared
+            found = identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
+            self._keys[engine.name, engine.cache_version] = found
+        return found
+
+    def run_key(self, engine: str, version: int) -> str:
+        """Key of this run on one version of the engine called `engine`."""
+        s = self.shared
+        made = (s.maker.numerics, s.maker.engine.name, s.maker.engine.cache_version) if s.maker else None
+        packing = identity.packing_key(s.closed_key, self.filling, *(made or (s.numerics, engine, version)))
+        return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, engine, version)
+
+    @cached_property
+    def _keys(self) -> dict[tuple[str, int], Keys]:
+        return {}
+
+    def lineage(self, engine: str) -> str:
+        """Identity of this run on any version of the engine called `engine`."""
+        s = self.shared
+        return identity.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
+
+
+def demands(study: "Study", seeds: int) -> Iterator[Demand]:
+    """Runs 1..`seeds` of every point: first the first seed of all points, then the second, and so on."""
+    shared = [PointDemand(study, point) for point in study.points]
+    for seed in range(1, seeds + 1):
+        yield from (point.run(seed) for point in shared)
+
+
+def stopping_rule(study: "Study") -> StoppingRule:
+    """The rule by which replicates are added to a point of `study`."""
+    tolerance, least = study.accuracy.flow_rate, study.replicates
+    cap = least if tolerance is None else max(least, study.accuracy.max_replicates)
+    return StoppingRule(tolerance=tolerance, minimum=least, cap=cap)

@@ -1,0 +1,308 @@
+"""A discharge: from the packing, or from where it was left, until the stop rule ends it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labbook.backend import Emptied, Ensemble, Event, Member
+from labbook.backend.probes import (
+    Contacts,
+    Crossing,
+    Probe,
+    Sample,
+    Table,
+    Zone,
+    describe_probe,
+    film_probe,
+    parse_probe,
+    table_name,
+)
+from labbook.filling import opened
+from labbook.filling.bed import bed_height, parts_of_mass
+from labbook.lab.folder import Claim
+from labbook.lab.identity import Keys
+from labbook.lab.journal import PROGRESS, Saved, at_its_end
+from labbook.lab.packings import load_packing
+from labbook.lab.records import Coverage, Failure, Observe, Outcome, RunRecord, Unreadable
+from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings
+from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
+from labbook.run.demand import Demand
+from labbook.run.job import Bench, Job, JobFailed, failure
+from labbook.run.provenance import now
+from labbook.run.reach import reach
+from labbook.run.recording import frame_rows, thinned
+from labbook.scene import Packing, Silo
+
+
+class DischargeJob(Job):
+    """The run of one demand."""
+
+    kind = "run"
+
+    def __init__(self, bench: Bench, demand: Demand, keys: Keys, claim: Claim, observe: Observe):
+        super().__init__(bench, demand, keys, keys.run, bench.lab.run(keys.run), claim)
+        self.scene = demand.point.scene
+        self.observe = observe
+        self._plane = self.scene.container.outlet_plane
+        self._crossed, self._discharged, self._last = 0, 0.0, 0.0
+        self._failure: Failure | None = None
+        self.film = demand.film
+        self._observes(demand.shared.probes)
+
+    def _observes(self, probes: Sequence[Probe]) -> None:
+        """Observe `probes` and, if the run is recorded, its frames."""
+        self._measured = tuple(probes)
+        self.probes = tuple(dict.fromkeys((*probes, *((self.film,) if self.film else ()))))
+
+    # start
+
+    def fresh(self) -> Packing:
+        """The packing, with the outlet open."""
+        packing = self._packing()
+        height = self.scene.container.height if isinstance(self.scene.container, Silo) else math.inf
+        bed = float(packing.x[:, 2].max())
+        if bed > height:
+            raise JobFailed(
+                f"{self.label}: the settled bed stands {bed * 1e3:.4g} mm high, above the side walls "
+                f"({height * 1e3:.4g} mm), and would spill over them; raise container.height or use fewer grains"
+            )
+        lowest = self.demand.shared.stop.fill_height
+        if lowest is not None and self._bed_height <= lowest:
+            raise JobFailed(
+                f"{self.label}: the settled bed is {self._bed_height * 1e3:.4g} mm high, not above stop.fill_height "
+                f"({lowest * 1e3:.4g} mm); use more grains or lower stop.fill_height"
+            )
+        return opened(packing, self.demand.shared.closed, self.scene)
+
+    def _packing(self) -> Packing:
+        try:
+            return load_packing(self.bench.lab.packing(self.keys.packing))
+        except Unreadable as problem:
+            raise JobFailed(f"{self.label}: {problem}; remove the folder, and it is made again") from problem
+
+    def recall(self, saved: Saved | None) -> Saved | None:
+        """The later of what is in the work folder and in the run's folder, if it observes all that is
+        asked. Raises Unreadable for a damaged work folder; a damaged run is noted, and made again."""
+        if saved is not None:
+            self._check_saved(saved)
+        before = self._before()
+        if before and (not saved or saved.step <= before.coverage.steps):
+            saved = self._from_folder(before) or saved
+        if saved is None or not self._suffices(saved.state):
+            if before:
+                self._observe_also(before.coverage)
+            self.start_over()
+            return None
+        state = saved.state
+        self._crossed, self._last = int(state["crossed"]), float(state["last"])
+        self._discharged = float(state.get("discharged", self._crossed / self.scene.grains.count))
+        self.film = parse_film(state["film"])
+        self._observes([parse_probe(text) for text in state["probes"]])
+        return saved
+
+    def _check_saved(self, saved: Saved) -> None:
+        """Whether everything in the work folder belongs together. Raises Unreadable."""
+        folder, state = self.journal.folder, saved.state
+        try:
+            probes = {table_name(probe): probe for probe in map(parse_probe, state["probes"])}
+            if (film := parse_film(state["film"])) is not None:
+                probes[FILM_TABLE] = film
+            crossed, last, left = int(state["crossed"]), float(state["last"]), float(state.get("discharged", 0.0))
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise Unreadable(f"{folder / PROGRESS}: state: {type(error).__name__}: {error}") from error
+        if not (0 <= crossed <= self.scene.grains.count and math.isfinite(last) and 0 <= left <= 1 + 1e-9):
+            raise Unreadable(f"{folder / PROGRESS}: state: {crossed} crossed, the last at {last} s, {left} of the mass")
+        for name, table in self.journal.each():
+            if name not in probes:
+                raise Unreadable(f"{folder / PROGRESS}: chunks: {name} was not asked for")
+            if fault := fault_of_rows(table, probes[name], self.scene, self.numerics, saved.step):
+                raise Unreadable(f"{folder}: {name}: {fault}")
+        tables = self.journal.tables({})
+        if missing := probes.keys() - tables.keys():
+            raise Unreadable(f"{folder / PROGRESS}: chunks: {', '.join(sorted(missing))} is missing")
+        for probe in probes.values():
+            if isinstance(probe, Crossing) and probe.plane == self._plane:
+                fault = fault_of_crossings(tables[table_name(probe)], crossed, last)
+                if fault:
+                    raise Unreadable(f"{folder}: {table_name(probe)}: {fault}")
+        self.check(saved, folder)
+
+    def _before(self) -> RunRecord | None:
+        try:
+            return RunRecord.read(self.place)
+        except Unreadable as problem:
+            if self.place.exists():
+                self.damaged[self.place] = str(problem)
+            return None
+
+    def _from_folder(self, before: RunRecord) -> Saved | None:
+        """A finished run as if it had been saved at its end; None if its state cannot be read."""
+        try:
+            saved, rows = at_its_end(self.place, before)
+            self.check(saved, self.place)
+        except Unreadable as problem:
+            self.damaged[self.place] = str(problem)
+            return None
+        self.start_over()
+        self.journal.save(saved.checkpoint, rows, saved.state, saved.sessions)
+        return saved
+
+    def _suffices(self, state: Mapping[str, Any]) -> bool:
+        film = parse_film(state["film"])
+        filmed = self.film is None or (film is not None and film.every <= self.film.every)
+        return filmed and self.demand.shared.probe_names <= set(state["probes"])
+
+    def _observe_also(self, had: Coverage) -> None:
+        """When running again, observe what the earlier run did too, so that nothing is lost."""
+        kinds = {table_name(probe) for probe in self._measured}
+        more = [probe for probe in map(parse_probe, had.probes) if table_name(probe) not in kinds]
+        if self.film is None and had.recording is not None:
+            self.film = film_probe(had.recording, self.numerics, self.scene.grains)
+        self._observes((*self._measured, *more))
+
+    # going on
+
+    def state(self) -> dict[str, Any]:
+        """Grains that left, their part of the mass, when the last one did, and what is observed."""
+        return {
+            "crossed": self._crossed,
+            "discharged": self._discharged,
+            "last": self._last,
+            "probes": [describe_probe(probe) for probe in self._measured],
+            "film": describe_probe(self.film) if self.film else None,
+        }
+
+    def absorb(self, probe: Probe, table: Table) -> None:
+        """Keep rows; count grains that left."""
+        if isinstance(probe, Crossing) and probe.plane == self._plane and len(table["time"]):
+            self._crossed += len(table["time"])
+            if self.scene.grains.varied:
+                self._discharged += float(self._part_of_mass[table["id"]].sum())
+            else:
+                self._discharged = self._crossed / self.scene.grains.count
+            self._last = max(self._last, float(np.max(table["time"])))
+        if probe == self.film:
+            self.keep(FILM_TABLE, frame_rows(table))
+        if probe in self._measured:
+            self.keep(table_name(probe), frame_rows(table) if isinstance(probe, Sample | Zone | Contacts) else table)
+
+    def verdict(self, events: Sequence[Event]) -> Outcome | None:
+        """The stop rule."""
+        failed = failure(events)
+        if failed:
+            self._failure = Failure(guard=failed.guard, step=failed.step, grain=failed.grain, message=failed.message)
+            return "diverged"
+        stop = self.demand.shared.stop
+        if self._discharged >= self._enough:
+            return "finished"
+        if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
+            return "emptied"
+        if self._plane is not None and self.status.time - self._last >= stop.stall:
+            return "clogged"
+        return "time-limit" if self.status.time >= stop.max_time else None
+
+    def progress(self) -> float:
+        """By discharged fraction or by time, whichever is nearer to its end."""
+        stop = self.demand.shared.stop
+        return min(1.0, max(self._discharged / self._enough, self.status.time / stop.max_time))
+
+    def doing(self) -> tuple[str, ...]:
+        """The part of the mass that has left, where that ends the run, how long the flow rests, and the simulated
+        time; without an outlet, the simulated time and the longest."""
+        if self._plane is None:
+            return (f"{self.status.time:.2f} of {self.demand.shared.stop.max_time:g} s",)
+        discharged = f"{self._discharged:.0%} discharged, ends at {self._enough:.0%}"
+        still, stall = self.status.time - self._last, self.demand.shared.stop.stall
+        waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if still > _STILL * stall else ()
+        return discharged, *waiting, f"{self.status.time:.2f} s"
+
+    @cached_property
+    def _bed_height(self) -> float:
+        """Height [m] of the settled bed above the outlet plane."""
+        return bed_height(self.scene.grains, self._packing(), self._plane or 0.0)
+
+    @cached_property
+    def _part_of_mass(self) -> np.ndarray:
+        """Of the mass of all grains, the part that each is, by id."""
+        return parts_of_mass(self.scene.grains, self._packing())
+
+    @cached_property
+    def _enough(self) -> float:
+        """Discharged fraction at which the run has come far enough."""
+        shared = self.demand.shared
+        return reach(shared, self._bed_height) if shared.stop.fill_height is not None else shared.stop.discharged
+
+    # end
+
+    def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
+        """Tables, the exact last state, the recording, and the record."""
+        tables = self.tables()
+        film = tables.pop(FILM_TABLE, None)
+        if film is not None and self.film is not None:
+            steps_between = self.film.every * self.numerics.steps_per_beat
+            write_table(folder / RECORDING, thinned(film, steps_between))
+        for name, table in tables.items():
+            write_table(folder / f"{name}.npz", table)
+        write_checkpoint(folder / CHECKPOINT, ensemble.checkpoint(member), compress=True)
+        self.record(verdict).write(folder)
+
+    def record(self, verdict: str) -> RunRecord:
+        """What the run says of itself."""
+        bench, demand, status = self.bench, self.demand, self.status
+        coverage = Coverage(
+            duration=status.time,
+            steps=status.step,
+            grains=self.scene.grains.count,
+            crossed=self._crossed,
+            mass_left=self._discharged if self.scene.grains.varied else None,
+            last_crossing=self._last,
+            stop=demand.shared.stop,
+            guards=demand.guards,
+            probes=tuple(describe_probe(probe) for probe in self._measured),
+            recording=self.film.every * self.numerics.beat if self.film else None,
+            bed_height=self._bed_height if demand.shared.stop.fill_height is not None else None,
+        )
+        physics = bench.backend.describe(self.scene, self.numerics)
+        return RunRecord.model_validate(
+            {
+                "run_key": self.keys.run,
+                "experiment_key": self.keys.experiment,
+                "scene_key": self.keys.scene,
+                "packing_key": self.keys.packing,
+                "lineage_key": self.keys.lineage,
+                "engine": bench.backend.capabilities.name,
+                "cache_version": bench.backend.capabilities.cache_version,
+                "study": demand.shared.study.name,
+                "point": demand.point.index,
+                "label": demand.point.label,
+                "at": dict(demand.point.at),
+                "seed": demand.seed,
+                "scene": self.scene,
+                "numerics": self.numerics,
+                "outcome": verdict,
+                "coverage": coverage,
+                "failure": self._failure,
+                "observe": self.observe,
+                "physics": {key: float(value) for key, value in physics.items() if math.isfinite(value)},
+                "device": bench.device,
+                "finished": now(),
+                "sessions": self.sessions(),
+            }
+        )
+
+
+FILM_TABLE = "recording"
+_STILL = 0.3
+"""Part of the stall time without a grain leaving that is worth a word."""
+
+
+def parse_film(text: str | None) -> Sample | None:
+    """The recording probe in a saved state. Raises ValueError for another one."""
+    probe = parse_probe(text) if text else None
+    if probe is None or isinstance(probe, Sample):
+        return probe
+    raise ValueError(f"film: no frames of grains, but {text}")

@@ -1,0 +1,327 @@
+"""How long a plan will take and how much disk it needs: estimates, and what they rest on."""
+
+import math
+import platform
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from statistics import median
+
+from labbook.backend import Backend, Spec
+from labbook.backend.probes import Contacts, Probe, Sample, Zone
+from labbook.filling import placing
+from labbook.lab.catalogue import Catalogue
+from labbook.lab.records import RunRecord, Unreadable
+from labbook.measure.expected import mass_flow
+from labbook.run.demand import Demand, PointDemand
+from labbook.run.plan import Plan
+from labbook.run.reach import PACKED, reach
+from labbook.scene import outlet_shape
+
+DEFAULT_SPEED = 5e6
+"""Grain-steps per second and lane that are assumed of an engine that nothing is known of."""
+CACHED = 50_000
+"""Grains beyond which a scene is larger than a processor's caches."""
+_BEYOND = 1.9
+"""How much dearer a grain-step is there (docs/engine.md: 26.5 and 13.7 million a second)."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Cost of one step of a lane: `step` [s] however few grains there are, and `grain` [s] for every grain; `compiling`
+    [s]: before the first step of a set of features, unless its code is cached. `source`: where that was measured.
+    `beat`: what each probe of a member costs the host at each beat [s], while the device waits."""
+
+    step: float
+    grain: float
+    compiling: float
+    source: str
+    beat: float = 0.0
+
+    def of(self, grains: float) -> float:
+        """Cost of a grain-step [s] in a scene of so many grains."""
+        return self.grain * (beyond_caches(grains) if self.step == 0 else 1.0)
+
+
+def beyond_caches(grains: float) -> float:
+    """How many times dearer a grain-step is on a processor in a scene of so many grains than in a small one."""
+    return _BEYOND if grains > CACHED else 1.0
+
+
+_ZEN4 = "one core of an AMD EPYC with AVX-512"
+_ZEN3 = "one core of an AMD EPYC without AVX-512"
+_H200 = "an NVIDIA H200"
+_HOST = 1.5e-3  # 1 ms a beat with one probe (beside an H200) to 6 ms with three (beside an H100): docs/gpu-engine.md
+MEASURED = {
+    ("numba", "cpu", "sphere", "double", True): Rate(0, 1 / 24e6, 9, _ZEN4),
+    ("numba", "cpu", "sphere", "mixed", True): Rate(0, 1 / 31e6, 9, _ZEN4),
+    ("numba", "cpu", "spherocylinder", "double", True): Rate(0, 1 / 8.2e6, 18, _ZEN4),
+    ("numba", "cpu", "spherocylinder", "mixed", True): Rate(0, 1 / 8.3e6, 18, _ZEN4),
+    ("numba", "cpu", "sphere", "double", False): Rate(0, 1 / 8.7e6, 20, _ZEN3),
+    ("numba", "cpu", "sphere", "mixed", False): Rate(0, 1 / 9.8e6, 20, _ZEN3),
+    ("numba", "cpu", "spherocylinder", "double", False): Rate(0, 1 / 3.5e6, 40, _ZEN3),
+    ("numba", "cpu", "spherocylinder", "mixed", False): Rate(0, 1 / 3.5e6, 40, _ZEN3),
+    ("warp", "cuda", "sphere", "mixed", None): Rate(5.0e-6, 1.35e-10, 4, _H200, _HOST),
+    ("warp", "cuda", "sphere", "double", None): Rate(5.0e-6, 2.7e-10, 4, _H200, _HOST),
+    ("warp", "cuda", "spherocylinder", "mixed", None): Rate(1.0e-5, 3.0e-10, 8, _H200, _HOST),
+    ("warp", "cuda", "spherocylinder", "double", None): Rate(1.0e-5, 5.9e-10, 8, _H200, _HOST),
+}
+"""By engine, kind of device, shape, precision and, of processors, whether they have vectors of 512 bits. From
+benchmarks/results, docs/engine.md and docs/gpu-engine.md."""
+
+
+def rate_of(engine: str, device: str, shape: str, precision: str) -> Rate:
+    """The measured cost of a step on `device` (`cpu`, `cuda:0`); DEFAULT_SPEED where nothing was measured."""
+    kind = device.partition(":")[0]
+    wide = wide_vectors() if kind == "cpu" else None
+    return MEASURED.get((engine, kind, shape, precision, wide)) or Rate(0, 1 / DEFAULT_SPEED, 0, "")
+
+
+@lru_cache(maxsize=1)
+def wide_vectors() -> bool:
+    """Whether this processor computes with vectors of 512 bits, which the CPU engine gains most from."""
+    if platform.machine().lower() not in ("x86_64", "amd64"):
+        return False
+    try:
+        return " avx512f" in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+
+
+SETTLING = 2.0
+"""Time that a filling takes to rest, in falls from the top of its start."""
+HOLE = 0.6
+"""Part of `mass_flow` that passes a round outlet: there C, 0.58, is that of the bulk density (Beverloo et al. 1961)."""
+_RECENT = 20
+"""Runs of the same shape that a speed is the median of, at most."""
+_ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
+_GRAIN = 400  # bytes of one grain's share of a checkpoint
+_FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
+_FRAMES = 200
+_NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Time [s] and disk [bytes] still needed; `basis` says what the speed rests on."""
+
+    seconds: float
+    disk: float
+    grain_steps: float
+    speed: float
+    """Grain-steps per second of one lane."""
+    lanes: int
+    basis: str
+    compiling: float = 0.0
+    """Part of the time [s] for sets of features that no run of this study was computed with yet."""
+    sets: int = 0
+    """How many of these there are."""
+
+
+@dataclass
+class _Batch:
+    """What members of one Spec cost: grain-steps side by side, and steps of the longest."""
+
+    grain_steps: float = 0.0
+    cost: float = 0.0
+    longest: float = 0.0
+    rate: Rate = field(default_factory=lambda: Rate(0, 0, 0, ""))
+    members: int = 0
+
+
+def forecast(
+    plan: Plan,
+    catalogue: Catalogue,
+    machine: str,
+    device: str,
+    lanes: int,
+    backend: Backend | None = None,
+    members: float = math.inf,
+) -> Forecast:
+    """Time and disk for what `plan` still has to do, on `lanes` lanes.
+
+    On a processor each lane computes one run. On other devices the runs of one set of features (of one Spec, if
+    `backend` tells) go on side by side, `members` of them at once, and a step costs what starting it does beside what
+    grains do. Compiling comes first, one set after another.
+    """
+    speeds = _Speeds(catalogue, plan.engine.name, machine, device)
+    specs = _Specs(backend)
+    batches: dict[object, _Batch] = defaultdict(_Batch)
+    chains: dict[str, float] = {}
+    for item in plan.fillings.values():
+        shared = item.demand.shared
+        work = fill_work(item.demand, catalogue)
+        steps = work / shared.scene.grains.count
+        chains[item.keys.packing] = _add(batches[specs.filling(shared)], speeds.of(shared), work, steps, shared)
+    longest = 0.0
+    for item in plan.todo:
+        shared = item.demand.shared
+        work, steps = discharge_work(shared), discharge_time(shared) / shared.numerics.dt
+        probes = len(shared.probes) + item.demand.recorded
+        cost = _add(batches[specs.discharge(item.demand)], speeds.of(shared), work, steps, shared, probes)
+        longest = max(longest, cost + chains.get(item.keys.packing, 0.0))
+    work = sum(batch.grain_steps for batch in batches.values())
+    cost = sum(batch.cost for batch in batches.values())
+    known = specs.known(plan) if backend is not None else set(batches)
+    new = {key: batch for key, batch in batches.items() if key not in known}
+    compiling = sum(batch.rate.compiling for batch in new.values())
+    if device.partition(":")[0] == "cpu":
+        busy = max(1, min(lanes, len(plan.todo)))
+        seconds = max(cost / busy, longest)
+    else:
+        busy = 1
+        waves = (math.ceil(batch.members / members) if members < math.inf else 1 for batch in batches.values())
+        starts = sum(n * b.longest * b.rate.step for n, b in zip(waves, batches.values(), strict=True))
+        seconds = cost + starts
+    disk = sum(disk_of(item.demand) for item in plan.todo)
+    disk += sum(100.0 * item.demand.point.scene.grains.count for item in plan.fillings.values())
+    speed = work / cost if device.partition(":")[0] == "cpu" and cost else work / seconds if seconds else 0.0
+    return Forecast(seconds + compiling, disk, work, speed or DEFAULT_SPEED, busy, speeds.basis, compiling, len(new))
+
+
+def _add(batch: _Batch, rate: Rate, work: float, steps: float, shared: PointDemand, probes: int = 1) -> float:
+    """Count a member in; what its grain-steps and beats cost [s]."""
+    cost = work * rate.of(shared.scene.grains.count) + steps / shared.numerics.steps_per_beat * probes * rate.beat
+    batch.grain_steps += work
+    batch.cost += cost
+    batch.longest = max(batch.longest, steps)
+    batch.members += 1
+    batch.rate = rate
+    return cost
+
+
+class _Specs:
+    """The sets of features that runs need, as the engine tells them; without one, fillings and discharges are two."""
+
+    def __init__(self, backend: Backend | None):
+        self._backend = backend
+        self._found: dict[tuple[PointDemand, str], Spec | str] = {}
+
+    def filling(self, shared: PointDemand) -> Spec | str:
+        return self._of(shared, "filling", lambda b: b.specialise(shared.closed, shared.numerics, ()))
+
+    def discharge(self, demand: Demand) -> Spec | str:
+        shared, film = demand.shared, (demand.film,) if demand.film else ()
+        probes = tuple(dict.fromkeys((*shared.probes, *film)))
+        stage = "recorded" if film else "discharge"
+        return self._of(shared, stage, lambda b: b.specialise(shared.scene, shared.numerics, probes))
+
+    def _of(self, shared: PointDemand, stage: str, specialise: Callable[[Backend], Spec]) -> Spec | str:
+        key = (shared, stage)
+        if key not in self._found:
+            self._found[key] = stage if self._backend is None else specialise(self._backend)
+        return self._found[key]
+
+    def known(self, plan: Plan) -> set[Spec | str]:
+        """Those that runs which are done were computed with: their code is cached, if they ran here."""
+        done = [item.demand for item in plan.items if item.state == "done"]
+        return {spec for demand in done for spec in (self.filling(demand.shared), self.discharge(demand))}
+
+
+class _Speeds:
+    """What a step costs: by runs of the same shape in this lab, else as measured when engines were made."""
+
+    def __init__(self, catalogue: Catalogue, engine: str, machine: str, device: str):
+        self._catalogue, self._engine, self._machine, self._device = catalogue, engine, machine, device
+        self._rates: dict[tuple[str, str], Rate] = {}
+        self._told: dict[str, None] = {}
+        self._by_shape: dict[str, list[float]] | None = None
+
+    @property
+    def basis(self) -> str:
+        """What the speeds rest on, in words."""
+        return "; ".join(self._told) or "nothing to do"
+
+    def of(self, shared: PointDemand) -> Rate:
+        shape, precision = shared.scene.grains.shape, shared.numerics.precision
+        if (shape, precision) not in self._rates:
+            self._rates[shape, precision] = self._find(shape, precision)
+        return self._rates[shape, precision]
+
+    def _find(self, shape: str, precision: str) -> Rate:
+        rate = rate_of(self._engine, self._device, shape, precision)
+        # on a GPU the speed of one run says little: others shared the device with it
+        recorded = self._recorded().get(shape, []) if self._device.partition(":")[0] == "cpu" else []
+        if recorded:
+            self._told[f"median of {len(recorded)} runs on this machine"] = None
+            return Rate(0, 1 / median(recorded), rate.compiling, "")
+        if rate.source:
+            self._told[f"speed of {rate.source}, as no such run was recorded on this machine yet"] = None
+        else:
+            assumed = f"{DEFAULT_SPEED:.0e} grain-steps/s a lane assumed"
+            self._told[f"no run recorded on this machine yet: {assumed}"] = None
+        return rate
+
+    def _recorded(self) -> dict[str, list[float]]:
+        """Grain-steps per second of the latest runs on this machine, by shape; of large scenes, what they would be in
+        the processor's caches."""
+        if self._by_shape is None:
+            self._by_shape = defaultdict(list)
+            for key, grains, rate in self._catalogue.speeds(self._engine, self._machine, self._device):
+                shape = self._shape(key)
+                if shape is not None and len(self._by_shape[shape]) < _RECENT:
+                    self._by_shape[shape].append(rate * beyond_caches(grains))
+        return self._by_shape
+
+    def _shape(self, key: str) -> str | None:
+        try:
+            return RunRecord.read(self._catalogue.lab.run(key)).scene.grains.shape
+        except Unreadable:
+            return None  # other verbs tell
+
+
+def discharge_time(shared: PointDemand) -> float:
+    """Expected simulated time [s] of a discharge: by Beverloo's law where there is an outlet, else the longest
+    allowed."""
+    scene, stop = shared.scene, shared.stop
+    flow = mass_flow(scene) * (HOLE if outlet_shape(scene.container) == "hole" else 1.0)
+    if flow <= 0:
+        return stop.max_time
+    return min(stop.max_time, reach(shared) * scene.grains.count * scene.grains.mass / flow)
+
+
+def discharge_work(shared: PointDemand) -> float:
+    """Grain-steps of a discharge; grains that left cost nothing."""
+    mean = shared.scene.grains.count * (1 - reach(shared) / 2)
+    return mean * discharge_time(shared) / shared.numerics.dt
+
+
+def fill_work(demand: Demand, catalogue: Catalogue | None = None) -> float:
+    """Grain-steps of a filling, by the mean of recorded fillings of the same container if there are any."""
+    known = catalogue.settling(demand.shared.closed_key) if catalogue else None
+    return demand.shared.scene.grains.count * (known or fill_time(demand)) / demand.shared.numerics.dt
+
+
+def fill_time(demand: Demand) -> float:
+    """Expected simulated time [s] of a filling: a few falls from the height of its start."""
+    scene, grains = demand.shared.scene, demand.shared.scene.grains
+    container = scene.container
+    wide = getattr(container, "width", getattr(container, "diameter", 10 * grains.diameter))
+    deep = getattr(container, "thickness", getattr(container, "depth", wide))
+    top = placing.volume_of_start(scene, demand.filling.kind) / (wide * deep)
+    fall = math.sqrt(2 * top / scene.gravity) if scene.gravity > 0 else math.inf
+    return min(demand.point.fill.max_time, SETTLING * fall)
+
+
+def disk_of(demand: Demand) -> float:
+    """Bytes that a run will keep."""
+    count, there = demand.shared.scene.grains.count, reach(demand.shared)
+    film = _FRAME * count * _FRAMES * (1 - there / 2) if demand.recorded else 0.0
+    seen = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
+    return 5000 + count * (_ROW * there + _GRAIN) + film + seen
+
+
+def _bytes_of(probe: Probe, shared: PointDemand) -> float:
+    """What is kept of whole frames of grains and contacts, and of those around an outlet."""
+    grains = shared.scene.grains
+    if not isinstance(probe, Sample | Contacts | Zone):
+        return 0.0
+    frames = discharge_time(shared) / (probe.every * shared.numerics.beat)
+    if isinstance(probe, Zone):
+        around, above = probe.radius**2 * probe.high, probe.core**2 * (probe.top - probe.high)
+        within = PACKED * math.pi * (around + above) / (math.pi / 6 * grains.equivalent_diameter**3)
+        return _NEAR * within * frames * (2 if probe.again else 1)
+    mean = grains.count * (1 - reach(shared) / 2)
+    return mean * frames * (_NEAR if isinstance(probe, Sample) else _CONTACTS)

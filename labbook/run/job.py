@@ -1,0 +1,225 @@
+"""One computation, from its start or its last save to its folder in the lab."""
+
+import shutil
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status, Verifies
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe, Table
+from labbook.lab.folder import Claim, Lab, room
+from labbook.lab.identity import Keys
+from labbook.lab.journal import Journal, Saved
+from labbook.lab.records import Session, Unreadable
+from labbook.run.demand import Demand
+from labbook.run.provenance import now, provenance
+from labbook.scene import Scene
+from labbook.scene.packing import Packing
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Where jobs are done: lab, engine and device."""
+
+    lab: Lab
+    backend: Backend
+    device: str
+
+
+class JobFailed(Exception):
+    """A job cannot give what others wait for; the message says why and what to do. Its last state is kept."""
+
+
+class Job(ABC):
+    """A member of an ensemble, with its book-keeping. It holds the claim of its key until it is released."""
+
+    kind: ClassVar[str]
+    scene: Scene
+    probes: tuple[Probe, ...] = ()
+    settled_below: float | None = None
+
+    def __init__(self, bench: Bench, demand: Demand, keys: Keys, key: str, place: Path, claim: Claim):
+        self.bench, self.demand, self.keys, self.key, self.place = bench, demand, keys, key, place
+        self._claim = claim
+        self.journal = Journal(bench.lab.work(key))
+        self.damaged: dict[Path, str] = {}
+        """Why what was found of it, by folder, could not be taken up."""
+        self._rows: dict[str, list[Table]] = {}
+        self._earlier: tuple[Session, ...] = ()
+        self._from, self._started = 0, now()
+        self._wall = self._process = self._grain_steps = 0.0
+        self.status = Status(0, 0.0, demand.point.scene.grains.count, float("inf"))
+
+    @property
+    def numerics(self) -> Numerics:
+        """How it is computed."""
+        return self.demand.shared.numerics
+
+    # what jobs differ in
+
+    @abstractmethod
+    def fresh(self) -> Packing:
+        """The start of a job that was never saved. Raises JobFailed."""
+
+    @abstractmethod
+    def recall(self, saved: Saved | None) -> Saved | None:
+        """Take up what was saved, in the work folder or elsewhere; None to start afresh. Raises Unreadable if it cannot
+        be taken up."""
+
+    @abstractmethod
+    def state(self) -> dict[str, Any]:
+        """What `recall` needs beside checkpoint and rows."""
+
+    @abstractmethod
+    def absorb(self, probe: Probe, table: Table) -> None:
+        """Take rows that were observed."""
+
+    @abstractmethod
+    def verdict(self, events: Sequence[Event]) -> str | None:
+        """How it ended, or None while it goes on."""
+
+    @abstractmethod
+    def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
+        """Write what is kept into the new `folder`. Raises JobFailed if there is nothing to keep."""
+
+    @abstractmethod
+    def progress(self) -> float:
+        """Part of the work that is done, from 0 to 1, as far as can be told."""
+
+    def look(self, ensemble: Ensemble, member: Member) -> None:
+        """Take a look at the state after a beat, where the verdict needs more of it than `status` tells."""
+        return
+
+    @abstractmethod
+    def doing(self) -> tuple[str, ...]:
+        """How far it is, for people: parts of a line, the most telling one first."""
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether it goes on for longer than expected, so that nobody can tell how long."""
+        return False
+
+    def warning(self) -> str | None:
+        """What the user has to know now, once; None if there is nothing."""
+        return None
+
+    @property
+    def may_save(self) -> bool:
+        """Whether a restart from here would go on exactly as without it."""
+        return True
+
+    # what they share
+
+    def begin(self) -> Packing | Checkpoint:
+        """Where the member starts: at the last save, else afresh. Raises JobFailed."""
+        self.bench.lab.mend(self.key, self.place)
+        try:
+            saved = self.recall(self.journal.restore())
+        except Unreadable as problem:
+            self.damaged[self.journal.folder] = f"{problem}; it starts afresh"
+            self.start_over()
+            saved = self.recall(None)
+        if saved is None:
+            return self.fresh()
+        self._earlier = saved.sessions
+        self._from = saved.step
+        return saved.checkpoint
+
+    def start_over(self) -> None:
+        """Forget what is in the work folder."""
+        self.bench.lab.clear(self.key)
+        self.journal = Journal(self.bench.lab.work(self.key))
+
+    def check(self, saved: Saved, where: Path) -> None:
+        """Whether the engine can go on from what was saved in `where`. Raises Unreadable."""
+        backend = self.bench.backend
+        own = backend.capabilities.name, backend.capabilities.cache_version
+        try:
+            if (saved.checkpoint.engine, saved.checkpoint.cache_version) != own:
+                raise ValueError(f"of {saved.checkpoint.engine} version {saved.checkpoint.cache_version}")
+            if isinstance(backend, Verifies):
+                backend.verify(self.scene, self.numerics, saved.checkpoint, saved.step)
+        except ValueError as error:
+            raise Unreadable(f"{where}: the checkpoint cannot be gone on from: {error}") from error
+
+    @property
+    def resumed(self) -> bool:
+        """Whether it goes on from an earlier session."""
+        return self._from > 0
+
+    def after(
+        self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float
+    ) -> None:
+        """Account for an advance that led to `status`, observed `tables`, and took `wall` and `process`
+        seconds."""
+        self.status = status
+        self._wall += wall
+        self._process += process
+        self._grain_steps += grain_steps
+        for probe, table in tables.items():
+            self.absorb(probe, table)
+
+    def keep(self, name: str, table: Table) -> None:
+        """Add rows to a table of this job, which is kept even if it stays empty."""
+        kept = self._rows.setdefault(name, [])
+        if not kept or len(table["step"]):
+            kept.append(table)
+
+    def save(self, ensemble: Ensemble, member: Member) -> None:
+        """Write an exact checkpoint and the rows up to it. Raises DiskFull."""
+        if not self.may_save:
+            return
+        state = {"step": self.status.step, **self.state()}
+        self.journal.save(ensemble.checkpoint(member), self._rows, state, self.sessions())
+        self._rows = {}
+
+    def finish(self, verdict: str, ensemble: Ensemble, member: Member) -> None:
+        """Put the result into the lab, by one rename. Raises DiskFull, or JobFailed with the last state
+        saved."""
+        lab = self.bench.lab
+        made = lab.work(self.key) / "done"
+        with room(made):
+            shutil.rmtree(made, ignore_errors=True)
+            made.mkdir(parents=True)
+            try:
+                self.fill_folder(made, verdict, ensemble, member)
+            except Unreadable as problem:
+                raise JobFailed(
+                    f"{self.label}: {problem}; give the same command again, and it starts afresh"
+                ) from problem
+            lab.put(made, self.place)
+        lab.clear(self.key)
+
+    def release(self) -> None:
+        """Let others claim the key."""
+        self._claim.release()
+
+    def sessions(self) -> tuple[Session, ...]:
+        """The stretches in which it was computed, this one last."""
+        this = Session(
+            from_step=self._from,
+            to_step=self.status.step,
+            started=self._started,
+            wall_time=self._wall,
+            process_time=self._process,
+            grain_steps=self._grain_steps,
+            provenance=provenance(self.bench.device),
+        )
+        return (*self._earlier, this)
+
+    def tables(self) -> dict[str, Any]:
+        """All rows, saved or not, by table name."""
+        return self.journal.tables(self._rows)
+
+    @property
+    def label(self) -> str:
+        """For people: what, where, which seed."""
+        return f"{self.kind} of {self.demand.point.label}, seed {self.demand.seed}"
+
+
+def failure(events: Sequence[Event]) -> Failed | None:
+    """The failure among `events`, if there is one."""
+    return next((event for event in events if isinstance(event, Failed)), None)

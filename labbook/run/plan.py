@@ -1,0 +1,230 @@
+"""What is done of a study, what is missing, partial or stale, and why; and whether an engine can do what is planned."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from labbook.backend import Backend, Capabilities, Surveys, Unsupported
+from labbook.lab.catalogue import Catalogue, Entry
+from labbook.lab.folder import stamp
+from labbook.lab.identity import Keys
+from labbook.lab.records import Unreadable
+from labbook.lab.runs import open_run
+from labbook.run.coverage import shortfall
+from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
+from labbook.stats import Decision, StoppingRule
+
+if TYPE_CHECKING:
+    from labbook.lab.catalogue import Catalogue
+    from labbook.study import Study
+
+
+State = Literal["done", "missing", "partial", "stale"]
+"""`partial`: begun, or covers less than is asked. `stale`: made by another version of the engine."""
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """One run of a study: how it stands, and why."""
+
+    demand: Demand
+    keys: Keys
+    state: State
+    reason: str
+    outcome: str | None
+    packed: bool
+    """Whether its packing is there."""
+    resumes: bool
+    """Whether it goes on from where it was left, rather than from its packing."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointPlan:
+    """The runs of one point that are asked for so far. `decision`: None until all of them are done."""
+
+    shared: PointDemand
+    items: tuple[Item, ...]
+    decision: Decision | None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """All runs of a study, as they stand."""
+
+    study: "Study"
+    engine: Capabilities
+    points: tuple[PointPlan, ...]
+    rule: StoppingRule
+
+    @property
+    def items(self) -> list[Item]:
+        """All runs: the first seed of every point, then the second, and so on."""
+        every = [item for point in self.points for item in point.items]
+        return sorted(every, key=lambda item: (item.demand.seed, item.demand.point.index))
+
+    @property
+    def todo(self) -> list[Item]:
+        """Runs that are not done; one that several points share comes once."""
+        waiting: dict[str, Item] = {}
+        for item in self.items:
+            if item.state != "done":
+                waiting.setdefault(item.keys.run, item)
+        return list(waiting.values())
+
+    @property
+    def fillings(self) -> dict[str, Item]:
+        """One run for each packing that is still to be made, by packing key."""
+        return {item.keys.packing: item for item in reversed(self.todo) if not item.packed}
+
+    def counts(self) -> Counter[str]:
+        """Number of runs by state."""
+        return Counter(item.state for item in self.items)
+
+
+def counted(points: Iterable[PointPlan]) -> tuple[int, int]:
+    """Runs that are done, and runs asked for; one that several points share counts once."""
+    asked = {item.keys.run: item for point in points for item in point.items}
+    return sum(item.state == "done" for item in asked.values()), len(asked)
+
+
+class Planner:
+    """Compares demands with what the catalogue and the lab's folders have.
+
+    `packings_of`: whose packings the runs start from; None: `engine` makes its own.
+    """
+
+    def __init__(
+        self, study: "Study", catalogue: Catalogue, engine: Capabilities, packings_of: PackingsOf | None = None
+    ):
+        self.study, self.catalogue, self.engine, self.packings_of = study, catalogue, engine, packings_of
+        self.rule = stopping_rule(study)
+        self._there: dict[str, Entry] = {}
+        self._older: dict[str, Entry] = {}
+
+    def plan(self) -> Plan:
+        """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
+        points = [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
+        first = {point: self._first(point) for point in points}
+        self._look_up(demand for demands in first.values() for demand in demands)
+        planned = tuple(self._point(point, demands) for point, demands in first.items())
+        return Plan(self.study, self.engine, planned, self.rule)
+
+    def point(self, shared: PointDemand) -> PointPlan:
+        """One point anew, after some of its runs were done."""
+        first = self._first(shared)
+        self._look_up(first)
+        return self._point(shared, first)
+
+    def refresh(self, demand: Demand) -> Item:
+        """One run as its folder has it now, whatever the catalogue says."""
+        keys = demand.keys(self.engine)
+        return self._judged(demand, keys, self._looked_at(keys.run))
+
+    def _first(self, shared: PointDemand) -> list[Demand]:
+        return [shared.run(seed) for seed in range(1, self.rule.first + 1)]
+
+    def _point(self, shared: PointDemand, demands: list[Demand]) -> PointPlan:
+        items = [self._item(demand) for demand in demands]
+        while all(item.state == "done" for item in items):
+            decision = self._decide([item.keys.run for item in items])
+            more = min(decision.more, self.rule.cap - len(items))
+            if more <= 0:
+                return PointPlan(shared, tuple(items), decision)
+            added = [shared.run(seed) for seed in range(len(items) + 1, len(items) + more + 1)]
+            self._look_up(added)
+            items += [self._item(demand) for demand in added]
+        return PointPlan(shared, tuple(items), None)
+
+    def _decide(self, run_keys: list[str]) -> Decision:
+        if self.rule.tolerance is None:
+            return Decision(None, 0, None)
+        decision = self.rule.decide(flow_rates(self.study, self.catalogue, run_keys))
+        if decision.ended is None and len(run_keys) >= self.rule.cap:
+            return Decision(decision.pooled, 0, "cap")
+        return decision
+
+    def _look_up(self, demands: Iterable[Demand]) -> None:
+        asked = list(demands)
+        run_keys = [demand.keys(self.engine).run for demand in asked]
+        lineages = [demand.keys(self.engine).lineage for demand in asked]
+        for entry in self.catalogue.entries(run_keys, lineages):
+            self._there[entry.run_key] = entry
+            if entry.coverage is not None and entry.cache_version != self.engine.cache_version:
+                self._older[entry.lineage_key] = entry
+
+    def _item(self, demand: Demand) -> Item:
+        keys = demand.keys(self.engine)
+        entry = self._there.get(keys.run)
+        if entry is None or entry.stamp != stamp(self.catalogue.lab.run(keys.run)):
+            entry = self._looked_at(keys.run)
+        return self._judged(demand, keys, entry)
+
+    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None) -> Item:
+        state, reason, resumes = self._compare(demand, keys, entry)
+        outcome = entry.outcome if entry else None
+        problem = self.catalogue.packing_problem(keys.packing)
+        if problem and state == "done":
+            state, reason = "missing", f"its packing cannot be read: {problem}"
+        return Item(demand, keys, state, reason, outcome, problem is None, resumes)
+
+    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None) -> tuple[State, str, bool]:
+        begun = (self.catalogue.lab.work(keys.run) / "progress.json").exists()
+        if entry is None:
+            older = self._older.get(keys.lineage)
+            if begun:
+                return "partial", "begun, goes on from its checkpoint", True
+            if older:
+                was, name = older.cache_version, self.engine.name
+                return "stale", f"made by version {was} of {name}, which is at {self.engine.cache_version}", False
+            return "missing", "not run yet", False
+        if entry.coverage is None:
+            return "missing", f"cannot be read: {entry.problem}", False
+        shared = demand.shared
+        lacks = shortfall(
+            entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names, demand.recording
+        )
+        if lacks.gap == "none":
+            return "done", entry.outcome, False
+        return "partial", lacks.reason, lacks.gap == "shorter" or begun
+
+    def _looked_at(self, key: str) -> Entry | None:
+        """A run as its folder has it now: its process was killed before it was indexed, another machine put it there,
+        or something in it changed since."""
+        folder = self.catalogue.lab.run(key)
+        if not folder.is_dir():
+            return None
+        seen = stamp(folder)
+        try:
+            record, _ = open_run(folder)
+        except Unreadable as problem:
+            return Entry(key, "", 0, "unreadable", None, str(problem), seen)
+        return Entry(key, record.lineage_key, record.cache_version, record.outcome, record.coverage, None, seen)
+
+
+QUANTITY = "flow_rate"
+
+
+def flow_rates(study: "Study", catalogue: "Catalogue", run_keys: Sequence[str]) -> list[float]:
+    """Flow rates [kg/s] of these runs, in their order, without those that gave none (clogged, diverged)."""
+    from labbook.measure import MEASURES
+
+    found = catalogue.values(run_keys, QUANTITY, MEASURES[QUANTITY].version, study.window)
+    return [found[key] for key in run_keys if key in found]
+
+
+def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
+    """Whether `backend` can do all that is planned, on `device`. Raises Unsupported."""
+    can = backend.capabilities
+    if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
+        raise Unsupported("--device", f"the engine {can.name} has no {device} here; it has {', '.join(can.devices)}")
+    if isinstance(backend, Surveys):
+        there = [found.alias for found in backend.survey().devices]
+        if device not in there:
+            remedy = f"there is no device {device} here; there is {', '.join(there) or 'none'}"
+            raise Unsupported("--device", remedy)
+    for point in points:
+        shared = point.shared
+        film = (shared.film,) if shared.film else ()
+        backend.specialise(shared.closed, shared.numerics, ())
+        backend.specialise(shared.scene, shared.numerics, tuple(dict.fromkeys((*shared.probes, *film))))

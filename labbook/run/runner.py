@@ -1,0 +1,257 @@
+"""Carrying out a study: lanes take jobs from the board, step them by beats, save them, and end them by the
+stop rule."""
+
+import time
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from labbook.backend import Backend, Compiles, Member, Overflow
+from labbook.lab.catalogue import Catalogue
+from labbook.lab.folder import Lab, room
+from labbook.lab.index import Index
+from labbook.lab.records import Observe
+from labbook.run.board import Board, Started, Tally
+from labbook.run.demand import PackingsOf
+from labbook.run.fill import FillJob
+from labbook.run.job import Bench, Job, JobFailed
+from labbook.run.lane import Lane, Turn, slots
+from labbook.run.plan import Planner, PointPlan, check
+from labbook.run.provenance import cores
+from labbook.run.stopping import Request
+from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
+
+if TYPE_CHECKING:
+    from labbook.study import Study
+
+CHECKPOINT_EVERY = 20.0
+"""Wall time between two saves of a job [s]: what a kill loses at most."""
+_LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
+_TELLING = 0.05  # of the main thread's time may go into telling how it goes
+_POLL = 0.5  # s: how often claims that others hold are tried again
+_MANY = 10_000  # grains that take a while to place
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What came of one `labbook run`."""
+
+    tally: Tally
+    points: tuple[PointPlan, ...]
+    """How every point stands at the end, with the decision on its replicates."""
+    stopped: bool
+    """Whether it was asked to stop before the study was complete."""
+    wall_time: float
+    work_done: float
+    """Grain-steps."""
+    problems: tuple[str, ...]
+    """Folders of the lab that cannot be read."""
+    left_behind: bool = False
+    """Whether threads of this process still compile for jobs that were dropped: nothing waits for them but the end of
+    the process, unless it is ended by `os._exit`."""
+
+
+Turns = dict[Future[Turn], tuple[Lane, list[Started]]]
+
+
+@dataclass(eq=False)
+class Runner:
+    """Carries out `study` in `lab` on `backend`. Several at once share the work by claims."""
+
+    study: "Study"
+    lab: Lab
+    backend: Backend
+    device: str = "cpu"
+    checkpoint_every: float = CHECKPOINT_EVERY
+    watcher: Watcher = field(default_factory=Unwatched)
+    lanes: int | None = None
+    """None: one a core on a CPU, else one."""
+    packings_of: PackingsOf | None = None
+    """Whose packings the runs start from, which must be there; None: the engine makes its own."""
+    packings_only: bool = False
+    """Make the packings that the runs would start from, and no runs."""
+
+    def run(self) -> Summary:
+        """Run what is missing; Ctrl-C, SIGTERM or SIGHUP saves what is going on and ends early.
+
+        Raises KeyboardInterrupt when asked again meanwhile; the last saves stay good, and threads of lanes may still be
+        in the middle of a beat. Raises DiskFull; Unsupported, Conflict or MeasureError before anything runs.
+        """
+        with room(self.lab.folder):
+            return self._run()
+
+    def _run(self) -> Summary:
+        begun = time.perf_counter()
+        self._stop = Request()
+        self._left_behind = False
+        self._meter, self._next_tell = Meter(), float("-inf")
+        self._saved: dict[Job, float] = {}
+        window = self.study.window
+        observe = Observe(measure=self.study.measure, start=window.start, end=window.end)
+        index = Index(self.lab)
+        catalogue = Catalogue(self.lab)
+        try:
+            planner = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of)
+            plan = planner.plan()
+            check(self.backend, self.device, plan.points)
+            done = [item.keys.run for item in plan.items if item.state == "done"]
+            if index.derive(done, observe):
+                plan = planner.plan()
+            bench = Bench(self.lab, self.backend, self.device)
+            self._board = Board(bench, planner, index, observe, packings_only=self.packings_only)
+            self._board.beginning = self._tell_beginning
+            self._board.pin(plan)
+            with self._stop.listening(self.watcher.tell):
+                self._carry_out(slots(self.backend, self.device, plan.points))
+            self._tell()
+        finally:
+            catalogue.close()
+            index.close()
+        points = tuple(self._board.points[at] for at in sorted(self._board.points))
+        wall = time.perf_counter() - begun
+        problems, work = tuple(index.found.problems), self._meter.work
+        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, self._left_behind)
+
+    def _carry_out(self, slots: int) -> None:
+        many = self.lanes or (cores() if self.device == "cpu" else 1)
+        self._lanes = lanes = [Lane(self.backend, self.device, slots) for _ in range(many)]
+        turns: Turns = {}
+        try:
+            while not self._stop.made:
+                busy = [lane for lane, _ in turns.values()]
+                for lane in lanes:
+                    if lane not in busy:
+                        turns |= self._next_turn(lane)
+                if self._stop.made:
+                    break
+                if not turns:
+                    if not self._board.todo:
+                        return
+                    self._tell()
+                    time.sleep(_POLL)  # others hold what is left
+                    continue
+                for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
+                    self._visit(*turns.pop(turn), turn)
+                self._tell()
+            self._leave(turns, lanes)
+        except Exception:  # such as a full disk: the process ends now, and kernels must not be at work by then
+            wait([turn for turn, (lane, _) in turns.items() if not lane.preparing])
+            raise
+        finally:
+            busy = [lane for lane, _ in turns.values()]
+            for lane in lanes:
+                if lane not in busy:
+                    lane.close()
+                lane.end()
+            for job in list(self._board.going.values()):
+                self._board.dropped(job)
+
+    def _next_turn(self, lane: Lane) -> "Turns":
+        new: list[Started] = []
+        while len(lane.jobs) + len(new) < lane.slots and not self._stop.made:
+            spec = lane.spec if lane.jobs else new[0].spec if new else None
+            started = self._board.next(spec)
+            if started is None:
+                break
+            new.append(started)
+            self._saved[started.job] = time.perf_counter()
+        if self._stop.made or not (lane.jobs or new):
+            return {}
+        return {lane.start(new): (lane, new)}
+
+    def _visit(self, lane: Lane, new: list[Started], turn: "Future[Turn]") -> None:
+        """Account for a turn; end, save or leave going each of its jobs."""
+        try:
+            took = turn.result()
+            rows = lane.rows()
+        except (Overflow, ValueError, MemoryError) as problem:  # one bad start must not end the others
+            for job in {*lane.jobs.values(), *(started.job for started in new)}:
+                self._board.failed(job, f"{job.label}: {problem}")
+            lane.jobs.clear()
+            lane.close()
+            return
+        ensemble = lane.ensemble
+        assert ensemble is not None
+        share = max(1, len(self._board.going))
+        for member, job in list(lane.jobs.items()):
+            status, before = ensemble.status(member), job.status
+            work = (status.step - before.step) * (status.grains + before.grains) / 2
+            self._meter.add(work)
+            job.after(status, rows[member], took.wall, took.process / share, work)
+            job.look(ensemble, member)
+            if warning := job.warning():
+                self.watcher.tell(warning)
+            verdict = job.verdict([event for event in took.events if event.member == member])
+            if verdict:
+                self._end(lane, member, job, verdict)
+            elif time.perf_counter() - self._saved[job] >= self.checkpoint_every:
+                job.save(ensemble, member)
+                self._saved[job] = time.perf_counter()
+
+    def _end(self, lane: Lane, member: Member, job: Job, verdict: str) -> None:
+        assert lane.ensemble is not None
+        try:
+            job.finish(verdict, lane.ensemble, member)
+        except JobFailed as problem:
+            self._board.failed(job, str(problem))
+        else:
+            self._board.finished(job, verdict)
+        finally:
+            self._saved.pop(job, None)
+            lane.retire(member)
+
+    def _leave(self, turns: "Turns", lanes: list[Lane]) -> None:
+        """Let the turns end, and save what is not finished by then. Lanes that prepare have nothing to save."""
+        while any(not lane.preparing for lane, _ in turns.values()):
+            for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
+                self._visit(*turns.pop(turn), turn)
+        self._left_behind = bool(turns)
+        waited = [lane for lane in lanes if lane not in [lane for lane, _ in turns.values()]]
+        for lane in waited:
+            for member, job in list(lane.jobs.items()):
+                assert lane.ensemble is not None
+                job.save(lane.ensemble, member)
+
+    def _tell_beginning(self, job: Job) -> None:
+        grains = job.scene.grains.count
+        if isinstance(job, FillJob) and grains >= _MANY:
+            self._tell(Going(job.label, "placing", (f"placing {grains} grains",)))
+
+    def _tell(self, *beginning: Going) -> None:
+        begun = time.perf_counter()
+        if begun < self._next_tell:
+            return
+        board = self._board
+        done, asked = board.runs()
+        going = (*beginning, *self._going())
+        if all(one.phase in ("placing", "compiling", "preparing") for one in going):
+            self._meter.restart()
+        view = View(
+            runs_done=done,
+            runs_asked=asked,
+            fillings_left=board.fillings_left(),
+            going=going,
+            elsewhere=board.elsewhere,
+            work_done=self._meter.work,
+            work_left=board.work_left(),
+            rate=self._meter.rate(),
+            open_ended=board.open_ended(),
+        )
+        self.watcher.show(view)
+        now = time.perf_counter()
+        self._next_tell = now + max(_LOOK, (now - begun) / _TELLING)  # counting 10^5 runs takes a while
+
+    def _going(self) -> list[Going]:
+        """What every job is at."""
+        compiling = isinstance(self.backend, Compiles) and self.backend.compiling()
+        at_work = {job for lane in self._lanes if not lane.preparing for job in list(lane.jobs.values())}
+        found = []
+        for job in self._board.going.values():
+            if job in at_work:
+                phase = "settling" if isinstance(job, FillJob) else "discharging"
+                found.append(Going(job.label, phase, job.doing()))
+            elif compiling:
+                found.append(Going(job.label, "compiling", ("compiling, once for this kind of scene",)))
+            else:
+                found.append(Going(job.label, "preparing", ("preparing kernels",)))
+        return found

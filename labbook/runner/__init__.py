@@ -1,1 +1,0 @@
-"""Carrying out a plan: jobs, lanes, checkpoints, stop rules, claims."""

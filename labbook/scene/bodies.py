@@ -1,0 +1,53 @@
+"""Size and mass of each grain of a packing."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.scene.grains import Grains, Spheres
+from labbook.scene.packing import Packing
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Radius [m], mass [kg], moment of inertia [kg m^2] and kind of each grain, arrays of shape [n].
+
+    inertia: of rods, about an axis across them. kind: place in `grains.kinds`.
+    """
+
+    radius: np.ndarray
+    mass: np.ndarray
+    inertia: np.ndarray
+    kind: np.ndarray
+
+    @classmethod
+    def of(cls, grains: Grains, packing: Packing) -> "Bodies":
+        """The grains of `packing`. Raises ValueError if it does not say which of them are what, or the scene has no
+        such kind."""
+        n, kinds = len(packing), len(grains.parts)
+        if not grains.varied:
+            radius, mass, inertia = (np.full(n, a) for a in (grains.radius, grains.mass, grains.inertia))
+            return cls(radius, mass, inertia, np.zeros(n, np.int64))
+        kind = np.zeros(n, np.int64) if packing.kind is None else packing.kind
+        if packing.kind is None and kinds > 1:
+            raise ValueError(f"packing: it has no kinds of grains, and the scene has {kinds}; fill it anew")
+        if len(kind) and not (kind.min() >= 0 and kind.max() < kinds):
+            raise ValueError(f"packing: kinds of grains are not from 0 to {kinds - 1}; fill it anew")
+        diameter = np.full(n, grains.diameter) if packing.diameter is None else packing.diameter
+        if len(diameter) and not (diameter.min() > 0 and diameter.max() <= grains.diameter):
+            raise ValueError(f"packing: diameters are not above 0 and up to d = {grains.diameter:g} m; fill it anew")
+        mass = np.array([part.density for part in grains.parts])[kind] * math.pi / 6 * diameter**3
+        return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)
+
+    def carried(self, grains: Grains) -> dict[str, np.ndarray | None]:
+        """What a packing of these grains holds of them: `diameter` and `kind`."""
+        return {
+            "diameter": 2 * self.radius if isinstance(grains, Spheres) and grains.graded else None,
+            "kind": self.kind if grains.kinds else None,
+        }
+
+
+def masses(grains: Grains, packing: Packing) -> float | np.ndarray:
+    """Mass [kg] of every grain where they are equal, else of each, shape [n]."""
+    return Bodies.of(grains, packing).mass if grains.varied else grains.mass

@@ -1,0 +1,161 @@
+"""A packing: positions, velocities and friction springs of grains, free of any engine."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+_DOUBLE = ("x", "v", "omega")
+_EACH = {"diameter": np.float64, "kind": np.int64}
+_OF_SPRINGS = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
+_OF_SPRINGS |= {"wall_part": "iu"}
+_PARTS = 8  # no rod touches a wall at so many points
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """State of n grains, in double precision and SI, portable between engines.
+
+    `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit
+    quaternions (w, x, y, z), shape [n, 4], whose rotation takes the z axis to the rod's, or None for spheres. `ids`:
+    shape [n], what grains are called in every table; 0..n-1 unless grains have left. `diameter` [m] and `kind` (place
+    in the scene's `grains.kinds`), shape [n], or None where all grains are of one diameter d, or of one kind. Friction
+    springs [m]: `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i;
+    `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several
+    points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`).
+
+    Raises ValueError for shapes that do not fit, for indices of grains that are not there, for numbers that are not
+    finite and for quaternions that are not of length one: no engine can start from them.
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    omega: np.ndarray
+    q: np.ndarray | None = None
+    ids: np.ndarray | None = None
+    diameter: np.ndarray | None = None
+    kind: np.ndarray | None = None
+    pairs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    pair_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    wall_grain: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    wall_name: np.ndarray = field(default_factory=lambda: np.zeros(0, "U40"))
+    wall_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    wall_part: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self):
+        n = len(self.x)
+        for name in _DOUBLE:
+            array = np.ascontiguousarray(getattr(self, name), np.float64)
+            if array.shape != (n, 3):
+                raise ValueError(f"packing: {name} has shape {array.shape}, not ({n}, 3)")
+            object.__setattr__(self, name, array)
+        ids = np.arange(n) if self.ids is None else np.ascontiguousarray(self.ids, np.int64)
+        object.__setattr__(self, "ids", ids)
+        if len(ids) != n:
+            raise ValueError(f"packing: {len(ids)} ids for {n} grains")
+        for name, dtype in _EACH.items():
+            if (array := getattr(self, name)) is not None:
+                object.__setattr__(self, name, np.ascontiguousarray(array, dtype))
+                if np.shape(array) != (n,):
+                    raise ValueError(f"packing: {name} has shape {np.shape(array)}, not ({n},)")
+        if len(self.wall_part) == 0:
+            object.__setattr__(self, "wall_part", np.zeros(len(self.wall_grain), np.int64))
+        if self.q is not None:
+            object.__setattr__(self, "q", _quaternions(self.q, n))
+        self._check_springs(n)
+        for name in (*_DOUBLE, "pair_spring", "wall_spring"):
+            bad = ~np.isfinite(getattr(self, name)).all(axis=1)
+            if bad.any():
+                raise ValueError(f"packing: {name} is not finite in row {int(np.argmax(bad))}")
+
+    def _check_springs(self, n: int) -> None:
+        pairs, walls = len(self.pairs), len(self.wall_grain)
+        shapes = {"pairs": (pairs, 2), "pair_spring": (pairs, 3), "wall_grain": (walls,), "wall_name": (walls,)}
+        for name, shape in (shapes | {"wall_spring": (walls, 3), "wall_part": (walls,)}).items():
+            if np.shape(getattr(self, name)) != shape:
+                raise ValueError(f"packing: {name} has shape {np.shape(getattr(self, name))}, not {shape}")
+        for name, kind in _OF_SPRINGS.items():
+            if np.asarray(getattr(self, name)).dtype.kind not in kind:
+                raise ValueError(f"packing: {name} holds {np.asarray(getattr(self, name)).dtype}")
+        for name, most in (("pairs", n), ("wall_grain", n), ("wall_part", _PARTS)):
+            array = getattr(self, name)
+            if len(array) and not (array.min() >= 0 and array.max() < most):
+                raise ValueError(f"packing: {name} are not from 0 to {most - 1}")
+        if not (self.pairs[:, 0] < self.pairs[:, 1]).all():
+            raise ValueError("packing: pairs are not of a grain and a later one")
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def rows(self, ids: np.ndarray) -> np.ndarray:
+        """Rows of the grains called `ids`, which must all be there; shape as ids."""
+        assert self.ids is not None
+        order = np.argsort(self.ids)
+        return order[np.searchsorted(self.ids, ids, sorter=order)]
+
+    def mirrored(self) -> "Packing":
+        """The mirror image in x = 0: x and v_x change sign, omega (an axial vector) and the rotation q in y and z.
+
+        Walls called left and right (`left`, `bottom-left` ...) swap names.
+        """
+        mirror, axial = np.array([-1.0, 1, 1]), np.array([1.0, -1, -1])
+        swapped = [_swap_sides(str(name)) for name in self.wall_name]
+        return replace(
+            self,
+            x=self.x * mirror,
+            v=self.v * mirror,
+            omega=self.omega * axial,
+            q=None if self.q is None else self.q * [1, *axial],
+            pair_spring=self.pair_spring * mirror,
+            wall_name=np.array(swapped, "U40"),
+            wall_spring=self.wall_spring * mirror,
+            wall_part=self.wall_part,
+        )
+
+    def renumbered(self, order: np.ndarray) -> "Packing":
+        """The same packing with grain `order[k]` in row k; ids go with the grains, springs with their contacts."""
+        place = np.argsort(order)
+        pairs = place[self.pairs]
+        turned = (pairs[:, 0] > pairs[:, 1])[:, None]
+        rows = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
+        return replace(
+            self,
+            **{name: array[order] for name, array in rows.items() if array is not None},
+            pairs=np.where(turned, pairs[:, ::-1], pairs),
+            pair_spring=np.where(turned, -self.pair_spring, self.pair_spring),
+            wall_grain=place[self.wall_grain],
+        )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All arrays by name, for storage."""
+        names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
+        arrays = {name: getattr(self, name) for name in names}
+        some = {name: array for name in ("q", *_EACH) if (array := getattr(self, name)) is not None}
+        return {**arrays, **some}
+
+    def save(self, path: Path) -> None:
+        """Write as a compressed npz."""
+        with open(path, "wb") as file:
+            np.savez_compressed(file, **self.arrays())  # pyright: ignore[reportArgumentType]
+
+    @classmethod
+    def load(cls, path: Path) -> "Packing":
+        """Read what `save` wrote; `labbook.lab.packings` reads files that may be damaged."""
+        with np.load(path, allow_pickle=False) as stored:
+            return cls(**{name: stored[name] for name in stored.files})
+
+
+def _quaternions(q: np.ndarray, n: int) -> np.ndarray:
+    q = np.ascontiguousarray(q, np.float64)
+    if q.shape != (n, 4):
+        raise ValueError(f"packing: q has shape {q.shape}, not ({n}, 4)")
+    bad = ~(np.abs(np.linalg.norm(q, axis=1) - 1) < 1e-6)
+    if bad.any():
+        raise ValueError(f"packing: q is no unit quaternion in row {int(np.argmax(bad))}")
+    return q
+
+
+def _swap_sides(name: str) -> str:
+    if "left" in name:
+        return name.replace("left", "right")
+    return name.replace("right", "left")
