@@ -52,7 +52,7 @@ $(VENV)/bin/python:
 
 # An installation is redone only when what it was made from has changed.
 $(VENV)/installed-run: pyproject.toml constraints.txt | $(VENV)/bin/python
-	@echo "Installing labbook with its CPU engine (once; a minute or two)"
+	@echo "Installing labbook with its CPU backend (once; a minute or two)"
 	@$(INSTALL) --editable '.[numba]'
 	@touch $@
 

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 StudyFile = Annotated[Path, typer.Argument(help="Study file (YAML).", metavar="STUDY", show_default=False)]
 Lab = Annotated[Path, typer.Option("--lab", envvar="LABBOOK_LAB", help="Lab folder.")]
-Engine = Annotated[str, typer.Option("--backend", help="Backend that made the runs: numba or warp.")]
+Backend = Annotated[str, typer.Option("--backend", help="Backend that made the runs: numba or warp.")]
 RunsOn = Annotated[str, typer.Option("--backend", help="Backend to run on: numba (CPU) or warp (GPU).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 LAB = Path("lab")
-ENGINE = "numba"
+BACKEND = "numba"
 STOPPED = 130
 """Exit status of what was asked to stop, as shells give it for Ctrl-C."""
 GO_ON = "the same command goes on from here"
@@ -97,7 +97,7 @@ def existing(lab: Path) -> "Catalogue":
     return Catalogue(lab)
 
 
-def analysed(path: Path, lab: Path, engine: str) -> "Analysis":
+def analysed(path: Path, lab: Path, backend: str) -> "Analysis":
     """The analysis of a study's finished runs in the lab; those that cannot be read are named and left out."""
     from rich.progress import Progress
 
@@ -106,9 +106,9 @@ def analysed(path: Path, lab: Path, engine: str) -> "Analysis":
 
     study = read_study(path)
     catalogue = existing(lab)
-    runs, lost = finished(catalogue, study, engine), unreadable(catalogue, study, engine)
+    runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
     if not runs and not lost:
-        fail(f"{lab} has no finished run of {study.name} on {engine}; make some: labbook run {path} --lab {lab}")
+        fail(f"{lab} has no finished run of {study.name} on {backend}; make some: labbook run {path} --lab {lab}")
     console = screen(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("measuring", total=len(runs))
@@ -116,6 +116,6 @@ def analysed(path: Path, lab: Path, engine: str) -> "Analysis":
     for problem in analysis.unreadable:
         say(f"Left out: {problem}", err=True)
     if not analysis.points:
-        fail(f"no finished run of {study.name} on {engine} in {lab} can be read; make them again: "
+        fail(f"no finished run of {study.name} on {backend} in {lab} can be read; make them again: "
              f"labbook run {path} --lab {lab}")  # fmt: skip
     return analysis

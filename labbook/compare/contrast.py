@@ -1,4 +1,4 @@
-"""The numbers that two engines are compared by, and the equivalence test between them."""
+"""The numbers that two backends are compared by, and the equivalence test between them."""
 
 import math
 from collections import Counter
@@ -27,7 +27,7 @@ UNITS = {"flow_rate": "kg/s", "outlet_velocity": "m/s"}
 
 @dataclass
 class Numbers:
-    """One number a seed of one engine, and why others have none."""
+    """One number a seed of one backend, and why others have none."""
 
     values: dict[int, float] = field(default_factory=dict)
     lacking: list[str] = field(default_factory=list)
@@ -73,10 +73,10 @@ def packing_fractions(lab: Lab, scene: Scene, packings: Mapping[int, str]) -> Nu
 
 
 def contrast(quantity: str, unit: str, first: Numbers, second: Numbers, margin: float, *, paired: bool) -> Contrast:
-    """Whether both engines have the same mean within `margin`, a part of the first one's.
+    """Whether both backends have the same mean within `margin`, a part of the first one's.
 
     `paired`: numbers of the same seed come from the same packing; only seeds that both have count. Untested with fewer
-    than 2 numbers of each engine.
+    than 2 numbers of each backend.
     """
     one, other = first.values, second.values
     seeds = sorted(one.keys() & other.keys() if paired else one.keys() | other.keys())

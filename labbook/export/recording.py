@@ -78,7 +78,7 @@ def of_run(folder: Path, lab: Path, study: str | None = None, point: "Point | No
     record = RunRecord.read(folder)
     name, seed = study or record.study, record.seed
     index, label = (record.point, record.label) if point is None else (point.index, point.label)
-    path = lab / "recordings" / name / f"point-{index + 1}-seed-{seed}-{record.engine}.rrd"
+    path = lab / "recordings" / name / f"point-{index + 1}-seed-{seed}-{record.backend}.rrd"
     if holds(path, record.run_key):
         return path
     title = f"{name}: {label}, seed {seed}"

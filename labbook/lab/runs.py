@@ -115,14 +115,14 @@ def read_recording(folder: Path, record: RunRecord) -> dict[str, np.ndarray] | N
 
 
 def read_end(folder: Path, record: RunRecord) -> Checkpoint:
-    """The exact last state of the run, which its engine alone can judge. Raises Unreadable."""
+    """The exact last state of the run, which its backend alone can judge. Raises Unreadable."""
     path = folder / CHECKPOINT
     try:
         checkpoint = read_checkpoint(path, min(MOST, 2**20 + _BYTES * record.scene.grains.count))
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
-    if (checkpoint.engine, checkpoint.cache_version) != (record.engine, record.cache_version):
-        raise Unreadable(f"{path}: it is of {checkpoint.engine} version {checkpoint.cache_version}")
+    if (checkpoint.backend, checkpoint.cache_version) != (record.backend, record.cache_version):
+        raise Unreadable(f"{path}: it is of {checkpoint.backend} version {checkpoint.cache_version}")
     return checkpoint
 
 
@@ -174,7 +174,7 @@ def check_keys(folder: Path, record: RunRecord) -> None:
     whose = {
         "scene_key": identity.scene_key(record.scene),
         "experiment_key": identity.experiment_key(record.scene_key, record.packing_key),
-        "run_key": identity.run_key(record.experiment_key, record.numerics, record.engine, record.cache_version),
+        "run_key": identity.run_key(record.experiment_key, record.numerics, record.backend, record.cache_version),
     }
     for name, key in whose.items():
         if getattr(record, name) != key:
@@ -189,8 +189,8 @@ def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None
     if packed.scene.grains != record.scene.grains:
         raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} is of other grains")
     lineage = identity.lineage_from(
-        record.scene_key, packed.closed_key, packed.filling, packed.numerics, packed.engine, record.numerics,
-        record.engine,
+        record.scene_key, packed.closed_key, packed.filling, packed.numerics, packed.backend, record.numerics,
+        record.backend,
     )  # fmt: skip
     if record.lineage_key != lineage:
         raise Unreadable(f"{path}: lineage_key: it is not that of what is recorded, {lineage}")

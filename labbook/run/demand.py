@@ -25,9 +25,9 @@ class Conflict(Exception):
 
 @dataclass(frozen=True)
 class PackingsOf:
-    """The engine whose packings runs start from, and the precision in which it makes them."""
+    """The backend whose packings runs start from, and the precision in which it makes them."""
 
-    engine: Capabilities
+    backend: Capabilities
     precision: Precision
 
 
@@ -38,7 +38,7 @@ class PointDemand:
     study: "Study"
     point: "Point"
     packings_of: PackingsOf | None = None
-    """Whose packings its runs start from; None: each engine makes its own."""
+    """Whose packings its runs start from; None: each backend makes its own."""
 
     @property
     def scene(self) -> Scene:
@@ -57,11 +57,11 @@ class PointDemand:
 
     @cached_property
     def maker(self) -> Maker | None:
-        """What makes the packings, if that is not the engine of the run by the same numerics."""
+        """What makes the packings, if that is not the backend of the run by the same numerics."""
         if self.packings_of is None:
             return None
         numerics = self.numerics.model_copy(update={"precision": self.packings_of.precision})
-        return Maker(self.packings_of.engine, numerics)
+        return Maker(self.packings_of.backend, numerics)
 
     @cached_property
     def scene_key(self) -> str:
@@ -153,30 +153,30 @@ class Demand:
         """The guards of its numerics."""
         return identity.guards(self.shared.numerics)
 
-    def keys(self, engine: Capabilities) -> Keys:
-        """Identities of this run on `engine`."""
-        found = self._keys.get((engine.name, engine.cache_version))
+    def keys(self, backend: Capabilities) -> Keys:
+        """Identities of this run on `backend`."""
+        found = self._keys.get((backend.name, backend.cache_version))
         if found is None:
             s = self.shared
-            found = identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
-            self._keys[engine.name, engine.cache_version] = found
+            found = identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker)
+            self._keys[backend.name, backend.cache_version] = found
         return found
 
-    def run_key(self, engine: str, version: int) -> str:
-        """Key of this run on one version of the engine called `engine`."""
+    def run_key(self, backend: str, version: int) -> str:
+        """Key of this run on one version of the backend called `backend`."""
         s = self.shared
-        made = (s.maker.numerics, s.maker.engine.name, s.maker.engine.cache_version) if s.maker else None
-        packing = identity.packing_key(s.closed_key, self.filling, *(made or (s.numerics, engine, version)))
-        return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, engine, version)
+        made = (s.maker.numerics, s.maker.backend.name, s.maker.backend.cache_version) if s.maker else None
+        packing = identity.packing_key(s.closed_key, self.filling, *(made or (s.numerics, backend, version)))
+        return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, backend, version)
 
     @cached_property
     def _keys(self) -> dict[tuple[str, int], Keys]:
         return {}
 
-    def lineage(self, engine: str) -> str:
-        """Identity of this run on any version of the engine called `engine`."""
+    def lineage(self, backend: str) -> str:
+        """Identity of this run on any version of the backend called `backend`."""
         s = self.shared
-        return identity.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
+        return identity.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker)
 
 
 def demands(study: "Study", seeds: int) -> Iterator[Demand]:

@@ -67,7 +67,7 @@ class Runner:
     lanes: int | None = None
     """None: one a core on a CPU, else one."""
     packings_of: PackingsOf | None = None
-    """Whose packings the runs start from, which must be there; None: the engine makes its own."""
+    """Whose packings the runs start from, which must be there; None: the backend makes its own."""
     packings_only: bool = False
     """Make the packings that the runs would start from, and no runs."""
 
