@@ -17,6 +17,7 @@ from labbook.backend import Backend, load
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
 from labbook.bench.beds import settled
+from labbook.bench.hardware import hardware
 from labbook.bench.rate import TIMED, Rate, timed
 from labbook.bench.rods import RODS, has_rods, rod_rates
 from labbook.bench.savings import Saving, savings
@@ -73,7 +74,6 @@ def run(
 
     Most of the time goes into compiling: of the CPU backend 5 scenes if `quick`, 8 if `usual`, 17 if `full`.
     """
-    from labbook.bench.hardware import hardware
 
     whole = load(name)
     backend = on_one_thread(whole) or whole

@@ -13,6 +13,7 @@ from typing import Any
 from labbook.backend import Backend, Failed, Load, Settled, Weighed, load
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
+from labbook.bench.hardware import hardware
 from labbook.bench.scenes import FAN_STEP, cylinder, fan, silo
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
@@ -82,7 +83,6 @@ def run(
     beats: int = 3,
 ) -> BatchBench:
     """Measure the backend called `name` on `device`. Takes some three minutes on a large GPU."""
-    from labbook.bench.hardware import hardware
 
     backend = load(name)
     timings = []

@@ -11,6 +11,7 @@ from labbook.backend import Backend, load
 from labbook.backend.probes import Crossing
 from labbook.bench import batch, rate
 from labbook.bench.batch import CYLINDER_STEP, FILLING_STEP, flowing
+from labbook.bench.hardware import hardware
 from labbook.bench.scenes import elongated
 from labbook.filling.placing import place
 
@@ -56,7 +57,6 @@ def run(
     grains: int | None = None,
 ) -> ElongationBench:
     """Measure the backend called `name` on `device`. Takes a few minutes on a core, and less on a large GPU."""
-    from labbook.bench.hardware import hardware
 
     backend = load(name)
     grains = grains or (RODS if device == "cpu" else OF_A_GPU)

@@ -5,19 +5,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fit.outlet import DEFINITIONS, OF_OUTLET
+from labbook.export import turning
+from labbook.fit.outlet import DEFINITIONS, OF_OUTLET, Outlet
+from labbook.report.analysis import Analysis, PointResult
+from labbook.report.ratios import RATIOS, angle_laws
+from labbook.report.series import Series
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from labbook.fit.outlet import Outlet
-    from labbook.report.analysis import Analysis, PointResult
-    from labbook.report.series import Series
 
 Row = dict[str, Any]
 
 
-def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
+def frames(analysis: Analysis) -> dict[str, "pd.DataFrame"]:
     """Data frames by name; those without rows are left out.
 
     `runs`: what was measured of each run, with error, effective sample size, window, method and note. `points`: pooled
@@ -28,8 +29,6 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
     their verdicts. Columns that begin with a key of the study say what was swept.
     """
     import pandas as pd
-
-    from labbook.export import turning
 
     made = {
         "runs": _runs(analysis),
@@ -48,18 +47,18 @@ def frames(analysis: "Analysis") -> dict[str, "pd.DataFrame"]:
     return {name: frame for name, frame in found.items() if len(frame)}
 
 
-def _of_point(result: "PointResult") -> Row:
+def _of_point(result: PointResult) -> Row:
     return {"point": result.point.index + 1, **result.point.at}
 
 
-def _runs(analysis: "Analysis") -> Iterator[Row]:
+def _runs(analysis: Analysis) -> Iterator[Row]:
     for result in analysis.points:
         for run in result.runs:
             head = {**_of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
             yield from ({**head, **vars(measured)} for measured in run.measured.values())
 
 
-def _points(analysis: "Analysis") -> Iterator[Row]:
+def _points(analysis: Analysis) -> Iterator[Row]:
     for result in analysis.points:
         units = {name: measured.unit for run in result.runs for name, measured in run.measured.items()}
         for name, pooled in result.pooled.items():
@@ -68,8 +67,7 @@ def _points(analysis: "Analysis") -> Iterator[Row]:
             yield {**head, "replicates": pooled.n, "confidence": pooled.confidence, "remark": result.remark}
 
 
-def _ratios(analysis: "Analysis") -> Iterator[Row]:
-    from labbook.report.ratios import RATIOS, angle_laws
+def _ratios(analysis: Analysis) -> Iterator[Row]:
 
     for name, found in RATIOS.items():
         for one in found(analysis.points):
@@ -86,25 +84,25 @@ def _column(law: str) -> str:
     return law.partition(",")[0].lower().replace(" & ", "_")
 
 
-def _of_series(series: "Series") -> Row:
+def _of_series(series: Series) -> Row:
     return {"series": series.label, **series.at}
 
 
-def _fits(analysis: "Analysis") -> Iterator[Row]:
+def _fits(analysis: Analysis) -> Iterator[Row]:
     for series in analysis.series:
         for law in (*series.fits, *series.profiles):
             for name, parameter in series.parameters(law).items():
                 yield {**_of_series(series), "law": law, "parameter": name, **vars(parameter), **_goodness(series, law)}
 
 
-def _goodness(series: "Series", law: str) -> Mapping[str, float]:
+def _goodness(series: Series, law: str) -> Mapping[str, float]:
     if law not in series.fits:
         return {}
     fit = series.fits[law]
     return {"chi2": fit.chi2, "degrees_of_freedom": fit.dof, "p_value": fit.p_value, "aicc": fit.aicc}
 
 
-def _flow(analysis: "Analysis") -> Iterator[Row]:
+def _flow(analysis: Analysis) -> Iterator[Row]:
     for result in analysis.points:
         for run in result.runs:
             if run.trace is not None:
@@ -112,14 +110,14 @@ def _flow(analysis: "Analysis") -> Iterator[Row]:
                     yield {**_of_point(result), "seed": run.seed, "time": float(time), "flow_rate": float(rate)}
 
 
-def _profiles(analysis: "Analysis") -> Iterator[Row]:
+def _profiles(analysis: Analysis) -> Iterator[Row]:
     for result in analysis.points:
         for definition in (name for name in DEFINITIONS if result.outlets(name)):
             head = {**_of_point(result), "definition": definition}
             yield from ({**head, **row} for row in _along(result.outlets(definition)))
 
 
-def _along(outlets: Sequence["Outlet"]) -> Iterator[Row]:
+def _along(outlets: Sequence[Outlet]) -> Iterator[Row]:
     """A row a bin: mean over seeds, and its standard error."""
     first, n = outlets[0], len(outlets)
     middle = (first.edges[1:] + first.edges[:-1]) / 2
@@ -132,7 +130,7 @@ def _along(outlets: Sequence["Outlet"]) -> Iterator[Row]:
         yield dict(zip(columns, (value.item() for value in values), strict=True))
 
 
-def _outlets(analysis: "Analysis") -> Iterator[Row]:
+def _outlets(analysis: Analysis) -> Iterator[Row]:
     for series in analysis.series:
         for definition, fit in series.profiles.items():
             for result, one in zip(series.profiled, fit.outlets, strict=True):
@@ -142,7 +140,7 @@ def _outlets(analysis: "Analysis") -> Iterator[Row]:
                 yield {**_of_point(result), "definition": definition, "R": one.profile.R, **means, **errors}
 
 
-def _reference(analysis: "Analysis") -> Iterator[Row]:
+def _reference(analysis: Analysis) -> Iterator[Row]:
     for one in analysis.comparisons:
         theirs = {"reference": one.reference, "reference_error": one.reference_error}
         ours = {"ours": one.ours, "error": one.error, "low": one.low, "high": one.high, "unit": one.unit}

@@ -3,15 +3,16 @@
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from labbook.export.numbers import frames
+from labbook.export.vtk import write_fields, write_grains, write_series
+from labbook.fields import axes
 from labbook.lab.folder import write_bytes
-
-if TYPE_CHECKING:
-    from labbook.report.analysis import Analysis, PointResult
+from labbook.report.analysis import Analysis, PointResult
+from labbook.report.pattern import flow_patterns
 
 Format = Literal["csv", "parquet"]
 
@@ -20,7 +21,7 @@ class NoParquet(Exception):
     """pandas has nothing to write Parquet with; the message says what to install."""
 
 
-def write_numbers(analysis: "Analysis", folder: Path, kind: Format) -> list[Path]:
+def write_numbers(analysis: Analysis, folder: Path, kind: Format) -> list[Path]:
     """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
@@ -41,13 +42,11 @@ def write_numbers(analysis: "Analysis", folder: Path, kind: Format) -> list[Path
     return paths
 
 
-def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
+def write_recordings(analysis: Analysis, folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
     """Write recorded runs as VTK, a file a frame in a folder a run, and the mean fields of each; the paths.
 
     ParaView opens `grains.vtk.series` of a run as one time series, with the times since the opening [s].
     """
-    from labbook.export.vtk import write_fields
-    from labbook.report.pattern import flow_patterns
 
     paths = []
     for result in analysis.points:
@@ -66,9 +65,7 @@ def write_recordings(analysis: "Analysis", folder: Path, say: Callable[[str], No
     return paths
 
 
-def _grains(result: "PointResult", rows, folder: Path) -> list[Path]:
-    from labbook.export.vtk import write_grains, write_series
-    from labbook.fields import axes
+def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
 
     folder.mkdir(parents=True, exist_ok=True)
     grains = result.point.scene.grains

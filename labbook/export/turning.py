@@ -1,17 +1,15 @@
 """Numbers of a bottom that turns, of accelerations above outlets and of statements, as rows of tables."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from labbook.report.analysis import Analysis
 from labbook.report.pattern import acceleration
-
-if TYPE_CHECKING:
-    from labbook.report.analysis import Analysis
 
 Row = dict[str, Any]
 
 
-def ratios(analysis: "Analysis") -> Iterator[Row]:
+def ratios(analysis: Analysis) -> Iterator[Row]:
     """Every quantity over that with the bottom at rest, paired by seeds; intervals have the stated confidence."""
     for curve in analysis.turning:
         for k, result in enumerate(curve.points):
@@ -29,7 +27,7 @@ def _positive(at_rest, quantity: str) -> bool:
     return pooled is not None and pooled.value != 0 and not quantity.startswith("flow_rate_drift")
 
 
-def accelerations(analysis: "Analysis") -> Iterator[Row]:
+def accelerations(analysis: Analysis) -> Iterator[Row]:
     """Mean upward acceleration [m/s^2] of the grains that start within each bin of height [m] above an outlet."""
     for result in analysis.points:
         profile = acceleration(result)
@@ -48,7 +46,7 @@ def accelerations(analysis: "Analysis") -> Iterator[Row]:
             }
 
 
-def statements(analysis: "Analysis") -> Iterator[Row]:
+def statements(analysis: Analysis) -> Iterator[Row]:
     """What a paper states, ours, and the verdict."""
     for one in analysis.judged:
         stated = one.statement

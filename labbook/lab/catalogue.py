@@ -15,11 +15,10 @@ from labbook.lab.folder import Lab, Unusable, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Coverage, Unreadable
 from labbook.lab.schema import SCHEMA_VERSION, measurements, packings, runs
+from labbook.measure import Window
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from labbook.measure import Window
 
 
 @dataclass(frozen=True)
@@ -175,7 +174,7 @@ class Catalogue:
         ]
         return pd.concat(parts, ignore_index=True)
 
-    def values(self, run_keys: Sequence[str], quantity: str, version: int, window: "Window") -> dict[str, float]:
+    def values(self, run_keys: Sequence[str], quantity: str, version: int, window: Window) -> dict[str, float]:
         """The finite values of one quantity, by run; runs that diverged have none."""
         query = select(measurements.c.run_key, measurements.c.value).where(
             measurements.c.run_key == runs.c.run_key,

@@ -2,13 +2,10 @@
 changes."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from labbook.lab.records import Observe, RunRecord
-from labbook.measure import MEASURES, MeasureError
-
-if TYPE_CHECKING:
-    from labbook.measure import RunData
+from labbook.measure import MEASURES, MeasureError, RunData
 
 
 def expected(observe: Observe) -> set[tuple[str, int, float, float]]:
@@ -17,7 +14,7 @@ def expected(observe: Observe) -> set[tuple[str, int, float, float]]:
     return {(measure.name, measure.version, observe.start, observe.end) for measure in known}
 
 
-def derive(record: RunRecord, data: "RunData", observe: Observe) -> list[dict[str, Any]]:
+def derive(record: RunRecord, data: RunData, observe: Observe) -> list[dict[str, Any]]:
     """Rows for the table of measurements, from a run.
 
     A measure that cannot be taken of this run, or that fails on it, leaves a row with its own name, no value, and the

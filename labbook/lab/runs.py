@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +15,8 @@ from labbook.lab.folder import Lab, stamp
 from labbook.lab.packings import PackingRecord, read_packing
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_checkpoint
-
-if TYPE_CHECKING:
-    from labbook.measure.data import RunData
-    from labbook.study import Point
+from labbook.measure.data import RunData
+from labbook.study import Point
 
 RECORDING = "recording.npz"
 CHECKPOINT = "checkpoint.npz"
@@ -30,7 +28,7 @@ _BYTES = 2**16  # of a grain in a checkpoint, at most
 class FinishedRun:
     """A run that covers what a study asks. `stamp`: of its folder, when it was indexed."""
 
-    point: "Point"
+    point: Point
     seed: int
     run_key: str
     folder: Path
@@ -47,7 +45,7 @@ class FinishedRun:
         """Commit, versions, processor, device, threads, precision, seed, times and speed."""
         return self.record.provenance
 
-    def data(self) -> "RunData":
+    def data(self) -> RunData:
         """Start and tables, for measuring. Raises Unreadable, where the folder changed also for what is not read."""
         if stamp(self.folder) != self.stamp:
             return open_run(self.folder)[1]
@@ -59,7 +57,7 @@ class FinishedRun:
         return read_recording(self.folder, self.record)
 
 
-def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) -> "tuple[RunRecord, RunData]":
+def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) -> tuple[RunRecord, RunData]:
     """The run in `folder`, after everything in it has been looked at: record, tables, recording, checkpoint, keys.
 
     `key`: what the folder has yet to be named, if it is not named by its key; `lab`: where its packing is, if that is
@@ -75,9 +73,8 @@ def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) ->
     return record, data
 
 
-def run_data(folder: Path, record: RunRecord, lab: Lab | None = None) -> "RunData":
+def run_data(folder: Path, record: RunRecord, lab: Lab | None = None) -> RunData:
     """The run in `folder`, which lies in a lab beside its packings unless `lab` is given. Raises Unreadable."""
-    from labbook.measure.data import RunData
 
     packed, start = read_packing((lab or Lab(folder.parent.parent)).packing(record.packing_key))
     _check_start(folder, record, packed)

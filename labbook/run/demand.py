@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics, Precision
@@ -12,11 +11,10 @@ from labbook.filling import bed, placing
 from labbook.lab import identity
 from labbook.lab.identity import Filling, Keys, Maker
 from labbook.lab.records import StopRule
+from labbook.measure import MEASURES
 from labbook.scene import Scene
 from labbook.stats import StoppingRule
-
-if TYPE_CHECKING:
-    from labbook.study import Point, Study
+from labbook.study import Point, Study
 
 
 class Conflict(Exception):
@@ -35,8 +33,8 @@ class PackingsOf:
 class PointDemand:
     """All that the runs of one point have in common."""
 
-    study: "Study"
-    point: "Point"
+    study: Study
+    point: Point
     packings_of: PackingsOf | None = None
     """Whose packings its runs start from; None: each backend makes its own."""
 
@@ -76,7 +74,6 @@ class PointDemand:
     @cached_property
     def probes(self) -> tuple[Probe, ...]:
         """What every run observes: grains leaving, and what the study's measures need. Raises Conflict."""
-        from labbook.measure import MEASURES
 
         plane = self.scene.container.outlet_plane
         leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
@@ -124,7 +121,7 @@ class Demand:
     recorded: bool
 
     @property
-    def point(self) -> "Point":
+    def point(self) -> Point:
         """The point of the study."""
         return self.shared.point
 
@@ -179,14 +176,14 @@ class Demand:
         return identity.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker)
 
 
-def demands(study: "Study", seeds: int) -> Iterator[Demand]:
+def demands(study: Study, seeds: int) -> Iterator[Demand]:
     """Runs 1..`seeds` of every point: first the first seed of all points, then the second, and so on."""
     shared = [PointDemand(study, point) for point in study.points]
     for seed in range(1, seeds + 1):
         yield from (point.run(seed) for point in shared)
 
 
-def stopping_rule(study: "Study") -> StoppingRule:
+def stopping_rule(study: Study) -> StoppingRule:
     """The rule by which replicates are added to a point of `study`."""
     tolerance, least = study.accuracy.flow_rate, study.replicates
     cap = least if tolerance is None else max(least, study.accuracy.max_replicates)

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from labbook.backend import Backend, Capabilities, Surveys, Unsupported
 from labbook.lab.catalogue import Catalogue, Entry
@@ -11,14 +11,11 @@ from labbook.lab.folder import stamp
 from labbook.lab.identity import Keys
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
+from labbook.measure import MEASURES
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
 from labbook.stats import Decision, StoppingRule
-
-if TYPE_CHECKING:
-    from labbook.lab.catalogue import Catalogue
-    from labbook.study import Study
-
+from labbook.study import Study
 
 State = Literal["done", "missing", "partial", "stale"]
 """`partial`: begun, or covers less than is asked. `stale`: made by another version of the backend."""
@@ -52,7 +49,7 @@ class PointPlan:
 class Plan:
     """All runs of a study, as they stand."""
 
-    study: "Study"
+    study: Study
     backend: Capabilities
     points: tuple[PointPlan, ...]
     rule: StoppingRule
@@ -95,7 +92,7 @@ class Planner:
     """
 
     def __init__(
-        self, study: "Study", catalogue: Catalogue, backend: Capabilities, packings_of: PackingsOf | None = None
+        self, study: Study, catalogue: Catalogue, backend: Capabilities, packings_of: PackingsOf | None = None
     ):
         self.study, self.catalogue, self.backend, self.packings_of = study, catalogue, backend, packings_of
         self.rule = stopping_rule(study)
@@ -205,9 +202,8 @@ class Planner:
 QUANTITY = "flow_rate"
 
 
-def flow_rates(study: "Study", catalogue: "Catalogue", run_keys: Sequence[str]) -> list[float]:
+def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> list[float]:
     """Flow rates [kg/s] of these runs, in their order, without those that gave none (clogged, diverged)."""
-    from labbook.measure import MEASURES
 
     found = catalogue.values(run_keys, QUANTITY, MEASURES[QUANTITY].version, study.window)
     return [found[key] for key in run_keys if key in found]
