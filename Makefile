@@ -17,8 +17,8 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --con
 
 help:
 	@echo "make quickstart   set up, run $(STUDY) and write its report"
-	@echo "make check        set up, then ruff, pyright and the tests that need no kernels, in a minute or two"
-	@echo "make test         set up, then ruff, pyright and all tests"
+	@echo "make check        set up, then ruff, import-linter, pyright and the tests that need no kernels, in a minute or two"
+	@echo "make test         set up, then ruff, import-linter, pyright and all tests"
 	@echo "make docs         write docs/commands.md and the tables of docs/studies.md"
 	@echo "make clean        remove $(VENV)"
 
@@ -29,6 +29,7 @@ quickstart: $(VENV)/installed-run
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/pyright
 
 check: lint
@@ -52,7 +53,7 @@ $(VENV)/bin/python:
 
 # An installation is redone only when what it was made from has changed.
 $(VENV)/installed-run: pyproject.toml constraints.txt | $(VENV)/bin/python
-	@echo "Installing labbook with its CPU engine (once; a minute or two)"
+	@echo "Installing labbook with its CPU backend (once; a minute or two)"
 	@$(INSTALL) --editable '.[numba]'
 	@touch $@
 

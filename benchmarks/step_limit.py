@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook import backend
-from labbook.backend import Failed
+from labbook.backend import Backend, Failed, load
 from labbook.backend.numerics import Numerics
 from labbook.bench.hardware import hardware
 from labbook.filling import place
@@ -96,7 +95,7 @@ def beds(law: str, shape: str, seeds: int, fractions: tuple[float, ...]) -> Iter
         yield Bed(law, *value)
 
 
-def follow(engine: backend.Backend, device: str, asked: list[Bed], longest: float, budget: float) -> list[dict]:
+def follow(backend: Backend, device: str, asked: list[Bed], longest: float, budget: float) -> list[dict]:
     """What became of each bed within `longest` s of its own time and `budget` s of ours."""
     began = time.perf_counter()
     scenes = [bed.scene() for bed in asked]
@@ -109,7 +108,7 @@ def follow(engine: backend.Backend, device: str, asked: list[Bed], longest: floa
         starts.setdefault((bed.length, bed.grains, bed.seed), None)
         if starts[bed.length, bed.grains, bed.seed] is None:
             starts[bed.length, bed.grains, bed.seed] = place(scene, "gas", bed.seed)
-    ensemble = engine.open(engine.specialise(scenes[0], how[0]), len(asked), device)
+    ensemble = backend.open(backend.specialise(scenes[0], how[0]), len(asked), device)
     found, going = [], {}
     for bed, scene, n in zip(asked, scenes, how, strict=True):
         start = starts[bed.length, bed.grains, bed.seed]
@@ -165,13 +164,13 @@ def main() -> None:
     words.add_argument("--most", type=int, default=None, help="Follow only so many beds of each law and shape.")
     words.add_argument("--out", required=True)
     said = words.parse_args()
-    engine = backend.load(said.backend)
+    backend = load(said.backend)
     head = {"hardware": hardware(), "backend": said.backend, "device": said.device, "columns": COLUMNS}
     lines: list[str] = []
     for law, shape in itertools.product(said.laws.split(","), said.shapes.split(",")):
         asked = list(beds(law, shape, said.seeds, tuple(map(float, said.fractions.split(",")))))[: said.most]
         began = time.perf_counter()
-        for row in follow(engine, said.device, asked, said.longest, said.budget):
+        for row in follow(backend, said.device, asked, said.longest, said.budget):
             lines.append(json.dumps([short(row.get(name)) for name in COLUMNS], separators=(",", ":")))
         print(f"{law}, {shape}: {len(asked)} beds, {time.perf_counter() - began:.0f} s", flush=True)
         Path(said.out).write_text(json.dumps(head)[:-1] + ', "beds": [\n' + ",\n".join(lines) + "\n]}\n")

@@ -1,4 +1,4 @@
-"""What is installed, and whether the engines work: each lets a grain bounce once on each of its devices."""
+"""What is installed, and whether the backends work: each lets a grain bounce once on each of its devices."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,8 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from labbook import __version__, backend
+from labbook import __version__
+from labbook.backend import Backend, BackendMissing, Device, Survey, Surveys, installed, load
 from labbook.backend.numerics import Numerics
 from labbook.bench.hardware import hardware
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
@@ -19,8 +20,8 @@ PACKAGES = {
     "pandas": "tables",
     "sqlalchemy": "the catalogue",
     "matplotlib": "figures",
-    "numba": "the CPU engine",
-    "warp-lang": "the GPU engine",
+    "numba": "the CPU backend",
+    "warp-lang": "the GPU backend",
     "rerun-sdk": "recordings",
 }
 
@@ -35,8 +36,8 @@ class Package:
 
 
 @dataclass(frozen=True)
-class EngineHealth:
-    """Whether an engine works on one of its devices, and what it can do. `device` is empty if it cannot be
+class BackendHealth:
+    """Whether a backend works on one of its devices, and what it can do. `device` is empty if it cannot be
     loaded."""
 
     name: str
@@ -44,7 +45,7 @@ class EngineHealth:
     works: bool
     note: str
     what: str = ""
-    """Name and memory of the device, where the engine tells them."""
+    """Name and memory of the device, where the backend tells them."""
     precisions: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
 
@@ -56,9 +57,9 @@ class Examination:
     version: str
     hardware: dict[str, object]
     packages: tuple[Package, ...]
-    engines: tuple[EngineHealth, ...]
+    backends: tuple[BackendHealth, ...]
     versions: dict[str, dict[str, str]]
-    """By engine, of what it stands on."""
+    """By backend, of what it stands on."""
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -66,32 +67,32 @@ class Examination:
 
 
 def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
-    """Look at packages and engines; an engine that fails is reported with its reason, never raised.
+    """Look at packages and backends; a backend that fails is reported with its reason, never raised.
 
     say: called with what is going on.
     """
     packages = tuple(Package(name, _version(name), purpose) for name, purpose in PACKAGES.items())
-    engines: list[EngineHealth] = []
+    backends: list[BackendHealth] = []
     versions: dict[str, dict[str, str]] = {}
-    for name in sorted(backend.installed()):
+    for name in sorted(installed()):
         try:
             say(f"loading {name}")
-            engine = backend.load(name)
-            found = engine.survey() if isinstance(engine, backend.Surveys) else backend.Survey({}, ())
-        except Exception as error:  # whatever is wrong with an engine is what a doctor is for
-            engines.append(EngineHealth(name, "", False, _reason(error)))
+            backend = load(name)
+            found = backend.survey() if isinstance(backend, Surveys) else Survey({}, ())
+        except Exception as error:  # whatever is wrong with a backend is what a doctor is for
+            backends.append(BackendHealth(name, "", False, _reason(error)))
             continue
         if found.versions:
             versions[name] = dict(found.versions)
-        engines += _try(engine, {device.alias: _what(device) for device in found.devices}, say)
-    return Examination(__version__, hardware(), packages, tuple(engines), versions)
+        backends += _try(backend, {device.alias: _what(device) for device in found.devices}, say)
+    return Examination(__version__, hardware(), packages, tuple(backends), versions)
 
 
 def _reason(error: Exception) -> str:
-    return str(error) if isinstance(error, backend.BackendMissing) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, BackendMissing) else f"{type(error).__name__}: {error}"
 
 
-def _what(device: backend.Device) -> str:
+def _what(device: Device) -> str:
     return f"{device.name}, {device.memory / 2**30:.0f} GiB" if device.memory else device.name
 
 
@@ -102,35 +103,35 @@ def _version(name: str) -> str | None:
         return None
 
 
-def _try(engine: backend.Backend, here: dict[str, str], say: Callable[[str], None]) -> list[EngineHealth]:
-    """One line for each device that the engine is made for, and for each further one that is here."""
-    devices = dict.fromkeys((*engine.capabilities.devices, *here))
+def _try(backend: Backend, here: dict[str, str], say: Callable[[str], None]) -> list[BackendHealth]:
+    """One line for each device that the backend is made for, and for each further one that is here."""
+    devices = dict.fromkeys((*backend.capabilities.devices, *here))
     tried = []
     for device in devices:
-        say(f"letting a grain bounce with {engine.capabilities.name} on {device} (compiles the first time)")
-        tried.append(replace(_try_on(engine, device), what=here.get(device, "")))
+        say(f"letting a grain bounce with {backend.capabilities.name} on {device} (compiles the first time)")
+        tried.append(replace(_try_on(backend, device), what=here.get(device, "")))
     return tried
 
 
-def _try_on(engine: backend.Backend, device: str) -> EngineHealth:
-    can = engine.capabilities
+def _try_on(backend: Backend, device: str) -> BackendHealth:
+    can = backend.capabilities
     precisions, laws = tuple(sorted(can.precisions)), tuple(sorted(can.laws))
     try:
         began = time.perf_counter()
-        restitution = bounce(engine, device)
+        restitution = bounce(backend, device)
         spent = time.perf_counter() - began
-    except Exception as error:  # whatever an engine does wrong is what a doctor is for
-        return EngineHealth(can.name, device, False, _reason(error), precisions=precisions, laws=laws)
+    except Exception as error:  # whatever a backend does wrong is what a doctor is for
+        return BackendHealth(can.name, device, False, _reason(error), precisions=precisions, laws=laws)
     works = abs(restitution - ASKED) < 0.01
     note = f"self-test: a bounce gave back e = {restitution:.3f} (asked {ASKED}), in {spent:.1f} s"
-    return EngineHealth(can.name, device, works, note, precisions=precisions, laws=laws)
+    return BackendHealth(can.name, device, works, note, precisions=precisions, laws=laws)
 
 
 ASKED = 0.8
 
 
-def bounce(engine: backend.Backend, device: str) -> float:
-    """Restitution of a grain that hits a plane at 0.1 m/s, on one device. Raises what the engine raises."""
+def bounce(backend: Backend, device: str) -> float:
+    """Restitution of a grain that hits a plane at 0.1 m/s, on one device. Raises what the backend raises."""
     floor = Wall(name="floor", shape=Plane(point=(0, 0, 0), normal=(0, 0, 1)))
     scene = Scene(
         grains=Spheres(diameter=1e-2, density=1000, count=1),
@@ -139,7 +140,7 @@ def bounce(engine: backend.Backend, device: str) -> float:
         gravity=0.0,
     )
     numerics = Numerics(dt=2e-6, steps_per_beat=1000)
-    ensemble = engine.open(engine.specialise(scene, numerics), 1, device)
+    ensemble = backend.open(backend.specialise(scene, numerics), 1, device)
     try:
         start = Packing(x=np.array([[0, 0, 5.01e-3]]), v=np.array([[0, 0, -0.1]]), omega=np.zeros((1, 3)))
         member = ensemble.admit(scene, numerics, start)

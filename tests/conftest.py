@@ -24,7 +24,7 @@ STAND = re.compile(r"(numba|warp)-(double|mixed)-(cpu|cuda:\d+)")
 FILES = {
     "numba-double-cpu": ("test_numba_guards",),
     "warp-double-cpu": ("test_warp_rods",),
-    "studies": ("test_bench_engine", "test_compare_engines", "test_numba_plain", "test_numba_threads"),
+    "studies": ("test_bench_backend", "test_compare_backends", "test_numba_plain", "test_numba_threads"),
 }
 """Further files that share kernels with one another, or with tests of a stand."""
 

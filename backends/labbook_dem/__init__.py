@@ -1,5 +1,5 @@
-"""The physics of contacts, written once for every engine.
+"""The physics of contacts, written once for every backend.
 
-Its modules are plain Python in the small vocabulary of `labbook_dem.words`. As they stand they run in CPython; an
-engine reads their source, puts its own vocabulary in place of `words`, and compiles them (`labbook_dem.source`).
+Its modules are plain Python in the small vocabulary of `labbook_dem.words`. As they stand they run in CPython; a
+backend reads their source, puts its own vocabulary in place of `words`, and compiles them (`labbook_dem.source`).
 """

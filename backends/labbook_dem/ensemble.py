@@ -1,4 +1,4 @@
-"""What ensembles of all engines do alike: members come and go, rows are collected, and events tell what happened."""
+"""What ensembles of all backends do alike: members come and go, rows are collected, and events tell what happened."""
 
 from abc import ABC, abstractmethod
 from collections import defaultdict
@@ -29,7 +29,7 @@ class Failure:
 
 
 class Standing(Protocol):
-    """What an engine knows of a member, as far as every engine knows it."""
+    """What a backend knows of a member, as far as every backend knows it."""
 
     failure: Failure | None
 
@@ -67,7 +67,7 @@ R = TypeVar("R", bound=Standing)
 
 
 class Ensemble(ABC, Generic[R]):
-    """See `labbook.backend.Ensemble`. An engine adds how a member begins, is stepped and is read."""
+    """See `labbook.backend.Ensemble`. A backend adds how a member begins, is stepped and is read."""
 
     def __init__(self, capabilities: Capabilities, spec: Spec):
         self._can, self._spec = capabilities, spec
@@ -151,11 +151,11 @@ def _joined(tables: list[Table]) -> Table:
 
 
 def check_checkpoint(can: Capabilities, names: set[str], stored: Checkpoint) -> None:
-    """Raises ValueError if a checkpoint is not of this engine and version, or has other arrays than `names`."""
-    if (stored.engine, stored.cache_version) != (can.name, can.cache_version):
+    """Raises ValueError if a checkpoint is not of this backend and version, or has other arrays than `names`."""
+    if (stored.backend, stored.cache_version) != (can.name, can.cache_version):
         raise ValueError(
-            f"the checkpoint is of {stored.engine} version {stored.cache_version}, "
+            f"the checkpoint is of {stored.backend} version {stored.cache_version}, "
             f"not of {can.name} version {can.cache_version}"
         )
     if other := names ^ set(stored.arrays):
-        raise ValueError(f"the checkpoint has other arrays than this engine's state: {', '.join(sorted(other))}")
+        raise ValueError(f"the checkpoint has other arrays than this backend's state: {', '.join(sorted(other))}")

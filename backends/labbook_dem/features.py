@@ -1,4 +1,4 @@
-"""What a scene needs and what it does not: features that engines compile in, and the tables of walls they take."""
+"""What a scene needs and what it does not: features that backends compile in, and the tables of walls they take."""
 
 from collections.abc import Sequence
 
@@ -73,10 +73,10 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
 
 
 def specialise(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
-    """What an engine with these capabilities compiles in. Raises Unsupported."""
+    """What a backend with these capabilities compiles in. Raises Unsupported."""
     check(can, scene, numerics, probes)
     return Spec(
-        engine=can.name,
+        backend=can.name,
         features=tuple(sorted(features(scene, numerics, probes).items())),
         probes=tuple(dict.fromkeys(probes)),
         steps_per_beat=numerics.steps_per_beat,
@@ -84,7 +84,7 @@ def specialise(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequ
 
 
 def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> None:
-    """Raises Unsupported if an engine with these capabilities cannot do it."""
+    """Raises Unsupported if a backend with these capabilities cannot do it."""
     wanted = [
         ("grains.shape", scene.grains.shape, can.shapes),
         ("contact.law", scene.contact.law, can.laws),
@@ -93,11 +93,11 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     ]
     for key, value, known in wanted:
         if value not in known:
-            raise Unsupported(key, f"the engine {can.name} has no {value}; it has {', '.join(sorted(known))}")
+            raise Unsupported(key, f"the backend {can.name} has no {value}; it has {', '.join(sorted(known))}")
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
-        raise Unsupported("measure", f"the engine {can.name} records crossings of one plane at a time")
+        raise Unsupported("measure", f"the backend {can.name} records crossings of one plane at a time")
     if scene.grains.varied and not can.mixtures:
-        raise Unsupported("grains", f"the engine {can.name} takes equal grains only; leave out sizes and kinds")
+        raise Unsupported("grains", f"the backend {can.name} takes equal grains only; leave out sizes and kinds")
     for probe in probes:
         if isinstance(probe, Sample) and "q" in probe.fields and not is_rod(scene):
             raise Unsupported("measure", "only rods have an orientation q")

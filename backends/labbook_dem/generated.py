@@ -17,12 +17,12 @@ Made = TypeVar("Made")
 _making = threading.RLock()
 
 
-def cache_folder(engine: str) -> Path:
-    """Where an engine's generated modules live: in $LABBOOK_CACHE, or labbook/<engine> in the user's cache folder."""
+def cache_folder(backend: str) -> Path:
+    """Where a backend's generated modules live: in $LABBOOK_CACHE, or labbook/<backend> in the user's cache folder."""
     home = os.environ.get("LABBOOK_CACHE")
     if home:
         return Path(home)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "labbook" / engine
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "labbook" / backend
 
 
 def digest(*parts: str) -> str:
@@ -31,7 +31,7 @@ def digest(*parts: str) -> str:
 
 
 def alone(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
-    """`make`, by one thread at a time, whichever engine it belongs to.
+    """`make`, by one thread at a time, whichever backend it belongs to.
 
     What generates or imports a module parses Python, and before 3.11.8 its parser fails now and then in two threads at
     once (SystemError: AST constructor recursion depth mismatch).

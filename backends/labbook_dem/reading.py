@@ -1,4 +1,4 @@
-"""Rows of the probes, from what an engine reads of a member between two beats."""
+"""Rows of the probes, from what a backend reads of a member between two beats."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 MARKS = frozenset({"func", "rare_func", "struct", "kernel", "hot_kernel", "wall_kernel", "entry"})
-"""Decorators of what is compiled: `func` and `struct` of words, and the kernels of engines."""
+"""Decorators of what is compiled: `func` and `struct` of words, and the kernels of backends."""
 
 
 def device_source(module: ModuleType) -> str:

@@ -1,6 +1,6 @@
 """Two spheres, or a sphere and a wall, that touch: from where they are and how they move to forces and torques.
 
-Every expression is odd or even under an exchange of the two spheres, term by term, so that an engine that computes a
+Every expression is odd or even under an exchange of the two spheres, term by term, so that a backend that computes a
 contact twice, once for each sphere, gets opposite forces to the last bit.
 """
 

@@ -1,4 +1,4 @@
-"""Finding the springs of a packing in the lists of an engine."""
+"""Finding the springs of a packing in the lists of a backend."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The CPU engine: Numba kernels, one member a core; a large member is split among cores that would be idle."""
+"""The CPU backend: Numba kernels, one member a core; a large member is split among cores that would be idle."""
 
 from collections.abc import Mapping, Sequence
 
@@ -49,7 +49,7 @@ class Backend:
         from labbook_numba.parts import cores
 
         if device != "cpu":
-            raise Unsupported("device", f"the engine numba runs on cpu, not on {device}")
+            raise Unsupported("device", f"the backend numba runs on cpu, not on {device}")
         compiling.watch()
         switches = tuple((name, spec.feature(name)) for name in SWITCHES)
         module = kernels(spec.feature("law"), spec.feature("precision"), switches)

@@ -117,7 +117,7 @@ def module_text(law: str, precision: str, switches: dict[str, int]) -> str:
     del constants["LANES"]  # the header's
     modules = [LAWS[law], *SHARED, *kind, *OF_ALL]
     text = source.generate(dialect.header(precision), constants, modules)
-    # annotations name the engine's Python types, which compiled code has no use for
+    # annotations name the backend's Python types, which compiled code has no use for
     return text.replace(": State", "").replace(": Params", "").replace(": Lists", "").replace(": Grid", "")
 
 

@@ -89,7 +89,7 @@ class Run:
             np.bitwise_or.at(st.wall_held, entry, (1 << part).astype(np.uint8))
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Continue where a checkpoint was taken. Raises ValueError if it is not of this engine and version, or if no
+        """Continue where a checkpoint was taken. Raises ValueError if it is not of this backend and version, or if no
         member of this scene can have stood there."""
         check_checkpoint(self._can, self._kept, checkpoint)
         stored = {name: np.array(array, order="C") for name, array in checkpoint.arrays.items()}

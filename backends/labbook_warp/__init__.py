@@ -1,4 +1,4 @@
-"""The GPU engine: Warp kernels, a whole sweep in one launch."""
+"""The GPU backend: Warp kernels, a whole sweep in one launch."""
 
 from collections.abc import Mapping, Sequence
 

@@ -22,7 +22,7 @@ def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, pro
     found = features.specialise(capabilities, scene, numerics, probes)
     walls, most = len(scene.container.walls()), MOST_CONTACTS // most_parts(dict(found.features))
     if walls > most:
-        raise Unsupported("container", f"the engine {capabilities.name} takes {most} walls, not {walls}")
+        raise Unsupported("container", f"the backend {capabilities.name} takes {most} walls, not {walls}")
     return found
 
 

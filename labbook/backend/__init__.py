@@ -1,4 +1,4 @@
-"""What an engine fulfils, what can be observed of its members, and how engines are found."""
+"""What a backend fulfils, what can be observed of its members, and how backends are found."""
 
 from labbook.backend.contract import (
     Backend,

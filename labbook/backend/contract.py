@@ -1,7 +1,7 @@
-"""The contract that an engine fulfils.
+"""The contract that a backend fulfils.
 
-An engine runs *ensembles*: many members of one specialisation, each with its own parameters, clock and time step.
-Engines know no phases: a filling is a closed scene that starts from a gas, a discharge is the open scene that starts
+A backend runs *ensembles*: many members of one specialisation, each with its own parameters, clock and time step.
+Backends know no phases: a filling is a closed scene that starts from a gas, a discharge is the open scene that starts
 from its packing. A member's bits depend only on its scene, numerics, start and the Spec: not on its neighbours, its
 slot, or how `advance` is split.
 """
@@ -20,7 +20,7 @@ from labbook.scene.packing import Packing
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What an engine can do, as data. `cache_version` rises whenever its numbers may change."""
+    """What a backend can do, as data. `cache_version` rises whenever its numbers may change."""
 
     name: str
     cache_version: int
@@ -85,9 +85,9 @@ class Status:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The exact state of a member, private to the engine that made it. Restoring it continues bit for bit."""
+    """The exact state of a member, private to the backend that made it. Restoring it continues bit for bit."""
 
-    engine: str
+    backend: str
     cache_version: int
     arrays: Mapping[str, np.ndarray] = field(repr=False)
 
@@ -96,7 +96,7 @@ class Checkpoint:
 class Spec:
     """What is compiled in. Members with equal Specs share an ensemble."""
 
-    engine: str
+    backend: str
     features: tuple[tuple[str, Any], ...]
     probes: tuple[Probe, ...] = ()
     steps_per_beat: int = 1000
@@ -107,7 +107,7 @@ class Spec:
 
 
 class Unsupported(Exception):
-    """The engine lacks what the scene or numerics ask for. `key` as in a study, `remedy` in words."""
+    """The backend lacks what the scene or numerics ask for. `key` as in a study, `remedy` in words."""
 
     def __init__(self, key: str, remedy: str):
         super().__init__(f"{key}: {remedy}")
@@ -192,7 +192,7 @@ class Weighed(Protocol):
 
 @runtime_checkable
 class Backend(Protocol):
-    """An engine. Instances are cheap; compiling happens in `open` or at first use."""
+    """A backend. Instances are cheap; compiling happens in `open` or at first use."""
 
     capabilities: Capabilities
 
@@ -211,16 +211,16 @@ class Backend(Protocol):
 
 @runtime_checkable
 class Compiles(Protocol):
-    """An engine that can tell when it compiles."""
+    """A backend that can tell when it compiles."""
 
     def compiling(self) -> bool:
-        """Whether this process is compiling kernels of the engine now; cheap, and from any thread."""
+        """Whether this process is compiling kernels of the backend now; cheap, and from any thread."""
         ...
 
 
 @runtime_checkable
 class Rationed(Protocol):
-    """An engine on whose devices memory limits how many members run at once."""
+    """A backend on whose devices memory limits how many members run at once."""
 
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
         """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
@@ -229,7 +229,7 @@ class Rationed(Protocol):
 
 @runtime_checkable
 class Verifies(Protocol):
-    """An engine that tells whether it can go on from a checkpoint, which may come from a damaged or foreign file."""
+    """A backend that tells whether it can go on from a checkpoint, which may come from a damaged or foreign file."""
 
     def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
         """Raises ValueError, saying what is wrong, for one that it never made of this scene after `step` steps: arrays
@@ -240,7 +240,7 @@ class Verifies(Protocol):
 
 @dataclass(frozen=True)
 class Device:
-    """A processor that an engine finds here. `memory`: bytes of its own, if it has any."""
+    """A processor that a backend finds here. `memory`: bytes of its own, if it has any."""
 
     alias: str
     name: str
@@ -249,7 +249,7 @@ class Device:
 
 @dataclass(frozen=True)
 class Survey:
-    """What an engine finds here: versions of what it stands on, by name, and its devices."""
+    """What a backend finds here: versions of what it stands on, by name, and its devices."""
 
     versions: Mapping[str, str]
     devices: tuple[Device, ...]
@@ -257,7 +257,7 @@ class Survey:
 
 @runtime_checkable
 class Surveys(Protocol):
-    """An engine that tells what it finds on a machine."""
+    """A backend that tells what it finds on a machine."""
 
     def survey(self) -> Survey:
         """Versions and devices."""

@@ -1,4 +1,4 @@
-"""How engines are found: by the entry points by which they announce themselves."""
+"""How backends are found: by the entry points by which they announce themselves."""
 
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -7,36 +7,36 @@ from labbook.backend.contract import Backend
 
 
 class BackendMissing(Exception):
-    """No such engine, or it cannot be loaded; the message says why and what to do."""
+    """No such backend, or it cannot be loaded; the message says why and what to do."""
 
 
 GROUP = "labbook.backends"
 
 
 def installed() -> dict[str, str]:
-    """Names of the engines that announce themselves -> where they are; none is imported."""
+    """Names of the backends that announce themselves -> where they are; none is imported."""
     return {entry.name: entry.value for entry in entry_points(group=GROUP)}
 
 
 def load(name: str) -> Backend:
-    """The engine called `name`. Raises BackendMissing with the reason, also when it is there but broken.
+    """The backend called `name`. Raises BackendMissing with the reason, also when it is there but broken.
 
-    Engines import late what is heavy. The modules that they name in `requires` are looked for here, not imported.
+    Backends import late what is heavy. The modules that they name in `requires` are looked for here, not imported.
     """
     for entry in entry_points(group=GROUP):
         if entry.name == name:
             try:
-                engine = entry.load()()
+                backend = entry.load()()
             except ImportError as error:
                 raise BackendMissing(
                     f"the backend {name} is there but cannot be loaded ({error}); try: pip install 'labbook[{name}]'"
                 ) from error
-            for module in getattr(engine, "requires", ()):
+            for module in getattr(backend, "requires", ()):
                 if find_spec(module) is None:
                     raise BackendMissing(
                         f"the backend {name} needs the package {module}, which is not installed; "
                         f"install it: pip install 'labbook[{name}]'"
                     )
-            return engine
+            return backend
     known = ", ".join(sorted(installed())) or "none"
-    raise BackendMissing(f"no engine is called {name}; there are: {known}")
+    raise BackendMissing(f"no backend is called {name}; there are: {known}")

@@ -1,1 +1,1 @@
-"""How fast the engines are, measured so that anyone can repeat it."""
+"""How fast the backends are, measured so that anyone can repeat it."""

@@ -2,7 +2,7 @@
 
 Scenes: Fan's hopper (3000 spheres, Hertz-Mindlin), a silo in three dimensions (10 000 spheres, linear law), and Pongo's
 cylinder over a turning bottom with 10 000 spheres and with 10 000 rods. What is varied from the case that all share:
-members, precision, skin, and, where the engine has them, threads a grain.
+members, precision, skin, and, where the backend has them, threads a grain.
 """
 
 import time
@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from labbook import backend
-from labbook.backend import Backend, Failed, Load, Settled, Weighed
+from labbook.backend import Backend, Failed, Load, Settled, Weighed, load
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
+from labbook.bench.hardware import hardware
 from labbook.bench.scenes import FAN_STEP, cylinder, fan, silo
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
@@ -52,7 +52,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class BatchBench:
-    """What one engine does on one device."""
+    """What one backend does on one device."""
 
     backend: str
     device: str
@@ -82,33 +82,32 @@ def run(
     members: Sequence[int] = MEMBERS,
     beats: int = 3,
 ) -> BatchBench:
-    """Measure the engine called `name` on `device`. Takes some three minutes on a large GPU."""
-    from labbook.bench.hardware import hardware
+    """Measure the backend called `name` on `device`. Takes some three minutes on a large GPU."""
 
-    engine = backend.load(name)
+    backend = load(name)
     timings = []
-    for bed in _beds(engine, device, say):
+    for bed in _beds(backend, device, say):
         for count in members:
             say(f"{bed.name}: {count} members")
-            timings.append(timed(engine, device, bed, count, beats))
+            timings.append(timed(backend, device, bed, count, beats))
         many = max(count for count in members if count <= 64)
-        for precision in sorted(engine.capabilities.precisions - {"mixed"}):
+        for precision in sorted(backend.capabilities.precisions - {"mixed"}):
             say(f"{bed.name}: {precision}")
-            timings.append(timed(engine, device, bed, many, beats, precision=precision))
+            timings.append(timed(backend, device, bed, many, beats, precision=precision))
         for skin in SKINS:
             say(f"{bed.name}: skin {skin} d")
-            timings.append(timed(engine, device, bed, many, beats, skin=skin))
+            timings.append(timed(backend, device, bed, many, beats, skin=skin))
         for lanes in LANES:
             say(f"{bed.name}: {lanes} threads a grain")
-            maker: Any = type(engine)  # the lanes of an engine that has them are an argument of its own
+            maker: Any = type(backend)  # the lanes of a backend that has them are an argument of its own
             timings.append(timed(maker(lanes=lanes), device, bed, 1, beats))
     return BatchBench(name, device, hardware(), tuple(timings))
 
 
-def _beds(engine: Backend, device: str, say: Callable[[str], None]) -> Iterator[Bed]:
+def _beds(backend: Backend, device: str, say: Callable[[str], None]) -> Iterator[Bed]:
     def bed(name: str, *parts: Any) -> Bed:
         say(f"{name}: settling")
-        return flowing(engine, device, name, *parts)
+        return flowing(backend, device, name, *parts)
 
     yield bed("fan", fan(), fan().close(), place(fan().close(), "gas", 1), FAN_STEP)
     yield bed("silo", *silo(), SILO_STEP)
@@ -119,21 +118,21 @@ def _beds(engine: Backend, device: str, say: Callable[[str], None]) -> Iterator[
 
 
 def flowing(
-    engine: Backend, device: str, name: str, scene: Scene, closed: Scene, start: Packing, numerics: Numerics,
+    backend: Backend, device: str, name: str, scene: Scene, closed: Scene, start: Packing, numerics: Numerics,
     filling: float | None = None,
 ) -> Bed:  # fmt: skip
     """The bed to which `start` settles, OUTFLOW after it is opened. filling: another step [s] to use until then."""
     how = numerics.model_copy(update={"precision": "mixed"})
     coarse = how.model_copy(update={"dt": filling or how.dt})
-    bed = _advanced(engine, device, closed, coarse, start, SETTLED)
-    return Bed(name, scene, how, _advanced(engine, device, scene, coarse, opened(bed, closed, scene)))
+    bed = _advanced(backend, device, closed, coarse, start, SETTLED)
+    return Bed(name, scene, how, _advanced(backend, device, scene, coarse, opened(bed, closed, scene)))
 
 
 def _advanced(
-    engine: Backend, device: str, scene: Scene, numerics: Numerics, start: Packing, settled: float | None = None
+    backend: Backend, device: str, scene: Scene, numerics: Numerics, start: Packing, settled: float | None = None
 ) -> Packing:  # fmt: skip
     """What `start` has become when it has settled, or else after OUTFLOW."""
-    ensemble = engine.open(engine.specialise(scene, numerics), 1, device)
+    ensemble = backend.open(backend.specialise(scene, numerics), 1, device)
     bed = ensemble.admit(scene, numerics, start, settled_below=settled)
     while settled is not None or ensemble.status(bed).time < OUTFLOW:
         events = ensemble.advance(10 if settled else 1)
@@ -146,10 +145,10 @@ def _advanced(
     return packing
 
 
-def timed(engine: Backend, device: str, bed: Bed, members: int, beats: int, **numerics: object) -> Timing:
+def timed(backend: Backend, device: str, bed: Bed, members: int, beats: int, **numerics: object) -> Timing:
     """Speed of `members` copies of a bed over `beats` beats. numerics: what to change in the bed's."""
     how = bed.numerics.model_copy(update=numerics)
-    ensemble = engine.open(engine.specialise(bed.scene, how, [Crossing(0.0)]), members, device)
+    ensemble = backend.open(backend.specialise(bed.scene, how, [Crossing(0.0)]), members, device)
     handles = [ensemble.admit(bed.scene, how, bed.start) for _ in range(members)]
     ensemble.advance(1)
     before = [ensemble.status(handle) for handle in handles]

@@ -7,10 +7,10 @@ from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
 
-def settled(engine: Backend, closed: Scene, numerics: Numerics, below: float) -> Packing:
+def settled(backend: Backend, closed: Scene, numerics: Numerics, below: float) -> Packing:
     """The grains of the scene `closed`, fallen as a gas of the first seed until each has less than `below` [m g d] of
     kinetic energy, on average."""
-    ensemble = engine.open(engine.specialise(closed, numerics), 1)
+    ensemble = backend.open(backend.specialise(closed, numerics), 1)
     bed = ensemble.admit(closed, numerics, place(closed, "gas", 1), settled_below=below)
     while True:
         for event in ensemble.advance(4):

@@ -7,11 +7,11 @@ every few tens of steps, and finding neighbours counts as much as it does in a s
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
-from labbook import backend
-from labbook.backend import Backend
+from labbook.backend import Backend, load
 from labbook.backend.probes import Crossing
 from labbook.bench import batch, rate
 from labbook.bench.batch import CYLINDER_STEP, FILLING_STEP, flowing
+from labbook.bench.hardware import hardware
 from labbook.bench.scenes import elongated
 from labbook.filling.placing import place
 
@@ -36,7 +36,7 @@ class Elongated:
 
 @dataclass(frozen=True)
 class ElongationBench:
-    """What one engine does on one device."""
+    """What one backend does on one device."""
 
     backend: str
     device: str
@@ -56,25 +56,24 @@ def run(
     aspect_ratios: Sequence[float] = ASPECT_RATIOS,
     grains: int | None = None,
 ) -> ElongationBench:
-    """Measure the engine called `name` on `device`. Takes a few minutes on a core, and less on a large GPU."""
-    from labbook.bench.hardware import hardware
+    """Measure the backend called `name` on `device`. Takes a few minutes on a core, and less on a large GPU."""
 
-    engine = backend.load(name)
+    backend = load(name)
     grains = grains or (RODS if device == "cpu" else OF_A_GPU)
     cases = []
     for aspect_ratio in aspect_ratios:
         say(f"L/d = {aspect_ratio:g}")
-        cases.append(_case(engine, device, aspect_ratio, grains, repeats))
+        cases.append(_case(backend, device, aspect_ratio, grains, repeats))
     return ElongationBench(name, device, hardware(), tuple(cases))
 
 
-def _case(engine: Backend, device: str, aspect_ratio: float, grains: int, repeats: int) -> Elongated:
+def _case(backend: Backend, device: str, aspect_ratio: float, grains: int, repeats: int) -> Elongated:
     scene, how = elongated(aspect_ratio, grains), CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP})
     closed = scene.close()
-    bed = flowing(engine, device, f"L/d = {aspect_ratio:g}", scene, closed, place(closed, "gas", 1), how)
+    bed = flowing(backend, device, f"L/d = {aspect_ratio:g}", scene, closed, place(closed, "gas", 1), how)
     if device == "cpu":
-        one = rate.timed(engine, bed.name, scene, bed.numerics, bed.start, repeats, [Crossing(0.0)])
+        one = rate.timed(backend, bed.name, scene, bed.numerics, bed.start, repeats, [Crossing(0.0)])
         return Elongated(aspect_ratio, 1, one.grains, 1e3 / one.median, 1e3 / one.high, 1e3 / one.low)
-    timings = [batch.timed(engine, device, bed, MEMBERS, BEATS) for _ in range(repeats)]
+    timings = [batch.timed(backend, device, bed, MEMBERS, BEATS) for _ in range(repeats)]
     costs = sorted(1 / timing.rate for timing in timings)
     return Elongated(aspect_ratio, MEMBERS, timings[0].grains, costs[repeats // 2], costs[0], costs[-1])

@@ -28,7 +28,7 @@ class Rate:
 
 
 def timed(
-    engine: Backend,
+    backend: Backend,
     case: str,
     scene: Scene,
     numerics: Numerics,
@@ -39,7 +39,7 @@ def timed(
 ) -> Rate:
     """Rate of one member, from `after` [s] on; the first two beats are not timed: kernels may be compiled in one, and
     the other tells how many beats to time."""
-    ensemble = engine.open(engine.specialise(scene, numerics, probes or []), 1)
+    ensemble = backend.open(backend.specialise(scene, numerics, probes or []), 1)
     member = ensemble.admit(scene, numerics, start)
     ensemble.advance(max(1, round(after / numerics.beat)))
     began = time.process_time()

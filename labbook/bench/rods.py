@@ -13,14 +13,18 @@ from labbook.filling.opening import opened
 RODS = 1500  # few enough to settle within half a minute of processor time
 
 
-def has_rods(engine: Backend) -> bool:
-    """Whether the engine has rods in round silos."""
-    can = engine.capabilities
+def has_rods(backend: Backend) -> bool:
+    """Whether the backend has rods in round silos."""
+    can = backend.capabilities
     return "spherocylinder" in can.shapes and "frustum" in can.walls
 
 
 def rod_rates(
-    engine: Backend, repeats: int, say: Callable[[str], None], rods: int = RODS, precisions: Sequence[str] = ("double",)
+    backend: Backend,
+    repeats: int,
+    say: Callable[[str], None],
+    rods: int = RODS,
+    precisions: Sequence[str] = ("double",),
 ) -> list[Rate]:
     """Rates in the closed cylinder and, from OUTFLOW [s] on, in the open one, in each of `precisions`.
 
@@ -29,13 +33,13 @@ def rod_rates(
     scene = cylinder(rods=True, grains=rods)
     closed = scene.close()
     say(f"settling {rods} rods")
-    bed = settled(engine, closed, CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP}), SETTLED)
+    bed = settled(backend, closed, CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP}), SETTLED)
     start = opened(bed, closed, scene)
     rates = []
     for precision in precisions:
         numerics = CYLINDER_STEP.model_copy(update={"precision": precision})
         say(f"timing settled rods, {precision} (compiles)")
-        rates.append(timed(engine, "rods settled", closed, numerics, bed, repeats))
+        rates.append(timed(backend, "rods settled", closed, numerics, bed, repeats))
         say(f"timing the discharge of rods, {precision} (compiles)")
-        rates.append(timed(engine, "rods flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
+        rates.append(timed(backend, "rods flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
     return rates

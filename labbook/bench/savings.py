@@ -1,4 +1,4 @@
-"""What each switch of an engine saves: one settled bed, with less or more to compute of the same contacts."""
+"""What each switch of a backend saves: one settled bed, with less or more to compute of the same contacts."""
 
 import statistics
 import time
@@ -36,7 +36,7 @@ def bed_of(scene: Scene, bed: Packing) -> Packing:
 
 
 def savings(
-    engine: Backend, closed: Scene, bed: Packing, rounds: int, say: Callable[[str], None] = lambda _: None
+    backend: Backend, closed: Scene, bed: Packing, rounds: int, say: Callable[[str], None] = lambda _: None
 ) -> tuple[Saving, ...]:
     """Time the settled `bed` of the scene `closed` and of its variants, in turn, by processor time."""
     cases = {"as it is": (closed, []), **{what: (scene, []) for what, scene in variants(closed).items()}}
@@ -44,7 +44,7 @@ def savings(
     open_ones = {}
     for what, (scene, probes) in cases.items():
         say(f"preparing the settled bed {what} (compiles)")
-        ensemble = engine.open(engine.specialise(scene, STILL, probes), 1)
+        ensemble = backend.open(backend.specialise(scene, STILL, probes), 1)
         ensemble.admit(scene, STILL, bed_of(scene, bed))
         ensemble.advance(1)  # kernels are compiled
         open_ones[what] = ensemble

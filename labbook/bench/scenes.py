@@ -1,4 +1,4 @@
-"""Scenes that engines are timed on."""
+"""Scenes that backends are timed on."""
 
 import math
 
@@ -40,7 +40,7 @@ def fan(orifice: float = 0.03, grains: int = 3000) -> Scene:
 
 
 def variants(scene: Scene) -> dict[str, Scene]:
-    """The scene without one thing after another that an engine need not compute then; and with grains that may differ,
+    """The scene without one thing after another that a backend need not compute then; and with grains that may differ,
     though those of a packing without sizes are all alike, and those of both kinds of one material."""
 
     def law(**changes: float) -> Scene:

@@ -1,4 +1,4 @@
-"""How long a fresh process takes to an engine's first step, and what of it is compiling."""
+"""How long a fresh process takes to a backend's first step, and what of it is compiling."""
 
 import json
 import os
@@ -8,7 +8,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 
-from labbook import backend
+from labbook.backend import load
 from labbook.bench.scenes import FAN_STEP, fan
 from labbook.filling.placing import place
 
@@ -26,7 +26,7 @@ class Starting:
 
 
 def starting(name: str, repeats: int = 3) -> Starting:
-    """Measure the engine `name` in a cache of its own: compiled once, then the best of `repeats`."""
+    """Measure the backend `name` in a cache of its own: compiled once, then the best of `repeats`."""
     code = f"from labbook.bench.starting import first_step; first_step({name!r})"
     with tempfile.TemporaryDirectory() as folder:
         runs = []
@@ -44,12 +44,12 @@ def starting(name: str, repeats: int = 3) -> Starting:
 
 
 def first_step(name: str) -> None:
-    """Take one step of Fan's settling hopper; print how long opening the engine and that step took [s]."""
+    """Take one step of Fan's settling hopper; print how long opening the backend and that step took [s]."""
     closed, step = fan().close(), FAN_STEP.model_copy(update={"steps_per_beat": 1})
-    engine = backend.load(name)
+    backend = load(name)
     start = place(closed, "gas", 1)
     began = time.perf_counter()
-    ensemble = engine.open(engine.specialise(closed, step), 1)
+    ensemble = backend.open(backend.specialise(closed, step), 1)
     ensemble.admit(closed, step, start)
     ensemble.advance(1)
     print(json.dumps(time.perf_counter() - began))

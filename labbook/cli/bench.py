@@ -1,4 +1,4 @@
-"""`labbook bench`: how fast an engine is on this machine."""
+"""`labbook bench`: how fast a backend is on this machine."""
 
 import json
 from pathlib import Path
@@ -15,34 +15,35 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def bench(
         what: Annotated[
-            Literal["engine", "batch", "elongation", "fields"],
+            Literal["backend", "batch", "elongation", "fields"],
             typer.Argument(
-                help="engine: one member a core. batch: many members on one device. elongation: rods of several "
+                help="backend: one member a core. batch: many members on one device. elongation: rods of several "
                 "aspect ratios. fields: coarse-graining."
             ),
         ],
         backend: Annotated[
-            str | None, typer.Option(help="Engine to measure.", show_default="numba; for batch, warp")
+            str | None, typer.Option(help="Backend to measure.", show_default="numba; for batch, warp")
         ] = None,
-        device: Annotated[str, typer.Option(help="GPU that an engine is measured on, where it has one.")] = "cuda:0",
+        device: Annotated[str, typer.Option(help="GPU that a backend is measured on, where it has one.")] = "cuda:0",
         repeats: Annotated[int, typer.Option(min=1, help="Times that each rate is measured.")] = 5,
-        quick: Annotated[bool, typer.Option("--quick", help="engine: only Fan's hopper; a minute or two.")] = False,
+        quick: Annotated[bool, typer.Option("--quick", help="backend: only Fan's hopper; a minute or two.")] = False,
         full: Annotated[
-            bool, typer.Option("--full", help="engine: also rods in every precision, and what each switch saves.")
+            bool, typer.Option("--full", help="backend: also rods in every precision, and what each switch saves.")
         ] = False,
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
         """Measure grain-steps per second on Fan's hopper, in three dimensions and of rods.
 
-        `engine` takes some five minutes on a slow machine, most of them compiling; `--full` more than twice that.
+        `backend` takes some five minutes on a slow machine, most of them compiling; `--full` more than twice that.
         `fields`: seconds that fields of 10 000 rods in 100 frames take.
         """
         from labbook.backend import BackendMissing, Unsupported
-        from labbook.bench import batch, elongation, engine, fields
+        from labbook.bench import batch, elongation, fields
+        from labbook.bench.backend import run as speed_of
 
-        if (quick or full) and (what != "engine" or quick == full):
-            raise typer.BadParameter("--quick and --full are for `engine`, one at a time")
+        if (quick or full) and (what != "backend" or quick == full):
+            raise typer.BadParameter("--quick and --full are for `backend`, one at a time")
         try:
             with saying("preparing") as say:
                 if what == "fields":
@@ -54,7 +55,7 @@ def register(app: typer.Typer) -> None:
                     result = elongation.run(name, "cpu" if name == "numba" else device, repeats, say)
                 else:
                     extent = "quick" if quick else "full" if full else "usual"
-                    result = engine.run(backend or "numba", repeats, say, extent)
+                    result = speed_of(backend or "numba", repeats, say, extent)
         except BackendMissing as error:
             raise typer.BadParameter(str(error), param_hint="--backend") from None
         except Unsupported as error:
@@ -111,7 +112,7 @@ def _show_batch(result) -> None:
             f"{timing.fraction:.0%}" if timing.fraction else "",
         )
     console = Console()
-    console.print(f"engine {result.backend} on {result.device} ({result.hardware.get('gpu') or 'no GPU'})")
+    console.print(f"backend {result.backend} on {result.device} ({result.hardware.get('gpu') or 'no GPU'})")
     console.print(table)
 
 
@@ -125,7 +126,7 @@ def _show_elongation(result) -> None:
         cost, span = f"{case.cost:.3g}", f"{case.low:.3g}-{case.high:.3g}"
         table.add_row(f"{case.aspect_ratio:g}", str(case.members), str(case.grains), cost, span, times, square)
     console = Console()
-    console.print(f"engine {result.backend} on {result.device} ({result.hardware.get('gpu') or 'a core'})")
+    console.print(f"backend {result.backend} on {result.device} ({result.hardware.get('gpu') or 'a core'})")
     console.print(table)
 
 
@@ -144,12 +145,12 @@ def _show(result) -> None:
         for saving in result.savings:
             tables[1].add_row(saving.case, f"{saving.times:.2f}", f"{saving.low:.2f}-{saving.high:.2f}")
     console = Console()
-    console.print(f"engine {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
+    console.print(f"backend {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
     console.print(*tables)
     start = result.starting
     large = f"one large scene on all cores: {result.large:.2f} times one thread; " if result.large else ""
     console.print(
         f"{result.members} members side by side: {result.speed_up:.2f} times one; {large}"
-        f"peak memory {result.memory:.0f} MB; from process start to the engine's first step {start.first_step:.1f} s, "
+        f"peak memory {result.memory:.0f} MB; from process start to the backend's first step {start.first_step:.1f} s, "
         f"of which opening and stepping {start.cached:.2f} s; {start.compiled:.1f} s if it must compile"
     )

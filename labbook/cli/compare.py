@@ -1,4 +1,4 @@
-"""`labbook compare`: two engines on the same study."""
+"""`labbook compare`: two backends on the same study."""
 
 import sys
 from contextlib import suppress
@@ -13,7 +13,7 @@ from labbook.cli.screen import say, screen
 if TYPE_CHECKING:
     from labbook.compare.verdict import Verdict
 
-Backends = Annotated[str, typer.Option("--backends", help="Two engines; the first one makes the shared packings.")]
+Backends = Annotated[str, typer.Option("--backends", help="Two backends; the first one makes the shared packings.")]
 Devices = Annotated[str, typer.Option("--devices", help="Their devices, such as cpu,cuda:0.")]
 Precisions = Annotated[
     str | None,
@@ -36,7 +36,7 @@ Record = Annotated[
     typer.Option(
         "--record",
         min=0.001,
-        help="Also write a rerun recording of both engines side by side, so many seconds from the opening.",
+        help="Also write a rerun recording of both backends side by side, so many seconds from the opening.",
         show_default=False,
     ),
 ]
@@ -59,7 +59,7 @@ def register(app: typer.Typer) -> None:
         lab: Lab = LAB,
         as_json: AsJson = False,
     ) -> None:
-        """Compare two engines: how long they agree, whether they measure the same, and what each costs.
+        """Compare two backends: how long they agree, whether they measure the same, and what each costs.
 
         Runs that are missing are made first. Exit status 1 if a difference beyond the margin is found.
         """

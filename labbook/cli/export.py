@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, results
+from labbook.cli.options import BACKEND, LAB, Backend, Lab, StudyFile, results
 
 
 def register(app: typer.Typer) -> None:
@@ -22,7 +22,7 @@ def register(app: typer.Typer) -> None:
             bool, typer.Option("--vtk", help="Also write recorded frames and mean fields as VTK files.")
         ] = False,
         lab: Lab = LAB,
-        backend: Engine = ENGINE,
+        backend: Backend = BACKEND,
     ) -> None:
         """Write every number of a study as tables (SI units), and recorded runs as VTK files for ParaView."""
         from rich.console import Console

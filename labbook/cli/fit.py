@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from labbook.cli.options import ENGINE, LAB, AsJson, Engine, Lab, StudyFile, results
+from labbook.cli.options import BACKEND, LAB, AsJson, Backend, Lab, StudyFile, results
 from labbook.cli.screen import screen
 from labbook.cli.tables import print_table
 
@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
     """Add the verb."""
 
     @app.command()
-    def fit(study: StudyFile, lab: Lab = LAB, backend: Engine = ENGINE, as_json: AsJson = False) -> None:
+    def fit(study: StudyFile, lab: Lab = LAB, backend: Backend = BACKEND, as_json: AsJson = False) -> None:
         """Show flow rates with errors, fits with intervals, and the comparison with the reference."""
         from labbook.report.plain import plain
 

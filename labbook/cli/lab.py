@@ -1,4 +1,4 @@
-"""What verbs that look into a lab share: opening its catalogue, finding the engine, progress of what takes a while."""
+"""What verbs that look into a lab share: opening its catalogue, finding the backend, progress of what takes a while."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from labbook.backend import Backend
     from labbook.lab import Catalogue
 
-Device = Annotated[str, typer.Option("--device", help="Device to run on, as the engine names it.")]
+Device = Annotated[str, typer.Option("--device", help="Device to run on, as the backend names it.")]
 
 
-def engine_called(name: str) -> "Backend":
-    """The engine with this name; if there is none, the reason is printed, and ends the program."""
+def backend_called(name: str) -> "Backend":
+    """The backend with this name; if there is none, the reason is printed, and ends the program."""
     from labbook.backend import BackendMissing, load
 
     try:

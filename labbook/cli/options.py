@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 StudyFile = Annotated[Path, typer.Argument(help="Study file (YAML).", metavar="STUDY", show_default=False)]
 Lab = Annotated[Path, typer.Option("--lab", envvar="LABBOOK_LAB", help="Lab folder.")]
-Engine = Annotated[str, typer.Option("--backend", help="Backend that made the runs: numba or warp.")]
+Backend = Annotated[str, typer.Option("--backend", help="Backend that made the runs: numba or warp.")]
 RunsOn = Annotated[str, typer.Option("--backend", help="Backend to run on: numba (CPU) or warp (GPU).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 LAB = Path("lab")
-ENGINE = "numba"
+BACKEND = "numba"
 STOPPED = 130
 """Exit status of what was asked to stop, as shells give it for Ctrl-C."""
 GO_ON = "the same command goes on from here"

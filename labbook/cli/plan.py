@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from labbook.cli.lab import Device, engine_called, open_catalogue
-from labbook.cli.options import ENGINE, LAB, AsJson, Lab, RunsOn, StudyFile, fail, read_study
+from labbook.cli.lab import Device, backend_called, open_catalogue
+from labbook.cli.options import BACKEND, LAB, AsJson, Lab, RunsOn, StudyFile, fail, read_study
 from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def plan(
-        study: StudyFile, lab: Lab = LAB, backend: RunsOn = ENGINE, device: Device = "cpu", as_json: AsJson = False
+        study: StudyFile, lab: Lab = LAB, backend: RunsOn = BACKEND, device: Device = "cpu", as_json: AsJson = False
     ) -> None:
         """Show what is done, missing, partial or stale and why, with a forecast of time and disk."""
         from labbook.backend import Unsupported
@@ -43,19 +43,19 @@ def register(app: typer.Typer) -> None:
         from labbook.run.provenance import cores, memory, provenance
         from labbook.run.reach import cut_short
 
-        asked, engine = read_study(study), engine_called(backend)
+        asked, chosen = read_study(study), backend_called(backend)
         catalogue = open_catalogue(lab)
         try:
-            made = Planner(asked, catalogue, engine.capabilities).plan()
-            check(engine, device, made.points)
+            made = Planner(asked, catalogue, chosen.capabilities).plan()
+            check(chosen, device, made.points)
             lanes = cores() if device == "cpu" else 1
             machine = provenance(device)["machine"]
-            members = slots(engine, device, made.points)
-            ahead = forecast(made, catalogue, machine, device, lanes, engine, members)
+            members = slots(chosen, device, made.points)
+            ahead = forecast(made, catalogue, machine, device, lanes, chosen, members)
         except (Unsupported, Conflict, MeasureError) as problem:
             fail(problem)
         except ImportError as missing:
-            fail(f"the engine {backend} cannot be loaded ({missing}); try: pip install 'labbook[{backend}]'")
+            fail(f"the backend {backend} cannot be loaded ({missing}); try: pip install 'labbook[{backend}]'")
         if device == "cpu" and (told := too_large(made, lanes, memory())):
             fail(told)
         warnings = [*cut_short(made, Folder(lab)), *advice(made, ahead.seconds)]
@@ -73,7 +73,7 @@ def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
 
     return {
         "study": plan.study.name,
-        "engine": plan.engine.name,
+        "backend": plan.backend.name,
         "counts": dict(plan.counts()),
         "runs": [
             {

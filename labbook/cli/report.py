@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.options import ENGINE, LAB, Engine, Lab, StudyFile, results
+from labbook.cli.options import BACKEND, LAB, Backend, Lab, StudyFile, results
 
 
 def register(app: typer.Typer) -> None:
@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
             Path | None, typer.Option(help="Folder of the report; if not given, LAB/reports/NAME.", show_default=False)
         ] = None,
         lab: Lab = LAB,
-        backend: Engine = ENGINE,
+        backend: Backend = BACKEND,
     ) -> None:
         """Write the report of a study: one HTML file, and its figures as PNG, SVG and PDF."""
         from labbook.report.page import write

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from labbook.cli.lab import Device, engine_called, open_catalogue
-from labbook.cli.options import ENGINE, GO_ON, LAB, STOPPED, Lab, RunsOn, StudyFile, fail, leave, read_study
+from labbook.cli.lab import Device, backend_called, open_catalogue
+from labbook.cli.options import BACKEND, GO_ON, LAB, STOPPED, Lab, RunsOn, StudyFile, fail, leave, read_study
 from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
@@ -22,7 +22,11 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def run(
-        study: StudyFile, lab: Lab = LAB, backend: RunsOn = ENGINE, device: Device = "cpu", checkpoint_every: Every = 20
+        study: StudyFile,
+        lab: Lab = LAB,
+        backend: RunsOn = BACKEND,
+        device: Device = "cpu",
+        checkpoint_every: Every = 20,
     ) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
 
@@ -39,18 +43,18 @@ def register(app: typer.Typer) -> None:
         from labbook.run.reach import cut_short
         from labbook.run.runner import Runner
 
-        asked, engine = read_study(study), engine_called(backend)
+        asked, chosen = read_study(study), backend_called(backend)
         console = screen(highlight=False, markup=False)
         if asked.stop.fill_height is not None:
             try:
-                ahead = Planner(asked, open_catalogue(lab), engine.capabilities).plan()
+                ahead = Planner(asked, open_catalogue(lab), chosen.capabilities).plan()
             except (Conflict, MeasureError) as problem:
                 fail(problem)
             for line in cut_short(ahead, Folder(lab)):
                 say(line, err=True)
         try:
             with Bar(screen(stderr=True)) as bar:
-                summary = Runner(asked, Folder(lab), engine, device, checkpoint_every, bar).run()
+                summary = Runner(asked, Folder(lab), chosen, device, checkpoint_every, bar).run()
         except (Unsupported, Conflict, MeasureError, DiskFull) as problem:
             fail(problem)
         except KeyboardInterrupt:
@@ -122,7 +126,7 @@ def advice(summary: "Summary", study: Path, lab: Path, backend: str) -> list[str
     from labbook.run.plan import counted
 
     there = f" --lab {shlex.quote(str(lab))}" if lab != LAB else ""
-    given = shlex.quote(str(study)) + there + (f" --backend {backend}" if backend != ENGINE else "")
+    given = shlex.quote(str(study)) + there + (f" --backend {backend}" if backend != BACKEND else "")
     lost = diverged(summary)
     lines = (
         [f"Which runs diverged, and how: labbook runs --outcome diverged{there}; labbook show RUN{there}"]

@@ -54,7 +54,7 @@ def _show(found) -> None:
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("run", "study", "point", "seed", "engine", "outcome", "left", "t [s]", "M/s"):
+    for heading in ("run", "study", "point", "seed", "backend", "outcome", "left", "t [s]", "M/s"):
         right = heading in ("seed", "left", "t [s]", "M/s")
         table.add_column(heading, justify="right" if right else "left", no_wrap=heading != "study")
     problems = []
@@ -69,7 +69,7 @@ def _show(found) -> None:
             escape(row.study),
             escape(row.label),
             str(int(row.seed)),
-            f"{escape(row.engine)} {int(row.cache_version)}",
+            f"{escape(row.backend)} {int(row.cache_version)}",
             row.outcome,
             f"{row.discharged:.0%}",
             f"{row.duration:.3g}",

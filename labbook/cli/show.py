@@ -50,7 +50,7 @@ def _show(record, folder, measured) -> None:
         "outcome": record.outcome + (f": {record.failure.message}" if record.failure else ""),
         "covered": f"{coverage.duration:.4g} s, {coverage.crossed} of {coverage.grains} grains left "
         f"({coverage.discharged:.1%}), the last one {coverage.waiting:.3g} s before the end",
-        "engine": f"{record.engine} version {record.cache_version} on {record.device}, {record.numerics.precision}, "
+        "backend": f"{record.backend} version {record.cache_version} on {record.device}, {record.numerics.precision}, "
         f"dt {record.numerics.dt:.4g} s",
         "restitution": ", ".join(f"{key} {value:.4g}" for key, value in record.physics.items()),
         "speed": f"{record.rate / 1e6:.2f} M grain-steps/s, {duration(record.wall_time)} in "

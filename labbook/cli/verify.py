@@ -1,4 +1,4 @@
-"""`labbook verify`: checks of an engine that ship with labbook."""
+"""`labbook verify`: checks of a backend that ship with labbook."""
 
 from typing import Annotated
 
@@ -11,14 +11,14 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def verify(
         names: Annotated[list[str] | None, typer.Argument(help="Cases, or how their names begin; none: all.")] = None,
-        backend: Annotated[str, typer.Option(help="Engine to check.")] = "numba",
+        backend: Annotated[str, typer.Option(help="Backend to check.")] = "numba",
         precision: Annotated[str, typer.Option(help="Precision to check it in.")] = "double",
         device: Annotated[str, typer.Option(help="Device to check it on.")] = "cpu",
         quick: Annotated[bool, typer.Option("--quick", help="Leave out cases that take more than 10 s.")] = False,
         list_: Annotated[bool, typer.Option("--list", help="Say what the cases check; run nothing.")] = False,
         json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
     ) -> None:
-        """Check an engine against analysis, conservation laws, symmetries and independent integration.
+        """Check a backend against analysis, conservation laws, symmetries and independent integration.
 
         Exit status 1 if a check fails.
         """

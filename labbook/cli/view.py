@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.options import ENGINE, LAB, Engine, Lab, existing, fail, read_study
+from labbook.cli.options import BACKEND, LAB, Backend, Lab, existing, fail, read_study
 from labbook.cli.screen import say
 
 
@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
             bool, typer.Option("--open/--no-open", help="Open the viewer, or only write the recordings.")
         ] = True,
         lab: Lab = LAB,
-        backend: Engine = ENGINE,
+        backend: Backend = BACKEND,
     ) -> None:
         """Make recordings of runs that kept their frames, and open them in the rerun viewer."""
         from labbook.export.recording import NotRecorded, ViewerMissing
@@ -51,7 +51,7 @@ def register(app: typer.Typer) -> None:
             fail(error)
 
 
-def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[Path]:
+def _recordings(target: str, point: int | None, lab: Path, backend: str) -> list[Path]:
     """Recordings of what is asked for; those that are missing are made."""
     from labbook.export.recording import NotRecorded, of_run
     from labbook.lab import Unreadable
@@ -68,8 +68,8 @@ def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[
     if point is not None and point > len(study.points):
         points = "1 point" if len(study.points) == 1 else f"{len(study.points)} points"
         fail(f"--point {point}: the study has {points}; use 1 to {len(study.points)}")
-    runs = [run for run in finished(catalogue, study, engine) if point is None or run.point.index == point - 1]
-    made, lost = [], unreadable(catalogue, study, engine)
+    runs = [run for run in finished(catalogue, study, backend) if point is None or run.point.index == point - 1]
+    made, lost = [], unreadable(catalogue, study, backend)
     for run in runs:
         try:
             if run.record.coverage.recording is not None:
@@ -79,7 +79,9 @@ def _recordings(target: str, point: int | None, lab: Path, engine: str) -> list[
     for problem in lost:
         say(f"Left out: {problem}", err=True)
     if not runs:
-        fail(f"{lab} has no such finished run of {study.name} on {engine}; make some: labbook run {target} --lab {lab}")
+        fail(
+            f"{lab} has no such finished run of {study.name} on {backend}; make some: labbook run {target} --lab {lab}"
+        )
     if not made and not lost:
         raise NotRecorded(f"none of these runs kept frames: add `record: {{every: 10 ms}}` to {target} and run it")
     if not made:

@@ -19,7 +19,7 @@ class Stopped(Exception):
 
 @dataclass
 class Session:
-    """What one engine did now: wall time from start to end [s], compiling and saving included."""
+    """What one backend did now: wall time from start to end [s], compiling and saving included."""
 
     grain_steps: float = 0.0
     wall_time: float = 0.0
@@ -44,7 +44,7 @@ def carry_out(
     watcher: Watcher | None = None,
     checkpoint_every: float = CHECKPOINT_EVERY,
 ) -> tuple[Session, Session]:
-    """Run what is missing: the first engine's runs, the second's from the same packings, and the second's own packings.
+    """Run what is missing: the first backend's runs, the second's from the same packings, and its own packings.
 
     Raises Stopped, and all that Runner.run raises.
     """

@@ -1,4 +1,4 @@
-"""Comparing two engines on a study, from missing runs to the verdict."""
+"""Comparing two backends on a study, from missing runs to the verdict."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -18,7 +18,7 @@ from labbook.study import Point, Study
 from labbook.study.schema import Accuracy
 
 SEED = 1
-"""The packing from which engines are followed side by side."""
+"""The packing from which backends are followed side by side."""
 
 Say = Callable[[str], None]
 RunKeys = tuple[tuple[str, ...], tuple[str, ...]]
@@ -52,7 +52,7 @@ def compare(
     `study` as `narrowed` gives it. Raises Stopped; Unsupported, Conflict or MeasureError before anything runs;
     DiskFull; Unreadable.
     """
-    for one in pair:  # before hours of the other engine's work
+    for one in pair:  # before hours of the other backend's work
         say(f"opening {one.name} on {one.device}")
         shared = PointDemand(study, one.at(study.points[0]))
         one.try_out(shared, shared.probes)
@@ -80,7 +80,7 @@ def compare(
 
 
 def entrants(pair: Pair) -> tuple[Entrant, Entrant]:
-    """The engines of a pair as a verdict names them."""
+    """The backends of a pair as a verdict names them."""
     first, second = (
         Entrant(name=one.can.name, cache_version=one.can.cache_version, device=one.device, precision=one.precision)
         for one in pair
@@ -89,7 +89,7 @@ def entrants(pair: Pair) -> tuple[Entrant, Entrant]:
 
 
 def run_keys(study: Study, point: Point, pair: Pair, replicates: int) -> RunKeys:
-    """Keys of both engines' runs of a point, from the first one's packings, by seed."""
+    """Keys of both backends' runs of a point, from the first one's packings, by seed."""
     first, second = (
         tuple(demand.keys(one.can).run for demand in demands(study, point, pair, one, replicates)) for one in pair
     )
@@ -130,7 +130,7 @@ def _flow(study: Study, lab: Lab, runs: RunKeys, margin: float) -> Iterator[Cont
 
 
 def _packing(study: Study, point: Point, lab: Lab, pair: Pair, margin: float) -> Contrast:
-    """Packing fractions of each engine's own packings."""
+    """Packing fractions of each backend's own packings."""
     found = []
     for one in pair:
         shared = PointDemand(study, one.at(point))
@@ -154,7 +154,7 @@ def _cost(
 
 
 def _before(study: Study, lab: Lab, pair: Pair) -> Verdict | None:
-    """The last verdict on the same versions of the engines, on the same devices."""
+    """The last verdict on the same versions of the backends, on the same devices."""
     try:
         verdict = Verdict.read(folder_of(lab, study.name) / f"{stem(pair[0].name, pair[1].name)}.json")
     except NoVerdict:

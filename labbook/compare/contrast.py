@@ -1,4 +1,4 @@
-"""The numbers that two engines are compared by, and the equivalence test between them."""
+"""The numbers that two backends are compared by, and the equivalence test between them."""
 
 import math
 from collections import Counter
@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from labbook.compare.verdict import Contrast, Finding
-from labbook.lab.evaluations import evaluated
+from labbook.lab.evaluations import Evaluated, evaluated, evaluated_packing
 from labbook.lab.folder import Lab
 from labbook.lab.packings import load_packing
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.runs import run_data
 from labbook.measure import MEASURES
-from labbook.measure.measure import MeasureError, Window
-from labbook.measure.packing import PackingStructure
+from labbook.measure.measure import Window
 from labbook.scene import Scene
-from labbook.stats import Measured
 from labbook.stats.equivalence import replicates_needed, tost
 
 ALPHA = 0.05
@@ -28,19 +26,20 @@ UNITS = {"flow_rate": "kg/s", "outlet_velocity": "m/s"}
 
 @dataclass
 class Numbers:
-    """One number a seed of one engine, and why others have none."""
+    """One number a seed of one backend, and why others have none."""
 
     values: dict[int, float] = field(default_factory=dict)
     lacking: list[str] = field(default_factory=list)
 
-    def take(self, seed: int, quantity: str, measured: Sequence[Measured]) -> None:
+    def keep(self, seed: int, quantity: str, found: Evaluated) -> None:
         """The value of `quantity`, or what was noted in its place."""
+        measured = found.evaluation.numbers
         one = next((one for one in measured if one.quantity == quantity), None)
         if one is not None and math.isfinite(one.value):
             self.values[seed] = one.value
         else:
-            notes = dict.fromkeys(one.note for one in measured if one.note)
-            self.lacking.append("; ".join(notes) or f"no {quantity} was measured")
+            notes = [found.problem, *dict.fromkeys(one.note for one in measured)]
+            self.lacking.append("; ".join(filter(None, notes)) or f"no {quantity} was measured")
 
 
 def of_runs(lab: Lab, runs: Mapping[int, str], window: Window, measure: str, quantity: str) -> Numbers:
@@ -53,14 +52,11 @@ def of_runs(lab: Lab, runs: Mapping[int, str], window: Window, measure: str, qua
                 found.lacking.append("diverged")
                 continue
             folder = lab.run(key)
-            kept = evaluated(folder, MEASURES[measure], window, lambda f=folder, r=record: run_data(f, r))
-        except (Unreadable, MeasureError) as problem:
+            kept = evaluated(folder, MEASURES[measure], window, lambda at=folder, of=record: run_data(at, of))
+        except (Unreadable, ImportError) as problem:
             found.lacking.append(str(problem))
             continue
-        if kept.problem:
-            found.lacking.append(kept.problem)
-        else:
-            found.take(seed, quantity, kept.evaluation.numbers)
+        found.keep(seed, quantity, kept)
     return found
 
 
@@ -68,20 +64,19 @@ def packing_fractions(lab: Lab, scene: Scene, packings: Mapping[int, str]) -> Nu
     """Packing fractions by seed of the packings with these keys; one whose bulk is too small has none."""
     found = Numbers()
     for seed, key in packings.items():
+        folder = lab.packing(key)
         try:
-            measured = PackingStructure().of(scene, load_packing(lab.packing(key)))
-        except (Unreadable, MeasureError) as problem:
+            found.keep(seed, "packing_fraction", evaluated_packing(folder, scene, lambda at=folder: load_packing(at)))
+        except Unreadable as problem:
             found.lacking.append(str(problem))
-            continue
-        found.take(seed, "packing_fraction", measured)
     return found
 
 
 def contrast(quantity: str, unit: str, first: Numbers, second: Numbers, margin: float, *, paired: bool) -> Contrast:
-    """Whether both engines have the same mean within `margin`, a part of the first one's.
+    """Whether both backends have the same mean within `margin`, a part of the first one's.
 
     `paired`: numbers of the same seed come from the same packing; only seeds that both have count. Untested with fewer
-    than 2 numbers of each engine.
+    than 2 numbers of each backend.
     """
     one, other = first.values, second.values
     seeds = sorted(one.keys() & other.keys() if paired else one.keys() | other.keys())

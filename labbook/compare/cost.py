@@ -1,4 +1,4 @@
-"""What each engine's runs took."""
+"""What each backend's runs took."""
 
 from collections.abc import Iterable
 from statistics import median
@@ -9,8 +9,8 @@ from labbook.lab.folder import Lab
 from labbook.lab.records import RunRecord, Unreadable
 
 
-def cost(lab: Lab, engine: str, runs: Iterable[str], session: Session, before: Cost | None) -> Cost:
-    """Of the runs with these keys that are there. `before`: what an earlier comparison by the same engine found; its
+def cost(lab: Lab, backend: str, runs: Iterable[str], session: Session, before: Cost | None) -> Cost:
+    """Of the runs with these keys that are there. `before`: what an earlier comparison by the same backend found; its
     session counts if nothing had to be run now."""
     records = []
     for key in dict.fromkeys(runs):
@@ -24,7 +24,7 @@ def cost(lab: Lab, engine: str, runs: Iterable[str], session: Session, before: C
     else:
         wall, rate = (before.session_wall, before.session_rate) if before else (None, None)
     return Cost(
-        engine=engine,
+        backend=backend,
         devices=tuple(sorted({record.device for record in records})),
         runs=len(records),
         wall_time=sum(record.wall_time for record in records),

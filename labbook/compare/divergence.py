@@ -1,6 +1,6 @@
-"""How long two engines agree on where the grains are, before chaos takes over.
+"""How long two backends agree on where the grains are, before chaos takes over.
 
-Engines add up forces in different orders. Their rounding errors, some 1e-16 of a diameter at first, grow exponentially
+Backends add up forces in different orders. Their rounding errors, some 1e-16 of a diameter at first, grow exponentially
 in flowing grains, as any difference does; when they reach a diameter the two discharges are different replicates.
 """
 
@@ -20,7 +20,7 @@ from labbook.run.demand import Demand
 from labbook.scene.canonical import digest
 
 AGREE = 1e-3
-"""Largest difference of a position [d] up to which engines agree."""
+"""Largest difference of a position [d] up to which backends agree."""
 APART = 1.0
 """Largest difference [d] at which there is nothing left to compare."""
 LONGEST = 50.0
@@ -29,7 +29,7 @@ _INTERVAL = 0.05  # between frames [sqrt(d/g)]
 
 
 def divergence(pair: Pair, demands: tuple[Demand, Demand], lab: Lab, known: Mapping[str, Divergence]) -> Divergence:
-    """Of the same run of both engines, whose packing the first one has made; one that is `known` by its key is not
+    """Of the same run of both backends, whose packing the first one has made; one that is `known` by its key is not
     found again. Raises Unreadable or Unsupported."""
     first, _ = demands
     shared = first.shared
@@ -72,7 +72,7 @@ def divergence(pair: Pair, demands: tuple[Demand, Demand], lab: Lab, known: Mapp
 
 
 def distances(frame: Frame) -> np.ndarray:
-    """Distances [m] between the two places of every grain that both engines have."""
+    """Distances [m] between the two places of every grain that both backends have."""
     a, b = frame.tables
     _, here, there = np.intersect1d(a["id"], b["id"], assume_unique=True, return_indices=True)
     apart = [np.asarray(a[axis])[here] - np.asarray(b[axis])[there] for axis in "xyz"]

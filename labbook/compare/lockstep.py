@@ -1,4 +1,4 @@
-"""Two engines that start from the same packing, stepped side by side and observed at the same steps."""
+"""Two backends that start from the same packing, stepped side by side and observed at the same steps."""
 
 import time
 from collections.abc import Iterator
@@ -16,15 +16,15 @@ from labbook.scene import Packing, Scene
 
 @dataclass(frozen=True)
 class Frame:
-    """The same moment in both engines: time since the opening [s] and rows of the sample, sorted by id."""
+    """The same moment in both backends: time since the opening [s] and rows of the sample, sorted by id."""
 
     time: float
     tables: tuple[Table, Table]
 
 
 class Walker:
-    """An engine with one member; it counts grain-steps and the time that stepping took, but for its first beat,
-    in which engines may still compile."""
+    """A backend with one member; it counts grain-steps and the time that stepping took, but for its first beat,
+    in which backends may still compile."""
 
     def __init__(self, ensemble: Ensemble, member: Member, probe: Sample):
         self._ensemble, self._member, self._probe = ensemble, member, probe
@@ -55,13 +55,13 @@ class Walker:
 
 
 class Lockstep:
-    """Both engines of a pair, in the same scene from the same start."""
+    """Both backends of a pair, in the same scene from the same start."""
 
     def __init__(self, walkers: tuple[Walker, Walker], interval: float):
         self.walkers, self._interval = walkers, interval
 
     def frames(self, longest: float) -> Iterator[Frame]:
-        """Frame after frame until `longest` [s], or until a guard stops one of the engines or one is empty."""
+        """Frame after frame until `longest` [s], or until a guard stops one of the backends or one is empty."""
         for frame in range(1, int(longest / self._interval * (1 + 1e-9)) + 1):
             tables = self.walkers[0].walk(), self.walkers[1].walk()
             if self.failure or not all(len(table["id"]) for table in tables):
@@ -70,13 +70,13 @@ class Lockstep:
 
     @property
     def failure(self) -> str | None:
-        """Why a guard stopped one of the engines."""
+        """Why a guard stopped one of the backends."""
         return next((walker.failure for walker in self.walkers if walker.failure), None)
 
 
 @contextmanager
 def side_by_side(pair: Pair, scene: Scene, numerics: Numerics, start: Packing, probe: Sample) -> Iterator[Lockstep]:
-    """Both engines, opened for as long as they are used. Raises Unsupported."""
+    """Both backends, opened for as long as they are used. Raises Unsupported."""
     with (
         _opened(pair[0], scene, numerics, start, probe) as first,
         _opened(pair[1], scene, numerics, start, probe) as second,

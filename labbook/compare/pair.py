@@ -1,4 +1,4 @@
-"""The two engines of a comparison, each on its device and in its precision."""
+"""The two backends of a comparison, each on its device and in its precision."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,12 +12,12 @@ from labbook.study import Point, Study
 
 
 class WrongPair(ValueError):
-    """What was given does not name two engines, devices or precisions; the message says what would."""
+    """What was given does not name two backends, devices or precisions; the message says what would."""
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """An engine on a device. `precision`: the one that it works in; None: that of the study."""
+    """A backend on a device. `precision`: the one that it works in; None: that of the study."""
 
     backend: Backend
     device: str
@@ -25,12 +25,12 @@ class Contestant:
 
     @property
     def can(self) -> Capabilities:
-        """What the engine says of itself."""
+        """What the backend says of itself."""
         return self.backend.capabilities
 
     @property
     def name(self) -> str:
-        """The engine's name, with its precision where that is not the study's."""
+        """The backend's name, with its precision where that is not the study's."""
         return called(self.can.name, self.precision)
 
     def numerics(self, given: Numerics) -> Numerics:
@@ -55,14 +55,14 @@ class Contestant:
     def try_out(self, shared: PointDemand, probes: Sequence[Probe]) -> None:
         """Open the scene of a point, and close it again.
 
-        Raises Unsupported if the engine lacks something, or the device is not there.
+        Raises Unsupported if the backend lacks something, or the device is not there.
         """
         spec = self.backend.specialise(shared.scene, shared.numerics, tuple(probes))
         self.backend.open(spec, 1, self.device).close()
 
 
 Pair = tuple[Contestant, Contestant]
-"""The engine that makes the shared packings, and the one that is compared with it."""
+"""The backend that makes the shared packings, and the one that is compared with it."""
 
 
 def pair(backends: str, devices: str, precisions: str | None = None) -> Pair:
@@ -70,20 +70,20 @@ def pair(backends: str, devices: str, precisions: str | None = None) -> Pair:
     names, places = two(backends, "--backends", "numba,warp"), two(devices, "--devices", "cpu,cuda:0")
     how = precisions_of(precisions)
     if (names[0], how[0]) == (names[1], how[1]):
-        raise WrongPair(f"--backends: {names[0]} is compared with itself; name two engines, such as numba,warp")
+        raise WrongPair(f"--backends: {names[0]} is compared with itself; name two backends, such as numba,warp")
     first, second = (Contestant(load(name), place, p) for name, place, p in zip(names, places, how, strict=True))
     return first, second
 
 
 def names_of(backends: str, precisions: str | None = None) -> tuple[str, str]:
-    """The names of both sides, without loading an engine. Raises WrongPair."""
+    """The names of both sides, without loading a backend. Raises WrongPair."""
     names, how = two(backends, "--backends", "numba,warp"), precisions_of(precisions)
     return called(names[0], how[0]), called(names[1], how[1])
 
 
-def called(engine: str, precision: Precision | None) -> str:
+def called(backend: str, precision: Precision | None) -> str:
     """What a side is called."""
-    return f"{engine}-{precision}" if precision else engine
+    return f"{backend}-{precision}" if precision else backend
 
 
 def precisions_of(text: str | None) -> tuple[Precision | None, Precision | None]:

@@ -1,4 +1,4 @@
-"""A rerun recording of both engines' first seconds from the same packing, side by side on one clock."""
+"""A rerun recording of both backends' first seconds from the same packing, side by side on one clock."""
 
 import os
 from pathlib import Path
@@ -28,7 +28,7 @@ from labbook.study import Point, Study
 
 
 def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, path: Path) -> Path:
-    """Step both engines for `seconds` from the first one's packing at `point`, and write what they did to `path`
+    """Step both backends for `seconds` from the first one's packing at `point`, and write what they did to `path`
     (.rrd), in place by one rename. Raises ViewerMissing, Unreadable or Unsupported."""
     rr = need_rerun()
     import rerun.blueprint as rrb
@@ -62,6 +62,6 @@ def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, pat
 
 
 def _joined(frames: list[Frame], which: int) -> dict[str, np.ndarray]:
-    """All rows that one engine gave."""
+    """All rows that one backend gave."""
     tables = [frame.tables[which] for frame in frames]
     return {name: np.concatenate([np.asarray(table[name]) for table in tables]) for name in tables[0]}

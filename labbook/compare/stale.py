@@ -1,4 +1,4 @@
-"""Whether a verdict still speaks of the engines, measures and study that are here now."""
+"""Whether a verdict still speaks of the backends, measures and study that are here now."""
 
 from labbook.backend import BackendMissing, load
 from labbook.compare.compare import run_keys

@@ -84,7 +84,7 @@ def _percent(part: float) -> str:
 
 
 def divergence_table(verdict: Verdict) -> Table:
-    """Every point: how long both engines agree on where the grains are."""
+    """Every point: how long both backends agree on where the grains are."""
     rows, notes = [], []
     for point in verdict.points:
         found = point.divergence
@@ -109,14 +109,14 @@ def divergence_table(verdict: Verdict) -> Table:
 
 
 def cost_table(verdict: Verdict) -> Table:
-    """What each engine's runs took."""
+    """What each backend's runs took."""
     rows = []
     for which, cost in enumerate(verdict.costs):
         alone = [d.rates[which] for point in verdict.points if (d := point.divergence)]
         known = [rate for rate in alone if rate is not None]
         rows.append(
             (
-                cost.engine,
+                cost.backend,
                 ", ".join(cost.devices) or _DASH,
                 str(cost.runs),
                 f"{cost.wall_time:.4g}",
@@ -127,7 +127,7 @@ def cost_table(verdict: Verdict) -> Table:
             )
         )
     headings = (
-        "engine",
+        "backend",
         "runs made on",
         "runs",
         "their wall time [s]",
@@ -139,7 +139,7 @@ def cost_table(verdict: Verdict) -> Table:
     notes = (
         "M/s: million grain-steps per second of wall time. A run’s wall time counts that of its neighbours in the same "
         "ensemble; the last session that ran anything has compiling, filling and saving in it; alone: followed frame "
-        "by frame beside the other engine, compiling left out.",
+        "by frame beside the other backend, compiling left out.",
     )
     return Table(headings, tuple(rows), frozenset({0, 1}), notes=notes)
 

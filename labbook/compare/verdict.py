@@ -1,4 +1,4 @@
-"""What came of a comparison: kept in the lab as one JSON file for a study and a pair of engines."""
+"""What came of a comparison: kept in the lab as one JSON file for a study and a pair of backends."""
 
 from pathlib import Path
 from typing import Literal, Self
@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from labbook.backend.numerics import Precision
 from labbook.compare.pair import called
 from labbook.lab.folder import Lab, write_bytes
-from labbook.lab.records import Part
+from labbook.lab.records import Part, StoredBackend
 
 Finding = Literal["equivalent", "different", "undecided", "untested"]
 """`equivalent`: shown to lie within the margin. `different`: its whole interval lies beyond it. `undecided`: neither.
@@ -20,7 +20,7 @@ class NoVerdict(Exception):
 
 
 class Entrant(Part):
-    """An engine as it was compared."""
+    """A backend as it was compared."""
 
     name: str
     cache_version: int
@@ -35,13 +35,13 @@ class Entrant(Part):
 
 
 class Contrast(Part):
-    """An equivalence test of one quantity at one point; differences are second engine less first, as a part of the
+    """An equivalence test of one quantity at one point; differences are second backend less first, as a part of the
     first one's mean."""
 
     quantity: str
     unit: str
     paired: bool
-    """Whether both engines started from the same packings, and numbers of one seed belong together."""
+    """Whether both backends started from the same packings, and numbers of one seed belong together."""
     seeds: tuple[int, ...]
     first: tuple[float, ...]
     second: tuple[float, ...]
@@ -60,7 +60,7 @@ class Contrast(Part):
 
 
 class Divergence(Part):
-    """Difference of positions from one packing [d], over the grains that both engines still have, against time [s]."""
+    """Difference of positions from one packing [d], over the grains that both backends still have, against time [s]."""
 
     key: str
     seed: int
@@ -73,13 +73,13 @@ class Divergence(Part):
     """`longest`: still not apart by a diameter when looking ended."""
     note: str = ""
     rates: tuple[float | None, float | None]
-    """Grain-steps per second of each engine, alone with this scene."""
+    """Grain-steps per second of each backend, alone with this scene."""
 
 
 class Cost(Part):
-    """What the runs and packings of one engine took."""
+    """What the runs and packings of one backend took."""
 
-    engine: str
+    backend: StoredBackend
     devices: tuple[str, ...]
     """On which its runs were made; runs that were there already may come from another device than asked for."""
     runs: int
@@ -99,13 +99,13 @@ class PointVerdict(Part):
     index: int
     label: str
     runs: tuple[tuple[str, ...], tuple[str, ...]]
-    """Keys of both engines' runs, from the first one's packings, by seed."""
+    """Keys of both backends' runs, from the first one's packings, by seed."""
     contrasts: tuple[Contrast, ...]
     divergence: Divergence | None
 
 
 class Verdict(Part):
-    """A comparison of two engines on a study."""
+    """A comparison of two backends on a study."""
 
     format: Literal[1] = 1
     study: str
@@ -132,7 +132,7 @@ class Verdict(Part):
         """Write into `folder`, as a whole."""
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{stem(*(entrant.called for entrant in self.entrants))}.json"
-        write_bytes(path, (self.model_dump_json(indent=1) + "\n").encode())
+        write_bytes(path, self.as_stored())
         return path
 
     @classmethod
@@ -141,9 +141,9 @@ class Verdict(Part):
         try:
             return cls.model_validate_json(path.read_bytes())
         except FileNotFoundError:
-            raise NoVerdict(f"{path} is not there: these engines were not compared on this study yet") from None
+            raise NoVerdict(f"{path} is not there: these backends were not compared on this study yet") from None
         except (OSError, ValidationError) as error:
-            raise NoVerdict(f"{path} cannot be read ({type(error).__name__}): compare the engines again") from error
+            raise NoVerdict(f"{path} cannot be read ({type(error).__name__}): compare the backends again") from error
 
 
 def folder_of(lab: Lab, study: str) -> Path:
@@ -152,5 +152,5 @@ def folder_of(lab: Lab, study: str) -> Path:
 
 
 def stem(first: str, second: str) -> str:
-    """Name, without ending, of the files of a pair of engines."""
+    """Name, without ending, of the files of a pair of backends."""
     return f"{first}-{second}"

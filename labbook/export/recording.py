@@ -9,19 +9,19 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from labbook.export.colour_bar import BACKGROUND, colour_bar, kind_colours, speed_colours
 from labbook.export.wall_shapes import WALL_COLOUR, flat_walls, round_walls, wall_points
+from labbook.lab import RunRecord
+from labbook.lab.runs import read_recording, run_data
 from labbook.measure import RunData
 from labbook.measure.series import crossing_times, smooth_flow
 from labbook.scene import Bodies, Packing, Scene, WedgeHopper
 from labbook.scene.orientation import axes
-
-if TYPE_CHECKING:
-    from labbook.study import Point
+from labbook.study import Point
 
 VERSION = 2
 """Raised when recordings made before are no longer what would be written now."""
@@ -65,20 +65,18 @@ class NotRecorded(Exception):
     """The run kept no frames; the message says how to ask for them."""
 
 
-def of_run(folder: Path, lab: Path, study: str | None = None, point: "Point | None" = None) -> Path:
+def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | None = None) -> Path:
     """The recording of the finished run in `folder`: lab/recordings/STUDY/point-1-seed-1-BACKEND.rrd.
 
     It is made if it is not there yet, or if another run's or an older recording has that name. `study`, `point`: as
     which the run is shown; None: as which it was made.
     Raises Unreadable (of labbook.lab), NotRecorded or ViewerMissing.
     """
-    from labbook.lab import RunRecord
-    from labbook.lab.runs import read_recording, run_data
 
     record = RunRecord.read(folder)
     name, seed = study or record.study, record.seed
     index, label = (record.point, record.label) if point is None else (point.index, point.label)
-    path = lab / "recordings" / name / f"point-{index + 1}-seed-{seed}-{record.engine}.rrd"
+    path = lab / "recordings" / name / f"point-{index + 1}-seed-{seed}-{record.backend}.rrd"
     if holds(path, record.run_key):
         return path
     title = f"{name}: {label}, seed {seed}"

@@ -3,15 +3,16 @@
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from labbook.export.vtk import write_fields, write_grains, write_series
+from labbook.fields import axes
 from labbook.lab.folder import write_bytes
 from labbook.results.frames import frames
-
-if TYPE_CHECKING:
-    from labbook.results.points import PointResult
+from labbook.results.points import PointResult
+from labbook.results.recorded import flow_patterns
 from labbook.results.study import Results
 
 Format = Literal["csv", "parquet"]
@@ -21,7 +22,7 @@ class NoParquet(Exception):
     """pandas has nothing to write Parquet with; the message says what to install."""
 
 
-def write_numbers(results: "Results", folder: Path, kind: Format) -> list[Path]:
+def write_numbers(results: Results, folder: Path, kind: Format) -> list[Path]:
     """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
@@ -42,14 +43,11 @@ def write_numbers(results: "Results", folder: Path, kind: Format) -> list[Path]:
     return paths
 
 
-def write_recordings(results: "Results", folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
+def write_recordings(results: Results, folder: Path, say: Callable[[str], None] = lambda text: None) -> list[Path]:
     """Write recorded runs as VTK, a file a frame in a folder a run, and the mean fields of each; the paths.
 
     ParaView opens `grains.vtk.series` of a run as one time series, with the times since the opening [s].
     """
-    from labbook.export.vtk import write_fields
-    from labbook.results.recorded import flow_patterns
-
     paths = []
     for result in results.points:
         for run in result.runs:
@@ -67,9 +65,7 @@ def write_recordings(results: "Results", folder: Path, say: Callable[[str], None
     return paths
 
 
-def _grains(result: "PointResult", rows, folder: Path) -> list[Path]:
-    from labbook.export.vtk import write_grains, write_series
-    from labbook.fields import axes
+def _grains(result: PointResult, rows, folder: Path) -> list[Path]:
 
     folder.mkdir(parents=True, exist_ok=True)
     grains = result.point.scene.grains

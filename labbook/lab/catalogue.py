@@ -15,11 +15,10 @@ from labbook.lab.folder import Lab, Unusable, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Coverage, Unreadable
 from labbook.lab.schema import SCHEMA_VERSION, measurements, packings, runs
+from labbook.measure import Window
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from labbook.measure import Window
 
 
 @dataclass(frozen=True)
@@ -78,12 +77,14 @@ class Catalogue:
             ) from error
 
     def runs(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
-        """Runs, the latest first: key, study, point, seed, engine, outcome, how far, speed, size.
+        """Runs, the latest first: key, study, point, seed, backend, outcome, how far, speed, size.
 
-        Columns: run_key, study, label, seed, engine, cache_version, outcome, grains, discharged, duration
+        Columns: run_key, study, label, seed, backend, cache_version, outcome, grains, discharged, duration
         [s], wall_time [s], rate [grain-steps/s], finished, device, bytes, problem.
         """
-        query = select(*(runs.c[name] for name in RUN_COLUMNS)).order_by(runs.c.finished.desc(), runs.c.run_key)
+        query = select(*(runs.c[name].label(name) for name in RUN_COLUMNS)).order_by(
+            runs.c.finished.desc(), runs.c.run_key
+        )
         if study is not None:
             query = query.where(runs.c.study == study)
         if outcome is not None:
@@ -129,9 +130,9 @@ class Catalogue:
                 for row in rows
             ]
 
-    def versions(self, engine: str) -> list[int]:
-        """Versions of `engine` of which there are runs."""
-        query = select(runs.c.cache_version).where(runs.c.engine == engine).distinct()
+    def versions(self, backend: str) -> list[int]:
+        """Versions of `backend` of which there are runs."""
+        query = select(runs.c.cache_version).where(runs.c.backend == backend).distinct()
         with self._asking() as connection:
             return [version for version in connection.scalars(query) if version is not None]
 
@@ -194,7 +195,7 @@ class Catalogue:
                     )
         return found
 
-    def values(self, run_keys: Sequence[str], quantity: str, version: int, window: "Window") -> dict[str, float]:
+    def values(self, run_keys: Sequence[str], quantity: str, version: int, window: Window) -> dict[str, float]:
         """The finite values of one quantity, by run; runs that diverged have none."""
         query = select(measurements.c.run_key, measurements.c.value).where(
             measurements.c.run_key == runs.c.run_key,
@@ -209,11 +210,11 @@ class Catalogue:
         with self._asking() as connection:
             return {key: value for key, value in connection.execute(query)}
 
-    def speeds(self, engine: str, machine: str, device: str) -> list[tuple[str, int, float]]:
-        """(run key, grains, grain-steps per second) of the latest 50 runs of `engine` on this machine and device."""
+    def speeds(self, backend: str, machine: str, device: str) -> list[tuple[str, int, float]]:
+        """(run key, grains, grain-steps per second) of the latest 50 runs of `backend` on this machine and device."""
         query = (
             select(runs.c.run_key, runs.c.grains, runs.c.rate)
-            .where(runs.c.engine == engine, runs.c.machine == machine, runs.c.device == device, runs.c.rate > 0)
+            .where(runs.c.backend == backend, runs.c.machine == machine, runs.c.device == device, runs.c.rate > 0)
             .order_by(runs.c.finished.desc())
             .limit(50)
         )
@@ -250,7 +251,7 @@ RUN_COLUMNS = (
     "study",
     "label",
     "seed",
-    "engine",
+    "backend",
     "cache_version",
     "outcome",
     "grains",

@@ -77,23 +77,23 @@ class Keys:
     scene: str
     packing: str
     experiment: str
-    """Scene and packing: two engines with the same one ran the same experiment."""
+    """Scene and packing: two backends with the same one ran the same experiment."""
     run: str
     lineage: str
-    """As `run`, whatever the engine's version: what a stale run and its replacement have in common."""
+    """As `run`, whatever the backend's version: what a stale run and its replacement have in common."""
 
 
 @dataclass(frozen=True)
 class Maker:
-    """What makes a packing: an engine, and the numerics by which it does."""
+    """What makes a packing: a backend, and the numerics by which it does."""
 
-    engine: Capabilities
+    backend: Capabilities
     numerics: Numerics
 
 
 def packing_key(closed: str, filling: Filling, numerics: Numerics, maker: str, cache_version: int) -> str:
     """Key of a packing: key of the closed scene, filling with its seed, resolved numerics, name and version of the
-    engine that makes it."""
+    backend that makes it."""
     return digest({**_packing(closed, filling, numerics, maker), "cache_version": cache_version})
 
 
@@ -102,26 +102,26 @@ def experiment_key(scene: str, packing: str) -> str:
     return digest({"scene": scene, "packing": packing})
 
 
-def run_key(experiment: str, numerics: Numerics, engine: str, cache_version: int) -> str:
-    """Key of a run: that of the experiment, resolved numerics, name and version of the engine."""
-    return digest({"experiment": experiment, **_how(numerics, engine), "cache_version": cache_version})
+def run_key(experiment: str, numerics: Numerics, backend: str, cache_version: int) -> str:
+    """Key of a run: that of the experiment, resolved numerics, name and version of the backend."""
+    return digest({"experiment": experiment, **_how(numerics, backend), "cache_version": cache_version})
 
 
 def lineage_key(
-    scene: str, closed: str, filling: Filling, numerics: Numerics, engine: str, maker: Maker | None = None
+    scene: str, closed: str, filling: Filling, numerics: Numerics, backend: str, maker: Maker | None = None
 ) -> str:
-    """As a run's key, but of every version of the engine called `engine`, and of the packing's `maker` (None: the
-    engine itself, by the same numerics)."""
-    made = (maker.numerics, maker.engine.name) if maker else (numerics, engine)
-    return lineage_from(scene, closed, filling, *made, numerics, engine)
+    """As a run's key, but of every version of the backend called `backend`, and of the packing's `maker` (None: the
+    backend itself, by the same numerics)."""
+    made = (maker.numerics, maker.backend.name) if maker else (numerics, backend)
+    return lineage_from(scene, closed, filling, *made, numerics, backend)
 
 
 def lineage_from(
-    scene: str, closed: str, filling: Filling, filled: Numerics, maker: str, numerics: Numerics, engine: str
+    scene: str, closed: str, filling: Filling, filled: Numerics, maker: str, numerics: Numerics, backend: str
 ) -> str:
-    """The same where the packing was made by the engine called `maker` with the numerics `filled`."""
+    """The same where the packing was made by the backend called `maker` with the numerics `filled`."""
     packing = _packing(closed, filling, filled, maker)
-    return digest({"scene": scene, "packing": packing, **_how(numerics, engine)})
+    return digest({"scene": scene, "packing": packing, **_how(numerics, backend)})
 
 
 def run_keys(
@@ -129,21 +129,21 @@ def run_keys(
     closed: str,
     filling: Filling,
     numerics: Numerics,
-    engine: Capabilities,
+    backend: Capabilities,
     maker: Maker | None = None,
 ) -> Keys:
     """Identities of a run: keys of the scene and of its closed form, the filling, and how both are
-    computed. `maker`: what makes the packing; None: `engine` itself, by the same numerics."""
-    made = maker or Maker(engine, numerics)
-    packing = packing_key(closed, filling, made.numerics, made.engine.name, made.engine.cache_version)
+    computed. `maker`: what makes the packing; None: `backend` itself, by the same numerics."""
+    made = maker or Maker(backend, numerics)
+    packing = packing_key(closed, filling, made.numerics, made.backend.name, made.backend.cache_version)
     experiment = experiment_key(scene, packing)
-    run = run_key(experiment, numerics, engine.name, engine.cache_version)
-    lineage = lineage_key(scene, closed, filling, numerics, engine.name, made)
+    run = run_key(experiment, numerics, backend.name, backend.cache_version)
+    lineage = lineage_key(scene, closed, filling, numerics, backend.name, made)
     return Keys(scene=scene, packing=packing, experiment=experiment, run=run, lineage=lineage)
 
 
-def _how(numerics: Numerics, engine: str) -> dict[str, Any]:
-    return {"numerics": numerics_identity(numerics), "engine": engine}
+def _how(numerics: Numerics, backend: str) -> dict[str, Any]:
+    return {"numerics": numerics_identity(numerics), "engine": backend}
 
 
 def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:

@@ -257,7 +257,7 @@ def _upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) ->
     if not rows:
         return
     statement = insert(table)
-    changed = {column.name: statement.excluded[column.name] for column in table.columns if not column.primary_key}
+    changed = {column.key: statement.excluded[column.key] for column in table.columns if not column.primary_key}
     connection.execute(
         statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed), rows
     )
@@ -302,7 +302,7 @@ def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], lis
         "study": record.study,
         "label": record.label,
         "seed": record.seed,
-        "engine": record.engine,
+        "backend": record.backend,
         "cache_version": record.cache_version,
         "outcome": record.outcome,
         "grains": coverage.grains,
@@ -327,20 +327,20 @@ def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], lis
 
 def unreadable_row(folder: Path, seen: int, problem: Unreadable) -> dict[str, Any]:
     """Row of a run folder with the stamp `seen` that cannot be read; what its record says of it is kept."""
-    row = dict.fromkeys((column.name for column in runs.columns), None)
+    row = dict.fromkeys((column.key for column in runs.columns), None)
     try:
         record = RunRecord.read(folder)
     except Unreadable:
         row |= {"study": "", "label": ""}
     else:
-        known = ("study", "label", "seed", "engine", "cache_version", "packing_key", "lineage_key")
+        known = ("study", "label", "seed", "backend", "cache_version", "packing_key", "lineage_key")
         row |= {name: getattr(record, name) for name in known}
     return {**row, "run_key": folder.name, "outcome": UNREADABLE, "stamp": seen, "problem": str(problem)}
 
 
 def packing_row(folder: Path) -> dict[str, Any]:
     """Row of a packing folder."""
-    blank = dict.fromkeys(column.name for column in packings.columns)
+    blank = dict.fromkeys(column.key for column in packings.columns)
     row = {**blank, "packing_key": folder.name, "stamp": stamp(folder)}
     try:
         record, _ = read_packing(folder)
@@ -349,7 +349,7 @@ def packing_row(folder: Path) -> dict[str, Any]:
     return {
         **row,
         "closed_key": record.closed_key,
-        "engine": record.engine,
+        "backend": record.backend,
         "seed": record.filling.seed,
         "grains": record.grains,
         "duration": record.duration,

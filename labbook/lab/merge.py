@@ -106,15 +106,15 @@ def covers_more(theirs: RunRecord, mine: RunRecord) -> bool:
 
 
 def _check_end(copy: Path, record: RunRecord) -> None:
-    """Whether the engine of a run, if it is installed in this version, could go on from its last state."""
+    """Whether the backend of a run, if it is installed in this version, could go on from its last state."""
     try:
-        engine = load(record.engine)
+        backend = load(record.backend)
     except BackendMissing:
         return  # the state is looked at again by whoever goes on from it
-    own = engine.capabilities
-    if isinstance(engine, Verifies) and (own.name, own.cache_version) == (record.engine, record.cache_version):
+    own = backend.capabilities
+    if isinstance(backend, Verifies) and (own.name, own.cache_version) == (record.backend, record.cache_version):
         try:
-            engine.verify(record.scene, record.numerics, read_end(copy, record), record.coverage.steps)
+            backend.verify(record.scene, record.numerics, read_end(copy, record), record.coverage.steps)
         except ImportError:
             return
         except ValueError as error:

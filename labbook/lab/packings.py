@@ -9,7 +9,7 @@ from pydantic import Field
 from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.identity import Filling
-from labbook.lab.records import Measure, Record, Unreadable, Whole
+from labbook.lab.records import Measure, Record, StoredBackend, Unreadable, Whole
 from labbook.lab.tables import MOST, read_table
 from labbook.scene import Bodies, Scene, Spheres
 from labbook.scene.packing import Packing
@@ -27,7 +27,7 @@ class PackingRecord(Record):
     format: Literal[1] = 1
     packing_key: Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
     closed_key: str
-    engine: str
+    backend: StoredBackend
     cache_version: Whole
     scene: Scene
     """The closed scene, with the friction of the filling."""
@@ -55,7 +55,7 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
     if identity.scene_key(record.scene) != record.closed_key:
         raise Unreadable(f"{path}: closed_key: it is not that of the scene")
     whose = identity.packing_key(
-        record.closed_key, record.filling, record.numerics, record.engine, record.cache_version
+        record.closed_key, record.filling, record.numerics, record.backend, record.cache_version
     )  # fmt: skip
     if whose != record.packing_key:
         raise Unreadable(f"{path}: packing_key: it is not that of the scene, the filling and the numerics, {whose}")

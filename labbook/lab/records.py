@@ -22,6 +22,8 @@ Whole = Annotated[int, Field(ge=0, lt=2**63)]
 """A count, or another number that SQLite can hold."""
 Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 """A time, a length or a fraction."""
+StoredBackend = Annotated[str, Field(validation_alias="engine", serialization_alias="engine")]
+"""Name of a backend; files have it under the key `engine`."""
 LONGEST = 2**26
 """Bytes that a record may have: those of some 10^4 sessions."""
 
@@ -33,7 +35,11 @@ class Unreadable(Exception):
 class Part(BaseModel):
     """A frozen piece of a record; an unknown key is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants", validate_by_name=True)
+
+    def as_stored(self) -> bytes:
+        """The JSON that a file holds."""
+        return (self.model_dump_json(indent=1, by_alias=True) + "\n").encode()
 
 
 class Session(Part):
@@ -77,7 +83,7 @@ class Record(Part):
 
     def write(self, folder: Path) -> None:
         """Write into `folder`."""
-        write_bytes(folder / self.FILE, (self.model_dump_json(indent=1) + "\n").encode())
+        write_bytes(folder / self.FILE, self.as_stored())
 
     @classmethod
     def read(cls, folder: Path, key: str | None = None) -> Self:
@@ -206,7 +212,7 @@ class RunRecord(Record):
     scene_key: str
     packing_key: str
     lineage_key: str
-    engine: str
+    backend: StoredBackend
     cache_version: Whole
     study: str
     point: Whole
@@ -220,7 +226,7 @@ class RunRecord(Record):
     failure: Failure | None = None
     observe: Observe
     physics: dict[str, float]
-    """What the engine derived: asked and realised restitution, damping coefficient."""
+    """What the backend derived: asked and realised restitution, damping coefficient."""
     device: str
     finished: str
     """When it ended (UTC, ISO 8601)."""
@@ -231,7 +237,7 @@ class RunRecord(Record):
         speeds."""
         return {
             **self.sessions[-1].provenance,
-            "engine": self.engine,
+            "backend": self.backend,
             "cache_version": self.cache_version,
             "seed": self.seed,
             "precision": self.numerics.precision,

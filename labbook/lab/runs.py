@@ -4,22 +4,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Crossing, Probe, Sample, film_probe, parse_probe, table_name
 from labbook.lab import identity
+from labbook.lab.evaluations import Evaluated, evaluated
 from labbook.lab.folder import Lab, stamp
 from labbook.lab.packings import PackingRecord, read_packing
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_checkpoint
-
-if TYPE_CHECKING:
-    from labbook.lab.evaluations import Evaluated
-    from labbook.measure import Measure, RunData, Window
-    from labbook.study import Point
+from labbook.measure import Measure, RunData, Window
+from labbook.study import Point
 
 RECORDING = "recording.npz"
 CHECKPOINT = "checkpoint.npz"
@@ -31,7 +29,7 @@ _BYTES = 2**16  # of a grain in a checkpoint, at most
 class FinishedRun:
     """A run that covers what a study asks. `stamp`: of its folder, when it was indexed."""
 
-    point: "Point"
+    point: Point
     seed: int
     run_key: str
     folder: Path
@@ -48,16 +46,14 @@ class FinishedRun:
         """Commit, versions, processor, device, threads, precision, seed, times and speed."""
         return self.record.provenance
 
-    def data(self) -> "RunData":
+    def data(self) -> RunData:
         """Start and tables, for measuring. Raises Unreadable, where the folder changed also for what is not read."""
         if stamp(self.folder) != self.stamp:
             return open_run(self.folder)[1]
         return run_data(self.folder, self.record)
 
-    def evaluated(self, measure: "Measure", window: "Window") -> "Evaluated":
+    def evaluated(self, measure: Measure, window: Window) -> Evaluated:
         """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError."""
-        from labbook.lab.evaluations import evaluated
-
         return evaluated(self.folder, measure, window, self.data)
 
     @property
@@ -71,7 +67,7 @@ class FinishedRun:
         return read_recording(self.folder, self.record)
 
 
-def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) -> "tuple[RunRecord, RunData]":
+def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) -> tuple[RunRecord, RunData]:
     """The run in `folder`, after everything in it has been looked at: record, tables, recording, checkpoint, keys.
 
     `key`: what the folder has yet to be named, if it is not named by its key; `lab`: where its packing is, if that is
@@ -87,9 +83,8 @@ def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) ->
     return record, data
 
 
-def run_data(folder: Path, record: RunRecord, lab: Lab | None = None) -> "RunData":
+def run_data(folder: Path, record: RunRecord, lab: Lab | None = None) -> RunData:
     """The run in `folder`, which lies in a lab beside its packings unless `lab` is given. Raises Unreadable."""
-    from labbook.measure.data import RunData
 
     packed, start = read_packing((lab or Lab(folder.parent.parent)).packing(record.packing_key))
     _check_start(folder, record, packed)
@@ -128,14 +123,14 @@ def read_recording(folder: Path, record: RunRecord) -> dict[str, np.ndarray] | N
 
 
 def read_end(folder: Path, record: RunRecord) -> Checkpoint:
-    """The exact last state of the run, which its engine alone can judge. Raises Unreadable."""
+    """The exact last state of the run, which its backend alone can judge. Raises Unreadable."""
     path = folder / CHECKPOINT
     try:
         checkpoint = read_checkpoint(path, min(MOST, 2**20 + _BYTES * record.scene.grains.count))
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
-    if (checkpoint.engine, checkpoint.cache_version) != (record.engine, record.cache_version):
-        raise Unreadable(f"{path}: it is of {checkpoint.engine} version {checkpoint.cache_version}")
+    if (checkpoint.backend, checkpoint.cache_version) != (record.backend, record.cache_version):
+        raise Unreadable(f"{path}: it is of {checkpoint.backend} version {checkpoint.cache_version}")
     return checkpoint
 
 
@@ -187,7 +182,7 @@ def check_keys(folder: Path, record: RunRecord) -> None:
     whose = {
         "scene_key": identity.scene_key(record.scene),
         "experiment_key": identity.experiment_key(record.scene_key, record.packing_key),
-        "run_key": identity.run_key(record.experiment_key, record.numerics, record.engine, record.cache_version),
+        "run_key": identity.run_key(record.experiment_key, record.numerics, record.backend, record.cache_version),
     }
     for name, key in whose.items():
         if getattr(record, name) != key:
@@ -202,8 +197,8 @@ def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None
     if packed.scene.grains != record.scene.grains:
         raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} is of other grains")
     lineage = identity.lineage_from(
-        record.scene_key, packed.closed_key, packed.filling, packed.numerics, packed.engine, record.numerics,
-        record.engine,
+        record.scene_key, packed.closed_key, packed.filling, packed.numerics, packed.backend, record.numerics,
+        record.backend,
     )  # fmt: skip
     if record.lineage_key != lineage:
         raise Unreadable(f"{path}: lineage_key: it is not that of what is recorded, {lineage}")

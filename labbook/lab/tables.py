@@ -1,4 +1,4 @@
-"""Tables of a run as npz files, and an engine's checkpoint likewise."""
+"""Tables of a run as npz files, and a backend's checkpoint likewise."""
 
 import io
 import json
@@ -149,8 +149,8 @@ def join(tables: Sequence[Table]) -> dict[str, np.ndarray]:
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint, *, compress: bool = False) -> None:
-    """Write an engine's exact state; while work goes on it is written often, so not compressed."""
-    meta = json.dumps({"engine": checkpoint.engine, "cache_version": checkpoint.cache_version})
+    """Write a backend's exact state; while work goes on it is written often, so not compressed."""
+    meta = json.dumps({"engine": checkpoint.backend, "cache_version": checkpoint.cache_version})
     _write(path, {**checkpoint.arrays, _META: np.array(meta)}, compress)
 
 
@@ -159,12 +159,12 @@ def read_checkpoint(path: Path, most: float = MOST) -> Checkpoint:
     arrays = read_table(path, most)
     try:
         meta = json.loads(str(arrays.pop(_META)))
-        engine, version = meta["engine"], meta["cache_version"]
+        backend, version = meta["engine"], meta["cache_version"]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(f"{path}: not a checkpoint: it does not say of which engine it is") from error
-    if not isinstance(engine, str) or type(version) is not int:
-        raise ValueError(f"{path}: not a checkpoint: it does not say of which engine it is")
-    return Checkpoint(engine, version, arrays)
+        raise ValueError(f"{path}: not a checkpoint: it does not say of which backend it is") from error
+    if not isinstance(backend, str) or type(version) is not int:
+        raise ValueError(f"{path}: not a checkpoint: it does not say of which backend it is")
+    return Checkpoint(backend, version, arrays)
 
 
 def _write(path: Path, arrays: Mapping[str, np.ndarray], compress: bool, durable: bool = True) -> None:

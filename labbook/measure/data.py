@@ -1,4 +1,4 @@
-"""What a measurement reads: one finished run, free of any engine and of where it is stored."""
+"""What a measurement reads: one finished run, free of any backend and of where it is stored."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

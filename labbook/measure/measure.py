@@ -107,7 +107,7 @@ class Measure(ABC):
 
     @abstractmethod
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
-        """What an engine must observe, on beats of `numerics`. Raises MeasureError for a scene that this cannot be
+        """What a backend must observe, on beats of `numerics`. Raises MeasureError for a scene that this cannot be
         measured in."""
 
     @abstractmethod

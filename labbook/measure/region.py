@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.fields import axes
 from labbook.measure.clipped import rod_in_box, rod_in_ring, sphere_in_box, sphere_in_ring
 from labbook.measure.measure import MeasureError
 from labbook.scene import Box, ConicalSilo, CylinderSilo, Grains, Scene, WedgeHopper
@@ -31,7 +32,6 @@ class Bodies:
     @classmethod
     def of(cls, packing: Packing, diameter: float, half_length: float = 0.0) -> "Bodies":
         """The grains of `packing`; diameter: of the largest [m]."""
-        from labbook.fields import axes
 
         radius = diameter / 2 if packing.diameter is None else packing.diameter / 2
         axis = axes(packing.q) if half_length > 0 and packing.q is not None else None

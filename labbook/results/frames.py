@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 
 
-def frames(results: "Results") -> dict[str, "pd.DataFrame"]:
+def frames(results: Results) -> dict[str, "pd.DataFrame"]:
     """Data frames by name; those without rows are left out.
 
     `runs`: what was measured of each run, with error, effective sample size, window, method and note. `points`: pooled
@@ -48,18 +48,18 @@ def frames(results: "Results") -> dict[str, "pd.DataFrame"]:
     return {name: frame for name, frame in found.items() if len(frame)}
 
 
-def _of_point(result: "PointResult") -> Row:
+def _of_point(result: PointResult) -> Row:
     return {"point": result.point.index + 1, **result.point.at}
 
 
-def _runs(results: "Results") -> Iterator[Row]:
+def _runs(results: Results) -> Iterator[Row]:
     for result in results.points:
         for run in result.runs:
             head = {**_of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
             yield from ({**head, **vars(measured)} for measured in run.measured.values())
 
 
-def _points(results: "Results") -> Iterator[Row]:
+def _points(results: Results) -> Iterator[Row]:
     for result in results.points:
         units = {name: measured.unit for run in result.runs for name, measured in run.measured.items()}
         for name, pooled in result.pooled.items():
@@ -68,7 +68,7 @@ def _points(results: "Results") -> Iterator[Row]:
             yield {**head, "replicates": pooled.n, "confidence": pooled.confidence, "remark": result.remark}
 
 
-def _ratios(results: "Results") -> Iterator[Row]:
+def _ratios(results: Results) -> Iterator[Row]:
     for name, found in RATIOS.items():
         for one in found(results.points):
             numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
@@ -84,25 +84,25 @@ def _column(law: str) -> str:
     return law.partition(",")[0].lower().replace(" & ", "_")
 
 
-def _of_series(series: "Series") -> Row:
+def _of_series(series: Series) -> Row:
     return {"series": series.label, **series.at}
 
 
-def _fits(results: "Results") -> Iterator[Row]:
+def _fits(results: Results) -> Iterator[Row]:
     for series in results.series:
         for law in (*series.fits, *series.profiles):
             for name, parameter in series.parameters(law).items():
                 yield {**_of_series(series), "law": law, "parameter": name, **vars(parameter), **_goodness(series, law)}
 
 
-def _goodness(series: "Series", law: str) -> Mapping[str, float]:
+def _goodness(series: Series, law: str) -> Mapping[str, float]:
     if law not in series.fits:
         return {}
     fit = series.fits[law]
     return {"chi2": fit.chi2, "degrees_of_freedom": fit.dof, "p_value": fit.p_value, "aicc": fit.aicc}
 
 
-def _flow(results: "Results") -> Iterator[Row]:
+def _flow(results: Results) -> Iterator[Row]:
     for result in results.points:
         for run in result.runs:
             if run.trace is not None:
@@ -110,14 +110,14 @@ def _flow(results: "Results") -> Iterator[Row]:
                     yield {**_of_point(result), "seed": run.seed, "time": float(time), "flow_rate": float(rate)}
 
 
-def _profiles(results: "Results") -> Iterator[Row]:
+def _profiles(results: Results) -> Iterator[Row]:
     for result in results.points:
         for definition in (name for name in DEFINITIONS if result.outlets(name)):
             head = {**_of_point(result), "definition": definition}
             yield from ({**head, **row} for row in _along(result.outlets(definition)))
 
 
-def _along(outlets: Sequence["Outlet"]) -> Iterator[Row]:
+def _along(outlets: Sequence[Outlet]) -> Iterator[Row]:
     """A row a bin: mean over seeds, and its standard error."""
     first, n = outlets[0], len(outlets)
     middle = (first.edges[1:] + first.edges[:-1]) / 2
@@ -130,7 +130,7 @@ def _along(outlets: Sequence["Outlet"]) -> Iterator[Row]:
         yield dict(zip(columns, (value.item() for value in values), strict=True))
 
 
-def _outlets(results: "Results") -> Iterator[Row]:
+def _outlets(results: Results) -> Iterator[Row]:
     for series in results.series:
         for definition, fit in series.profiles.items():
             for result, one in zip(series.profiled, fit.outlets, strict=True):
@@ -140,7 +140,7 @@ def _outlets(results: "Results") -> Iterator[Row]:
                 yield {**_of_point(result), "definition": definition, "R": one.profile.R, **means, **errors}
 
 
-def _reference(results: "Results") -> Iterator[Row]:
+def _reference(results: Results) -> Iterator[Row]:
     for one in results.comparisons:
         theirs = {"reference": one.reference, "reference_error": one.reference_error}
         ours = {"ours": one.ours, "error": one.error, "low": one.low, "high": one.high, "unit": one.unit}
@@ -148,7 +148,7 @@ def _reference(results: "Results") -> Iterator[Row]:
         yield {"quantity": one.quantity, **one.at, **theirs, **ours, **apart}
 
 
-def _rotation(results: "Results") -> Iterator[Row]:
+def _rotation(results: Results) -> Iterator[Row]:
     """Every quantity over that with the bottom at rest, paired by seeds; intervals have the stated confidence."""
     for curve in results.turning:
         for k, result in enumerate(curve.points):
@@ -166,7 +166,7 @@ def _positive(at_rest, quantity: str) -> bool:
     return pooled is not None and pooled.value != 0 and not quantity.startswith("flow_rate_drift")
 
 
-def _accelerations(results: "Results") -> Iterator[Row]:
+def _accelerations(results: Results) -> Iterator[Row]:
     """Mean upward acceleration [m/s^2] of the grains that start within each bin of height [m] above an outlet."""
     for result in results.points:
         profile = acceleration(result)
@@ -185,7 +185,7 @@ def _accelerations(results: "Results") -> Iterator[Row]:
             }
 
 
-def _statements(results: "Results") -> Iterator[Row]:
+def _statements(results: Results) -> Iterator[Row]:
     """What a paper states, ours, and the verdict."""
     for one in results.judged:
         stated = one.statement

@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from labbook.fit import LAWS
 from labbook.run.demand import PointDemand
 from labbook.run.outline import Outline, outline
 from labbook.run.plan import Plan
@@ -101,7 +102,6 @@ def _endless(plan: Plan) -> Iterator[str]:
 
 
 def _too_few_outlets(plan: Plan) -> Iterator[str]:
-    from labbook.fit import LAWS
 
     outlets: dict[tuple, set[float]] = defaultdict(set)
     for point in plan.study.points:

@@ -64,15 +64,15 @@ def shortfall(
     )
 
 
-def finished(catalogue: Catalogue, study: Study, engine: str) -> list[FinishedRun]:
-    """Runs of `study` on `engine` that cover its stop rule and measures, by point and seed.
+def finished(catalogue: Catalogue, study: Study, backend: str) -> list[FinishedRun]:
+    """Runs of `study` on `backend` that cover its stop rule and measures, by point and seed.
 
-    Replicates beyond the minimum count too. The runs of one point are all of one version of the engine, the
+    Replicates beyond the minimum count too. The runs of one point are all of one version of the backend, the
     newest that has any: what several versions computed is never pooled.
     """
     asked: dict[str, list[Demand]] = defaultdict(list)  # points that come to the same scene share their runs
     for demand in demands(study, stopping_rule(study).cap):
-        asked[demand.lineage(engine)].append(demand)
+        asked[demand.lineage(backend)].append(demand)
     found: list[tuple[Demand, Entry]] = []
     for entry in catalogue.entries(lineages=asked):
         if entry.coverage is None:
@@ -94,10 +94,10 @@ def finished(catalogue: Catalogue, study: Study, engine: str) -> list[FinishedRu
     ]
 
 
-def unreadable(catalogue: Catalogue, study: Study, engine: str) -> list[str]:
-    """Why runs of `study` on `engine` that are there cannot be read, as far as is known of each whose it is."""
+def unreadable(catalogue: Catalogue, study: Study, backend: str) -> list[str]:
+    """Why runs of `study` on `backend` that are there cannot be read, as far as is known of each whose it is."""
     asked = list(demands(study, stopping_rule(study).cap))
-    versions = catalogue.versions(engine)
-    whose = [demand.run_key(engine, version) for demand in asked for version in versions]
-    found = catalogue.entries(whose, {demand.lineage(engine) for demand in asked})
+    versions = catalogue.versions(backend)
+    whose = [demand.run_key(backend, version) for demand in asked for version in versions]
+    found = catalogue.entries(whose, {demand.lineage(backend) for demand in asked})
     return sorted({entry.problem for entry in found if entry.problem})

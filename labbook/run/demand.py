@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics, Precision
@@ -12,11 +11,10 @@ from labbook.filling import bed, placing
 from labbook.lab import identity
 from labbook.lab.identity import Filling, Keys, Maker
 from labbook.lab.records import StopRule
+from labbook.measure import MEASURES
 from labbook.scene import Scene
 from labbook.stats import StoppingRule
-
-if TYPE_CHECKING:
-    from labbook.study import Point, Study
+from labbook.study import Point, Study
 
 
 class Conflict(Exception):
@@ -25,9 +23,9 @@ class Conflict(Exception):
 
 @dataclass(frozen=True)
 class PackingsOf:
-    """The engine whose packings runs start from, and the precision in which it makes them."""
+    """The backend whose packings runs start from, and the precision in which it makes them."""
 
-    engine: Capabilities
+    backend: Capabilities
     precision: Precision
 
 
@@ -35,10 +33,10 @@ class PackingsOf:
 class PointDemand:
     """All that the runs of one point have in common."""
 
-    study: "Study"
-    point: "Point"
+    study: Study
+    point: Point
     packings_of: PackingsOf | None = None
-    """Whose packings its runs start from; None: each engine makes its own."""
+    """Whose packings its runs start from; None: each backend makes its own."""
 
     @property
     def scene(self) -> Scene:
@@ -57,11 +55,11 @@ class PointDemand:
 
     @cached_property
     def maker(self) -> Maker | None:
-        """What makes the packings, if that is not the engine of the run by the same numerics."""
+        """What makes the packings, if that is not the backend of the run by the same numerics."""
         if self.packings_of is None:
             return None
         numerics = self.numerics.model_copy(update={"precision": self.packings_of.precision})
-        return Maker(self.packings_of.engine, numerics)
+        return Maker(self.packings_of.backend, numerics)
 
     @cached_property
     def scene_key(self) -> str:
@@ -76,7 +74,6 @@ class PointDemand:
     @cached_property
     def probes(self) -> tuple[Probe, ...]:
         """What every run observes: grains leaving, and what the study's measures need. Raises Conflict."""
-        from labbook.measure import MEASURES
 
         plane = self.scene.container.outlet_plane
         leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
@@ -124,7 +121,7 @@ class Demand:
     recorded: bool
 
     @property
-    def point(self) -> "Point":
+    def point(self) -> Point:
         """The point of the study."""
         return self.shared.point
 
@@ -153,40 +150,40 @@ class Demand:
         """The guards of its numerics."""
         return identity.guards(self.shared.numerics)
 
-    def keys(self, engine: Capabilities) -> Keys:
-        """Identities of this run on `engine`."""
-        found = self._keys.get((engine.name, engine.cache_version))
+    def keys(self, backend: Capabilities) -> Keys:
+        """Identities of this run on `backend`."""
+        found = self._keys.get((backend.name, backend.cache_version))
         if found is None:
             s = self.shared
-            found = identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
-            self._keys[engine.name, engine.cache_version] = found
+            found = identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker)
+            self._keys[backend.name, backend.cache_version] = found
         return found
 
-    def run_key(self, engine: str, version: int) -> str:
-        """Key of this run on one version of the engine called `engine`."""
+    def run_key(self, backend: str, version: int) -> str:
+        """Key of this run on one version of the backend called `backend`."""
         s = self.shared
-        made = (s.maker.numerics, s.maker.engine.name, s.maker.engine.cache_version) if s.maker else None
-        packing = identity.packing_key(s.closed_key, self.filling, *(made or (s.numerics, engine, version)))
-        return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, engine, version)
+        made = (s.maker.numerics, s.maker.backend.name, s.maker.backend.cache_version) if s.maker else None
+        packing = identity.packing_key(s.closed_key, self.filling, *(made or (s.numerics, backend, version)))
+        return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, backend, version)
 
     @cached_property
     def _keys(self) -> dict[tuple[str, int], Keys]:
         return {}
 
-    def lineage(self, engine: str) -> str:
-        """Identity of this run on any version of the engine called `engine`."""
+    def lineage(self, backend: str) -> str:
+        """Identity of this run on any version of the backend called `backend`."""
         s = self.shared
-        return identity.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, engine, s.maker)
+        return identity.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker)
 
 
-def demands(study: "Study", seeds: int) -> Iterator[Demand]:
+def demands(study: Study, seeds: int) -> Iterator[Demand]:
     """Runs 1..`seeds` of every point: first the first seed of all points, then the second, and so on."""
     shared = [PointDemand(study, point) for point in study.points]
     for seed in range(1, seeds + 1):
         yield from (point.run(seed) for point in shared)
 
 
-def stopping_rule(study: "Study") -> StoppingRule:
+def stopping_rule(study: Study) -> StoppingRule:
     """The rule by which replicates are added to a point of `study`."""
     tolerance, least = study.accuracy.flow_rate, study.replicates
     cap = least if tolerance is None else max(least, study.accuracy.max_replicates)

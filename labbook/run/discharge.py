@@ -274,7 +274,7 @@ class DischargeJob(Job):
                 "scene_key": self.keys.scene,
                 "packing_key": self.keys.packing,
                 "lineage_key": self.keys.lineage,
-                "engine": bench.backend.capabilities.name,
+                "backend": bench.backend.capabilities.name,
                 "cache_version": bench.backend.capabilities.cache_version,
                 "study": demand.shared.study.name,
                 "point": demand.point.index,

@@ -42,11 +42,11 @@ class FillJob(Job):
         self._lowest, self._fell, self._warned = math.inf, 0.0, False
 
     def begin(self) -> Packing | Checkpoint:
-        """As every job, but an engine never fills in another one's place. Raises JobFailed."""
+        """As every job, but a backend never fills in another one's place. Raises JobFailed."""
         maker = self.demand.shared.maker
         if maker is not None and maker != Maker(self.bench.backend.capabilities, self.numerics):
             raise JobFailed(
-                f"{self.label}: {maker.engine.name} has to make this packing first, in {maker.numerics.precision} "
+                f"{self.label}: {maker.backend.name} has to make this packing first, in {maker.numerics.precision} "
                 "precision"
             )
         return super().begin()
@@ -110,7 +110,7 @@ class FillJob(Job):
 
     @property
     def may_save(self) -> bool:
-        """Not while the engine counts beats at rest: that count is not in a checkpoint."""
+        """Not while the backend counts beats at rest: that count is not in a checkpoint."""
         assert self.settled_below is not None
         return self.status.kinetic >= self.settled_below
 
@@ -151,7 +151,7 @@ class FillJob(Job):
         record = PackingRecord(
             packing_key=self.key,
             closed_key=self.demand.shared.closed_key,
-            engine=capabilities.name,
+            backend=capabilities.name,
             cache_version=capabilities.cache_version,
             scene=self.scene,
             filling=self.demand.filling,

@@ -21,11 +21,11 @@ from labbook.run.reach import PACKED, reach
 from labbook.scene import outlet_shape
 
 DEFAULT_SPEED = 5e6
-"""Grain-steps per second and lane that are assumed of an engine that nothing is known of."""
+"""Grain-steps per second and lane that are assumed of a backend that nothing is known of."""
 CACHED = 50_000
 """Grains beyond which a scene is larger than a processor's caches."""
 _BEYOND = 1.9
-"""How much dearer a grain-step is there (docs/engine.md: 26.5 and 13.7 million a second)."""
+"""How much dearer a grain-step is there (docs/cpu-backend.md: 26.5 and 13.7 million a second)."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def beyond_caches(grains: float) -> float:
 _ZEN4 = "one core of an AMD EPYC with AVX-512"
 _ZEN3 = "one core of an AMD EPYC without AVX-512"
 _H200 = "an NVIDIA H200"
-_HOST = 1.5e-3  # 1 ms a beat with one probe (beside an H200) to 6 ms with three (beside an H100): docs/gpu-engine.md
+_HOST = 1.5e-3  # 1 ms a beat with one probe (beside an H200) to 6 ms with three (beside an H100): docs/gpu-backend.md
 MEASURED = {
     ("numba", "cpu", "sphere", "double", True): Rate(0, 1 / 24e6, 9, _ZEN4),
     ("numba", "cpu", "sphere", "mixed", True): Rate(0, 1 / 31e6, 9, _ZEN4),
@@ -68,20 +68,20 @@ MEASURED = {
     ("warp", "cuda", "spherocylinder", "mixed", None): Rate(1.0e-5, 3.0e-10, 8, _H200, _HOST),
     ("warp", "cuda", "spherocylinder", "double", None): Rate(1.0e-5, 5.9e-10, 8, _H200, _HOST),
 }
-"""By engine, kind of device, shape, precision and, of processors, whether they have vectors of 512 bits. From
-benchmarks/results, docs/engine.md and docs/gpu-engine.md."""
+"""By backend, kind of device, shape, precision and, of processors, whether they have vectors of 512 bits. From
+benchmarks/results, docs/cpu-backend.md and docs/gpu-backend.md."""
 
 
-def rate_of(engine: str, device: str, shape: str, precision: str) -> Rate:
+def rate_of(backend: str, device: str, shape: str, precision: str) -> Rate:
     """The measured cost of a step on `device` (`cpu`, `cuda:0`); DEFAULT_SPEED where nothing was measured."""
     kind = device.partition(":")[0]
     wide = wide_vectors() if kind == "cpu" else None
-    return MEASURED.get((engine, kind, shape, precision, wide)) or Rate(0, 1 / DEFAULT_SPEED, 0, "")
+    return MEASURED.get((backend, kind, shape, precision, wide)) or Rate(0, 1 / DEFAULT_SPEED, 0, "")
 
 
 @lru_cache(maxsize=1)
 def wide_vectors() -> bool:
-    """Whether this processor computes with vectors of 512 bits, which the CPU engine gains most from."""
+    """Whether this processor computes with vectors of 512 bits, which the CPU backend gains most from."""
     if platform.machine().lower() not in ("x86_64", "amd64"):
         return False
     try:
@@ -146,7 +146,7 @@ def forecast(
     `backend` tells) go on side by side, `members` of them at once, and a step costs what starting it does beside what
     grains do. Compiling comes first, one set after another.
     """
-    speeds = _Speeds(catalogue, plan.engine.name, machine, device)
+    speeds = _Speeds(catalogue, plan.backend.name, machine, device)
     specs = _Specs(backend)
     batches: dict[object, _Batch] = defaultdict(_Batch)
     chains: dict[str, float] = {}
@@ -193,7 +193,7 @@ def _add(batch: _Batch, rate: Rate, work: float, steps: float, shared: PointDema
 
 
 class _Specs:
-    """The sets of features that runs need, as the engine tells them; without one, fillings and discharges are two."""
+    """The sets of features that runs need, as the backend tells them; without one, fillings and discharges are two."""
 
     def __init__(self, backend: Backend | None):
         self._backend = backend
@@ -221,10 +221,10 @@ class _Specs:
 
 
 class _Speeds:
-    """What a step costs: by runs of the same shape in this lab, else as measured when engines were made."""
+    """What a step costs: by runs of the same shape in this lab, else as measured when backends were made."""
 
-    def __init__(self, catalogue: Catalogue, engine: str, machine: str, device: str):
-        self._catalogue, self._engine, self._machine, self._device = catalogue, engine, machine, device
+    def __init__(self, catalogue: Catalogue, backend: str, machine: str, device: str):
+        self._catalogue, self._backend, self._machine, self._device = catalogue, backend, machine, device
         self._rates: dict[tuple[str, str], Rate] = {}
         self._told: dict[str, None] = {}
         self._by_shape: dict[str, list[float]] | None = None
@@ -241,7 +241,7 @@ class _Speeds:
         return self._rates[shape, precision]
 
     def _find(self, shape: str, precision: str) -> Rate:
-        rate = rate_of(self._engine, self._device, shape, precision)
+        rate = rate_of(self._backend, self._device, shape, precision)
         # on a GPU the speed of one run says little: others shared the device with it
         recorded = self._recorded().get(shape, []) if self._device.partition(":")[0] == "cpu" else []
         if recorded:
@@ -259,7 +259,7 @@ class _Speeds:
         the processor's caches."""
         if self._by_shape is None:
             self._by_shape = defaultdict(list)
-            for key, grains, rate in self._catalogue.speeds(self._engine, self._machine, self._device):
+            for key, grains, rate in self._catalogue.speeds(self._backend, self._machine, self._device):
                 shape = self._shape(key)
                 if shape is not None and len(self._by_shape[shape]) < _RECENT:
                     self._by_shape[shape].append(rate * beyond_caches(grains))

@@ -22,7 +22,7 @@ from labbook.scene.packing import Packing
 
 @dataclass(frozen=True)
 class Bench:
-    """Where jobs are done: lab, engine and device."""
+    """Where jobs are done: lab, backend and device."""
 
     lab: Lab
     backend: Backend
@@ -134,12 +134,12 @@ class Job(ABC):
         self.journal = Journal(self.bench.lab.work(self.key))
 
     def check(self, saved: Saved, where: Path) -> None:
-        """Whether the engine can go on from what was saved in `where`. Raises Unreadable."""
+        """Whether the backend can go on from what was saved in `where`. Raises Unreadable."""
         backend = self.bench.backend
         own = backend.capabilities.name, backend.capabilities.cache_version
         try:
-            if (saved.checkpoint.engine, saved.checkpoint.cache_version) != own:
-                raise ValueError(f"of {saved.checkpoint.engine} version {saved.checkpoint.cache_version}")
+            if (saved.checkpoint.backend, saved.checkpoint.cache_version) != own:
+                raise ValueError(f"of {saved.checkpoint.backend} version {saved.checkpoint.cache_version}")
             if isinstance(backend, Verifies):
                 backend.verify(self.scene, self.numerics, saved.checkpoint, saved.step)
         except ValueError as error:

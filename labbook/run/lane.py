@@ -21,8 +21,8 @@ from labbook.run.board import Started
 from labbook.run.job import Job
 from labbook.run.plan import PointPlan
 
-_preparing = threading.Lock()  # engines compile for a Spec in `open` or at its first beat: one thread at a time
-_used: set[tuple[str, Spec, str]] = set()  # engine, Spec and device of which a beat was taken in this process
+_preparing = threading.Lock()  # backends compile for a Spec in `open` or at its first beat: one thread at a time
+_used: set[tuple[str, Spec, str]] = set()  # backend, Spec and device of which a beat was taken in this process
 
 
 @dataclass
@@ -83,7 +83,7 @@ class Lane:
         """Admit `new` and take one beat, in the lane's thread."""
         spec = new[0].spec if new else self.spec
         assert spec is not None
-        use = spec.engine, spec, self.device
+        use = spec.backend, spec, self.device
         self.preparing = use not in _used
         return self._hand.do(lambda: self._turn(new, use))
 

@@ -26,7 +26,7 @@ class Outline:
 
 
 BYTES = {"sphere": 800.0, "spherocylinder": 2200.0}
-"""Memory that a grain takes at most on the CPU engine, while it is placed and while it moves with its near neighbours
+"""Memory that a grain takes at most on the CPU backend, while it is placed and while it moves with its near neighbours
 and contacts. Measured: 435 with 200 000 spheres, 1800 with 50 000 rods; lists and checkpoints grow beyond that."""
 
 

@@ -1,9 +1,9 @@
-"""What is done of a study, what is missing, partial or stale, and why; and whether an engine can do what is planned."""
+"""What is done of a study, what is missing, partial or stale, and why; and whether a backend can do what is planned."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from labbook.backend import Backend, Capabilities, Surveys, Unsupported
 from labbook.lab.catalogue import Catalogue, Entry
@@ -11,17 +11,14 @@ from labbook.lab.folder import stamp
 from labbook.lab.identity import Keys
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
+from labbook.measure import MEASURES
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
 from labbook.stats import Decision, StoppingRule
-
-if TYPE_CHECKING:
-    from labbook.lab.catalogue import Catalogue
-    from labbook.study import Study
-
+from labbook.study import Study
 
 State = Literal["done", "missing", "partial", "stale"]
-"""`partial`: begun, or covers less than is asked. `stale`: made by another version of the engine."""
+"""`partial`: begun, or covers less than is asked. `stale`: made by another version of the backend."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +49,8 @@ class PointPlan:
 class Plan:
     """All runs of a study, as they stand."""
 
-    study: "Study"
-    engine: Capabilities
+    study: Study
+    backend: Capabilities
     points: tuple[PointPlan, ...]
     rule: StoppingRule
 
@@ -91,13 +88,13 @@ def counted(points: Iterable[PointPlan]) -> tuple[int, int]:
 class Planner:
     """Compares demands with what the catalogue and the lab's folders have.
 
-    `packings_of`: whose packings the runs start from; None: `engine` makes its own.
+    `packings_of`: whose packings the runs start from; None: `backend` makes its own.
     """
 
     def __init__(
-        self, study: "Study", catalogue: Catalogue, engine: Capabilities, packings_of: PackingsOf | None = None
+        self, study: Study, catalogue: Catalogue, backend: Capabilities, packings_of: PackingsOf | None = None
     ):
-        self.study, self.catalogue, self.engine, self.packings_of = study, catalogue, engine, packings_of
+        self.study, self.catalogue, self.backend, self.packings_of = study, catalogue, backend, packings_of
         self.rule = stopping_rule(study)
         self._there: dict[str, Entry] = {}
         self._older: dict[str, Entry] = {}
@@ -108,7 +105,7 @@ class Planner:
         first = {point: self._first(point) for point in points}
         self._look_up(demand for demands in first.values() for demand in demands)
         planned = tuple(self._point(point, demands) for point, demands in first.items())
-        return Plan(self.study, self.engine, planned, self.rule)
+        return Plan(self.study, self.backend, planned, self.rule)
 
     def point(self, shared: PointDemand) -> PointPlan:
         """One point anew, after some of its runs were done."""
@@ -118,7 +115,7 @@ class Planner:
 
     def refresh(self, demand: Demand) -> Item:
         """One run as its folder has it now, whatever the catalogue says."""
-        keys = demand.keys(self.engine)
+        keys = demand.keys(self.backend)
         return self._judged(demand, keys, self._looked_at(keys.run))
 
     def _first(self, shared: PointDemand) -> list[Demand]:
@@ -146,15 +143,15 @@ class Planner:
 
     def _look_up(self, demands: Iterable[Demand]) -> None:
         asked = list(demands)
-        run_keys = [demand.keys(self.engine).run for demand in asked]
-        lineages = [demand.keys(self.engine).lineage for demand in asked]
+        run_keys = [demand.keys(self.backend).run for demand in asked]
+        lineages = [demand.keys(self.backend).lineage for demand in asked]
         for entry in self.catalogue.entries(run_keys, lineages):
             self._there[entry.run_key] = entry
-            if entry.coverage is not None and entry.cache_version != self.engine.cache_version:
+            if entry.coverage is not None and entry.cache_version != self.backend.cache_version:
                 self._older[entry.lineage_key] = entry
 
     def _item(self, demand: Demand) -> Item:
-        keys = demand.keys(self.engine)
+        keys = demand.keys(self.backend)
         entry = self._there.get(keys.run)
         if entry is None or entry.stamp != stamp(self.catalogue.lab.run(keys.run)):
             entry = self._looked_at(keys.run)
@@ -175,8 +172,8 @@ class Planner:
             if begun:
                 return "partial", "begun, goes on from its checkpoint", True
             if older:
-                was, name = older.cache_version, self.engine.name
-                return "stale", f"made by version {was} of {name}, which is at {self.engine.cache_version}", False
+                was, name = older.cache_version, self.backend.name
+                return "stale", f"made by version {was} of {name}, which is at {self.backend.cache_version}", False
             return "missing", "not run yet", False
         if entry.coverage is None:
             return "missing", f"cannot be read: {entry.problem}", False
@@ -205,9 +202,8 @@ class Planner:
 QUANTITY = "flow_rate"
 
 
-def flow_rates(study: "Study", catalogue: "Catalogue", run_keys: Sequence[str]) -> list[float]:
+def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> list[float]:
     """Flow rates [kg/s] of these runs, in their order, without those that gave none (clogged, diverged)."""
-    from labbook.measure import MEASURES
 
     found = catalogue.values(run_keys, QUANTITY, MEASURES[QUANTITY].version, study.window)
     return [found[key] for key in run_keys if key in found]
@@ -217,7 +213,7 @@ def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
     """Whether `backend` can do all that is planned, on `device`. Raises Unsupported."""
     can = backend.capabilities
     if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
-        raise Unsupported("--device", f"the engine {can.name} has no {device} here; it has {', '.join(can.devices)}")
+        raise Unsupported("--device", f"the backend {can.name} has no {device} here; it has {', '.join(can.devices)}")
     if isinstance(backend, Surveys):
         there = [found.alias for found in backend.survey().devices]
         if device not in there:

@@ -4,7 +4,6 @@ stop rule."""
 import time
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from labbook.backend import Backend, Compiles, Member, Overflow
 from labbook.lab.catalogue import Catalogue
@@ -20,9 +19,7 @@ from labbook.run.plan import Planner, PointPlan, check
 from labbook.run.provenance import cores
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
-
-if TYPE_CHECKING:
-    from labbook.study import Study
+from labbook.study import Study
 
 CHECKPOINT_EVERY = 20.0
 """Wall time between two saves of a job [s]: what a kill loses at most."""
@@ -58,7 +55,7 @@ Turns = dict[Future[Turn], tuple[Lane, list[Started]]]
 class Runner:
     """Carries out `study` in `lab` on `backend`. Several at once share the work by claims."""
 
-    study: "Study"
+    study: Study
     lab: Lab
     backend: Backend
     device: str = "cpu"
@@ -67,7 +64,7 @@ class Runner:
     lanes: int | None = None
     """None: one a core on a CPU, else one."""
     packings_of: PackingsOf | None = None
-    """Whose packings the runs start from, which must be there; None: the engine makes its own."""
+    """Whose packings the runs start from, which must be there; None: the backend makes its own."""
     packings_only: bool = False
     """Make the packings that the runs would start from, and no runs."""
 

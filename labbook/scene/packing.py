@@ -1,4 +1,4 @@
-"""A packing: positions, velocities and friction springs of grains, free of any engine."""
+"""A packing: positions, velocities and friction springs of grains, free of any backend."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ _PARTS = 8  # no rod touches a wall at so many points
 
 @dataclass(frozen=True, eq=False)
 class Packing:
-    """State of n grains, in double precision and SI, portable between engines.
+    """State of n grains, in double precision and SI, portable between backends.
 
     `x`, `v`, `omega`: position [m], velocity [m/s] and angular velocity [rad/s], shape [n, 3]. `q`: unit
     quaternions (w, x, y, z), shape [n, 4], whose rotation takes the z axis to the rod's, or None for spheres. `ids`:
@@ -25,7 +25,7 @@ class Packing:
     points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`).
 
     Raises ValueError for shapes that do not fit, for indices of grains that are not there, for numbers that are not
-    finite and for quaternions that are not of length one: no engine can start from them.
+    finite and for quaternions that are not of length one: no backend can start from them.
     """
 
     x: np.ndarray

@@ -1,4 +1,4 @@
-"""Wall primitives: what containers are made of and all that an engine has to know of them.
+"""Wall primitives: what containers are made of and all that a backend has to know of them.
 
 Axes: z up, gravity along -z; the outlet plane of a silo is z = 0, its vertical mid-plane x = 0, and the
 middle between its front and back walls y = 0.

@@ -5,6 +5,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+from labbook.fit import DEFINITIONS, LAWS, Context
+from labbook.fit.outlet import OF_OUTLET, PARAMETERS, TERMS
+from labbook.measure import FLOW_RATIO, FLOW_RATIOS, MEASURES, MeasureError
 from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
 from labbook.scene.scene import Scene
 from labbook.study.problems import Problem, instead, meant, shown
@@ -15,7 +18,6 @@ from labbook.study.study import Point
 
 def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Measurements that cannot be taken at some points."""
-    from labbook.measure import MEASURES, MeasureError
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
         try:
@@ -29,7 +31,6 @@ def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) ->
 
 def unfittable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """Laws that do not hold for the outlets of some points."""
-    from labbook.fit import LAWS
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
         of, outlet = LAWS[name].outlet, outlet_shape(scene.container)
@@ -125,9 +126,6 @@ class Wrong:
 
 def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene]) -> str | Wrong:
     """SI unit of what a reference calls `quantity`, in a study with these settings and scenes."""
-    from labbook.fit import DEFINITIONS, LAWS
-    from labbook.fit.outlet import OF_OUTLET, PARAMETERS, TERMS
-    from labbook.measure import FLOW_RATIO, FLOW_RATIOS, MEASURES
 
     head, _, tail = quantity.partition(".")
     units = _units_of(settings.measure, tuple({_kind(scene): scene for scene in scenes}.values()))
@@ -162,7 +160,6 @@ def _kind(scene: Scene) -> tuple:
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:
-    from labbook.measure import MEASURES
 
     named = [MEASURES[name] for name in measures if name in MEASURES]
     return {one.name: one.unit for scene in scenes for measure in named for one in measure.quantities(scene)}
@@ -193,7 +190,6 @@ def _none_such(quantity: str, known: Iterable[str]) -> Wrong:
 @lru_cache
 def _parameters(law: str) -> dict[str, str]:
     """Parameters of a law and their units."""
-    from labbook.fit import LAWS, Context
 
     example = Context(d=1e-3, rho_p=1.0, rho_b=1.0, Z=1e-3, g=9.81)
     return {parameter.name: parameter.unit for parameter in LAWS[law].reported(example)}

@@ -7,6 +7,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from labbook.fit import COVERAGE, DEFINITIONS, FITS
+from labbook.measure import FLOW_RATIO, MEASURES
 from labbook.study.applicable import unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
@@ -58,8 +60,6 @@ def load(path: Path) -> Study:
 
 def known_names() -> set[str]:
     """Names of all measurements and laws, and of what reports make of them."""
-    from labbook.fit import FITS
-    from labbook.measure import FLOW_RATIO, MEASURES
 
     return {*MEASURES, *FITS, FLOW_RATIO}
 
@@ -106,8 +106,6 @@ def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[
 
 def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
     """Measurements and fits that do not exist, and a fit of profiles that nothing measures."""
-    from labbook.fit import COVERAGE, DEFINITIONS, FITS
-    from labbook.measure import MEASURES
 
     for key, stated, known in (("measure", settings.measure, MEASURES), ("fit", settings.fit, FITS)):
         for index, name in enumerate(stated):

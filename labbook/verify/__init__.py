@@ -1,5 +1,5 @@
-"""Checks that a wrong engine cannot pass: analysis, conservation laws, symmetries, independent integration.
+"""Checks that a wrong backend cannot pass: analysis, conservation laws, symmetries, independent integration.
 
-The cases ship with labbook (`labbook verify`) and know an engine only by the contract in `labbook.backend`;
+The cases ship with labbook (`labbook verify`) and know a backend only by the contract in `labbook.backend`;
 `labbook.verify.cases.CASES` lists them.
 """

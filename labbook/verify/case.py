@@ -10,7 +10,7 @@ from labbook.verify.stand import NotMeasured, Stand
 
 Result = Literal["passed", "failed", "reported", "unsupported"]
 SCENE_KEYS = ("grains.shape", "container")
-"""What an engine may lack without failing: cases with shapes or walls that it does not have say nothing of it."""
+"""What a backend may lack without failing: cases with shapes or walls that it does not have say nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,14 @@ class Verdict:
 
 def kind(stand: Stand) -> str:
     """The precision whose limits hold on a stand."""
-    single = stand.precision == "mixed" and stand.engine.capabilities.single_velocities
+    single = stand.precision == "mixed" and stand.backend.capabilities.single_velocities
     return SINGLE_VELOCITIES if single else stand.precision
 
 
 def judge(case: Case, stand: Stand) -> list[Verdict]:
     """Run a case and compare its errors with their limits; an error that is no number fails.
 
-    A case in a scene that the engine does not have is `unsupported`.
+    A case in a scene that the backend does not have is `unsupported`.
 
     Raises ValueError if the case states no limit for the stand's precision, or does not measure what it says.
     """

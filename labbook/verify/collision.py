@@ -87,7 +87,7 @@ def _restitution(law: str):
 def _at_the_study_s_step(stand: Stand) -> Mapping[str, float]:
     speed = math.sqrt(9.81 * D)
     with_gravity = _bouncing("hertz-mindlin", 0.2).model_copy(update={"gravity": 9.81})
-    told = stand.engine.describe(with_gravity, stand.numerics(STUDY_STEP))
+    told = stand.backend.describe(with_gravity, stand.numerics(STUDY_STEP))
     start = Start(_bouncing("hertz-mindlin", 0.2), STUDY_STEP, head_on(speed, STUDY_STEP))
     e = rebound(stand.run(start, beats=1, steps_per_beat=4000)) / speed
     return {
@@ -185,7 +185,7 @@ CASES = [
     Case(
         name="restitution-at-study-step",
         statement="e = 0.2, Fan's grains at sqrt(g d), dt = 2.5e-6 s: what the step makes of e over ten phases",
-        source="the engine's own description",
+        source="the backend's own description",
         measures={
             "mean e": Measure({}),
             "smallest e": Measure({}),

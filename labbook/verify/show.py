@@ -34,7 +34,7 @@ def _described(case: Case) -> dict[str, object]:
 
 
 def run_cases(cases: Sequence[Case], backend: str, precision: str, device: str, as_json: bool) -> bool:
-    """Run cases and print their verdicts; whether none failed. An engine that cannot do it ends the program."""
+    """Run cases and print their verdicts; whether none failed. A backend that cannot do it ends the program."""
     try:
         verdicts = _judged(cases, Stand(load(backend), precision, device))
     except (BackendMissing, Unsupported) as error:
@@ -48,7 +48,7 @@ def run_cases(cases: Sequence[Case], backend: str, precision: str, device: str, 
         Console(width=None if sys.stdout.isatty() else 160).print(_table(verdicts))
         failed = sum(v.result == "failed" for v in verdicts)
         passed = sum(v.result == "passed" for v in verdicts)
-        typer.echo(f"{passed} passed, {failed} failed, engine {backend}, {precision}, {device}")
+        typer.echo(f"{passed} passed, {failed} failed, backend {backend}, {precision}, {device}")
     return all(v.result != "failed" for v in verdicts)
 
 

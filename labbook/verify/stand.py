@@ -1,4 +1,4 @@
-"""The test stand that cases run on: an engine, known by its contract only, in one precision on one device."""
+"""The test stand that cases run on: a backend, known by its contract only, in one precision on one device."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from labbook.scene.packing import Packing
 
 
 class NotMeasured(Exception):
-    """A case could not be measured: a guard stopped the engine, or what was to be seen did not happen."""
+    """A case could not be measured: a guard stopped the backend, or what was to be seen did not happen."""
 
 
 def require(happened: bool, what: str) -> None:
@@ -66,9 +66,9 @@ class Start:
 
 @dataclass(frozen=True)
 class Stand:
-    """An engine to be checked."""
+    """A backend to be checked."""
 
-    engine: Backend
+    backend: Backend
     precision: str = "double"
     device: str = "cpu"
 
@@ -80,7 +80,7 @@ class Stand:
             container=Primitives(),
         )
         try:
-            self.engine.open(self.engine.specialise(free, self.numerics(1e-6)), 1, self.device).close()
+            self.backend.open(self.backend.specialise(free, self.numerics(1e-6)), 1, self.device).close()
         except Unsupported as reason:
             return reason.remedy
         return None
@@ -105,8 +105,8 @@ class Stand:
         """
         kept = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger(every=beats)]))
         numerics = [self.numerics(s.dt, steps_per_beat=steps_per_beat, **s.numerics) for s in starts]
-        spec = self.engine.specialise(starts[0].scene, numerics[0], kept)
-        ensemble = self.engine.open(spec, len(starts), self.device)
+        spec = self.backend.specialise(starts[0].scene, numerics[0], kept)
+        ensemble = self.backend.open(spec, len(starts), self.device)
         try:
             members = [
                 ensemble.admit(start.scene, n, start.packing, settled_below=start.settled_below)

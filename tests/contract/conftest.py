@@ -1,4 +1,4 @@
-"""The engines under the contract: every bundled one, in each of its precisions, on each of its devices."""
+"""The backends under the contract: every bundled one, in each of its precisions, on each of its devices."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -54,9 +54,9 @@ class Silo:
         probes: Sequence[Probe] = (Crossing(), Ledger()),
         slots: int | None = None,
     ) -> Iterator[Ensemble]:
-        engine = self.stand.engine
-        spec = engine.specialise(scene or self.scene, numerics or self.numerics(), probes)
-        ensemble = engine.open(spec, slots, self.stand.device)
+        backend = self.stand.backend
+        spec = backend.specialise(scene or self.scene, numerics or self.numerics(), probes)
+        ensemble = backend.open(spec, slots, self.stand.device)
         try:
             yield ensemble
         finally:
@@ -79,7 +79,7 @@ def silo(stand) -> Silo:
     """Grains that have fallen into the closed hopper and still move; the outlet is open."""
     closed = hopper().close()
     numerics = stand.numerics(DT)
-    ensemble = stand.engine.open(stand.engine.specialise(closed, numerics, [Ledger()]), 1, stand.device)
+    ensemble = stand.backend.open(stand.backend.specialise(closed, numerics, [Ledger()]), 1, stand.device)
     member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
     ensemble.advance(4)
     fallen = ensemble.packing(member)

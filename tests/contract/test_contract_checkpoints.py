@@ -79,8 +79,8 @@ def test_it_may_be_restored_twice(silo):
         assert identical(states[0], states[2])
 
 
-@pytest.mark.parametrize("change", [{"engine": "another"}, {"cache_version": -1}])
-def test_of_another_engine_or_version_it_is_refused(silo, change):
+@pytest.mark.parametrize("change", [{"backend": "another"}, {"cache_version": -1}])
+def test_of_another_backend_or_version_it_is_refused(silo, change):
     with silo.ensemble() as ensemble:
         checkpoint = ensemble.checkpoint(silo.admit(ensemble))
         with pytest.raises(ValueError, match="checkpoint"):
@@ -111,10 +111,10 @@ def test_a_damaged_one_is_refused_before_anything_runs(silo, kind):
         member = silo.admit(ensemble)
         ensemble.advance(3)
         sound = ensemble.checkpoint(member)
-        engine, step = silo.stand.engine, ensemble.status(member).step
-        engine.verify(silo.scene, silo.numerics(), sound, step)
+        backend, step = silo.stand.backend, ensemble.status(member).step
+        backend.verify(silo.scene, silo.numerics(), sound, step)
         with pytest.raises(ValueError, match="step"):
-            engine.verify(silo.scene, silo.numerics(), sound, step + 1)
+            backend.verify(silo.scene, silo.numerics(), sound, step + 1)
         taken = []
         for name, array in sound.arrays.items():
             changed = DAMAGES[kind](array)
@@ -125,7 +125,7 @@ def test_a_damaged_one_is_refused_before_anything_runs(silo, kind):
             damaged = replace(sound, arrays=rest if changed is None else rest | {name: changed})
             for how, look in (
                 ("admit", lambda: silo.admit(ensemble, damaged)),  # noqa: B023 -- called at once
-                ("verify", lambda: engine.verify(silo.scene, silo.numerics(), damaged, step)),  # noqa: B023
+                ("verify", lambda: backend.verify(silo.scene, silo.numerics(), damaged, step)),  # noqa: B023
             ):
                 try:
                     look()
@@ -138,6 +138,6 @@ def test_a_damaged_one_is_refused_before_anything_runs(silo, kind):
 def test_it_is_made_of_plain_arrays(silo):
     with silo.ensemble() as ensemble:
         checkpoint = ensemble.checkpoint(silo.admit(ensemble))
-    assert checkpoint.engine == silo.stand.engine.capabilities.name
-    assert checkpoint.cache_version == silo.stand.engine.capabilities.cache_version
+    assert checkpoint.backend == silo.stand.backend.capabilities.name
+    assert checkpoint.cache_version == silo.stand.backend.capabilities.cache_version
     assert all(isinstance(a, np.ndarray) and a.dtype != object for a in checkpoint.arrays.values())

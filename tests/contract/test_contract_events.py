@@ -1,4 +1,4 @@
-"""How members end: settled, emptied, or stopped by a guard; and what an engine refuses."""
+"""How members end: settled, emptied, or stopped by a guard; and what a backend refuses."""
 
 import numpy as np
 import pytest
@@ -176,10 +176,10 @@ def changed(scene, part, **values):
 
 
 def test_a_law_or_shape_that_it_lacks_is_refused_by_key(silo):
-    engine, numerics = silo.stand.engine, silo.numerics()
+    backend, numerics = silo.stand.backend, silo.numerics()
     for part, name in (("contact", "law"), ("grains", "shape")):
         with pytest.raises(Unsupported, match="no-such") as refused:
-            engine.specialise(changed(silo.scene, part, **{name: "no-such"}), numerics)
+            backend.specialise(changed(silo.scene, part, **{name: "no-such"}), numerics)
         assert refused.value.key == f"{part}.{name}"
         assert refused.value.remedy
 
@@ -189,24 +189,24 @@ def test_a_wall_that_it_lacks_is_refused(silo):
     wall = Wall.model_construct(name="odd", shape=shape, motion=SurfaceMotion())
     scene = silo.scene.model_copy(update={"container": Primitives().model_copy(update={"parts": (wall,)})})
     with pytest.raises(Unsupported, match="no-such"):
-        silo.stand.engine.specialise(scene, silo.numerics())
+        silo.stand.backend.specialise(scene, silo.numerics())
 
 
 def test_a_precision_that_it_lacks_is_refused(silo):
-    engine = silo.stand.engine
+    backend = silo.stand.backend
     numerics = silo.numerics().model_copy(update={"precision": "no-such"})
     with pytest.raises(Unsupported, match="no-such"):
-        engine.specialise(silo.scene, numerics)
-    for precision in {"double", "mixed"} - engine.capabilities.precisions:
+        backend.specialise(silo.scene, numerics)
+    for precision in {"double", "mixed"} - backend.capabilities.precisions:
         with pytest.raises(Unsupported, match=precision):
-            engine.specialise(silo.scene, silo.numerics().model_copy(update={"precision": precision}))
+            backend.specialise(silo.scene, silo.numerics().model_copy(update={"precision": precision}))
 
 
 def test_a_device_that_is_not_there_is_an_error(silo):
-    engine = silo.stand.engine
-    spec = engine.specialise(silo.scene, silo.numerics())
+    backend = silo.stand.backend
+    spec = backend.specialise(silo.scene, silo.numerics())
     with pytest.raises(Unsupported, match="no-such-device") as refused:
-        engine.open(spec, device="no-such-device")
+        backend.open(spec, device="no-such-device")
     assert refused.value.key == "device"
 
 
@@ -217,17 +217,17 @@ def test_a_member_of_another_spec_is_refused(silo):
 
 
 def test_values_are_no_part_of_the_spec(silo):
-    engine = silo.stand.engine
-    spec = engine.specialise(silo.scene, silo.numerics())
+    backend = silo.stand.backend
+    spec = backend.specialise(silo.scene, silo.numerics())
     other = changed(changed(silo.scene, "grains", diameter=1e-3), "contact", friction=0.1, restitution=0.9)
-    assert engine.specialise(other.model_copy(update={"gravity": 1.0}), silo.numerics(dt=1e-7)) == spec
-    assert hash(engine.specialise(silo.scene, silo.numerics())) == hash(spec)
-    assert engine.specialise(silo.scene, silo.numerics(), [Ledger()]) != spec
-    assert spec.engine == engine.capabilities.name
+    assert backend.specialise(other.model_copy(update={"gravity": 1.0}), silo.numerics(dt=1e-7)) == spec
+    assert hash(backend.specialise(silo.scene, silo.numerics())) == hash(spec)
+    assert backend.specialise(silo.scene, silo.numerics(), [Ledger()]) != spec
+    assert spec.backend == backend.capabilities.name
 
 
 def test_capabilities_are_data(silo):
-    can = silo.stand.engine.capabilities
+    can = silo.stand.backend.capabilities
     assert isinstance(can.cache_version, int)
     assert can.shapes
     assert can.laws
@@ -237,7 +237,7 @@ def test_capabilities_are_data(silo):
 
 
 def test_the_description_has_numbers_for_the_catalogue(silo):
-    told = silo.stand.engine.describe(silo.scene, silo.numerics())
+    told = silo.stand.backend.describe(silo.scene, silo.numerics())
     assert told["restitution_asked"] == silo.scene.contact.restitution
     assert 0 < told["restitution_realised"] < 1
     assert told["damping_coefficient"] > 0

@@ -22,17 +22,17 @@ from labbook.verify.stand import identical, rows_of
 def flowing(stand):
     """A mixture that is about to flow out, and its ensemble. Who is who does not depend on the precision of forces."""
     if second(stand):
-        pytest.skip("mixtures are checked in one precision of an engine on a processor")
+        pytest.skip("mixtures are checked in one precision of a backend on a processor")
     scene, numerics = graded_hopper(80), stand.numerics(DT / 2, steps_per_beat=500)
     closed = scene.close()
-    spec = stand.engine.specialise(closed, numerics, [Ledger()])
-    ensemble = stand.engine.open(spec, 1, stand.device)
+    spec = stand.backend.specialise(closed, numerics, [Ledger()])
+    ensemble = stand.backend.open(spec, 1, stand.device)
     member = ensemble.admit(closed, numerics, place(closed, "gas", 1))
     ensemble.advance(30)
     start = opened(ensemble.packing(member), closed, scene)
     ensemble.close()
     probes = [Crossing(), Ledger()]
-    ensemble = stand.engine.open(stand.engine.specialise(scene, numerics, probes), 2, stand.device)
+    ensemble = stand.backend.open(stand.backend.specialise(scene, numerics, probes), 2, stand.device)
     yield scene, numerics, start, ensemble
     ensemble.close()
 

@@ -28,9 +28,9 @@ def silo() -> Scene:
 
 @pytest.fixture(scope="module")
 def rods(stand: Stand) -> Stand:
-    can = stand.engine.capabilities
+    can = stand.backend.capabilities
     if not {"spherocylinder"} <= can.shapes or "frustum" not in can.walls:
-        pytest.skip(f"the engine {can.name} has no rods in round silos")
+        pytest.skip(f"the backend {can.name} has no rods in round silos")
     return stand
 
 
@@ -40,8 +40,8 @@ def numerics(stand: Stand) -> Numerics:
 
 def run(stand: Stand, scene: Scene, start, splits=(1,) * 10, probes=PROBES, members: int = 1):
     """End and rows of the first of some members."""
-    engine = stand.engine
-    ensemble = engine.open(engine.specialise(scene, numerics(stand), probes), members, stand.device)
+    backend = stand.backend
+    ensemble = backend.open(backend.specialise(scene, numerics(stand), probes), members, stand.device)
     try:
         first, *_ = [ensemble.admit(scene, numerics(stand), start) for _ in range(members)]
         for beats in splits:
@@ -146,7 +146,7 @@ def test_energy_is_accounted_for(rods, bed):
 
 def test_spheres_have_no_orientation_to_sample(rods):
     with pytest.raises(Unsupported, match="orientation"):
-        rods.engine.specialise(hopper(), numerics(rods), [SAMPLE])
+        rods.backend.specialise(hopper(), numerics(rods), [SAMPLE])
 
 
 def test_rods_cannot_start_from_a_packing_of_spheres(rods, bed):

@@ -1,4 +1,4 @@
-"""The stands of the bundled engines, for tests that take every one of them."""
+"""The stands of the bundled backends, for tests that take every one of them."""
 
 import pytest
 
@@ -7,28 +7,28 @@ from labbook.verify.stand import Stand
 
 BUNDLED = ("numba", "warp")
 FIRST = {"numba": "double", "warp": "mixed"}
-"""The precision in which an engine takes every check; those that say so it takes in no other on a processor."""
+"""The precision in which a backend takes every check; those that say so it takes in no other on a processor."""
 
 
 def stands() -> list[Stand]:
-    """One for each bundled engine that is there, in each of its precisions, on each of its devices."""
+    """One for each bundled backend that is there, in each of its precisions, on each of its devices."""
     found = []
     for name in sorted(set(installed()).intersection(BUNDLED)):
         try:
-            engine = load(name)
+            backend = load(name)
         except BackendMissing:
             continue
-        can = engine.capabilities
-        found += [Stand(engine, precision, device) for precision in sorted(can.precisions) for device in can.devices]
+        can = backend.capabilities
+        found += [Stand(backend, precision, device) for precision in sorted(can.precisions) for device in can.devices]
     return found
 
 
 def second(stand: Stand) -> bool:
-    """Whether a stand is the engine in its other precision, on a processor."""
-    return stand.device == "cpu" and stand.precision != FIRST[stand.engine.capabilities.name]
+    """Whether a stand is the backend in its other precision, on a processor."""
+    return stand.device == "cpu" and stand.precision != FIRST[stand.backend.capabilities.name]
 
 
 def where(stand: Stand):
     """The stand as a parameter; skipped where its device is missing."""
-    name, reason = f"{stand.engine.capabilities.name}-{stand.precision}-{stand.device}", stand.missing()
+    name, reason = f"{stand.backend.capabilities.name}-{stand.precision}-{stand.device}", stand.missing()
     return pytest.param(stand, id=name, marks=[pytest.mark.skip(reason=reason)] if reason else [])

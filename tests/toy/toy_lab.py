@@ -44,9 +44,9 @@ def study(folder: Path, *more: str, **changes) -> Study:
 
 
 def carry_out(asked: Study, lab: Path, **options) -> Summary:
-    """Carry out a study on the toy engine in this process."""
-    engine = options.pop("engine", None) or labbook_toy.Backend()
-    return Runner(asked, Lab(lab), engine, **options).run()
+    """Carry out a study on the toy backend in this process."""
+    backend = options.pop("backend", None) or labbook_toy.Backend()
+    return Runner(asked, Lab(lab), backend, **options).run()
 
 
 def labbook(*words: object, check: bool = True, **environment: str):

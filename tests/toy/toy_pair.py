@@ -33,9 +33,9 @@ def stamps(lab):
     return {path.name: path.stat().st_mtime_ns for kind in ("runs", "packings") for path in (lab / kind).iterdir()}
 
 
-def records(lab, engine):
+def records(lab, backend):
     found = map(RunRecord.read, (lab / "runs").iterdir())
-    return {(one.label, one.seed): one for one in found if one.engine == engine}
+    return {(one.label, one.seed): one for one in found if one.backend == backend}
 
 
 def stamps_of_packings(lab):

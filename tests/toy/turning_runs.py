@@ -37,7 +37,7 @@ class Run:
 
     @property
     def provenance(self):
-        return {"engine": "double"}
+        return {"backend": "double"}
 
     def recording(self):
         """A column of upright grains that sinks at 30 mm/s."""

@@ -1,4 +1,4 @@
-"""Rods in a silo whose bottom turns, and in a trough: scenes for tests of an engine, and one member that it steps."""
+"""Rods in a silo whose bottom turns, and in a trough: scenes for tests of a backend, and one member that it steps."""
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Primitives, Scene, Spherocylinders, Strip, Wall
@@ -34,9 +34,9 @@ def numerics(precision: str, **further) -> Numerics:
     return Numerics.model_validate({"dt": 5e-6, "precision": precision, "steps_per_beat": 250, **further})
 
 
-def advanced(engine, scene: Scene, how: Numerics, start, beats: int, probes=(), device: str = "cpu"):
-    """One member of `engine` after so many beats, without an event: its packing and rows."""
-    ensemble = engine.open(engine.specialise(scene, how, probes), 1, device)
+def advanced(backend, scene: Scene, how: Numerics, start, beats: int, probes=(), device: str = "cpu"):
+    """One member of `backend` after so many beats, without an event: its packing and rows."""
+    ensemble = backend.open(backend.specialise(scene, how, probes), 1, device)
     member = ensemble.admit(scene, how, start)
     events = ensemble.advance(beats)
     assert not events, events

@@ -1,4 +1,4 @@
-"""One member of rods that the GPU engine steps."""
+"""One member of rods that the GPU backend steps."""
 
 from labbook_warp import Backend
 from rods_in_silo import advanced

@@ -241,7 +241,7 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
     index = Index(Lab(tmp_path / "lab"))
     index.close()
     count = 100_000
-    row = {"study": "s", "label": "orifice 18 mm", "engine": "toy", "cache_version": 1, "outcome": "finished"}
+    row = {"study": "s", "label": "orifice 18 mm", "backend": "toy", "cache_version": 1, "outcome": "finished"}
     row |= {"grains": 3000, "discharged": 0.6, "duration": 1.5, "wall_time": 90.0, "rate": 9e6, "stamp": 1}
     synthetic = [
         {**row, "run_key": f"{n:024x}", "lineage_key": f"{n:024x}", "seed": n, "finished": f"2026-{n:06d}"}
@@ -260,11 +260,11 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
     assert len(catalogue.runs()) == count
 
 
-def test_versions_of_the_engine_do_not_mix(tmp_path):
+def test_versions_of_the_backend_do_not_mix(tmp_path):
     asked = study(tmp_path, replicates=1)
-    carry_out(asked, tmp_path / "lab", engine=Backend(version=1))
+    carry_out(asked, tmp_path / "lab", backend=Backend(version=1))
     old = {run.run_key for run in finished(Catalogue(tmp_path / "lab"), asked, "toy")}
-    carry_out(asked, tmp_path / "lab", engine=Backend(version=2))
+    carry_out(asked, tmp_path / "lab", backend=Backend(version=2))
     new = {run.run_key for run in finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     assert len(old) == len(new) == 2
     assert not old & new
@@ -272,10 +272,10 @@ def test_versions_of_the_engine_do_not_mix(tmp_path):
 
 def test_replicates_of_an_older_version_are_not_pooled_with_newer_ones(tmp_path):
     lab = tmp_path / "lab"
-    carry_out(study(tmp_path, replicates=4), lab, engine=Backend(version=1))
+    carry_out(study(tmp_path, replicates=4), lab, backend=Backend(version=1))
     fewer = study(tmp_path, "accuracy: {flow_rate: 0.01 %, max_replicates: 4}", replicates=2, orifices="[24]")
     capped = study(tmp_path, replicates=2, orifices="[24]")
-    carry_out(capped, lab, engine=Backend(version=2))
+    carry_out(capped, lab, backend=Backend(version=2))
     newer = set(Catalogue(lab).runs()[lambda runs: runs.cache_version == 2].run_key)
     found = finished(Catalogue(lab), fewer, "toy")
     assert [run.seed for run in found] == [1, 2], "seeds 3 and 4 were run by version 1 only"

@@ -1,4 +1,4 @@
-"""How long two engines that start from one packing agree."""
+"""How long two backends that start from one packing agree."""
 
 from itertools import pairwise
 
@@ -36,7 +36,7 @@ class DriftingEnsemble(Ensemble):
         return tables
 
 
-def test_engines_agree_until_the_largest_difference_exceeds_a_thousandth(tmp_path):
+def test_backends_agree_until_the_largest_difference_exceeds_a_thousandth(tmp_path):
     # an outlet that clogs at once: the grain 0 stays
     asked, lab = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[5]"), tmp_path / "lab"
     carry_out(asked, lab)
@@ -54,7 +54,7 @@ def test_engines_agree_until_the_largest_difference_exceeds_a_thousandth(tmp_pat
     assert growth == pytest.approx(1 / Drifting.TAU, rel=1e-6)
 
 
-def test_engines_that_never_part_agree_to_the_end(tmp_path):
+def test_backends_that_never_part_agree_to_the_end(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     found = compared(asked, lab).points[0].divergence
     assert found is not None

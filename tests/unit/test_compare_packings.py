@@ -1,4 +1,4 @@
-"""Two engines on one study: shared packings and own ones, each in its precision, and nothing run twice."""
+"""Two backends on one study: shared packings and own ones, each in its precision, and nothing run twice."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from labbook.run.runner import Runner
 # shared packings
 
 
-def test_the_second_engine_starts_from_the_first_ones_packings(tmp_path):
+def test_the_second_backend_starts_from_the_first_ones_packings(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     carry_out(asked, lab)
     summary = Runner(asked, Lab(lab), Twin(), packings_of=PackingsOf(Backend().capabilities, "double")).run()
@@ -33,7 +33,7 @@ def test_the_second_engine_starts_from_the_first_ones_packings(tmp_path):
         np.testing.assert_array_equal(a, b)  # the toy's grains leave as the bits of the start say
 
 
-def test_an_engine_never_fills_in_another_ones_place(tmp_path):
+def test_an_backend_never_fills_in_another_ones_place(tmp_path):
     asked, lab = study(tmp_path, replicates=1), tmp_path / "lab"
     summary = Runner(asked, Lab(lab), Twin(), packings_of=PackingsOf(Backend().capabilities, "double")).run()
     assert not summary.tally.ran
@@ -49,7 +49,7 @@ def test_packings_can_be_made_alone(tmp_path):
     assert not (lab / "runs").exists()
     before = stamps_of_packings(lab)
     assert Runner(asked, Lab(lab), Twin(), packings_only=True).run().work_done == 0
-    carry_out(asked, lab, engine=Twin())
+    carry_out(asked, lab, backend=Twin())
     assert stamps_of_packings(lab) == before
 
 
@@ -87,7 +87,7 @@ def test_each_side_works_in_its_own_precision(tmp_path):
     assert kept == verdict
 
 
-def test_one_engine_in_two_precisions(tmp_path):
+def test_one_backend_in_two_precisions(tmp_path):
     asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
     two = Contestant(Mixed(), "cpu", "double"), Contestant(Mixed(), "cpu", "mixed")
     verdict, failed = compare(asked, Lab(lab), two, 0.03)
@@ -108,7 +108,7 @@ def test_what_is_there_is_not_run_again(tmp_path):
     first = compared(asked, lab)
     before = stamps(lab)
     assert own.items() <= before.items(), "the study's own runs are used"
-    assert len(before) == 4 + 4 + 2 + 2, "two engines' runs and packings"
+    assert len(before) == 4 + 4 + 2 + 2, "two backends' runs and packings"
     second = compared(asked, lab)
     assert stamps(lab) == before
     assert second.points == first.points
@@ -123,5 +123,5 @@ def test_more_replicates_add_only_those(tmp_path):
     verdict = compared(narrowed(asked, (1,), 3), lab)
     after = stamps(lab)
     assert before.items() <= after.items()
-    assert len(after) - len(before) == 2 + 2, "a run and a packing of each engine"
+    assert len(after) - len(before) == 2 + 2, "a run and a packing of each backend"
     assert [(point.index, len(point.runs[0])) for point in verdict.points] == [(1, 3)]

@@ -47,7 +47,8 @@ def verdict(*findings, needed: int | None = 12) -> Verdict:
         for k, found in enumerate(findings)
     )
     costs = tuple(
-        Cost(engine=one.name, devices=("cpu",), runs=2, wall_time=10.0, rate=3e6, session_wall=None) for one in entrants
+        Cost(backend=one.name, devices=("cpu",), runs=2, wall_time=10.0, rate=3e6, session_wall=None)
+        for one in entrants
     )
     return Verdict.model_validate(
         {
@@ -112,7 +113,7 @@ def test_the_figure_shows_means_margin_and_drift():
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun is not installed")
-def test_a_recording_has_both_engines_on_one_clock(tmp_path):
+def test_a_recording_has_both_backends_on_one_clock(tmp_path):
     from rerun.chunk import RrdReader
 
     asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"

@@ -38,7 +38,7 @@ def test_the_verb_from_nothing_to_a_stale_verdict(tmp_path):
     ("more", "said"),
     [
         (("--devices", "cpu,cuda:0"), "cpu only"),
-        (("--backends", "toy,nobody"), "no engine is called nobody"),
+        (("--backends", "toy,nobody"), "no backend is called nobody"),
         (("--point", "9"), "has the points 1 to 2"),
         (("--precisions", "double,half"), "there is no half"),
         (("--show", "--backends", "toy"), "two words with a comma"),

@@ -18,7 +18,7 @@ BIAS = 0.07
 # what a comparison finds
 
 
-def test_equal_engines_are_equivalent(tmp_path):
+def test_equal_backends_are_equivalent(tmp_path):
     verdict = compared(study(tmp_path), tmp_path / "lab")
     assert verdict.finding == "equivalent"
     for point in verdict.points:

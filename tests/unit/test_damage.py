@@ -20,7 +20,7 @@ from labbook.lab.tables import read_table
 
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
 RECORDED = "record: {every: 2 ms, replicates: 2}"
-AT_REST = "fill: {settled_below: 1e-40}"  # so low that the toy engine takes some beats, and can save between them
+AT_REST = "fill: {settled_below: 1e-40}"  # so low that the toy backend takes some beats, and can save between them
 
 
 @contextmanager
@@ -70,7 +70,7 @@ def cut_short(asked, lab: Path, *, closed: bool, beats: int) -> None:
             return ensemble
 
     with pytest.raises(KeyboardInterrupt):
-        carry_out(asked, lab, engine=CutShort(), checkpoint_every=0, lanes=1)
+        carry_out(asked, lab, backend=CutShort(), checkpoint_every=0, lanes=1)
 
 
 @pytest.fixture
@@ -404,7 +404,7 @@ def test_a_damaged_recording_that_kept_its_stamp_is_one_line(place, monkeypatch)
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory) -> Path:
-    """A folder with a lab in which two engines were compared."""
+    """A folder with a lab in which two backends were compared."""
     folder = tmp_path_factory.mktemp("compared")
     assert "equivalent within 3 % in all 2 tests" in compare(folder)
     return folder

@@ -1,4 +1,4 @@
-"""Where a rod is nearest to a rim, sought in single precision: as both engines compile it, right to 1e-9 m."""
+"""Where a rod is nearest to a rim, sought in single precision: as both backends compile it, right to 1e-9 m."""
 
 import math
 from types import ModuleType
@@ -59,10 +59,10 @@ def rods() -> tuple[np.ndarray, np.ndarray]:
     return c, a / np.linalg.norm(a, axis=1)[:, None]
 
 
-def module(dialect: ModuleType, engine: str, folder) -> ModuleType:
-    loop = LOOPS[engine].format(rim=RIM, length=LENGTH, half=HALF)
+def module(dialect: ModuleType, backend: str, folder) -> ModuleType:
+    loop = LOOPS[backend].format(rim=RIM, length=LENGTH, half=HALF)
     text = source.generate(dialect.header("mixed"), {}, [frustum]) + loop
-    return generated.load(f"rims_mixed_{engine}", text, folder)
+    return generated.load(f"rims_mixed_{backend}", text, folder)
 
 
 def by_numba(folder, c, a, along, radius) -> np.ndarray:

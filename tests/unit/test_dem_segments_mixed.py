@@ -1,4 +1,4 @@
-"""Closest points with guesses in single precision, as both engines compile them: distances are right to 1e-9 m."""
+"""Closest points with guesses in single precision, as both backends compile them: distances are right to 1e-9 m."""
 
 import math
 from types import ModuleType
@@ -81,10 +81,10 @@ def exact(c: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.array([one(*rods) for rods in zip(c, a, b, strict=True)])
 
 
-def module(dialect: ModuleType, engine: str, folder) -> ModuleType:
-    loops = "".join(LOOPS[engine].format(name=name, call=call) for name, call in CALLS.items())
+def module(dialect: ModuleType, backend: str, folder) -> ModuleType:
+    loops = "".join(LOOPS[backend].format(name=name, call=call) for name, call in CALLS.items())
     text = source.generate(dialect.header("mixed"), {}, [segments]) + loops
-    return generated.load(f"segments_mixed_{engine}", text, folder)
+    return generated.load(f"segments_mixed_{backend}", text, folder)
 
 
 def by_numba(folder, c, a, b) -> dict[str, np.ndarray]:
@@ -137,7 +137,7 @@ def test_distances_near_parallel_are_those_of_a_constrained_minimisation(compile
         assert np.abs(distance - expected).max() <= BOUND, name
         more = np.abs(distance - plain) / lost
         assert more.max() <= 1, f"{name}: {more.max()} at a tilt of {TILT[more.argmax()]}"
-    if compiled is by_warp:  # the CPU engine asks once a pair
+    if compiled is by_warp:  # the CPU backend asks once a pair
         assert np.array_equal(results["closest_from"][:, :2], results["swapped"][:, :2]), "asked of either rod"
     points = results["closest_from"][:, :2]
     assert np.array_equal(points, points.astype(np.float32)), "these were taken in single"

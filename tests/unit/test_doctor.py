@@ -1,4 +1,4 @@
-"""The doctor lets engines work, and reports one that is broken."""
+"""The doctor lets backends work, and reports one that is broken."""
 
 import json
 from dataclasses import replace
@@ -7,27 +7,28 @@ import labbook_toy
 import pytest
 from typer.testing import CliRunner
 
-from labbook import backend, doctor
+from labbook import doctor
+from labbook.backend import BackendMissing, Device, Survey, Surveys, Unsupported, load
 from labbook.backend.numerics import Numerics
 from labbook.cli import build
 from labbook.verify.symmetry import hopper
 
 
 @pytest.mark.compiles
-def test_the_cpu_engine_bounces_a_grain():
-    engine = backend.load("numba")
-    assert doctor.bounce(engine, "cpu") == pytest.approx(doctor.ASKED, abs=2e-3)
+def test_the_cpu_backend_bounces_a_grain():
+    backend = load("numba")
+    assert doctor.bounce(backend, "cpu") == pytest.approx(doctor.ASKED, abs=2e-3)
 
 
-def test_a_broken_engine_is_a_line_with_its_reason(monkeypatch):
+def test_a_broken_backend_is_a_line_with_its_reason(monkeypatch):
     def broken(_name):
-        raise backend.BackendMissing("the engine numba is there but cannot be loaded (no llvmlite)")
+        raise BackendMissing("the backend numba is there but cannot be loaded (no llvmlite)")
 
-    monkeypatch.setattr(backend, "load", broken)
-    monkeypatch.setattr(backend, "installed", lambda: {"numba": "labbook_numba:Backend"})
+    monkeypatch.setattr(doctor, "load", broken)
+    monkeypatch.setattr(doctor, "installed", lambda: {"numba": "labbook_numba:Backend"})
     found = doctor.examine()
-    assert [engine.works for engine in found.engines] == [False]
-    assert "no llvmlite" in found.engines[0].note
+    assert [backend.works for backend in found.backends] == [False]
+    assert "no llvmlite" in found.backends[0].note
 
 
 class TwoDevices(labbook_toy.Backend):
@@ -41,22 +42,22 @@ class TwoDevices(labbook_toy.Backend):
 def test_every_device_is_a_line_that_works_or_says_why_not(monkeypatch):
     tried = []
 
-    def bounce(engine, device):
+    def bounce(backend, device):
         tried.append(device)
         if device == "cpu":
             return doctor.ASKED
-        return engine.open(engine.specialise(hopper(), Numerics(dt=1e-5)), 1, device)
+        return backend.open(backend.specialise(hopper(), Numerics(dt=1e-5)), 1, device)
 
-    monkeypatch.setattr(backend, "installed", lambda: {"toy": "labbook_toy:Backend"})
-    monkeypatch.setattr(backend, "load", lambda _name: TwoDevices())
+    monkeypatch.setattr(doctor, "installed", lambda: {"toy": "labbook_toy:Backend"})
+    monkeypatch.setattr(doctor, "load", lambda _name: TwoDevices())
     monkeypatch.setattr(doctor, "bounce", bounce)
-    found = doctor.examine().engines
-    assert [(engine.name, engine.device, engine.works) for engine in found] == [
+    found = doctor.examine().backends
+    assert [(backend.name, backend.device, backend.works) for backend in found] == [
         ("toy", "cpu", True),
         ("toy", "cuda:0", False),
     ]
     assert tried == ["cpu", "cuda:0"]
-    assert "Unsupported: device: the toy engine runs on cpu only" in found[1].note
+    assert "Unsupported: device: the toy backend runs on cpu only" in found[1].note
     result = CliRunner().invoke(build(), ["doctor"], env={"COLUMNS": "300"})
     assert result.exit_code == 0, "one device that works is enough"
     assert "letting a grain bounce with toy on cuda:0 (compiles the first time)" in result.stderr
@@ -69,39 +70,39 @@ class Surveyed(TwoDevices):
     """Finds two GPUs, of which it is made for the first."""
 
     def survey(self):
-        gpus = tuple(backend.Device(f"cuda:{k}", "Toy GPU", (8 + k) * 2**30) for k in range(2))
-        return backend.Survey({"Toy": "7.1", "CUDA": "none"}, (backend.Device("cpu", "toy CPU"), *gpus))
+        gpus = tuple(Device(f"cuda:{k}", "Toy GPU", (8 + k) * 2**30) for k in range(2))
+        return Survey({"Toy": "7.1", "CUDA": "none"}, (Device("cpu", "toy CPU"), *gpus))
 
 
 def test_every_device_that_is_there_is_named_with_its_memory(monkeypatch):
-    monkeypatch.setattr(backend, "installed", lambda: {"toy": "labbook_toy:Backend"})
-    monkeypatch.setattr(backend, "load", lambda _name: Surveyed())
-    monkeypatch.setattr(doctor, "bounce", lambda _engine, _device: doctor.ASKED)
+    monkeypatch.setattr(doctor, "installed", lambda: {"toy": "labbook_toy:Backend"})
+    monkeypatch.setattr(doctor, "load", lambda _name: Surveyed())
+    monkeypatch.setattr(doctor, "bounce", lambda _backend, _device: doctor.ASKED)
     found = doctor.examine()
     assert found.versions == {"toy": {"Toy": "7.1", "CUDA": "none"}}
-    named = [(engine.device, engine.what) for engine in found.engines]
+    named = [(backend.device, backend.what) for backend in found.backends]
     assert named == [("cpu", "toy CPU"), ("cuda:0", "Toy GPU, 8 GiB"), ("cuda:1", "Toy GPU, 9 GiB")]
     result = CliRunner().invoke(build(), ["doctor"], env={"COLUMNS": "300"})
     assert "toy: Toy 7.1, CUDA none" in result.stdout
     assert "Toy GPU, 9 GiB" in result.stdout
 
 
-def test_an_engine_that_cannot_look_around_is_a_line_with_its_reason(monkeypatch):
+def test_an_backend_that_cannot_look_around_is_a_line_with_its_reason(monkeypatch):
     class Blind(TwoDevices):
         def survey(self):
             raise RuntimeError("no library libtoy")
 
-    monkeypatch.setattr(backend, "installed", lambda: {"toy": "labbook_toy:Backend"})
-    monkeypatch.setattr(backend, "load", lambda _name: Blind())
-    found = doctor.examine().engines
-    assert [(engine.works, engine.note) for engine in found] == [(False, "RuntimeError: no library libtoy")]
+    monkeypatch.setattr(doctor, "installed", lambda: {"toy": "labbook_toy:Backend"})
+    monkeypatch.setattr(doctor, "load", lambda _name: Blind())
+    found = doctor.examine().backends
+    assert [(backend.works, backend.note) for backend in found] == [(False, "RuntimeError: no library libtoy")]
 
 
-def test_the_gpu_engine_names_what_it_stands_on():
+def test_the_gpu_backend_names_what_it_stands_on():
     wp = pytest.importorskip("warp")
-    engine = backend.load("warp")
-    assert isinstance(engine, backend.Surveys)
-    found = engine.survey()
+    backend = load("warp")
+    assert isinstance(backend, Surveys)
+    found = backend.survey()
     assert found.versions["Warp"] == wp.config.version
     assert found.versions["CUDA that the driver supports"] != "none" or wp.get_cuda_device_count() == 0
     assert {device.alias for device in found.devices} == {device.alias for device in wp.get_devices()}
@@ -120,12 +121,12 @@ def test_a_build_of_warp_without_a_cpu_device_is_not_told_to_use_it():
 
 
 def test_the_self_test_opens_the_device_it_is_asked_for():
-    with pytest.raises(backend.Unsupported, match="cuda:0"):
-        doctor.bounce(backend.load("numba"), "cuda:0")
+    with pytest.raises(Unsupported, match="cuda:0"):
+        doctor.bounce(load("numba"), "cuda:0")
 
 
-def test_no_working_engine_is_exit_status_one(monkeypatch):
-    monkeypatch.setattr(backend, "installed", dict)
+def test_no_working_backend_is_exit_status_one(monkeypatch):
+    monkeypatch.setattr(doctor, "installed", dict)
     result = CliRunner().invoke(build(), ["doctor", "--json"])
     assert result.exit_code == 1
-    assert json.loads(result.stdout)["engines"] == []
+    assert json.loads(result.stdout)["backends"] == []

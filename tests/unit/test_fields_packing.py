@@ -1,4 +1,4 @@
-"""The stress of a packing that the CPU engine made balances gravity."""
+"""The stress of a packing that the CPU backend made balances gravity."""
 
 import numpy as np
 import pytest
@@ -25,8 +25,8 @@ def test_a_frictionless_bed_carries_its_weight_at_every_height():
         contact=HertzMindlin(shear_modulus=5e6, poisson_ratio=0.25, friction=0, restitution=0.2),
         container=WedgeHopper(width=0.036, height=0.2, thickness=1.01 * D, orifice=0.02),
     ).close()
-    engine, numerics = load("numba"), Numerics(dt=1e-5)
-    ensemble = engine.open(engine.specialise(scene, numerics, [SAMPLE, CONTACTS]), 1, "cpu")
+    backend, numerics = load("numba"), Numerics(dt=1e-5)
+    ensemble = backend.open(backend.specialise(scene, numerics, [SAMPLE, CONTACTS]), 1, "cpu")
     ensemble.admit(scene, numerics, place(scene, "rain", 1), settled_below=1e-10)
     for _ in range(600):
         tables = None

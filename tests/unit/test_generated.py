@@ -18,7 +18,7 @@ from labbook_numba import build as on_the_processor
 from labbook_warp import build as on_the_gpu
 
 
-def test_one_thread_at_a_time_makes_kernels_whichever_engine_they_are_for(monkeypatch):
+def test_one_thread_at_a_time_makes_kernels_whichever_backend_they_are_for(monkeypatch):
     """Python's parser, which source and compilers call, fails in two threads at once before 3.11.8."""
     busy, most = [], []
 

@@ -134,7 +134,7 @@ HARMS = {
     "nan position": of_columns("checkpoint.npz", x=lambda x: x * np.nan),
     "foreign grains": of_columns("checkpoint.npz", ids=lambda ids: ids + 1000),
     "foreign step": of_columns("checkpoint.npz", count=lambda count: count + 1),
-    "foreign engine": of_columns(
+    "foreign backend": of_columns(
         "checkpoint.npz", _meta=lambda meta: np.array('{"engine": "numba", "cache_version": 5}')
     ),
     "large": lambda run: os.truncate(run / "run.json", 2**27),

@@ -24,19 +24,19 @@ def scene(**changes) -> Scene:
     return Scene(**{**given, **changes})
 
 
-def engine(name="numba", version=1) -> Capabilities:
+def backend(name="numba", version=1) -> Capabilities:
     none: frozenset[str] = frozenset()
     return Capabilities(name, version, none, none, none, none, ("cpu",))
 
 
-def identities(scene_=None, engine_=None, filling=None, numerics=None) -> identity.Keys:
+def identities(scene_=None, backend_=None, filling=None, numerics=None) -> identity.Keys:
     one = scene_ or scene()
     return identity.run_keys(
         identity.scene_key(one),
         identity.scene_key(one.close()),
         filling or Filling("rain", 1, 1e-6, 1),
         numerics or Numerics(dt=2.5e-6),
-        engine_ or engine(),
+        backend_ or backend(),
     )
 
 
@@ -116,15 +116,15 @@ def test_guards_are_no_part_of_a_key_but_steps_are():
         assert identities(numerics=Numerics(**{"dt": 2.5e-6, **change})).run != plain.run
 
 
-def test_engines_share_an_experiment_only_by_sharing_a_packing():
-    one, other = identities(), identities(engine_=engine("warp"))
+def test_backends_share_an_experiment_only_by_sharing_a_packing():
+    one, other = identities(), identities(backend_=backend("warp"))
     assert one.scene == other.scene
     assert one.experiment != other.experiment
     assert one.run != other.run
 
 
-def test_a_new_version_of_the_engine_is_another_run_of_the_same_lineage():
-    old, new = identities(), identities(engine_=engine(version=2))
+def test_a_new_version_of_the_backend_is_another_run_of_the_same_lineage():
+    old, new = identities(), identities(backend_=backend(version=2))
     assert old.run != new.run
     assert old.packing != new.packing
     assert old.lineage == new.lineage
@@ -143,13 +143,13 @@ def test_a_filling_in_which_no_grain_may_move_keeps_the_key_it_had_before_there_
     filling = {"kind": "rain", "seed": 1, "settled_below": 1e-6, "placing": 1}
     numerics, closed = Numerics(dt=2.5e-6), identity.scene_key(scene().close())
     without = {"scene": closed, "filling": filling, "numerics": identity.numerics_identity(numerics), "maker": "numba"}
-    expected = digest({**without, "cache_version": engine().cache_version})
+    expected = digest({**without, "cache_version": backend().cache_version})
     made = Filling(**filling, moving=0.0)
-    assert identity.packing_key(closed, made, numerics, engine().name, engine().cache_version) == expected
+    assert identity.packing_key(closed, made, numerics, backend().name, backend().cache_version) == expected
 
 
 def test_a_packings_maker_decides_the_experiment_and_not_who_goes_on_from_it():
-    numba, warp = engine(), engine("warp")
+    numba, warp = backend(), backend("warp")
     one = scene()
     given = (identity.scene_key(one), identity.scene_key(one.close()), Filling("rain", 1, 1e-6, 1), Numerics(dt=2.5e-6))
     maker = identity.Maker(numba, given[-1])

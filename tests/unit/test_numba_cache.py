@@ -28,9 +28,9 @@ law = HertzMindlin(shear_modulus=1e6, poisson_ratio=0.25, restitution=0.5)
 scene = Scene(grains=grains, contact=law, container=Primitives(), gravity=0)
 x = np.array([[0, 0, 0], [3.001e-3, 0, 0]])
 v = np.array([[0.1, 0, 0], [-0.1, 0, 0]])
-engine, numerics = Backend(), Numerics(dt=1e-5)
-spec = engine.specialise(scene, numerics)
-ensemble = engine.open(spec)
+backend, numerics = Backend(), Numerics(dt=1e-5)
+spec = backend.specialise(scene, numerics)
+ensemble = backend.open(spec)
 member = ensemble.admit(scene, numerics, Packing(x=x, v=v, omega=np.zeros((2, 3))))
 ensemble.advance(1)
 switches = tuple((name, spec.feature(name)) for name in build.SWITCHES)
@@ -57,7 +57,7 @@ def collide(sources: Path, cache: Path) -> dict:
 
 @pytest.fixture
 def sources(tmp_path) -> Path:
-    """A copy of the engine and its physics that may be edited."""
+    """A copy of the backend and its physics that may be edited."""
     folder = tmp_path / "sources"
     for package in ("labbook_dem", "labbook_numba"):
         shutil.copytree(ROOT / "backends" / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))

@@ -1,4 +1,4 @@
-"""What the CPU engine notices of states that went wrong."""
+"""What the CPU backend notices of states that went wrong."""
 
 from typing import Any
 
@@ -25,8 +25,8 @@ NUMERICS = Numerics(dt=1e-5, steps_per_beat=50)
 
 
 def test_a_spin_that_is_no_number_is_caught_although_its_grain_touches_nothing():
-    engine = load("numba")
-    ensemble: Any = engine.open(engine.specialise(APART, NUMERICS, [Crossing(), Ledger()]), 1)
+    backend = load("numba")
+    ensemble: Any = backend.open(backend.specialise(APART, NUMERICS, [Crossing(), Ledger()]), 1)
     try:
         sound = ensemble.admit(APART, NUMERICS, grains_at([[0, 0, 1], [0.1, 0, 1], [0.2, 0, 1]]))
         ensemble.advance(1)
@@ -34,7 +34,7 @@ def test_a_spin_that_is_no_number_is_caught_although_its_grain_touches_nothing()
         harmed = {name: np.array(array) for name, array in saved.arrays.items()}
         harmed["grains"][1, W + 2] = np.nan
         with pytest.raises(ValueError, match="grains is not finite in row 1"):
-            ensemble.admit(APART, NUMERICS, Checkpoint(saved.engine, saved.cache_version, harmed))
+            ensemble.admit(APART, NUMERICS, Checkpoint(saved.backend, saved.cache_version, harmed))
         bad = ensemble.admit(APART, NUMERICS, saved)
         ensemble._runs[bad].state.grains[1, W + 2] = np.nan  # as if the law had given it
         (event,) = ensemble.advance(3)

@@ -1,4 +1,4 @@
-"""The CPU engine, with its lists, blocks and registers, moves grains as a plain loop over contacts does."""
+"""The CPU backend, with its lists, blocks and registers, moves grains as a plain loop over contacts does."""
 
 import sys
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("numba")
 sys.path.insert(0, str(Path(__file__).parent))
 
-from plain_engine import Plain
+from plain_backend import Plain
 
 from labbook.backend import load
 from labbook.backend.numerics import Numerics
@@ -36,8 +36,8 @@ def test_both_move_alike(law, precision):
     scene = hopper().close()
     scene = scene.model_copy(update={"contact": LAWS[law](**SOFT[law])})
     numerics = Numerics.model_validate({"dt": DT, "precision": precision, "steps_per_beat": STEPS})
-    engine = load("numba")
-    ensemble = engine.open(engine.specialise(scene, numerics), 1)
+    backend = load("numba")
+    ensemble = backend.open(backend.specialise(scene, numerics), 1)
     member = ensemble.admit(scene, numerics, place(scene, "gas", 1))
     ensemble.advance(40)
     start = ensemble.packing(member)

@@ -43,8 +43,8 @@ def numerics(precision: str) -> Numerics:
 
 @pytest.fixture(scope="module")
 def start():
-    engine, closed = Backend(), silo().close()
-    ensemble = engine.open(engine.specialise(closed, numerics("double")), 1)
+    backend, closed = Backend(), silo().close()
+    ensemble = backend.open(backend.specialise(closed, numerics("double")), 1)
     member = ensemble.admit(closed, numerics("double"), place(closed, "gas", 1))
     ensemble.advance(8)
     fallen = ensemble.packing(member)
@@ -54,8 +54,8 @@ def start():
 
 def discharged(threads: int, precision: str, start):
     """Rows, checkpoint and packing after a discharge; the arrays of the checkpoint without what lies behind lists."""
-    engine = Backend(threads=threads)
-    ensemble = engine.open(engine.specialise(silo(), numerics(precision), PROBES), 1)
+    backend = Backend(threads=threads)
+    ensemble = backend.open(backend.specialise(silo(), numerics(precision), PROBES), 1)
     member = ensemble.admit(silo(), numerics(precision), start)
     assert not ensemble.advance(BEATS)
     found = ensemble.drain(), ensemble.checkpoint(member).arrays, ensemble.packing(member)
@@ -89,8 +89,8 @@ def test_bits_do_not_depend_on_threads(start, precision):
 def test_guards_blame_the_same_grain(start, change):
     messages = set()
     for threads in (1, 3):
-        engine, how = Backend(threads=threads), numerics("double").model_copy(update=change)
-        ensemble = engine.open(engine.specialise(silo(), how, PROBES), 1)
+        backend, how = Backend(threads=threads), numerics("double").model_copy(update=change)
+        ensemble = backend.open(backend.specialise(silo(), how, PROBES), 1)
         ensemble.admit(silo(), how, start)
         (event,) = ensemble.advance(BEATS)
         assert isinstance(event, Failed)
@@ -126,8 +126,8 @@ class Broken(Exception):
 
 def test_a_part_that_fails_does_not_keep_the_others_waiting(start):
     """All parts leave and the caller is told why, the member as it was; were they to wait, the test lets them go."""
-    engine = Backend(threads=3)
-    ensemble = engine.open(engine.specialise(silo(), numerics("double"), PROBES), 1)
+    backend = Backend(threads=3)
+    ensemble = backend.open(backend.specialise(silo(), numerics("double"), PROBES), 1)
     member = ensemble.admit(silo(), numerics("double"), start)
     run, before = ensemble._runs[member], ensemble.checkpoint(member)
     states, left, raised = [], [], []

@@ -18,13 +18,13 @@ from labbook.run.forecast import DEFAULT_SPEED, discharge_time, forecast
 from labbook.run.plan import Planner
 from labbook.run.provenance import provenance
 
-ENGINE = Backend().capabilities
+BACKEND = Backend().capabilities
 STOP = StopRule(discharged=0.6, max_time=10.0, stall=1.0)
 CROSSING = '{"kind":"crossing","plane":0.0}'
 
 
-def plan(asked, lab, engine=ENGINE):
-    return Planner(asked, Catalogue(lab), engine).plan()
+def plan(asked, lab, backend=BACKEND):
+    return Planner(asked, Catalogue(lab), backend).plan()
 
 
 def coverage(**changes) -> Coverage:
@@ -139,7 +139,7 @@ def test_the_forecast_of_a_discharge_is_of_the_right_size(tmp_path):
         assert discharge_time(demand.shared) == pytest.approx(run.record.coverage.duration, rel=0.25)
 
 
-def test_what_the_engine_lacks_is_said_before_anything_runs(tmp_path):
+def test_what_the_backend_lacks_is_said_before_anything_runs(tmp_path):
     asked = study_file(tmp_path)
     asked.write_text(asked.read_text().replace("numerics: {", "numerics: {precision: mixed, "))
     for verb in ("plan", "run"):

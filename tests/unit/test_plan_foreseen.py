@@ -37,23 +37,23 @@ RESULTS = Path(__file__).parents[2] / "benchmarks/results"
 LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
 
 
-def engine_of(name: str, **more):
-    """The toy engine under another name, which its speeds are looked up by."""
+def backend_of(name: str, **more):
+    """The toy backend under another name, which its speeds are looked up by."""
     return type("Named", (labbook_toy.Backend,), {"NAME": name, **more})()
 
 
 def planned(tmp_path, name="toy", beat=200, more=(), **changes):
     """beat: steps of one."""
-    engine, lab = engine_of(name), Catalogue(tmp_path / "lab")
+    backend, lab = backend_of(name), Catalogue(tmp_path / "lab")
     path = study_file(tmp_path, *more, **changes)
     path.write_text(path.read_text().replace("steps_per_beat: 200", f"steps_per_beat: {beat}"))
-    return Planner(load(path), lab, engine.capabilities).plan(), lab, engine
+    return Planner(load(path), lab, backend.capabilities).plan(), lab, backend
 
 
 TIMINGS = {}
 for _one in json.loads((RESULTS / "2026-11-22-batch-warp-h200.json").read_text())["timings"]:
     TIMINGS.setdefault((_one["scene"], _one["members"], _one["precision"]), _one)
-"""With the engine's own number of threads a grain; later ones of the same name vary that."""
+"""With the backend's own number of threads a grain; later ones of the same name vary that."""
 
 
 @pytest.mark.parametrize("timing", TIMINGS.values(), ids=map(str, TIMINGS))
@@ -67,7 +67,7 @@ def test_steps_on_a_gpu_cost_what_was_measured(timing):
 
 def test_steps_on_a_core_cost_what_was_measured():
     """The median of what was measured with 2000 to 10 000 grains, within 25 %; with 100 000, within 20 %."""
-    found = json.loads((RESULTS / "2026-11-22-engine-numba-loaded.json").read_text())["rates"]
+    found = json.loads((RESULTS / "2026-11-22-backend-numba-loaded.json").read_text())["rates"]
     for one in (one for one in found if one["grains"] <= 10_000):
         shape = "spherocylinder" if one["case"].startswith("rods") else "sphere"
         rate = MEASURED["numba", "cpu", shape, one["precision"], True]
@@ -77,13 +77,13 @@ def test_steps_on_a_core_cost_what_was_measured():
 
 
 def test_replicates_on_a_gpu_go_on_side_by_side(tmp_path):
-    """Of 5e6 grain-steps a second, as on one core of an unknown engine, they would take a thousand times as long."""
-    made, lab, engine = planned(tmp_path, "warp", beat=50_000, count=3000, replicates=40)
-    ahead = forecast.forecast(made, lab, "none", "cuda:0", 1, engine)
+    """Of 5e6 grain-steps a second, as on one core of an unknown backend, they would take a thousand times as long."""
+    made, lab, backend = planned(tmp_path, "warp", beat=50_000, count=3000, replicates=40)
+    ahead = forecast.forecast(made, lab, "none", "cuda:0", 1, backend)
     assert ahead.seconds - ahead.compiling < 2 * 60 * 200e3 * 1e-6
     assert ahead.grain_steps / DEFAULT_SPEED > 100 * ahead.seconds
     assert "H200" in ahead.basis
-    alone = forecast.forecast(made, lab, "none", "cuda:0", 1, engine, members=1)
+    alone = forecast.forecast(made, lab, "none", "cuda:0", 1, backend, members=1)
     assert alone.seconds > 3 * ahead.seconds
 
 
@@ -91,7 +91,9 @@ def test_the_host_reads_every_probe_of_every_member_at_each_beat(tmp_path):
     """Beside an H100, 24 runs of a hopper with profiles, 8 of them recorded, took 116 s; their steps alone 24 s."""
     every = (1000, 2000, 4000)
     plans = [planned(tmp_path, "warp", beat=beat, replicates=20) for beat in every]
-    one, two, four = (forecast.forecast(made, lab, "none", "cuda:0", 1, engine).seconds for made, lab, engine in plans)
+    one, two, four = (
+        forecast.forecast(made, lab, "none", "cuda:0", 1, backend).seconds for made, lab, backend in plans
+    )
     assert one - two == pytest.approx(2 * (two - four))
     made, *_ = plans[0]
     beats = sum(forecast.discharge_time(item.demand.shared) / item.demand.shared.numerics.beat for item in made.todo)
@@ -100,8 +102,8 @@ def test_the_host_reads_every_probe_of_every_member_at_each_beat(tmp_path):
 
 def test_a_recorded_replicate_goes_on_beside_others_of_its_kind_only(tmp_path):
     one, two = (
-        forecast.forecast(made, lab, "none", "cuda:0", 1, engine)
-        for made, lab, engine in (
+        forecast.forecast(made, lab, "none", "cuda:0", 1, backend)
+        for made, lab, backend in (
             planned(tmp_path, "warp", beat=100_000, replicates=4),
             planned(tmp_path, "warp", beat=100_000, replicates=4, more=["record: {every: 10 s, replicates: 1}"]),
         )
@@ -112,8 +114,8 @@ def test_a_recorded_replicate_goes_on_beside_others_of_its_kind_only(tmp_path):
 
 def test_compiling_counts_once_for_every_set_of_features(tmp_path, monkeypatch):
     monkeypatch.setattr(forecast, "wide_vectors", lambda: True)
-    made, lab, engine = planned(tmp_path, "numba")
-    ahead = forecast.forecast(made, lab, "none", "cpu", 2, engine)
+    made, lab, backend = planned(tmp_path, "numba")
+    ahead = forecast.forecast(made, lab, "none", "cpu", 2, backend)
     filling_and_discharge = 2
     assert (ahead.sets, ahead.compiling) == (filling_and_discharge, 2 * 9)
     assert ahead.seconds > ahead.compiling
@@ -121,8 +123,8 @@ def test_compiling_counts_once_for_every_set_of_features(tmp_path, monkeypatch):
 
 
 def test_no_more_lanes_help_than_the_longest_run_lets(tmp_path):
-    made, lab, engine = planned(tmp_path, replicates=1, orifices="[18]")
-    one, many = (forecast.forecast(made, lab, "none", "cpu", lanes, engine).seconds for lanes in (1, 64))
+    made, lab, backend = planned(tmp_path, replicates=1, orifices="[18]")
+    one, many = (forecast.forecast(made, lab, "none", "cpu", lanes, backend).seconds for lanes in (1, 64))
     assert one == pytest.approx(many)
 
 
@@ -142,13 +144,13 @@ def test_speeds_of_other_shapes_do_not_count(tmp_path):
 
 def test_large_runs_of_the_lab_are_forecast_at_the_speed_that_they_had(tmp_path, monkeypatch):
     """Beyond the caches a grain-step is dearer, and the recorded speed of a large run says so already."""
-    made, lab, engine = planned(tmp_path, count=100_000)
+    made, lab, backend = planned(tmp_path, count=100_000)
     monkeypatch.setattr(lab, "speeds", lambda *_: [("any", 100_000, 1e7)])
     monkeypatch.setattr(forecast._Speeds, "_shape", lambda *_: "sphere")
-    ahead = forecast.forecast(made, lab, "here", "cpu", 1, engine)
+    ahead = forecast.forecast(made, lab, "here", "cpu", 1, backend)
     assert ahead.speed == pytest.approx(1e7)
     small, *_ = planned(tmp_path, count=1000)
-    assert forecast.forecast(small, lab, "here", "cpu", 1, engine).speed > 1.5e7
+    assert forecast.forecast(small, lab, "here", "cpu", 1, backend).speed > 1.5e7
 
 
 def scene(container, grains=None) -> Scene:
@@ -323,14 +325,14 @@ def test_grains_that_memory_cannot_hold_are_refused(tmp_path):
 
 def test_a_device_that_is_not_there_is_said_by_plan(tmp_path):
     made, _, _ = planned(tmp_path)
-    engine = engine_of("toy", survey=lambda self: Survey({}, (Device("cpu", "a processor"),)))
-    engine.capabilities = type(engine.capabilities)(**{**vars(engine.capabilities), "devices": ("cpu", "cuda:0")})
-    check(engine, "cpu", made.points)
+    backend = backend_of("toy", survey=lambda self: Survey({}, (Device("cpu", "a processor"),)))
+    backend.capabilities = type(backend.capabilities)(**{**vars(backend.capabilities), "devices": ("cpu", "cuda:0")})
+    check(backend, "cpu", made.points)
     with pytest.raises(Unsupported, match="there is no device cuda:0 here; there is cpu"):
-        check(engine, "cuda:0", made.points)
+        check(backend, "cuda:0", made.points)
 
 
-def test_an_engine_that_cannot_be_imported_is_told_by_plan(tmp_path, monkeypatch):
+def test_an_backend_that_cannot_be_imported_is_told_by_plan(tmp_path, monkeypatch):
     def missing(*_):
         raise ModuleNotFoundError("No module named 'warp'")
 

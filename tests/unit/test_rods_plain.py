@@ -1,4 +1,4 @@
-"""Either engine moves rods as plain Python does, contact by contact, and lists every pair that touches."""
+"""Either backend moves rods as plain Python does, contact by contact, and lists every pair that touches."""
 
 import sys
 from dataclasses import replace
@@ -35,7 +35,7 @@ PROBES = Contacts(), Sample(fields=("x", "q")), Ledger()
 def compiled_once(scene: Scene) -> Scene:
     """The scene with the law of the plain loop, an outlet and every kind of wall, of which one turns.
 
-    An engine so compiles one set of kernels for all of them.
+    A backend so compiles one set of kernels for all of them.
     """
     hertz = HertzMindlin(shear_modulus=2e6, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.5)
     walls = scene.container.walls()
@@ -49,7 +49,7 @@ def compiled_once(scene: Scene) -> Scene:
 def run(stand: Stand, scene: Scene, start: Packing, beats: int, **further):
     """One member, advanced: its packing and rows."""
     how = numerics(stand.precision, overlap_limit=1.0, **further)
-    return advanced(stand.engine, scene, how, start, beats, PROBES, stand.device)
+    return advanced(stand.backend, scene, how, start, beats, PROBES, stand.device)
 
 
 @pytest.fixture(scope="module", params=[where(stand) for stand in stands() if stand.device == "cpu"])

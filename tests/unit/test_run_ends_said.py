@@ -1,4 +1,4 @@
-"""What `labbook run` says at its end, with which exit status; and engines whose packages are missing."""
+"""What `labbook run` says at its end, with which exit status; and backends whose packages are missing."""
 
 import json
 import sys
@@ -11,16 +11,16 @@ from toy_records import records
 from labbook.backend import BackendMissing, Failed, load
 from labbook.lab import RunRecord
 
-ENGINE = ("--backend", "toy")
+BACKEND = ("--backend", "toy")
 
 
 def test_a_study_that_is_complete_ends_with_what_to_do_next(tmp_path):
     path, lab = study_file(tmp_path), tmp_path / "my lab"
-    ended = labbook("run", path, "--lab", lab, *ENGINE)
+    ended = labbook("run", path, "--lab", lab, *BACKEND)
     assert ended.exit_code == 0
     assert ended.stdout.splitlines()[-1] == f"Next: labbook report {path} --lab '{lab}' --backend toy"
     study_file(tmp_path, "record: {every: 4 ms, replicates: 1}")
-    *_, report, view = labbook("run", path, "--lab", lab, *ENGINE).stdout.splitlines()
+    *_, report, view = labbook("run", path, "--lab", lab, *BACKEND).stdout.splitlines()
     assert report.startswith("Next: labbook report")
     assert view.strip() == f"labbook view {path} --lab '{lab}' --backend toy"
 
@@ -28,7 +28,7 @@ def test_a_study_that_is_complete_ends_with_what_to_do_next(tmp_path):
 def test_a_run_that_diverged_is_named_each_time_with_exit_status_one(tmp_path):
     path, lab = study_file(tmp_path), tmp_path / "lab"
     for _ in range(2):
-        ended = labbook("run", path, "--lab", lab, *ENGINE, check=False, LABBOOK_TOY_FAILS="18")
+        ended = labbook("run", path, "--lab", lab, *BACKEND, check=False, LABBOOK_TOY_FAILS="18")
         assert ended.exit_code == 1
         assert "4 of 4 runs done" in ended.stdout
         assert "Diverged: orifice 18 mm, seeds 1, 2: stopped by a guard, and left out of every mean" in ended.stdout
@@ -53,7 +53,7 @@ class Failing(labbook_toy.Backend):
 
 def test_a_filling_that_fails_a_guard_says_so_in_words(tmp_path):
     lab = tmp_path / "lab"
-    summary = carry_out(study(tmp_path, replicates=1), lab, engine=Failing())
+    summary = carry_out(study(tmp_path, replicates=1), lab, backend=Failing())
     (why,) = summary.tally.failed
     assert why.startswith("packing, seed 1: grain 45 at step 6 (0.06 ms, dt = 10 us) moves at 143 m/s (while filling; ")
     assert "Failed(" not in why
@@ -71,25 +71,25 @@ def test_runs_of_older_versions_that_came_to_the_end_of_their_time_can_be_read(t
     assert {record.outcome for record in records(tmp_path / "lab").values()} == {"time-limit"}
     labbook("reindex", "--lab", tmp_path / "lab")
     assert not carry_out(asked, tmp_path / "lab").tally.ran
-    plan = labbook("plan", study_file(tmp_path, replicates=1), "--lab", tmp_path / "lab", *ENGINE).stdout
+    plan = labbook("plan", study_file(tmp_path, replicates=1), "--lab", tmp_path / "lab", *BACKEND).stdout
     assert "out of time after 0.02 s" in " ".join(plan.split())
 
 
-@pytest.mark.parametrize(("engine", "module"), [("warp", "warp"), ("numba", "numba")])
-def test_an_engine_without_its_package_is_one_line_with_the_remedy(tmp_path, monkeypatch, engine, module):
+@pytest.mark.parametrize(("backend", "module"), [("warp", "warp"), ("numba", "numba")])
+def test_an_backend_without_its_package_is_one_line_with_the_remedy(tmp_path, monkeypatch, backend, module):
     monkeypatch.setitem(sys.modules, module, None)
-    remedy = f"pip install 'labbook[{engine}]'"
+    remedy = f"pip install 'labbook[{backend}]'"
     with pytest.raises(BackendMissing, match=f"needs the package {module}, which is not installed"):
-        load(engine)
+        load(backend)
     path, lab = study_file(tmp_path), tmp_path / "lab"
     for words in (
-        ("run", path, "--lab", lab, "--backend", engine),
-        ("plan", path, "--lab", lab, "--backend", engine),
-        ("verify", "--backend", engine),
-        ("bench", "engine", "--backend", engine),
-        ("bench", "batch", "--backend", engine),
-        ("bench", "elongation", "--backend", engine),
-        ("compare", path, "--lab", lab, "--backends", f"toy,{engine}"),
+        ("run", path, "--lab", lab, "--backend", backend),
+        ("plan", path, "--lab", lab, "--backend", backend),
+        ("verify", "--backend", backend),
+        ("bench", "backend", "--backend", backend),
+        ("bench", "batch", "--backend", backend),
+        ("bench", "elongation", "--backend", backend),
+        ("compare", path, "--lab", lab, "--backends", f"toy,{backend}"),
     ):
         ended = labbook(*words, check=False)
         assert ended.exit_code, words

@@ -76,7 +76,7 @@ def test_what_is_emptied_is_done_whatever_is_asked(tmp_path):
 
 def test_a_guard_ends_one_run_and_others_go_on(tmp_path):
     asked = study(tmp_path, replicates=1)
-    summary = carry_out(asked, tmp_path / "lab", engine=Backend(fails=18))
+    summary = carry_out(asked, tmp_path / "lab", backend=Backend(fails=18))
     assert outcomes(summary) == ["diverged", "finished"]
     failed = records(tmp_path / "lab")["orifice 18 mm", 1]
     assert failed.failure is not None
@@ -128,7 +128,7 @@ def test_an_overflow_fails_its_run_loudly_and_others_go_on(tmp_path):
 
         overflows = 1
 
-    summary = carry_out(study(tmp_path), tmp_path / "lab", engine=Small())
+    summary = carry_out(study(tmp_path), tmp_path / "lab", backend=Small())
     assert outcomes(summary) == ["finished"] * 3
     (why,) = summary.tally.failed
     assert "crossings: 1 row for 2" in why
@@ -163,7 +163,7 @@ def test_points_that_share_a_run_are_all_done_when_it_is(tmp_path):
 
 
 def test_a_shared_run_that_diverged_is_not_handed_to_and_fro(tmp_path):
-    summary = carry_out(twins(tmp_path, replicates=1), tmp_path / "lab", engine=Backend(fails=24))
+    summary = carry_out(twins(tmp_path, replicates=1), tmp_path / "lab", backend=Backend(fails=24))
     assert outcomes(summary) == ["diverged"]
 
 
@@ -226,11 +226,11 @@ def test_a_full_disk_ends_when_no_kernel_is_at_work_any_more(tmp_path, monkeypat
             return ensemble
 
     asked = study(tmp_path, orifices="[24]", replicates=2)
-    carry_out(asked, tmp_path / "before", engine=Slow(), lanes=1)  # so that no lane has yet to prepare
+    carry_out(asked, tmp_path / "before", backend=Slow(), lanes=1)  # so that no lane has yet to prepare
     quick.clear()
     monkeypatch.setattr("labbook.lab.journal.write_bytes", no_room)
     with pytest.raises(DiskFull):
-        carry_out(asked, tmp_path / "lab", engine=Slow(), lanes=2, checkpoint_every=0)
+        carry_out(asked, tmp_path / "lab", backend=Slow(), lanes=2, checkpoint_every=0)
     assert not at_work
 
 

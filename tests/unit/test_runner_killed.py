@@ -18,7 +18,7 @@ from labbook.cli import build
 from labbook.lab import Catalogue, DiskFull, Lab, RunRecord
 from labbook.lab import folder as lab_module
 
-ENGINE = ("--backend", "toy")
+BACKEND = ("--backend", "toy")
 
 
 def folders(lab: Path) -> dict[str, tuple[int, int]]:
@@ -58,17 +58,17 @@ def saved(lab: Path) -> dict[str, int]:
 
 
 @pytest.mark.parametrize(
-    ("engine", "count", "replicates", "delay"),
+    ("backend", "count", "replicates", "delay"),
     [
         ("toy", 300, 2, 0.004),
         pytest.param("numba", 200, 1, 0.0, marks=[pytest.mark.slow, pytest.mark.compiles]),
     ],
 )
-def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path, engine, count, replicates, delay):
+def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path, backend, count, replicates, delay):
     more, sizes = ("record: {every: 4 ms, replicates: 1}",), {"count": count, "replicates": replicates}
     path, lab, whole = study_file(tmp_path, *more, **sizes), tmp_path / "lab", tmp_path / "whole"
-    carry_out(study(tmp_path, *more, **sizes), whole, engine=load(engine))
-    words = ("run", path, "--lab", lab, "--backend", engine, "--checkpoint-every", 0.05)
+    carry_out(study(tmp_path, *more, **sizes), whole, backend=load(backend))
+    words = ("run", path, "--lab", lab, "--backend", backend, "--checkpoint-every", 0.05)
     chance = random.Random(7)
     kills, cut = 0, set()
     runs = {path.name for path in (whole / "runs").iterdir()}
@@ -139,7 +139,7 @@ def test_what_a_kill_left_of_finished_work_is_removed(tmp_path):
 def test_asked_to_stop_it_saves_and_says_how_to_go_on(tmp_path, number):
     path = study_file(tmp_path, count=100)
     lab = tmp_path / "lab"
-    process = start("run", path, "--lab", lab, *ENGINE, delay=0.02)
+    process = start("run", path, "--lab", lab, *BACKEND, delay=0.02)
     deadline = time.monotonic() + 60
     while not list((lab / "packings").glob("*")) and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -150,9 +150,9 @@ def test_asked_to_stop_it_saves_and_says_how_to_go_on(tmp_path, number):
     assert "the same command goes on from here" in out
     left = set(begun(lab))
     assert left, "what was going on is saved, though no checkpoint was due"
-    shown = labbook("plan", path, "--lab", lab, *ENGINE).stdout
+    shown = labbook("plan", path, "--lab", lab, *BACKEND).stdout
     assert "goes on from its checkpoint" in shown
-    labbook("run", path, "--lab", lab, *ENGINE)
+    labbook("run", path, "--lab", lab, *BACKEND)
     carry_out(study(tmp_path, count=100), tmp_path / "whole")
     same(lab, tmp_path / "whole")
 
@@ -160,7 +160,7 @@ def test_asked_to_stop_it_saves_and_says_how_to_go_on(tmp_path, number):
 def test_two_at_once_neither_repeat_nor_corrupt(tmp_path):
     path = study_file(tmp_path, orifices="[18, 20, 22, 24]", count=300)
     lab = tmp_path / "lab"
-    both = [start("run", path, "--lab", lab, *ENGINE, delay=0.002) for _ in range(2)]
+    both = [start("run", path, "--lab", lab, *BACKEND, delay=0.002) for _ in range(2)]
     ended = [process.communicate(timeout=60) for process in both]
     assert [process.returncode for process in both] == [0, 0], ended
     assert len(Catalogue(lab).runs()) == 8
@@ -178,7 +178,7 @@ def test_two_at_once_neither_repeat_nor_corrupt(tmp_path):
 def test_a_claim_is_free_as_soon_as_its_process_is_killed(tmp_path):
     path = study_file(tmp_path, replicates=1)
     lab = tmp_path / "lab"
-    process = start("run", path, "--lab", lab, *ENGINE, delay=0.05)
+    process = start("run", path, "--lab", lab, *BACKEND, delay=0.05)
     deadline = time.monotonic() + 60
     while not list((lab / "work").glob("*.lock")) and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -225,6 +225,6 @@ def test_a_full_disk_ends_the_command_with_a_clear_message(tmp_path, monkeypatch
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(lab_module.os, "fsync", full)
-    done = CliRunner().invoke(build(), ["run", str(path), "--lab", str(tmp_path / "lab"), *ENGINE])
+    done = CliRunner().invoke(build(), ["run", str(path), "--lab", str(tmp_path / "lab"), *BACKEND])
     assert done.exit_code == 1
     assert "no room is left on the disk" in done.output

@@ -35,13 +35,13 @@ def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, mon
     begun = []
     begin = FillJob.begin
     monkeypatch.setattr(FillJob, "begin", lambda job: begun.append(job.key) or begin(job))
-    asked, engine, lab = study(tmp_path), Backend(), Lab(tmp_path / "lab")
+    asked, backend, lab = study(tmp_path), Backend(), Lab(tmp_path / "lab")
     catalogue, index = Catalogue(lab), Index(lab)
     try:
-        planner = Planner(asked, catalogue, engine.capabilities)
-        board = Board(Bench(lab, engine, "cpu"), planner, index, Observe(measure=asked.measure, start=0, end=1))
+        planner = Planner(asked, catalogue, backend.capabilities)
+        board = Board(Bench(lab, backend, "cpu"), planner, index, Observe(measure=asked.measure, start=0, end=1))
         board.pin(planner.plan())
-        other = Spec(engine="toy", features=(), steps_per_beat=7)
+        other = Spec(backend="toy", features=(), steps_per_beat=7)
         assert [board.next(other) for _ in range(5)] == [None] * 5
         assert len(begun) == len(set(begun)) == 2, "two packings"
         started = board.next()
@@ -61,7 +61,7 @@ def test_progress_tells_runs_from_packings(tmp_path):
             made = [len(list((tmp_path / "lab" / name).glob("*"))) for name in ("packings", "runs")]
             seen.append((view.fillings_left, view.runs_done, *made))
 
-    carry_out(study(tmp_path), tmp_path / "lab", engine=Backend(delay=0.1), watcher=Watch(), lanes=1)
+    carry_out(study(tmp_path), tmp_path / "lab", backend=Backend(delay=0.1), watcher=Watch(), lanes=1)
     assert len({left for left, *_ in seen}) > 1, "it was looked at while packings were being made, and later"
     for left, done, packings, runs in seen:
         assert (left, done) == (2 - packings, runs)
@@ -87,22 +87,22 @@ class Compiling(Backend):
 
 class CompilingEnsemble(Ensemble):
     def advance(self, beats=1):
-        engine = self._backend
-        if self._spec not in engine.compiled:
-            engine.clashes += engine.at_it > 0
-            engine.at_it += 1
+        backend = self._backend
+        if self._spec not in backend.compiled:
+            backend.clashes += backend.at_it > 0
+            backend.at_it += 1
             time.sleep(0.1)
-            engine.at_it -= 1
-            engine.compiled.add(self._spec)
+            backend.at_it -= 1
+            backend.compiled.add(self._spec)
         return super().advance(beats)
 
 
 def test_lanes_leave_compiling_at_the_first_beat_to_one_of_them(tmp_path):
-    engine = Compiling()
+    backend = Compiling()
     # a number of steps that no other test has: what was used before in this process is known
     asked = study_file(tmp_path, replicates=4)
     asked.write_text(asked.read_text().replace("steps_per_beat: 200", "steps_per_beat: 187"))
-    summary = carry_out(load(asked), tmp_path / "lab", engine=engine, lanes=4)
+    summary = carry_out(load(asked), tmp_path / "lab", backend=backend, lanes=4)
     assert outcomes(summary) == ["finished"] * 8
-    assert len(engine.compiled) == 2
-    assert engine.clashes == 0
+    assert len(backend.compiled) == 2
+    assert backend.clashes == 0

@@ -99,7 +99,7 @@ def test_a_filling_that_takes_longer_than_expected_is_open_ended_and_tells_its_e
             views.append(view)
 
     asked = study(tmp_path, "fill: {max_time: 1500 ms}", replicates=1, orifices="[24]")
-    summary = carry_out(asked, tmp_path / "lab", engine=Backend(delay=0.004), watcher=Watch())
+    summary = carry_out(asked, tmp_path / "lab", backend=Backend(delay=0.004), watcher=Watch())
     (why,) = summary.tally.failed
     assert "not at rest after 1.5 s" in why
     settling = [(view, going.says) for view in views for going in view.going if going.phase == "settling"]
@@ -117,7 +117,7 @@ def test_an_outlet_that_may_have_clogged_is_told_before_it_counts_as_clogged(tmp
             said.update(part for going in view.going for part in going.says)
 
     asked = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[8]", replicates=1)
-    carry_out(asked, tmp_path / "lab", engine=Backend(delay=0.005), watcher=Watch())
+    carry_out(asked, tmp_path / "lab", backend=Backend(delay=0.005), watcher=Watch())
     assert any(re.fullmatch(r"no grain for 0\.\d\d s, clogged after 0\.5 s", part) for part in said), said
     assert "33% discharged, ends at 65%" in said
 
@@ -136,7 +136,7 @@ def test_a_packing_is_named_by_the_points_that_it_serves(tmp_path):
 
     def labels(asked, folder):
         seen.clear()
-        carry_out(asked, tmp_path / folder, engine=Backend(delay=0.05), watcher=Watch(), packings_only=True)
+        carry_out(asked, tmp_path / folder, backend=Backend(delay=0.05), watcher=Watch(), packings_only=True)
         return {label for label in seen if label.startswith("packing")}
 
     assert labels(study(tmp_path, replicates=1), "shared") == {"packing, seed 1"}
@@ -183,19 +183,19 @@ def test_run_without_a_terminal_says_that_it_compiles(tmp_path):
 
 
 @pytest.mark.compiles
-def test_the_cpu_engine_knows_when_it_compiles():
+def test_the_cpu_backend_knows_when_it_compiles():
     from labbook_numba import compiling
     from numba.core import event
 
-    engine = load("numba")
-    assert isinstance(engine, Compiles)
+    backend = load("numba")
+    assert isinstance(backend, Compiles)
     compiling.watch.cache_clear()
-    engine.open(engine.specialise(hopper(), Numerics(dt=1e-5)), 1).close()
+    backend.open(backend.specialise(hopper(), Numerics(dt=1e-5)), 1).close()
     assert compiling.watch.cache_info().currsize == 1, "from the first opening on"
-    assert not engine.compiling()
+    assert not backend.compiling()
     with event.trigger_event("numba:compile"):
-        assert engine.compiling()
-    assert not engine.compiling()
+        assert backend.compiling()
+    assert not backend.compiling()
 
 
 def test_what_takes_long_to_count_is_counted_seldom(tmp_path, monkeypatch):
@@ -208,5 +208,5 @@ def test_what_takes_long_to_count_is_counted_seldom(tmp_path, monkeypatch):
         return 1.0
 
     monkeypatch.setattr("labbook.run.board.Board.work_left", work_left)
-    carry_out(study(tmp_path, orifices="[24]", replicates=1), tmp_path / "lab", engine=Backend(delay=0.02))
+    carry_out(study(tmp_path, orifices="[24]", replicates=1), tmp_path / "lab", backend=Backend(delay=0.02))
     assert np.diff(counted).min(initial=np.inf) > 0.9

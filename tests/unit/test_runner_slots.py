@@ -10,7 +10,7 @@ from labbook.study import load
 
 
 class Device(labbook_toy.Backend):
-    """The toy engine on a device of its own, whose memory holds `holds` members of 200 grains."""
+    """The toy backend on a device of its own, whose memory holds `holds` members of 200 grains."""
 
     def __init__(self, holds):
         super().__init__()
@@ -22,12 +22,12 @@ class Device(labbook_toy.Backend):
         return self.holds and self.holds * 200 // scene.grains.count
 
     def open(self, spec, slots=None, device="cpu"):
-        ensemble, engine = super().open(spec, slots, "cpu"), self
+        ensemble, backend = super().open(spec, slots, "cpu"), self
         admit = ensemble.admit
 
         def counted(*given, **options):
             member = admit(*given, **options)
-            engine.most = max(engine.most, len(ensemble._glasses))
+            backend.most = max(backend.most, len(ensemble._glasses))
             return member
 
         ensemble.admit = counted
@@ -36,16 +36,16 @@ class Device(labbook_toy.Backend):
 
 @pytest.mark.parametrize(("holds", "most"), [(1, 1), (3, 3), (None, 4)])
 def test_as_many_runs_at_once_as_fit(tmp_path, holds, most):
-    engine = Device(holds)
-    summary = carry_out(study(tmp_path), tmp_path / "lab", engine=engine, device="cuda:0")
+    backend = Device(holds)
+    summary = carry_out(study(tmp_path), tmp_path / "lab", backend=backend, device="cuda:0")
     assert len(summary.tally.ran) == 4
-    assert engine.most == most
+    assert backend.most == most
 
 
 def test_the_point_that_needs_most_decides(tmp_path):
     path = study_file(tmp_path, orifices="[24]", replicates=3)
     path.write_text(path.read_text().replace("sweep:\n", 'sweep:\n  grains.count: "[100, 200]"\n'))
-    engine = Device(2)
-    summary = carry_out(load(path), tmp_path / "lab", engine=engine, device="cuda:0")
+    backend = Device(2)
+    summary = carry_out(load(path), tmp_path / "lab", backend=backend, device="cuda:0")
     assert len(summary.tally.ran) == 6
-    assert engine.most == 2, "four of 100 grains would fit, but one of 200 may come next"
+    assert backend.most == 2, "four of 100 grains would fit, but one of 200 may come next"

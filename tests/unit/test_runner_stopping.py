@@ -14,14 +14,14 @@ from toy_records import records
 
 from labbook.run.stopping import SAVING, Request
 
-ENGINE = ("--backend", "toy")
+BACKEND = ("--backend", "toy")
 
 
 class Going:
     """`labbook run` in a process of its own, and when it wrote which line to standard error."""
 
     def __init__(self, *words: object, **given):
-        self.process = start("run", *words, *ENGINE, **given)
+        self.process = start("run", *words, *BACKEND, **given)
         self.lines: list[tuple[float, str]] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -75,7 +75,7 @@ def test_while_kernels_compile_there_is_nothing_to_wait_for(tmp_path, number):
     assert going.process.returncode == 130
     assert going.heard(SAVING, 1) - asked < SOON
     assert "the same command goes on from here" in out
-    labbook("run", study_file(tmp_path), "--lab", tmp_path / "lab", *ENGINE)
+    labbook("run", study_file(tmp_path), "--lab", tmp_path / "lab", *BACKEND)
     assert len(records(tmp_path / "lab")) == 4, "nothing is held by what was left behind"
 
 
@@ -93,7 +93,7 @@ def test_asked_again_within_a_long_beat_it_leaves_at_once_and_keeps_the_last_sav
     assert ended - second < SOON
     assert going.process.returncode == 130
     going.heard("what was saved last is kept", 1)
-    labbook("run", path, "--lab", lab, *ENGINE)
+    labbook("run", path, "--lab", lab, *BACKEND)
     (record,) = records(lab).values()
     assert record.outcome == "finished"
     assert len(record.sessions) == 2, "it went on from where it had been"
@@ -102,7 +102,7 @@ def test_asked_again_within_a_long_beat_it_leaves_at_once_and_keeps_the_last_sav
 def test_a_terminal_that_goes_away_saves_what_is_going_on(tmp_path):
     lab, path = tmp_path / "lab", study_file(tmp_path, count=100)
     ours, theirs = pty.openpty()
-    process = start("run", path, "--lab", lab, *ENGINE, delay=0.02, terminal=theirs, TERM="xterm")
+    process = start("run", path, "--lab", lab, *BACKEND, delay=0.02, terminal=theirs, TERM="xterm")
     os.close(theirs)
     deadline = time.monotonic() + 60
     shown = b""
@@ -113,7 +113,7 @@ def test_a_terminal_that_goes_away_saves_what_is_going_on(tmp_path):
     process.send_signal(signal.SIGHUP)
     assert process.wait(timeout=30) == 130
     assert list((lab / "work").glob("*/progress.json")), "saved, though no checkpoint was due"
-    labbook("run", path, "--lab", lab, *ENGINE)
+    labbook("run", path, "--lab", lab, *BACKEND)
     carry_out(study(tmp_path, count=100), tmp_path / "whole")
     assert records(lab).keys() == records(tmp_path / "whole").keys()
 

@@ -57,4 +57,4 @@ def test_a_reduced_study_runs_to_its_flow_rates(name, tmp_path):
         if "orifice" in asked.measure:
             assert -1 < run.measured["orifice_v_z"].value < 0, "grains above the orifice sink"
             assert run.measured["orifice_O_zz"].value + run.measured["orifice_O_rr"].value < 1
-    assert rates[0] != rates[1], "angle and rotation reach the engine"
+    assert rates[0] != rates[1], "angle and rotation reach the backend"

@@ -1,4 +1,4 @@
-"""What the GPU engine says of a member that a guard has stopped."""
+"""What the GPU backend says of a member that a guard has stopped."""
 
 from collections.abc import Sequence
 
@@ -27,9 +27,9 @@ def spheres(x: Sequence[Sequence[float]], v: Sequence[Sequence[float]], dt: floa
     floor = Wall(name="floor", shape=Plane(point=(0, 0, 0), normal=(0, 0, 1)))
     scene = Scene(grains=grains, contact=law, container=Primitives(parts=(floor,)))
     how = Numerics.model_validate({"dt": dt, "precision": precision, "steps_per_beat": 100})
-    engine = Backend()
+    backend = Backend()
     start = Packing(x=np.array(x) * D, v=np.array(v) * D, omega=np.zeros((len(x), 3)))
-    ensemble = engine.open(engine.specialise(scene, how), 1, "cpu")
+    ensemble = backend.open(backend.specialise(scene, how), 1, "cpu")
     ensemble.admit(scene, how, start)
     events = ensemble.advance(2)
     ensemble.close()

@@ -1,4 +1,4 @@
-"""The edge of a plate that two neighbouring threads of the GPU engine share, in plain Python: one finds each part."""
+"""The edge of a plate that two neighbouring threads of the GPU backend share, in plain Python: one finds each part."""
 
 import threading
 from typing import Any

@@ -1,4 +1,4 @@
-"""The GPU engine knows what its members take, and how many of them a device can hold."""
+"""The GPU backend knows what its members take, and how many of them a device can hold."""
 
 from contextlib import closing
 
@@ -71,8 +71,8 @@ def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch):
 
     scene = fan(grains=40).close()
     numerics = FAN_STEP.model_copy(update={"precision": "mixed"})
-    engine = Backend()
-    ensemble = engine.open(engine.specialise(scene, numerics))
+    backend = Backend()
+    ensemble = backend.open(backend.specialise(scene, numerics))
     ensemble.admit(scene, numerics, place(scene, "gas", 1))
     monkeypatch.setattr(wp, "zeros", exhausted)
     with pytest.raises(MemoryError, match="cpu has no memory for 1 members: Failed to allocate 99 bytes"):
@@ -83,11 +83,11 @@ def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch):
 def test_a_member_brings_along_how_long_its_lists_had_to_be(monkeypatch, rods):
     """Lists that have grown are taken up by an ensemble that has not met a crowd yet; also beside another member."""
     scene = cylinder(rods=rods, grains=40)
-    engine, how = Backend(), FAN_STEP.model_copy(update={"precision": "mixed"})
-    spec = engine.specialise(scene, how, PROBES)
+    backend, how = Backend(), FAN_STEP.model_copy(update={"precision": "mixed"})
+    spec = backend.specialise(scene, how, PROBES)
     bed = place(scene.close(), "gas", 1)
     monkeypatch.setattr(room, "NEAR", 21)
-    with closing(engine.open(spec, 1, "cpu")) as grown:
+    with closing(backend.open(spec, 1, "cpu")) as grown:
         member = grown.admit(scene, how, bed)
         grown.advance(1)
         checkpoint = grown.checkpoint(member)
@@ -95,7 +95,7 @@ def test_a_member_brings_along_how_long_its_lists_had_to_be(monkeypatch, rods):
         end = grown.packing(member)
     assert len(checkpoint.arrays["nbr"]) == 21
     monkeypatch.setattr(room, "NEAR", 16)
-    with closing(engine.open(spec, 2, "cpu")) as fresh:
+    with closing(backend.open(spec, 2, "cpu")) as fresh:
         fresh.admit(scene, how, bed)
         fresh.advance(1)
         member = fresh.admit(scene, how, checkpoint)

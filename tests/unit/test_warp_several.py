@@ -1,4 +1,4 @@
-"""The GPU engine takes several steps in one launch where grains are few."""
+"""The GPU backend takes several steps in one launch where grains are few."""
 
 import sys
 from collections.abc import Sequence
@@ -55,8 +55,8 @@ class End(NamedTuple):
 
 def together(members: Sequence[tuple[Scene, Packing]], how: Numerics, lanes: int, device: str, beats: int) -> End:
     """Members side by side; after a while one more that fails."""
-    engine, (scene, start) = Backend(lanes=lanes), members[0]
-    ensemble = engine.open(engine.specialise(scene, how, [Crossing()]), len(members) + 1, device)
+    backend, (scene, start) = Backend(lanes=lanes), members[0]
+    ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), len(members) + 1, device)
     admitted = [ensemble.admit(each, how, packing) for each, packing in members]
     events = list(ensemble.advance(beats // 2))
     ensemble.admit(scene, how.model_copy(update={"overlap_limit": 1e-4}), start)
@@ -135,8 +135,8 @@ def test_as_many_threads_as_fit_wait_for_one_another_and_more_do_not(a_gpu, monk
     size, blocks = wp.get_suggested_block_size(first.kernels.step, a_gpu)
     room = size * blocks // (32 * 8)
     for members in (room, room + 1):
-        engine = Backend(lanes=8)
-        ensemble = engine.open(engine.specialise(scene, how), members, a_gpu)
+        backend = Backend(lanes=8)
+        ensemble = backend.open(backend.specialise(scene, how), members, a_gpu)
         admitted = [ensemble.admit(scene, how, bed) for _ in range(members)]
         assert not ensemble.advance(3)
         assert found[-1][1] == (members == room)

@@ -1,4 +1,4 @@
-"""Every case of `labbook verify` on every engine that is there, and most in both precisions."""
+"""Every case of `labbook verify` on every backend that is there, and most in both precisions."""
 
 import pytest
 from stands import second, stands, where
@@ -45,16 +45,16 @@ IN_ONE = {
     "flow-friction",
     "flow-height",
 }
-"""Cases that an engine takes in its first precision only, on a processor: they need kernels that no other case needs,
+"""Cases that a backend takes in its first precision only, on a processor: they need kernels that no other case needs,
 or they are long. Each feature is there in the other precision as well, in the cases that are named."""
 ON_A_GPU = {"flow-outlet", "flow-friction", "turntable", "turntable-round", "resting-bed-round"}
-"""Of the GPU engine only where it is quick. On a processor it takes flow-height, and test_compare_engines has it beside
-the CPU engine, which takes all flows and beds; turntables are two million launches for one grain: there test_rods_plain
-has rods over a turning bottom beside plain Python."""
+"""Of the GPU backend only where it is quick. On a processor it takes flow-height, and test_compare_backends has it
+beside the CPU backend, which takes all flows and beds; turntables are two million launches for one grain: there
+test_rods_plain has rods over a turning bottom beside plain Python."""
 
 
 def left_out(case: Case, stand: Stand) -> bool:
-    warp = stand.device == "cpu" and stand.engine.capabilities.name == "warp"
+    warp = stand.device == "cpu" and stand.backend.capabilities.name == "warp"
     return (second(stand) and case.name in IN_ONE) or (warp and case.name in ON_A_GPU)
 
 
@@ -82,7 +82,7 @@ def test_what_is_left_out_is_known():
     assert {case.name for case in CASES} >= IN_ONE | ON_A_GPU
 
 
-def test_there_is_an_engine_to_check():
+def test_there_is_an_backend_to_check():
     assert stands()
 
 
@@ -124,7 +124,7 @@ def test_what_cannot_be_measured_has_failed():
 
 
 @pytest.mark.parametrize("key", ["grains.shape", "container", "numerics.precision"])
-def test_a_scene_that_the_engine_lacks_is_unsupported_and_other_lacks_are_errors(key):
+def test_a_scene_that_the_backend_lacks_is_unsupported_and_other_lacks_are_errors(key):
     def run(_):
         raise Unsupported(key, "it has none")
 

@@ -1,4 +1,4 @@
-"""An engine for tests of book-keeping: an hourglass whose grains leave one after another at seeded intervals.
+"""A backend for tests of book-keeping: an hourglass whose grains leave one after another at seeded intervals.
 
 It fulfils the contract to the letter (exact checkpoints, probes that change nothing, guards, members that do
 not know of each other) with next to no arithmetic. In a closed container velocities decay by a tenth a step
@@ -11,7 +11,7 @@ per beat; LABBOOK_TOY_PAUSE [s] within every ensemble's second beat;
 LABBOOK_TOY_COMPILES [s] that opening an ensemble takes; LABBOOK_TOY_VERSION, the cache version;
 LABBOOK_TOY_FAILS, an orifice [mm] whose runs a guard stops at half their grains.
 
-`Twin` is a second engine for comparisons: the same hourglass under another name, whose grains leave faster by the
+`Twin` is a second backend for comparisons: the same hourglass under another name, whose grains leave faster by the
 part LABBOOK_TOY_BIAS, and LABBOOK_TWIN_VERSION its cache version.
 """
 
@@ -31,7 +31,7 @@ DECAY = 0.9
 
 
 class Backend:
-    """The toy engine."""
+    """The toy backend."""
 
     NAME, VERSION = "toy", "LABBOOK_TOY_VERSION"
     bias = 0.0
@@ -55,13 +55,13 @@ class Backend:
 
     def specialise(self, scene, numerics, probes=()):
         if numerics.precision != "double":
-            raise Unsupported("numerics.precision", "the toy engine has double precision only")
+            raise Unsupported("numerics.precision", "the toy backend has double precision only")
         features = (("closed", _outlet(scene) is None), ("law", scene.contact.law), ("rods", _rods(scene)))
         return Spec(self.NAME, features, tuple(dict.fromkeys(probes)), numerics.steps_per_beat)
 
     def open(self, spec, slots=None, device="cpu"):
         if device != "cpu":
-            raise Unsupported("device", "the toy engine runs on cpu only")
+            raise Unsupported("device", "the toy backend runs on cpu only")
         if self.compiles:
             self.opening += 1
             time.sleep(self.compiles)
@@ -82,7 +82,7 @@ class Backend:
 
 
 class Twin(Backend):
-    """The toy engine under another name, with grains that leave faster by the part `bias`."""
+    """The toy backend under another name, with grains that leave faster by the part `bias`."""
 
     NAME, VERSION = "twin", "LABBOOK_TWIN_VERSION"
 
@@ -208,8 +208,8 @@ class Glass:
         self.failure = None
         if isinstance(start, Checkpoint):
             own = (backend.capabilities.name, backend.capabilities.cache_version)
-            if (start.engine, start.cache_version) != own:
-                raise ValueError("a checkpoint of another engine or version")
+            if (start.backend, start.cache_version) != own:
+                raise ValueError("a checkpoint of another backend or version")
             verified(start, scene)
             for name in (*self.ARRAYS, *self.OWN):
                 setattr(self, name, np.array(start.arrays[name]) if name in start.arrays else None)
@@ -313,7 +313,7 @@ class Glass:
         if isinstance(probe, Contacts):
             return self._weights()
         if not isinstance(probe, Sample):
-            raise Unsupported("measure", "the toy engine has no totals")
+            raise Unsupported("measure", "the toy backend has no totals")
         n = len(self.x)
         table = {"id": self.ids.copy(), "step": np.full(n, self.step), "time": np.full(n, self.time)}
         for name in probe.fields:

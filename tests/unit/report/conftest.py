@@ -133,7 +133,7 @@ class FinishedDouble:
     @property
     def provenance(self) -> dict[str, Any]:
         return {
-            "engine": "double",
+            "backend": "double",
             "versions": {"numpy": np.__version__},
             "wall_time": 1.5 + self.seed,
             "seed": self.seed,

@@ -1,4 +1,4 @@
-"""`labbook fit`, `report` and `view`, from a study file to what they print and write, on the toy engine."""
+"""`labbook fit`, `report` and `view`, from a study file to what they print and write, on the toy backend."""
 
 import importlib
 import json

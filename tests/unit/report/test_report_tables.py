@@ -49,7 +49,7 @@ def test_facts_on_which_runs_agree_are_told_once(synthetic):
     runs = [synthetic.FinishedDouble(point, seed) for seed in (1, 2, 3)]
     table = tables.provenance_table(analyse(synthetic.study_of([point]), runs))
     facts = {row[0]: row[1] for row in table.rows}
-    assert facts["engine"] == "double"
+    assert facts["backend"] == "double"
     assert facts["wall time"] == "2.5 to 4.5 s, 10.5 s in all"
     assert "seed" not in facts
 

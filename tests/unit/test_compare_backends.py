@@ -1,4 +1,4 @@
-"""The two real engines beside each other, on the processor: they must agree until chaos amplifies rounding."""
+"""The two real backends beside each other, on the processor: they must agree until chaos amplifies rounding."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
-"""An engine as plain as can be: the physics of `labbook_dem` as Python runs it, contact by contact, for tests only.
+"""A backend as plain as can be: the physics of `labbook_dem` as Python runs it, contact by contact, for tests only.
 
-It has no neighbour lists, blocks, rows or generated code; all that it shares with the CPU engine are the formulas.
+It has no neighbour lists, blocks, rows or generated code; all that it shares with the CPU backend are the formulas.
 """
 
 from typing import Any

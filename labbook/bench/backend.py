@@ -1,4 +1,4 @@
-"""Speed of an engine: Fan's hopper settled and flowing, a box of spheres, rods, what its switches save, its start.
+"""Speed of a backend: Fan's hopper settled and flowing, a box of spheres, rods, what its switches save, its start.
 
 Rates are grain-steps per second of processor time, of one thread: other jobs on the machine cost little. Only what many
 cores gain is taken from the wall clock, and is a ratio within one run.
@@ -13,10 +13,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from labbook import backend
+from labbook.backend import Backend, load
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
 from labbook.bench.beds import settled
+from labbook.bench.hardware import hardware
 from labbook.bench.rate import TIMED, Rate, timed
 from labbook.bench.rods import RODS, has_rods, rod_rates
 from labbook.bench.savings import Saving, savings
@@ -32,12 +33,12 @@ BOXES = (10_000, 100_000)
 
 
 @dataclass(frozen=True)
-class EngineBench:
-    """What one engine does on this machine. `savings`: by the switches of the settled bed, in double; none unless all
+class BackendBench:
+    """What one backend does on this machine. `savings`: by the switches of the settled bed, in double; none unless all
     is measured.
 
     `speed_up`: of `members` side by side over one; `large`: of the largest box on all cores over one thread, None if
-    the engine has no say in that or no box is measured.
+    the backend has no say in that or no box is measured.
     """
 
     backend: str
@@ -68,60 +69,59 @@ def run(
     grains: int = 3000,
     boxes: tuple[int, ...] = BOXES,
     rods: int = RODS,
-) -> EngineBench:
-    """Measure the engine called `name` on Fan's hopper with `grains`, on `boxes`, and on `rods` where it has them.
+) -> BackendBench:
+    """Measure the backend called `name` on Fan's hopper with `grains`, on `boxes`, and on `rods` where it has them.
 
-    Most of the time goes into compiling: of the CPU engine 5 scenes if `quick`, 8 if `usual`, 17 if `full`.
+    Most of the time goes into compiling: of the CPU backend 5 scenes if `quick`, 8 if `usual`, 17 if `full`.
     """
-    from labbook.bench.hardware import hardware
 
-    whole = backend.load(name)
-    engine = on_one_thread(whole) or whole
+    whole = load(name)
+    backend = on_one_thread(whole) or whole
     scene = fan(grains=grains)
     closed = scene.close()
     say(f"settling {grains} grains")
-    packing = settled(engine, closed, FAN_STEP, SETTLED)
+    packing = settled(backend, closed, FAN_STEP, SETTLED)
     rates = []
-    for precision in sorted(engine.capabilities.precisions):
+    for precision in sorted(backend.capabilities.precisions):
         numerics = FAN_STEP.model_copy(update={"precision": precision})
         say(f"timing the settled bed, {precision} (compiles)")
-        rates.append(timed(engine, "fan settled", closed, numerics, packing, repeats))
+        rates.append(timed(backend, "fan settled", closed, numerics, packing, repeats))
         start = opened(packing, closed, scene)
         say(f"timing its discharge, {precision} (compiles)")
-        rates.append(timed(engine, "fan flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
+        rates.append(timed(backend, "fan flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
     for count in boxes if extent != "quick" else ():
         say(f"timing a box of {count}")
         stack, at_rest = box(count)
-        rates.append(timed(engine, "box at rest", stack, BOX_STEP, at_rest, repeats))
-    if has_rods(engine) and extent != "quick":
-        precisions = sorted(engine.capabilities.precisions) if extent == "full" else ["double"]
-        rates += rod_rates(engine, repeats, say, rods, precisions)
-    saved = savings(engine, closed, packing, repeats, say) if extent == "full" else ()
+        rates.append(timed(backend, "box at rest", stack, BOX_STEP, at_rest, repeats))
+    if has_rods(backend) and extent != "quick":
+        precisions = sorted(backend.capabilities.precisions) if extent == "full" else ["double"]
+        rates += rod_rates(backend, repeats, say, rods, precisions)
+    saved = savings(backend, closed, packing, repeats, say) if extent == "full" else ()
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # peak; Linux counts in KiB
     say("timing members side by side")
     members = _cores()
     bed = closed, FAN_STEP, packing
-    speed_up = members * _quicker(engine, engine, bed, members)
+    speed_up = members * _quicker(backend, backend, bed, members)
     large = None
     if on_one_thread(whole) is not None and extent != "quick":
         say("timing one large scene on all cores")
         stack, at_rest = box(max(boxes))
-        large = _quicker(engine, whole, (stack, BOX_STEP, at_rest), 1)
+        large = _quicker(backend, whole, (stack, BOX_STEP, at_rest), 1)
     say("timing a fresh start (compiles)")
     fresh = starting(name, 1 if extent == "quick" else 3)
-    return EngineBench(name, hardware(), tuple(rates), saved, members, speed_up, large, memory, fresh)
+    return BackendBench(name, hardware(), tuple(rates), saved, members, speed_up, large, memory, fresh)
 
 
-def on_one_thread(engine: backend.Backend) -> backend.Backend | None:
-    """The same engine, with one thread a member; None if it has no such choice."""
-    maker: Any = type(engine)
+def on_one_thread(backend: Backend) -> Backend | None:
+    """The same backend, with one thread a member; None if it has no such choice."""
+    maker: Any = type(backend)
     return maker(threads=1) if "threads" in inspect.signature(maker).parameters else None
 
 
 def _quicker(
-    one: backend.Backend, other: backend.Backend, bed: tuple[Scene, Numerics, Packing], members: int
+    one: Backend, other: Backend, bed: tuple[Scene, Numerics, Packing], members: int
 ) -> float:  # fmt: skip
-    """Wall-clock time of one member with the engine `one`, over that of `members` with `other`: median of five."""
+    """Wall-clock time of one member with the backend `one`, over that of `members` with `other`: median of five."""
     scene, step, start = bed
     pair = [one.open(one.specialise(scene, step), 1), other.open(other.specialise(scene, step), members)]
     for ensemble, count in zip(pair, (1, members), strict=True):

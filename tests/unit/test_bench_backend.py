@@ -4,7 +4,7 @@ import pytest
 
 from labbook.backend import load
 from labbook.backend.probes import Contacts
-from labbook.bench import engine, savings
+from labbook.bench import backend, savings
 from labbook.bench.beds import settled
 from labbook.bench.savings import STILL, bed_of
 from labbook.bench.scenes import FAN_STEP, fan, variants
@@ -17,7 +17,7 @@ def test_rates_are_of_the_settled_and_the_flowing_hopper(monkeypatch):
     """Of what switches save, one is timed: each is a kernel more."""
     case = "without friction"
     monkeypatch.setattr(savings, "variants", lambda scene: {case: variants(scene)[case]})
-    result = engine.run("numba", repeats=1, extent="full", grains=600, boxes=(500,), rods=200)
+    result = backend.run("numba", repeats=1, extent="full", grains=600, boxes=(500,), rods=200)
     resting, flowing, *mixed, stack = [rate for rate in result.rates if not rate.case.startswith("rods")]
     assert (resting.case, resting.grains) == ("fan settled", 600)
     assert 0 < flowing.grains < 600
@@ -47,7 +47,7 @@ def test_the_bed_stays_as_it_is_while_switches_are_timed():
     """Whatever is left out, there are as many contacts afterwards: rates differ by what a contact costs."""
     closed = fan(grains=200).close()
     numba = load("numba")
-    bed = settled(numba, closed, FAN_STEP, engine.SETTLED)
+    bed = settled(numba, closed, FAN_STEP, backend.SETTLED)
     scenes = {"as it is": closed, **variants(closed)}
     found = {}
     for what in ("as it is", "without friction", "without front and back", "with several sizes", "with two kinds"):
