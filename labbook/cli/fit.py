@@ -30,9 +30,9 @@ def _show(analysis) -> None:
     from labbook.report import outlet_tables, tables
     from labbook.report.comparison import at_series
     from labbook.report.fitted_tables import fit_table
-    from labbook.report.numerical import numerical_table
     from labbook.report.page import summary
     from labbook.report.statement_tables import statement_digest, statement_table
+    from labbook.report.tables import numerical_table
 
     console = screen(highlight=False, width=None if sys.stdout.isatty() else 120)
     console.print(analysis.study.name, style="bold", markup=False)

@@ -7,7 +7,8 @@ import numpy as np
 
 from labbook.export import turning
 from labbook.fit.outlet import DEFINITIONS, OF_OUTLET, Outlet
-from labbook.report.analysis import Analysis, PointResult
+from labbook.report.analysis import Analysis
+from labbook.report.points import PointResult
 from labbook.report.ratios import RATIOS, angle_laws
 from labbook.report.series import Series
 

@@ -11,8 +11,9 @@ from labbook.export.numbers import frames
 from labbook.export.vtk import write_fields, write_grains, write_series
 from labbook.fields import axes
 from labbook.lab.folder import write_bytes
-from labbook.report.analysis import Analysis, PointResult
+from labbook.report.analysis import Analysis
 from labbook.report.pattern import flow_patterns
+from labbook.report.points import PointResult
 
 Format = Literal["csv", "parquet"]
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from labbook.fit import FitError, Parameter
 from labbook.fit.outlet import Approach, ProfileFit, fit_approach, fit_profiles
-from labbook.report.analysis import PointResult
+from labbook.report.points import PointResult
 from labbook.report.ratios import Ratio
 from labbook.report.series import context
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from labbook.fit.outlet import CROSSINGS
 from labbook.report import display
-from labbook.report.analysis import PointResult
 from labbook.report.approach import approaches
 from labbook.report.comparison import Comparison, at_series
 from labbook.report.fitted_tables import parameter_table
+from labbook.report.points import PointResult
 from labbook.report.ratios import Ratio
 from labbook.report.series import Series
 from labbook.report.tables import Table

@@ -12,12 +12,12 @@ from labbook.report import display, figures, tables
 from labbook.report.across import outlet_pictures, ratio_sections
 from labbook.report.analysis import Analysis, redundant
 from labbook.report.comparison import agreement
-from labbook.report.numerical import numerical_table
 from labbook.report.numerical import summed_up as numerics_summed_up
 from labbook.report.sections import Picture, picture, series_section
 from labbook.report.series import PACKING_FRACTION
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.statements import summed_up
+from labbook.report.tables import numerical_table
 from labbook.report.turning import scaling, turning_section
 
 FILE = "report.html"

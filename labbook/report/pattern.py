@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +10,9 @@ from labbook.fields import Fields, Layer, Pattern, Ring, coarse_grain, orifice_m
 from labbook.measure.acceleration import AccelerationProfile, acceleration_profile, pooled_profile
 from labbook.measure.bed import bed_grid, grains_between, omega_of
 from labbook.measure.orifice import BINS, INTERVAL, UP_TO
+from labbook.report.points import PointResult, RunResult
 from labbook.scene import WedgeHopper
 from labbook.stats import Pooled, pool
-
-if TYPE_CHECKING:
-    from labbook.report.analysis import PointResult, RunResult
 
 FEWEST = 8
 """Recorded frames within the window below which there is no mean field."""
@@ -41,7 +39,7 @@ class FlowPattern:
     `orifice`: means above the orifice, by quantity (`labbook.fields.orifice_means`).
     """
 
-    result: "PointResult"
+    result: PointResult
     container: Any
     fields: Fields
     pattern: Pattern
@@ -73,7 +71,7 @@ def both(a: np.ndarray, sign: float = 1.0) -> np.ndarray:
     return np.concatenate([a[::-1] if sign == 1 else sign * a[::-1], a]).T
 
 
-def flow_patterns(result: "PointResult") -> list[FlowPattern]:
+def flow_patterns(result: PointResult) -> list[FlowPattern]:
     """The patterns of all recorded runs of a point that flowed and have frames enough.
 
     Of quasi-2D hoppers and of silos round the axis; there are none of other containers.
@@ -84,7 +82,7 @@ def flow_patterns(result: "PointResult") -> list[FlowPattern]:
     return [found for run in result.runs if (found := _of_run(result, run)) is not None]
 
 
-def acceleration(result: "PointResult") -> AccelerationProfile | None:
+def acceleration(result: PointResult) -> AccelerationProfile | None:
     """Acceleration against height in the middle of the outlet, up to half of its half width.
 
     The mean over the runs of a point that measured `orifice`, else of its first recorded run; None without any, or with
@@ -126,13 +124,13 @@ def pooled_means(patterns: list[FlowPattern]) -> dict[str, Pooled]:
     return {name: measured.get(f"orifice_{name}", mean) for name, mean in means.items()}
 
 
-def _of_run(result: "PointResult", run: "RunResult") -> FlowPattern | None:
+def _of_run(result: PointResult, run: RunResult) -> FlowPattern | None:
     window = run.trace.window if run.trace is not None else None
     frames = run.frames() if window is not None else None
     return None if window is None or frames is None else _between(result, frames, window)
 
 
-def moments(result: "PointResult", count: int = 3) -> list[FlowPattern]:
+def moments(result: PointResult, count: int = 3) -> list[FlowPattern]:
     """The first recorded run of a point within 1 s (a part of the window, if that is shorter) about `count` instants of
     the window of its flow rate (Pongo et al. 2022, Figs 6 and 7); empty where there are too few frames."""
     for run in result.runs:
@@ -150,7 +148,7 @@ def moments(result: "PointResult", count: int = 3) -> list[FlowPattern]:
 
 
 def _between(
-    result: "PointResult", frames: Mapping[str, np.ndarray], window: tuple[float, float], fewest: int = FEWEST
+    result: PointResult, frames: Mapping[str, np.ndarray], window: tuple[float, float], fewest: int = FEWEST
 ) -> FlowPattern | None:
     time = np.asarray(frames["time"], float)
     times = np.unique(time[(time >= window[0]) & (time <= window[1])])

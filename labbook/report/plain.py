@@ -6,9 +6,10 @@ from typing import Any
 
 from labbook.fit import Parameter
 from labbook.fit.outlet import FORMULA, OF_OUTLET, VERSION, ProfileFit
-from labbook.report.analysis import Analysis, PointResult
+from labbook.report.analysis import Analysis
 from labbook.report.comparison import Comparison
 from labbook.report.numerical import Numerical
+from labbook.report.points import PointResult
 from labbook.report.series import Series
 from labbook.report.statements import Judged
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from labbook.fit.angle import brown, rose_tanaka
 from labbook.measure import FLOW_RATIOS
-from labbook.report.analysis import PointResult
+from labbook.report.points import PointResult
 from labbook.scene import WedgeHopper
 from labbook.stats.pooling import student
 

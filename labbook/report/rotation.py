@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from labbook.report import display
-from labbook.report.analysis import PointResult
+from labbook.report.points import PointResult
 from labbook.stats import Pooled
 from labbook.stats.ratio import paired_ratio
 

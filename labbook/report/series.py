@@ -10,7 +10,7 @@ import numpy as np
 from labbook.fit import COVERAGE, DEFINITIONS, LAWS, Context, FitError, FitResult, Parameter, contenders, fit
 from labbook.fit.outlet import ProfileFit, fit_profiles
 from labbook.report import display
-from labbook.report.analysis import ORIFICE, PointResult
+from labbook.report.points import ORIFICE, PointResult
 from labbook.scene import outlet_shape
 
 PACKING_FRACTION = "packing_fraction"

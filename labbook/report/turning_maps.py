@@ -2,16 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from labbook.fields import Fields
 from labbook.report import figures
-from labbook.report.analysis import PointResult
 from labbook.report.pattern import FEWEST, FlowPattern, flow_patterns, moments
+from labbook.report.points import PointResult
 from labbook.report.rotation import Rotation, turning_at
 from labbook.report.sections import PATTERNS, Picture, picture
-
-if TYPE_CHECKING:
-    from labbook.fields import Fields
 
 _FEW = 3
 
@@ -68,7 +65,7 @@ def _filmed(result: PointResult) -> bool:
     return any(run.frames() is not None for run in result.runs)
 
 
-def _stress(pattern: FlowPattern) -> "Fields | None":
+def _stress(pattern: FlowPattern) -> Fields | None:
     """Fields with the contact stress of the first run of a point that has them."""
     found = next((one for run in pattern.result.runs if (one := run.stress()) is not None), None)
     return None if found is None else found[0]

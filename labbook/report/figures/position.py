@@ -6,23 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fit.outlet import TERMS, approach_at
+from labbook.fit.outlet import TERMS, Approach, approach_at
 from labbook.report import display
 from labbook.report.approach import approaches
-from labbook.report.ratios import GAP
+from labbook.report.comparison import Comparison
+from labbook.report.ratios import GAP, Ratio
 from labbook.report.style import COLOURS, INK, MILLIMETRE, PAGE, band, house, look, verbatim
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.fit.outlet import Approach
-    from labbook.report.comparison import Comparison
-    from labbook.report.ratios import Ratio
-
 
 def shape_against_position(
-    ratios: Sequence["Ratio"], definition: str, comparisons: Sequence["Comparison"] = (), source: str = ""
+    ratios: Sequence[Ratio], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
     """Tilts and exponents of each point's own profiles (eqs 16, 17) against s*, with standard errors over seeds.
 
@@ -61,7 +58,7 @@ def shape_against_position(
 _FINE = np.linspace(0, 1, 400)
 
 
-def _approach(ax: "Axes", law: "Approach") -> None:
+def _approach(ax: "Axes", law: Approach) -> None:
     value = law.at(_FINE)
     ax.plot(_FINE, value, color=COLOURS[1], zorder=1)
     if not all(map(math.isfinite, law.errors)):

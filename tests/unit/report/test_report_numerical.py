@@ -10,9 +10,10 @@ from scipy import stats
 
 from labbook.backend.numerics import Numerics
 from labbook.report.analysis import analyse
-from labbook.report.numerical import numerical_table, summed_up
+from labbook.report.numerical import summed_up
 from labbook.report.page import summary, write
 from labbook.report.plain import plain
+from labbook.report.tables import numerical_table
 from labbook.study.schema import Accuracy, Fill
 from labbook.study.study import Point
 
