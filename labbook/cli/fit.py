@@ -29,9 +29,9 @@ def _show(found) -> None:
     from labbook.fit.outlet import DEFINITIONS, FORMULA
     from labbook.report import outlet_tables, tables
     from labbook.report.fitted_tables import fit_table
-    from labbook.report.numerical_table import numerical_table
     from labbook.report.page import summary
     from labbook.report.statement_tables import statement_digest, statement_table
+    from labbook.report.tables import numerical_table
     from labbook.results.reference import at_series
 
     console = screen(highlight=False, width=None if sys.stdout.isatty() else 120)

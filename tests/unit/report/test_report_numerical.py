@@ -10,9 +10,9 @@ from scipy import stats
 from toy_results import analyse
 
 from labbook.backend.numerics import Numerics
-from labbook.report.numerical_table import numerical_table
 from labbook.report.page import summary, write
 from labbook.report.plain import plain
+from labbook.report.tables import numerical_table
 from labbook.results.numerical import summed_up
 from labbook.study.schema import Accuracy, Fill
 from labbook.study.study import Point
