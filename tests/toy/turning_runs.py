@@ -30,6 +30,7 @@ class Run:
     outcome: str = "finished"
     filmed: bool = False
     every: float = 0.04
+    cache_version: int = 1
 
     @property
     def run_key(self):
