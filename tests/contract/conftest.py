@@ -53,8 +53,9 @@ class Silo:
         numerics: Numerics | None = None,
         probes: Sequence[Probe] = (Crossing(), Ledger()),
         slots: int | None = None,
+        stand: Stand | None = None,
     ) -> Iterator[Ensemble]:
-        engine = self.stand.engine
+        engine = (stand or self.stand).engine
         spec = engine.specialise(scene or self.scene, numerics or self.numerics(), probes)
         ensemble = engine.open(spec, slots, self.stand.device)
         try:
