@@ -12,13 +12,14 @@ PYTHON ?= $(shell for python in python3 python3.14 python3.13 python3.12 python3
 BIN := $(VENV)/bin
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help quickstart lint check test docs clean
+.PHONY: help quickstart lint check test test-all docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make quickstart   set up, run $(STUDY) and write its report"
 	@echo "make check        set up, then ruff, pyright and the tests that need no kernels, in a minute or two"
-	@echo "make test         set up, then ruff, pyright and all tests"
+	@echo "make test         set up, then ruff, pyright and the tests, in some ten minutes"
+	@echo "make test-all     the same with the tests that take a long way round: before a release"
 	@echo "make docs         write docs/commands.md and the tables of docs/studies.md"
 	@echo "make clean        remove $(VENV)"
 
@@ -31,10 +32,18 @@ lint: $(VENV)/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
-check: lint
-	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not compiles and not render and not slow"
+# pyright goes on beside the tests: it takes one core half a minute
+check: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	@$(BIN)/pyright > $(VENV)/types 2>&1 & types=$$!; \
+		$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not compiles and not render and not slow and not ring"; tests=$$?; \
+		wait $$types; types=$$?; cat $(VENV)/types; exit $$((tests | types))
 
 test: lint
+	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not ring"
+
+test-all: lint
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 docs: $(VENV)/installed-dev

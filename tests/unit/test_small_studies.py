@@ -14,7 +14,7 @@ from labbook.report.analysis import analyse
 from labbook.runner.runner import Runner
 from labbook.study import load
 
-pytestmark = pytest.mark.compiles
+pytestmark = [pytest.mark.compiles, pytest.mark.ring]
 
 STUDIES = Path(__file__).parents[2] / "studies"
 REDUCED = {
@@ -32,7 +32,6 @@ REDUCED = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", REDUCED)
 def test_a_reduced_study_runs_to_its_flow_rates(name, tmp_path):
     text = (STUDIES / f"{name}.yaml").read_text(encoding="utf-8")
