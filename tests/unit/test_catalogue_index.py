@@ -21,11 +21,18 @@ from labbook.measure import MEASURES
 EVERYTHING = ("runs", "packings", "measurements")
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A lab with four finished runs, for copies."""
+    folder = tmp_path_factory.mktemp("finished")
+    carry_out(study(folder), folder / "lab")
+    return folder / "lab"
+
+
 @pytest.fixture
-def lab(tmp_path):
+def lab(finished, tmp_path):
     """A lab with four finished runs."""
-    carry_out(study(tmp_path), tmp_path / "lab")
-    return tmp_path / "lab"
+    return shutil.copytree(finished, tmp_path / "lab")
 
 
 def tables(lab) -> dict[str, list]:
@@ -236,6 +243,7 @@ def test_a_run_is_shown_by_the_beginning_of_its_key(lab):
     assert "labbook runs" in out
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_runs_are_listed(tmp_path):
     index = Index(Lab(tmp_path / "lab"))
     index.close()

@@ -39,6 +39,7 @@ def test_fit_prints_tables_and_json(toy, done):
     assert set(found["series"][0]["fits"]["beverloo"]["parameters"]) == {"C_particle", "k", "slope"}
 
 
+@pytest.mark.usefixtures("one_format")
 def test_report_is_written_below_the_lab_or_where_asked(toy, done, tmp_path):
     study, lab, where = done
     assert "report.html" in toy.labbook("report", study, *where).stdout
