@@ -10,6 +10,8 @@ PYTEST_ARGS ?= -n auto
 PYTHON ?= $(shell for python in python3 python3.14 python3.13 python3.12 python3.11 python; do \
 	$$python -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$python; break; }; done)
 BIN := $(VENV)/bin
+# bytecode is kept, whatever the environment says: else each process of the tests compiles all sources and all asserts
+PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest $(PYTEST_ARGS)
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .PHONY: help quickstart lint check test test-all docs clean
@@ -37,14 +39,14 @@ check: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@$(BIN)/pyright > $(VENV)/types 2>&1 & types=$$!; \
-		$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not compiles and not render and not slow and not ring"; tests=$$?; \
+		$(PYTEST) -m "not compiles and not render and not slow and not ring"; tests=$$?; \
 		wait $$types; types=$$?; cat $(VENV)/types; exit $$((tests | types))
 
 test: lint
-	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not ring"
+	$(PYTEST) -m "not ring"
 
 test-all: lint
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(PYTEST)
 
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m labbook.cli.reference docs/commands.md
