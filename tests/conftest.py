@@ -23,7 +23,10 @@ settings.load_profile("untimed")
 STAND = re.compile(r"(numba|warp)-(double|mixed)-(cpu|cuda:\d+)")
 """In the name of a test that is repeated for every stand."""
 FILES = {
-    "numba-double-cpu": ("test_fields_packing", "test_numba_guards", "test_numba_plain", "test_numba_threads"),
+    "numba-double-cpu": (
+        *("test_bench_elongation", "test_fields_packing"),
+        *("test_numba_guards", "test_numba_plain", "test_numba_threads"),
+    ),
     "warp-double-cpu": ("test_warp_rods",),
     "studies": ("test_bench_engine", "test_compare_engines"),
 }
