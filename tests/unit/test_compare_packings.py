@@ -101,6 +101,7 @@ def test_one_engine_in_two_precisions(tmp_path):
 # nothing is run twice
 
 
+@pytest.mark.slow
 def test_what_is_there_is_not_run_again(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     carry_out(asked, lab)

@@ -435,6 +435,7 @@ def overwritten(path: Path, page: int) -> None:
         file.write(np.random.default_rng(page).bytes(4096))
 
 
+@pytest.mark.slow
 def test_whatever_page_of_the_index_is_damaged_it_is_put_aside_and_made_again(sound, right, place):
     lab, asked = place / "lab", study_file(place, RECORDED, AT_REST, **SMALL)
     for suffix in ("-wal", "-shm"):
