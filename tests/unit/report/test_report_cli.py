@@ -40,6 +40,7 @@ def test_fit_prints_tables_and_json(toy, done):
     assert {row["parameter"] for row in found["fits"] if row["law"] == "beverloo"} == {"C_particle", "k", "slope"}
 
 
+@pytest.mark.usefixtures("one_format")
 def test_report_is_written_below_the_lab_or_where_asked(toy, done, tmp_path):
     study, lab, where = done
     assert "report.html" in toy.labbook("report", study, *where).stdout

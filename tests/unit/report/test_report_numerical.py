@@ -100,6 +100,7 @@ def test_points_that_lack_runs_are_not_tested(synthetic):
     assert not found(synthetic, swept(synthetic), 0.05, lacking={(0, s) for s in range(1, 9)}).numerical
 
 
+@pytest.mark.usefixtures("one_format")
 def test_the_page_and_plain_data_show_it(synthetic, tmp_path):
     analysis = found(synthetic, swept(synthetic), 0.05)
     page = write(analysis, tmp_path).read_text(encoding="utf-8")
