@@ -45,7 +45,7 @@ def leave(status: int) -> NoReturn:
 
 
 def told(error: Exception) -> str | None:
-    """What an error of the storage or of a plug-in means to the user and what to do, in a line; None for any other error."""
+    """What an error of the storage or of a plug-in means, and what to do, in a line; None for any other error."""
     if isinstance(error, BrokenPlugin):
         return str(error)
     if isinstance(error, OSError):
