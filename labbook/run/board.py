@@ -101,7 +101,8 @@ class Board:
         done |= {item.keys.packing for item in items if item.packed}
         for key in done & lab.touched():
             if claim := lab.claim(key):
-                lab.clear(key)
+                with lab.alone(key):  # whose lock file goes with it
+                    lab.clear(key)
                 claim.release()
 
     def next(self, spec: Spec | None = None) -> Started | None:

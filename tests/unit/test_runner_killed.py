@@ -126,7 +126,7 @@ def test_what_a_kill_left_of_finished_work_is_removed(tmp_path):
     carry_out(study(tmp_path, replicates=1), lab)
     before, work = folders(lab), lab / "work"
     for number, key in enumerate(before):  # killed before its work folder was cleared, or just before its lock was
-        (work / f"{key}.lock").touch()
+        (work / (f"{key}.look" if number == 2 else f"{key}.lock")).touch()
         if number % 2:
             (work / key).mkdir()
     (work / "of-another-study.lock").touch()
