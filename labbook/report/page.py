@@ -10,9 +10,9 @@ from labbook.lab.folder import write_bytes
 from labbook.measure.flow import CUT_SHORT
 from labbook.report import figures, tables
 from labbook.report.across import outlet_pictures, ratio_sections
-from labbook.report.numerical_table import numerical_table
 from labbook.report.sections import Picture, picture, series_section
 from labbook.report.statement_tables import statement_digest, statement_table
+from labbook.report.tables import numerical_table
 from labbook.report.turning import scaling, turning_section
 from labbook.results import display
 from labbook.results.numerical import summed_up as numerics_summed_up

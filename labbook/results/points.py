@@ -47,6 +47,8 @@ class Finished(Protocol):
     @property
     def outcome(self) -> str: ...
     @property
+    def cache_version(self) -> int: ...
+    @property
     def provenance(self) -> Mapping[str, Any]: ...
     @property
     def recorded(self) -> bool: ...
@@ -83,6 +85,11 @@ class RunResult:
     def outcome(self) -> str:
         """How it ended."""
         return self.run.outcome
+
+    @property
+    def cache_version(self) -> int:
+        """Version of the backend that made it."""
+        return self.run.cache_version
 
     @property
     def provenance(self) -> Mapping[str, Any]:

@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.report.style import COLOURS, FAINT, MILLIMETRE, PAGE, from_zero, house
+from labbook.results.points import PointResult
+from labbook.results.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.results.points import PointResult
-    from labbook.results.series import Series
 
 _COLUMNS = 4
 _SHADES = (0.0, 0.35, 0.55, 0.7)  # towards white: replicates of one point are one colour
 
 
-def flow_against_time(series: "Series") -> "Figure":
+def flow_against_time(series: Series) -> "Figure":
     """Small multiples, one point each: W(t) by replicate, the window shaded, the pooled mean and its 95 % interval."""
     from matplotlib.figure import Figure
 
@@ -39,7 +39,7 @@ def flow_against_time(series: "Series") -> "Figure":
     return figure
 
 
-def _draw(ax: "Axes", result: "PointResult") -> None:
+def _draw(ax: "Axes", result: PointResult) -> None:
     pooled = result.flow_rate
     for k, run in enumerate(result.runs):
         if run.trace is not None:

@@ -2,7 +2,9 @@
 
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
+import pytest
 from toy_results import analyse
 
 from labbook.report.page import summary, write
@@ -37,21 +39,26 @@ def read(path) -> Reader:
     return reader
 
 
-def test_the_page_is_one_file_that_fetches_nothing(analysis, tmp_path):
-    page = read(write(analysis, tmp_path / "report"))
+@pytest.fixture(scope="module")
+def written(analysis, tmp_path_factory) -> Path:
+    """The page of the column, with its figures beside it."""
+    return write(analysis, tmp_path_factory.mktemp("report"))
+
+
+def test_the_page_is_one_file_that_fetches_nothing(written):
+    page = read(written)
     assert len(page.fetched) == 2
     assert all(source.startswith("data:image/svg+xml;base64,") for source in page.fetched)
-    assert "url(" not in (tmp_path / "report/report.html").read_text(encoding="utf-8")
+    assert "url(" not in written.read_text(encoding="utf-8")
 
 
-def test_every_figure_lies_beside_it_in_three_formats(analysis, tmp_path):
-    write(analysis, tmp_path)
-    made = {path.name for path in tmp_path.iterdir()}
+def test_every_figure_lies_beside_it_in_three_formats(written):
+    made = {path.name for path in written.parent.iterdir()}
     assert made == {"report.html", *(f"{stem}.{kind}" for stem in ("fit", "flow") for kind in ("png", "svg", "pdf"))}
 
 
-def test_it_shows_the_numbers_of_the_analysis(analysis, tmp_path):
-    text = " ".join(" ".join(read(write(analysis, tmp_path)).text).split())
+def test_it_shows_the_numbers_of_the_analysis(analysis, written):
+    text = " ".join(" ".join(read(written).text).split())
     for result in analysis.points:
         assert display.with_error(result.flow_rate.value, result.flow_rate.error, 1e3) in text
     assert "C (grain density)" in text
@@ -63,10 +70,11 @@ def test_it_shows_the_numbers_of_the_analysis(analysis, tmp_path):
     assert analysis.points[0].runs[0].run_key in text
 
 
-def test_the_same_analysis_gives_the_same_page(analysis, tmp_path):
-    assert write(analysis, tmp_path / "a").read_bytes() == write(analysis, tmp_path / "b").read_bytes()
+def test_the_same_analysis_gives_the_same_page(analysis, written, tmp_path):
+    assert write(analysis, tmp_path).read_bytes() == written.read_bytes()
 
 
+@pytest.mark.usefixtures("one_format")
 def test_what_a_study_says_cannot_break_the_page(synthetic, tmp_path):
     point = synthetic.point(0, 0.03)
     study = synthetic.study_of([point], about="<script>alert(1)</script> & so on")
@@ -75,6 +83,7 @@ def test_what_a_study_says_cannot_break_the_page(synthetic, tmp_path):
     assert "<script>alert(1)</script> & so on" in " ".join(read(path).text)
 
 
+@pytest.mark.usefixtures("one_format")
 def test_a_single_run_has_no_error_and_says_so(synthetic, tmp_path):
     point = synthetic.point(0, 0.03)
     analysis = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, 1)])
@@ -83,6 +92,7 @@ def test_a_single_run_has_no_error_and_says_so(synthetic, tmp_path):
     assert "1 orifices are too few" in text
 
 
+@pytest.mark.usefixtures("one_format")
 def test_runs_that_all_clogged_are_reported_without_a_fit(synthetic, tmp_path):
     points = [synthetic.point(k, D) for k, D in enumerate((0.018, 0.03))]
     runs = [synthetic.FinishedDouble(point, seed, "clogged") for point in points for seed in (1, 2)]
