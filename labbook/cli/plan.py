@@ -8,7 +8,7 @@ import typer
 
 from labbook.cli.lab import Device
 from labbook.cli.options import BACKEND, LAB, AsJson, Lab, RunsOn, StudyFile, fail, read_study
-from labbook.cli.screen import say, screen
+from labbook.cli.screen import screen
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -51,8 +51,6 @@ def register(app: typer.Typer) -> None:
             typer.echo(json.dumps(shown, indent=2, allow_nan=False))
         else:
             _show(made, made.forecast)
-            for line in made.warnings:
-                say(f"Warning: {line}")
 
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
@@ -115,7 +113,7 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
     from rich.table import Table
 
     from labbook.run.outline import outline
-    from labbook.run.progress import duration, size
+    from labbook.run.progress import size
 
     console = screen(highlight=False)
     groups: dict[tuple[str, str, str], list[int]] = defaultdict(list)
@@ -132,28 +130,11 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
         table.add_row(escape(label), spans(seeds), f"[{colours[state]}]{state}[/]", escape(reason))
     console.print(table)
     console.print(_physics(plan))
-    counts = plan.counts()
-    console.print(", ".join(f"{counts[state]} {state}" for state in colours if counts[state]), markup=False)
-    rule = plan.rule
-    if rule.sequential:
-        console.print(
-            f"Up to {rule.cap} replicates a point, until the flow rate is known to {rule.tolerance:.2%}", markup=False
-        )
-    if plan.todo:
-        console.print(
-            f"{len(plan.fillings)} packings to make; about {duration(ahead.seconds)} on {ahead.lanes} lanes "
-            f"({ahead.basis}), {size(ahead.disk)} on disk",
-            markup=False,
-        )
+    for line in plan.lines():
+        console.print(line, markup=False, soft_wrap=True)
     largest = max(outline(point.shared).memory for point in plan.points)
     if plan.todo and largest > _LARGE:
         console.print(f"A run takes about {size(largest)} of memory", markup=False)
-    if plan.todo and ahead.compiling:
-        sets = "set of features" if ahead.sets == 1 else "sets of features"
-        console.print(
-            f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}, unless it is cached",
-            markup=False,
-        )
 
 
 def _count(number: float) -> str:

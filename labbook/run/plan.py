@@ -120,7 +120,7 @@ class Plan:
         return made
 
     def __repr__(self) -> str:
-        return "\n".join((f"<Plan of {self.study.name}: {self._counted}>", *self._ahead))
+        return "\n".join([f"<Plan of {self.study.name} on {self.backend.name}>", *self.lines()])
 
     def _repr_html_(self) -> str:
         counts, cells = self.counts(), []
@@ -132,28 +132,22 @@ class Plan:
         if more > 0:
             cells[_SHOWN:] = [f"<tr><td>and {more} more points</td></tr>"]
         heads = "".join(f"<th>{state}</th>" for state in _STATES if counts[state])
-        lines = "".join(f"<div>{escape(line)}</div>" for line in self._ahead)
+        lines = "".join(f"<div>{escape(line)}</div>" for line in self.lines())
         return (
-            f"<div><b>{escape(self.study.name)}</b> on {escape(self.backend.name)}: {self._counted}</div>"
+            f"<div><b>{escape(self.study.name)}</b> on {escape(self.backend.name)}</div>"
             f"<table><thead><tr><th>point</th>{heads}</tr></thead><tbody>{''.join(cells)}</tbody></table>{lines}"
         )
 
-    @property
-    def _counted(self) -> str:
+    def lines(self) -> list[str]:
+        """How the runs stand, what is foreseen, and the warnings, line by line."""
         counts = self.counts()
-        return (
-            f"{', '.join(f'{counts[state]} {state}' for state in _STATES if counts[state])} of {len(self.items)} runs"
-        )
-
-    @property
-    def _ahead(self) -> list[str]:
-        """What is foreseen, line by line."""
-        ahead, lines = self.forecast, []
+        ahead, lines = self.forecast, [", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])]
         if self.rule.sequential:
             known = f"{self.rule.tolerance:.2%}"
             lines.append(f"Up to {self.rule.cap} replicates a point, until the flow rate is known to {known}")
         if self.todo and ahead is not None:
-            packings = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
+            making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
+            packings = making if self.fillings else "all packings are there"
             cost = f"about {duration(ahead.seconds)} on {ahead.lanes} lane{'' if ahead.lanes == 1 else 's'}"
             lines.append(f"{packings}; {cost} ({ahead.basis}), {size(ahead.disk)} on disk")
             if ahead.compiling:
