@@ -19,7 +19,7 @@ from labbook.export.recording import NotRecorded, of_run
 from labbook.export.study import write_numbers, write_recordings
 from labbook.export.viewer import show
 from labbook.fit import LAWS, FitError, FitResult
-from labbook.lab import Catalogue
+from labbook.lab import Catalogue, LabError
 from labbook.lab import Lab as Folder
 from labbook.lab.folder import DEFAULT
 from labbook.measure.trajectories import Trajectories
@@ -32,7 +32,7 @@ from labbook.results.study import Results as Found
 from labbook.results.study import find
 from labbook.run.demand import Conflict
 from labbook.run.foresee import foresee
-from labbook.run.notebook import NotebookBar, in_notebook
+from labbook.run.notebook import NotebookBar, counting, in_notebook
 from labbook.run.plan import Plan, Planner
 from labbook.run.progress import Bar
 from labbook.run.reach import cut_short
@@ -106,7 +106,7 @@ class Lab:
         progress: whether to show how many runs are evaluated, or who is told. Runs that cannot be read are warned of
         and left out. Raises LabError.
         """
-        with self._catalogue() as catalogue, _counting(progress, "evaluating") as told:
+        with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
             found = find(study, catalogue, self.backend, told)
         for problem in found.unreadable:
             warnings.warn(f"left out: {problem}", LabWarning, stacklevel=2)
@@ -124,11 +124,15 @@ class Lab:
         return made
 
     def __repr__(self) -> str:
-        with self._catalogue() as catalogue:
-            counts, packings = catalogue.counts(), catalogue.packing_count()
+        head = f"<Lab {self.folder} on {self.backend}, {self.device}"
+        try:
+            with self._catalogue() as catalogue:
+                counts, packings = catalogue.counts(), catalogue.packing_count()
+        except LabError as error:
+            return f"{head}: {error}>"
         by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
         held = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
-        return f"<Lab {self.folder} on {self.backend}, {self.device}: {held}>"
+        return f"{head}: {held}>"
 
     @contextmanager
     def _catalogue(self) -> Iterator[Catalogue]:
@@ -390,6 +394,10 @@ def _counting(progress: bool | Callable[[int], None], what: str) -> Iterator[Cal
     """A function to tell how many runs are done."""
     if not isinstance(progress, bool):
         yield progress
+        return
+    if progress and in_notebook():
+        with counting(what) as told:
+            yield told
         return
     from rich.console import Console
     from rich.progress import Progress

@@ -1,6 +1,8 @@
 """Progress in a notebook: one output that is drawn anew."""
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from html import escape
 from typing import Any
 
@@ -63,3 +65,13 @@ class NotebookBar:
             from IPython.display import HTML
 
             self._handle.update(HTML(self.html()))
+
+
+@contextmanager
+def counting(what: str) -> Iterator[Callable[[int], None]]:
+    """A function to call with how many are done; shown below the cell meanwhile."""
+    from IPython.display import HTML, display
+
+    handle: Any = display(HTML(f"<div>{escape(what)} ...</div>"), display_id=True)
+    yield lambda done: handle.update(HTML(f"<div>{escape(what)}: {done}</div>"))
+    handle.update(HTML(""))

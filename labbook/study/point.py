@@ -33,3 +33,6 @@ class Point:
         if isinstance(found, bool):
             return str(found).lower()
         return float(found) if isinstance(found, int | float) else found if isinstance(found, str) else None
+
+    def __repr__(self) -> str:
+        return f"<Point {self.index + 1}: {self.label}>"

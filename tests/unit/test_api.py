@@ -118,12 +118,16 @@ def test_what_the_page_names_is_there(found):
     assert seen > 50
 
 
-def test_the_example_of_the_page_is_a_study_and_twenty_lines():
+def test_the_example_of_the_page_holds(tmp_path, monkeypatch, capsys):
     code = PAGE.split("```python\n")[1].split("```")[0]
     assert len(code.strip().splitlines()) <= 28
+    monkeypatch.chdir(tmp_path)
     names: dict = {}
-    exec(code.split("lab = ")[0], names)
-    assert len(names["study"].points) == 4
+    exec(code.replace('labbook.Lab("lab")', 'labbook.Lab("lab", "toy")'), names)
+    assert "16 missing" in capsys.readouterr().out
+    assert len(names["results"].runs) == 16
+    assert (names["low"] < names["W"]).all()
+    assert (tmp_path / "flow.pdf").exists()
 
 
 def test_a_plan_tells_what_is_missing_and_what_it_costs(tmp_path):
@@ -259,6 +263,9 @@ def test_results_show_themselves(found):
     assert "data:image/png;base64," in html
     assert "toy-study" in repr(found.run(1))
     assert "12 finished" in repr(found.lab)
+    assert repr(found.points[0]).startswith("<PointResult D = 18 mm: 3 runs")
+    assert repr(found.series[0]) == "<Series of 4 points; fits: beverloo>"
+    assert repr(found.run(1).point) == "<Point 1: orifice 18 mm>"
 
 
 def test_a_lab_without_runs_says_so(tmp_path):
@@ -270,6 +277,15 @@ def test_a_lab_without_runs_says_so(tmp_path):
     with pytest.raises(LookupError, match="no series"):
         results.fit("beverloo")
     assert not (tmp_path / "none").exists()
+
+
+def test_a_damaged_lab_says_what_to_do(tmp_path):
+    (tmp_path / "lab/runs").mkdir(parents=True)
+    (tmp_path / "lab/catalogue.db").write_bytes(b"no database")
+    lab = labbook.Lab(tmp_path / "lab", "toy")
+    assert "labbook reindex" in repr(lab)
+    with pytest.raises(labbook.LabError, match="labbook reindex"):
+        lab.results(study(tmp_path), progress=False)
 
 
 def test_the_runs_of_a_lab_are_a_frame(found):
