@@ -200,14 +200,16 @@ class Results(Found):
     def figures(self, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
         """Names of the figures that `plot` can draw; of series, those of the one that `at` names (None: of any)."""
         series = self.series if at is None else (self._series(at),)
-        names = [name for one in series for name in gallery.of_series(self, one)]
-        return tuple(dict.fromkeys([*names, *gallery.of_results(self)]))
+        own = [name for one in series for name in gallery.of_series(self, one)]
+        shared = [*gallery.of_results(self)]
+        return tuple(dict.fromkeys([*own, *shared] if len(series) == 1 else [*shared, *own]))
 
-    def plot(self, name: str = "flow_rate", at: Mapping[str, Any] | None = None) -> "Figure":
-        """One of the report's figures, by its name in `figures()`; a notebook shows it by itself.
+    def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure":
+        """One of the report's figures, by its name in `figures()` (None: the first); a notebook shows it by itself.
 
         at: of which series, as for `fit`. Raises LookupError for a figure that there is not.
         """
+        name = name or next(iter(self.figures(at)), "flow_rate")
         draw = gallery.of_results(self).get(name)
         if draw is None and self.series:
             draw = gallery.of_series(self, self._series(at)).get(name)

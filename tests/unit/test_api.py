@@ -203,7 +203,9 @@ def test_a_series_is_named_by_its_values_with_units(tmp_path):
     flat = results.fit("beverloo", {"container.angle": "90 deg"})
     assert flat is results.fit("beverloo", {"container.angle": np.pi / 2})
     assert flat is not results.fit("beverloo", {"container.angle": "45 deg"})
-    assert "overview" in results.figures()
+    assert results.figures()[0] == "overview"
+    assert len(results.plot().axes) >= 1
+    assert results.figures({"container.angle": "45 deg"})[0] == "flow_rate"
     with pytest.raises(LookupError, match="angle = 45 deg"):
         results.fit("beverloo")
     with pytest.raises(LookupError, match="0 series"):
