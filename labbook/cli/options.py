@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from labbook.cli.screen import say
+from labbook.plugins import BrokenPlugin
 
 if TYPE_CHECKING:
     from labbook.api import Results
@@ -44,7 +45,9 @@ def leave(status: int) -> NoReturn:
 
 
 def told(error: Exception) -> str | None:
-    """What an error of the storage means to the user and what to do, in a line; None for any other error."""
+    """What an error of the storage or of a plug-in means, and what to do, in a line; None for any other error."""
+    if isinstance(error, BrokenPlugin):
+        return str(error)
     if isinstance(error, OSError):
         return _of_files(error) if error.errno not in (None, errno.EPIPE) else None
     if "labbook.lab" not in sys.modules:

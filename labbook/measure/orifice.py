@@ -34,9 +34,9 @@ _MEANS = (
     Quantity("orifice_packing_fraction", "⟨φ⟩", "", "packing fraction of the first centimetre above the orifice"),
     Quantity("orifice_v_z", "⟨v_z⟩", "m/s", "vertical velocity there, weighted by φ"),
     Quantity("orifice_kinetic_pressure", "⟨p_k⟩", "Pa", "trace of the kinetic stress there"),
-    Quantity("orifice_O_zz", "⟨O_zz⟩", "", "mean square of the cosine between rods and the vertical there"),
-    Quantity("orifice_O_rr", "⟨O_rr⟩", "", "the same with the radial direction"),
+    Quantity("orifice_O_rr", "⟨O_rr⟩", "", "mean square of the cosine between rods and the radial direction there"),
     Quantity("orifice_O_tt", "⟨O_tt⟩", "", "the same with the azimuthal direction"),
+    Quantity("orifice_O_zz", "⟨O_zz⟩", "", "the same with the vertical"),
     Quantity("orifice_S", "⟨S⟩", "", "largest eigenvalue of the mean orientation tensor there"),
     Quantity(
         "free_fall_height", "free fall", "m", "height from which grains fall freely, as they gain speed", "mm", 1e3
