@@ -1,6 +1,65 @@
-"""labbook: studies of granular silos, from a YAML file to a report with error bars.
+"""labbook: studies of granular silos, from a YAML file or from Python to a report with error bars.
 
-Importing it is cheap: no backend, viewer, catalogue or plotting library is loaded until it is used.
+Importing it is cheap: no backend, viewer, catalogue or plotting library is loaded until it is used. docs/python.md
+lists all names.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from labbook.api import Lab, LabWarning, Results, Run
+    from labbook.fit import FitError, FitResult
+    from labbook.lab import LabError
+    from labbook.measure.trajectories import Trajectories
+    from labbook.run.plan import Plan
+    from labbook.run.runner import Summary
+    from labbook.scene import Scene
+    from labbook.study import Point, Study, StudyError, define, load
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "FitError",
+    "FitResult",
+    "Lab",
+    "LabError",
+    "LabWarning",
+    "Plan",
+    "Point",
+    "Results",
+    "Run",
+    "Scene",
+    "Study",
+    "StudyError",
+    "Summary",
+    "Trajectories",
+    "__version__",
+    "define",
+    "load",
+]
+
+_PLACES = {
+    "labbook.api": ("Lab", "LabWarning", "Results", "Run"),
+    "labbook.fit": ("FitError", "FitResult"),
+    "labbook.lab": ("LabError",),
+    "labbook.measure.trajectories": ("Trajectories",),
+    "labbook.run.plan": ("Plan",),
+    "labbook.run.runner": ("Summary",),
+    "labbook.scene": ("Scene",),
+    "labbook.study": ("Point", "Study", "StudyError", "define", "load"),
+}
+_PLACE = {name: module for module, names in _PLACES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, from where it is, when it is first asked for."""
+    if name not in _PLACE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(_PLACE[name]), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    """The public names, whether they have been asked for or not."""
+    return sorted({*globals(), *_PLACE})

@@ -28,7 +28,7 @@ FILES = {
         *("test_numba_guards", "test_numba_plain", "test_numba_threads"),
     ),
     "warp-double-cpu": ("test_warp_rods",),
-    "studies": ("test_bench_backend", "test_compare_backends"),
+    "studies": ("test_api_tutorial", "test_bench_backend", "test_compare_backends"),
 }
 """Further files that share kernels with one another, or with tests of a stand."""
 

@@ -134,6 +134,20 @@ def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
     return {name: np.int64 if name in _WHOLE else np.float64 for name in ["member", "step", "time", *names.split()]}
 
 
+UNITS = {
+    "time": "s",
+    **dict.fromkeys(("x", "y", "z", "bx", "by", "bz", "max_overlap"), "m"),
+    **dict.fromkeys(("vx", "vy", "vz"), "m/s"),
+    **dict.fromkeys(("wx", "wy", "wz"), "rad/s"),
+    **dict.fromkeys(("fx", "fy", "fz"), "N"),
+    **dict.fromkeys(("kinetic", "potential", "contact_work"), "J"),
+    "mass": "kg",
+    **dict.fromkeys(("px", "py", "pz"), "kg m/s"),
+    **dict.fromkeys(("lx", "ly", "lz"), "kg m^2/s"),
+}
+"""SI units of the columns of tables; the others are numbers without unit."""
+
+
 def empty_table(probe: Probe, rods: bool = False) -> Table:
     """The table of a probe that saw nothing; `rods` as in `columns`."""
     return {name: np.zeros(0, kind) for name, kind in columns(probe, rods).items()}

@@ -27,12 +27,12 @@ def register(app: typer.Typer) -> None:
         """Write every number of a study as tables (SI units), and recorded runs as VTK files for ParaView."""
         from rich.console import Console
 
-        from labbook.export.study import NoParquet, write_numbers, write_recordings
+        from labbook.export.study import NoParquet, write_recordings
 
         found = results(study, lab, backend)
         folder = out if out is not None else lab / "exports" / found.study.name
         try:
-            paths = write_numbers(found, folder, kind)
+            paths = found.export(folder, kind)
         except NoParquet as missing:
             raise typer.BadParameter(str(missing), param_hint="--format") from None
         for path in paths:

@@ -1,40 +1,14 @@
-"""What verbs that look into a lab share: opening its catalogue, finding the backend, progress of what takes a while."""
+"""What verbs that look into a lab share: the option of a device, progress of what takes a while."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from labbook.cli.options import fail
 from labbook.cli.screen import screen
 
-if TYPE_CHECKING:
-    from labbook.backend import Backend
-    from labbook.lab import Catalogue
-
 Device = Annotated[str, typer.Option("--device", help="Device to run on, as the backend names it.")]
-
-
-def backend_called(name: str) -> "Backend":
-    """The backend with this name; if there is none, the reason is printed, and ends the program."""
-    from labbook.backend import BackendMissing, load
-
-    try:
-        return load(name)
-    except BackendMissing as error:
-        fail(error)
-
-
-def open_catalogue(lab: Path) -> "Catalogue":
-    """The catalogue of a lab; if it must be made again first, that is said, and ends the program."""
-    from labbook.lab import Catalogue, NoCatalogue
-
-    try:
-        return Catalogue(lab)
-    except NoCatalogue as error:
-        fail(error)
 
 
 @contextmanager

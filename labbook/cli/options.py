@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from labbook.cli.screen import say, screen
+from labbook.cli.screen import say
 from labbook.plugins import BrokenPlugin
 
 if TYPE_CHECKING:
+    from labbook.api import Results
     from labbook.lab import Catalogue
-    from labbook.results.study import Results
     from labbook.study import Study
 
 StudyFile = Annotated[Path, typer.Argument(help="Study file (YAML).", metavar="STUDY", show_default=False)]
@@ -52,11 +52,11 @@ def told(error: Exception) -> str | None:
         return _of_files(error) if error.errno not in (None, errno.EPIPE) else None
     if "labbook.lab" not in sys.modules:
         return None
-    from labbook.lab import Unreadable, Unusable
+    from labbook.lab import LabError, Unreadable
 
     if isinstance(error, Unreadable):
         return f"{error}; it is made again by labbook run, and labbook reindex lists all that is damaged"
-    return str(error) if isinstance(error, Unusable) else None
+    return str(error) if isinstance(error, LabError) else None
 
 
 _REMEDIES = {
@@ -102,16 +102,16 @@ def existing(lab: Path) -> "Catalogue":
 
 def results(path: Path, lab: Path, backend: str) -> "Results":
     """What the lab holds of a study; runs that cannot be read are named and left out."""
-    from rich.progress import Progress
+    import warnings
 
-    from labbook.results.study import find
+    from labbook.api import Lab as Place
+    from labbook.api import LabWarning
 
     study = read_study(path)
-    catalogue = existing(lab)
-    console = screen(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("evaluating", total=None)
-        found = find(study, catalogue, backend, lambda done: progress.update(task, completed=done))
+    existing(lab)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LabWarning)  # told below
+        found = Place(lab, backend).results(study)
     if not found.points and not found.unreadable:
         fail(f"{lab} has no finished run of {study.name} on {backend}; make some: labbook run {path} --lab {lab}")
     for problem in found.unreadable:

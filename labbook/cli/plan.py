@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from labbook.cli.lab import Device, backend_called, open_catalogue
+from labbook.cli.lab import Device
 from labbook.cli.options import BACKEND, LAB, AsJson, Lab, RunsOn, StudyFile, fail, read_study
-from labbook.cli.screen import say, screen
+from labbook.cli.screen import screen
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from labbook.run.forecast import Forecast
-    from labbook.run.plan import Plan
+    from labbook.run.plan import Forecast, Plan
 
 _ROWS, _LABELS = 30, 3
 """Rows of the table of steps, and points that are named in each."""
@@ -32,39 +31,26 @@ def register(app: typer.Typer) -> None:
         study: StudyFile, lab: Lab = LAB, backend: RunsOn = BACKEND, device: Device = "cpu", as_json: AsJson = False
     ) -> None:
         """Show what is done, missing, partial or stale and why, with a forecast of time and disk."""
-        from labbook.backend import Unsupported
-        from labbook.lab.folder import Lab as Folder
+        from labbook.api import Lab as Place
+        from labbook.backend import BackendMissing, Unsupported
+        from labbook.lab import NoCatalogue
         from labbook.measure import MeasureError
-        from labbook.run.advice import advice, too_large
         from labbook.run.demand import Conflict
-        from labbook.run.forecast import forecast
-        from labbook.run.lane import slots
-        from labbook.run.plan import Planner, check
-        from labbook.run.provenance import cores, memory, provenance
-        from labbook.run.reach import cut_short
+        from labbook.run.foresee import TooLarge
 
-        asked, chosen = read_study(study), backend_called(backend)
-        catalogue = open_catalogue(lab)
+        asked = read_study(study)
         try:
-            made = Planner(asked, catalogue, chosen.capabilities).plan()
-            check(chosen, device, made.points)
-            lanes = cores() if device == "cpu" else 1
-            machine = provenance(device)["machine"]
-            members = slots(chosen, device, made.points)
-            ahead = forecast(made, catalogue, machine, device, lanes, chosen, members)
-        except (Unsupported, Conflict, MeasureError) as problem:
+            made = Place(lab, backend, device).plan(asked)
+        except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, TooLarge) as problem:
             fail(problem)
         except ImportError as missing:
             fail(f"the backend {backend} cannot be loaded ({missing}); try: pip install 'labbook[{backend}]'")
-        if device == "cpu" and (told := too_large(made, lanes, memory())):
-            fail(told)
-        warnings = [*cut_short(made, Folder(lab)), *advice(made, ahead.seconds)]
+        assert made.forecast is not None
         if as_json:
-            typer.echo(json.dumps({**plain(made, ahead), "warnings": warnings}, indent=2, allow_nan=False))
+            shown = {**plain(made, made.forecast), "warnings": list(made.warnings)}
+            typer.echo(json.dumps(shown, indent=2, allow_nan=False))
         else:
-            _show(made, ahead)
-            for line in warnings:
-                say(f"Warning: {line}")
+            _show(made, made.forecast)
 
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
@@ -127,7 +113,7 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
     from rich.table import Table
 
     from labbook.run.outline import outline
-    from labbook.run.progress import duration, size
+    from labbook.run.progress import size
 
     console = screen(highlight=False)
     groups: dict[tuple[str, str, str], list[int]] = defaultdict(list)
@@ -144,28 +130,11 @@ def _show(plan: "Plan", ahead: "Forecast") -> None:
         table.add_row(escape(label), spans(seeds), f"[{colours[state]}]{state}[/]", escape(reason))
     console.print(table)
     console.print(_physics(plan))
-    counts = plan.counts()
-    console.print(", ".join(f"{counts[state]} {state}" for state in colours if counts[state]), markup=False)
-    rule = plan.rule
-    if rule.sequential:
-        console.print(
-            f"Up to {rule.cap} replicates a point, until the flow rate is known to {rule.tolerance:.2%}", markup=False
-        )
-    if plan.todo:
-        console.print(
-            f"{len(plan.fillings)} packings to make; about {duration(ahead.seconds)} on {ahead.lanes} lanes "
-            f"({ahead.basis}), {size(ahead.disk)} on disk",
-            markup=False,
-        )
+    for line in plan.lines():
+        console.print(line, markup=False, soft_wrap=True)
     largest = max(outline(point.shared).memory for point in plan.points)
     if plan.todo and largest > _LARGE:
         console.print(f"A run takes about {size(largest)} of memory", markup=False)
-    if plan.todo and ahead.compiling:
-        sets = "set of features" if ahead.sets == 1 else "sets of features"
-        console.print(
-            f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}, unless it is cached",
-            markup=False,
-        )
 
 
 def _count(number: float) -> str:

@@ -21,8 +21,5 @@ def register(app: typer.Typer) -> None:
         backend: Backend = BACKEND,
     ) -> None:
         """Write the report of a study: one HTML file, and its figures as PNG, SVG and PDF."""
-        from labbook.report.page import write
-
-        found = results(study, lab, backend)
-        page = write(found, out if out is not None else lab / "reports" / found.study.name)
+        page = results(study, lab, backend).report(out)
         typer.echo(f"Report: {page}")

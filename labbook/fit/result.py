@@ -2,12 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from labbook.fit.band import half_width, law_error
 from labbook.fit.law import Context, Law
 from labbook.fit.profile import Minimum, derivative
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class FitError(ValueError):
@@ -59,6 +63,20 @@ class FitResult:
     def chi2_reduced(self) -> float:
         """chi2 per degree of freedom."""
         return self.chi2 / self.dof
+
+    def frame(self) -> "pd.DataFrame":
+        """The parameters: a row each, with value, error, ends of the interval and unit."""
+        import pandas as pd
+
+        return pd.DataFrame([{"parameter": name, **vars(found)} for name, found in self.parameters.items()])
+
+    def __repr__(self) -> str:
+        lines = [f"<{self.law.name}: {self.law.formula}>"]
+        for name, one in self.parameters.items():
+            within = f"{100 * self.confidence:g} %: {one.low:.4g} to {one.high:.4g}"
+            lines.append(f"  {name} = {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() + f"  ({within})")
+        lines.append(f"  χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}")
+        return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def predict(
         self, D: Sequence[float] | np.ndarray, *, new_point: bool = False

@@ -3,8 +3,8 @@
 
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.connect import NoCatalogue
-from labbook.lab.folder import DiskFull, Lab, Unusable
+from labbook.lab.folder import DiskFull, Lab, LabError
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.runs import FinishedRun
 
-__all__ = ["Catalogue", "DiskFull", "Entry", "FinishedRun", "Lab", "NoCatalogue", "RunRecord", "Unreadable", "Unusable"]
+__all__ = ["Catalogue", "DiskFull", "Entry", "FinishedRun", "Lab", "LabError", "NoCatalogue", "RunRecord", "Unreadable"]

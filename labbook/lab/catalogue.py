@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Engine, func, select
 from sqlalchemy.exc import DatabaseError
 
 from labbook.lab.connect import CHUNK, DAMAGED, NoCatalogue, connect, empty, schema_version, unusable
-from labbook.lab.folder import Lab, Unusable, stamp
+from labbook.lab.folder import Lab, LabError, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Coverage, Unreadable
 from labbook.lab.schema import SCHEMA_VERSION, measurements, packings, runs
@@ -48,7 +48,7 @@ class Catalogue:
     def _open(self) -> Engine:
         path, folder = self.lab.catalogue, self.lab.folder
         if folder.exists() and not folder.is_dir():
-            raise Unusable(f"{folder} is a file, and no lab folder; give another one with --lab")
+            raise LabError(f"{folder} is a file, and no lab folder; give another one with --lab")
         if not path.exists():
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
                 raise NoCatalogue(f"{path} is missing; make it again: labbook reindex --lab {folder}")
@@ -65,7 +65,7 @@ class Catalogue:
 
     @contextmanager
     def _asking(self) -> Iterator[Connection]:
-        """A connection for a question. Raises Unusable."""
+        """A connection for a question. Raises LabError."""
         try:
             with self._engine.connect() as connection:
                 yield connection

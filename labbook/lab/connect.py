@@ -8,7 +8,7 @@ from urllib.parse import quote
 from sqlalchemy import Engine, create_engine, event, text
 from sqlalchemy.exc import DatabaseError
 
-from labbook.lab.folder import DiskFull, Lab, Unusable
+from labbook.lab.folder import DiskFull, Lab, LabError
 from labbook.lab.schema import metadata
 
 BUSY = 30.0
@@ -19,7 +19,7 @@ DAMAGED = -1
 _OUT_OF_REACH = ("locked", "full", "readonly", "unable to open", "disk I/O", "not authorized", "interrupted")
 
 
-class NoCatalogue(Unusable):
+class NoCatalogue(LabError):
     """There is no catalogue, it is damaged, or of another version of labbook; the message says what to do."""
 
 
@@ -75,7 +75,7 @@ def damaged(error: DatabaseError) -> bool:
     return not any(words in str(error.orig) for words in _OUT_OF_REACH)
 
 
-def unusable(lab: Lab, error: DatabaseError) -> Unusable:
+def unusable(lab: Lab, error: DatabaseError) -> LabError:
     """What an error of the database of `lab` means to its user."""
     why, path = str(error.orig), lab.catalogue
     if damaged(error):
@@ -83,8 +83,8 @@ def unusable(lab: Lab, error: DatabaseError) -> Unusable:
     if "full" in why:
         return DiskFull(path)
     if "locked" in why:
-        return Unusable(f"{path}: another labbook has been writing to it for {BUSY:g} s; give the same command again")
-    return Unusable(
+        return LabError(f"{path}: another labbook has been writing to it for {BUSY:g} s; give the same command again")
+    return LabError(
         f"{path}: {why}; see to it that you may read and write the files in {lab.folder}, or use a copy of the folder"
     )
 

@@ -27,11 +27,11 @@ EVALUATION = "measured-"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
-class Unusable(Exception):
+class LabError(Exception):
     """A lab cannot be read or written; the message says why and what to do."""
 
 
-class DiskFull(Unusable):
+class DiskFull(LabError):
     """No room is left; the message says where and what to do."""
 
     def __init__(self, path: Path):

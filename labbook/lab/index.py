@@ -13,7 +13,7 @@ from sqlalchemy.exc import DatabaseError
 
 from labbook.lab.connect import CHUNK, DAMAGED, connect, schema_version, unusable, whole
 from labbook.lab.derive import derive, expected
-from labbook.lab.folder import EVALUATION, Lab, Unusable, folders, remove, stamp
+from labbook.lab.folder import EVALUATION, Lab, LabError, folders, remove, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
@@ -46,14 +46,14 @@ class Index:
     """The writer's side of a catalogue.
 
     Opening it brings the index up to date with the folders; it is made again if it is of another version, if `again`
-    says so, or if it is damaged, in which case the old file is put aside. `found` has what that gave. Raises Unusable
+    says so, or if it is damaged, in which case the old file is put aside. `found` has what that gave. Raises LabError
     if it cannot be written, or is damaged while it is in use.
     """
 
     def __init__(self, lab: Lab, *, again: bool = False, tick: Tick | None = None):
         self.lab = lab
         if lab.folder.exists() and not lab.folder.is_dir():
-            raise Unusable(f"{lab.folder} is a file, and no lab folder; give another one with --lab")
+            raise LabError(f"{lab.folder} is a file, and no lab folder; give another one with --lab")
         lab.folder.mkdir(parents=True, exist_ok=True)
         self.found = Indexed()
         if not self._open(again):
@@ -238,7 +238,7 @@ class Index:
 
 def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
     """Take rows of measurements of indexed runs into the index of a lab, which stays as it is if it cannot be written
-    to: they are then worked out again from what is kept beside the runs. Raises Unusable for a damaged one."""
+    to: they are then worked out again from what is kept beside the runs. Raises LabError for a damaged one."""
     if not rows or not os.access(lab.catalogue, os.W_OK) or not os.access(lab.folder, os.W_OK):
         return
     engine = connect(lab.catalogue, read_only=False)

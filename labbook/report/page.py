@@ -52,7 +52,7 @@ def write(results: Results, folder: Path) -> Path:
         outcomes=tables.outcomes_table(results),
         provenance=tables.provenance_table(results),
         runs=tables.runs_table(results),
-        study_text=study.path.read_text(encoding="utf-8") if study.path.is_file() else "",
+        study_text=study.path.read_text(encoding="utf-8") if study.path.is_file() else study.yaml(),
     )
     write_bytes(folder / FILE, text.encode(), durable=False)
     return folder / FILE

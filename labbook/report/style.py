@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -83,6 +84,24 @@ def encode(figure: "Figure", kind: str) -> bytes:
     with house():
         figure.savefig(buffer, format=kind, metadata=_METADATA[kind])
     return buffer.getvalue()
+
+
+def displayed(figure: "Figure") -> "Figure":
+    """The figure, which a notebook then shows by itself, whether or not pyplot is in use there."""
+    if not hasattr(figure, "_repr_png_"):
+        figure._repr_png_ = partial(for_a_screen, figure)  # pyright: ignore[reportAttributeAccessIssue]
+    return figure
+
+
+def for_a_screen(figure: "Figure") -> tuple[bytes, dict[str, int]]:
+    """The figure as PNG of twice the width [pixels] that a notebook is told to show it at."""
+    buffer = BytesIO()
+    with house():
+        figure.savefig(buffer, format="png", dpi=2 * _SCREEN, metadata=_METADATA["png"])
+    return buffer.getvalue(), {"width": round(figure.get_figwidth() * _SCREEN)}
+
+
+_SCREEN = 110  # pixels an inch
 
 
 def save(figure: "Figure", stem: Path) -> list[Path]:

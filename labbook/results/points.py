@@ -218,6 +218,10 @@ class PointResult:
         ended = {how: n for how, n in self.outcomes.items() if how in ("clogged", "diverged")}
         return ", ".join(parts + [f"{n} of {len(self.runs)} {how}" for how, n in ended.items()])
 
+    def __repr__(self) -> str:
+        names = ", ".join(self.pooled)
+        return f"<PointResult {self.label or 'of the only point'}: {len(self.runs)} runs; pooled: {names}>"
+
 
 def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
     """The quantity of every run of a point that counts."""

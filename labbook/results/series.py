@@ -75,6 +75,10 @@ class Series:
             return None
         return self.contenders[0] if len(self.contenders) == 1 else UNDECIDED
 
+    def __repr__(self) -> str:
+        fits = ", ".join((*self.fits, *self.profiles)) or "none"
+        return f"<Series of {len(self.points)} points{f' at {self.label}' if self.label else ''}; fits: {fits}>"
+
     @property
     def verdict(self) -> str:
         """Which law the data prefer, in a sentence."""

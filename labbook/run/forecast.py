@@ -16,7 +16,7 @@ from labbook.lab.catalogue import Catalogue
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.measure.expected import mass_flow
 from labbook.run.demand import Demand, PointDemand
-from labbook.run.plan import Plan
+from labbook.run.plan import Forecast, Plan
 from labbook.run.reach import PACKED, reach
 from labbook.scene import outlet_shape
 
@@ -101,23 +101,6 @@ _GRAIN = 400  # bytes of one grain's share of a checkpoint
 _FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
 _FRAMES = 200
 _NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
-
-
-@dataclass(frozen=True)
-class Forecast:
-    """Time [s] and disk [bytes] still needed; `basis` says what the speed rests on."""
-
-    seconds: float
-    disk: float
-    grain_steps: float
-    speed: float
-    """Grain-steps per second of one lane."""
-    lanes: int
-    basis: str
-    compiling: float = 0.0
-    """Part of the time [s] for sets of features that no run of this study was computed with yet."""
-    sets: int = 0
-    """How many of these there are."""
 
 
 @dataclass

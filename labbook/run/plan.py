@@ -3,7 +3,8 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from html import escape
+from typing import TYPE_CHECKING, Literal
 
 from labbook.backend import Backend, Capabilities, Surveys, Unsupported
 from labbook.lab.catalogue import Catalogue, Entry
@@ -14,8 +15,12 @@ from labbook.lab.runs import open_run
 from labbook.measure import MEASURES
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
+from labbook.run.progress import duration, size
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 State = Literal["done", "missing", "partial", "stale"]
 """`partial`: begun, or covers less than is asked. `stale`: made by another version of the backend."""
@@ -45,14 +50,35 @@ class PointPlan:
     decision: Decision | None
 
 
+@dataclass(frozen=True)
+class Forecast:
+    """Time [s] and disk [bytes] still needed; `basis` says what the speed rests on."""
+
+    seconds: float
+    disk: float
+    grain_steps: float
+    speed: float
+    """Grain-steps per second of one lane."""
+    lanes: int
+    basis: str
+    compiling: float = 0.0
+    """Part of the time [s] for sets of features that no run of this study was computed with yet."""
+    sets: int = 0
+    """How many of these there are."""
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """All runs of a study, as they stand."""
+    """All runs of a study, as they stand; what they will cost and what the study may well want otherwise, if that was
+    foreseen."""
 
     study: Study
     backend: Capabilities
     points: tuple[PointPlan, ...]
     rule: StoppingRule
+    forecast: Forecast | None = None
+    warnings: tuple[str, ...] = ()
+    """With file, key and remedy."""
 
     @property
     def items(self) -> list[Item]:
@@ -77,6 +103,63 @@ class Plan:
     def counts(self) -> Counter[str]:
         """Number of runs by state."""
         return Counter(item.state for item in self.items)
+
+    def frame(self) -> "pd.DataFrame":
+        """A row a run: `point` (from 1), what was swept [SI, units in `attrs`], `label`, `seed`, `state`, `reason`,
+        `outcome`, `run_key`, `packed` (whether its packing is there)."""
+        import pandas as pd
+
+        rows = []
+        for item in self.items:
+            point = item.demand.point
+            head = {"point": point.index + 1, **point.at, "label": point.label, "seed": item.demand.seed}
+            how = {"state": item.state, "reason": item.reason, "outcome": item.outcome}
+            rows.append({**head, **how, "run_key": item.keys.run, "packed": item.packed})
+        made = pd.DataFrame(rows)
+        made.attrs = {"study": self.study.name, "units": self.study.units}
+        return made
+
+    def __repr__(self) -> str:
+        return "\n".join([f"<Plan of {self.study.name} on {self.backend.name}>", *self.lines()])
+
+    def _repr_html_(self) -> str:
+        counts, cells = self.counts(), []
+        for point in self.points:
+            states = Counter(item.state for item in point.items)
+            numbers = "".join(f"<td>{states[state] or ''}</td>" for state in _STATES if counts[state])
+            cells.append(f'<tr><td style="text-align:left">{escape(point.shared.point.label)}</td>{numbers}</tr>')
+        more = len(cells) - _SHOWN
+        if more > 0:
+            cells[_SHOWN:] = [f"<tr><td>and {more} more points</td></tr>"]
+        heads = "".join(f"<th>{state}</th>" for state in _STATES if counts[state])
+        lines = "".join(f"<div>{escape(line)}</div>" for line in self.lines())
+        return (
+            f"<div><b>{escape(self.study.name)}</b> on {escape(self.backend.name)}</div>"
+            f"<table><thead><tr><th>point</th>{heads}</tr></thead><tbody>{''.join(cells)}</tbody></table>{lines}"
+        )
+
+    def lines(self) -> list[str]:
+        """How the runs stand, what is foreseen, and the warnings, line by line."""
+        counts = self.counts()
+        ahead, lines = self.forecast, [", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])]
+        if self.rule.sequential:
+            known = f"{self.rule.tolerance:.2%}"
+            lines.append(f"Up to {self.rule.cap} replicates a point, until the flow rate is known to {known}")
+        if self.todo and ahead is not None:
+            making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
+            packings = making if self.fillings else "all packings are there"
+            cost = f"about {duration(ahead.seconds)} on {ahead.lanes} lane{'' if ahead.lanes == 1 else 's'}"
+            lines.append(f"{packings}; {cost} ({ahead.basis}), {size(ahead.disk)} on disk")
+            if ahead.compiling:
+                sets = "set of features" if ahead.sets == 1 else "sets of features"
+                cached = f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}"
+                lines.append(f"{cached}, unless it is cached")
+        return lines + [f"Warning: {line}" for line in self.warnings]
+
+
+_STATES: tuple[State, ...] = ("done", "missing", "partial", "stale")
+_SHOWN = 30
+"""Points that are shown one by one."""
 
 
 def counted(points: Iterable[PointPlan]) -> tuple[int, int]:

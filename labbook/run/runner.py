@@ -2,6 +2,7 @@
 stop rule."""
 
 import time
+from collections import Counter
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 
@@ -15,7 +16,8 @@ from labbook.run.demand import PackingsOf
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.lane import Lane, Turn, slots
-from labbook.run.plan import Planner, PointPlan, check
+from labbook.run.plan import Planner, PointPlan, check, counted
+from labbook.run.progress import duration
 from labbook.run.provenance import cores
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
@@ -46,6 +48,66 @@ class Summary:
     left_behind: bool = False
     """Whether threads of this process still compile for jobs that were dropped: nothing waits for them but the end of
     the process, unless it is ended by `os._exit`."""
+
+    @property
+    def done(self) -> int:
+        """Runs of the study that are there."""
+        return counted(self.points)[0]
+
+    @property
+    def asked(self) -> int:
+        """Runs that the study asks for so far."""
+        return counted(self.points)[1]
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Why runs failed, which are not there therefore."""
+        return tuple(self.tally.failed)
+
+    @property
+    def diverged(self) -> dict[str, list[int]]:
+        """Seeds of the runs that diverged, now or earlier, by the label of their point."""
+        found: dict[str, list[int]] = {}
+        for point in self.points:
+            for item in point.items:
+                if item.state == "done" and item.outcome == "diverged":
+                    found.setdefault(item.demand.point.label, []).append(item.demand.seed)
+        return found
+
+    @property
+    def complete(self) -> bool:
+        """Whether all runs are there, and none diverged."""
+        return self.done == self.asked and not self.diverged
+
+    def lines(self) -> list[str]:
+        """What came of it, line by line."""
+        tally, outcomes = self.tally, Counter(self.tally.ran.values())
+        lines = [f"{self.done} of {self.asked} runs done"]
+        if tally.ran or tally.packings:
+            rate = self.work_done / self.wall_time
+            what = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "none ended"
+            made = f"{tally.packings} packing{'' if tally.packings == 1 else 's'}"
+            lines[0] += f"; now: {what}; {made}; {duration(self.wall_time)}"
+            lines[0] += f", {rate / 1e6:.2f} M grain-steps/s"
+        if tally.resumed:
+            lines.append(f"{tally.resumed} went on from a checkpoint")
+        for point in self.points:
+            decision = point.decision
+            if decision and decision.ended and decision.pooled:
+                short = "" if decision.ended == "tolerance" else ": the tolerance is not met, and no more are allowed"
+                lines.append(
+                    f"{point.shared.point.label}: flow rate to {decision.pooled.relative:.2%} "
+                    f"with {decision.pooled.n} replicates{short}"
+                )
+        for label, seeds in self.diverged.items():
+            many = f"seeds {', '.join(map(str, seeds))}" if len(seeds) > 1 else f"seed {seeds[0]}"
+            lines.append(f"Diverged: {label}, {many}: stopped by a guard, and left out of every mean")
+        lines += [f"Failed: {why}" for why in tally.failed]
+        return lines + [f"Unreadable: {problem}" for problem in self.problems]
+
+    def __repr__(self) -> str:
+        stopped = ["Stopped early; everything is saved: run the study again to go on"] if self.stopped else []
+        return "\n".join(self.lines() + stopped)
 
 
 Turns = dict[Future[Turn], tuple[Lane, list[Started]]]

@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from labbook.scene.contact import ContactLaw, Surface
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
+from labbook.scene.drawing import describe, svg
 from labbook.scene.grains import Grains
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
@@ -63,6 +64,18 @@ class Scene(Model):
                 reason = f"{' and '.join(pair.kinds)} are listed twice"
                 yield Fault("contact.between", reason, "state each pair once")
             seen.add(frozenset(pair.kinds))
+
+    def svg(self) -> str:
+        """A picture as SVG: a section through the container with its outlet and some grains, to scale.
+
+        Empty where no wall is seen in it."""
+        return svg(self.grains, self.container)
+
+    def __repr__(self) -> str:
+        return f"<Scene: {describe(self.grains, self.container)}>"
+
+    def _repr_svg_(self) -> str | None:
+        return self.svg() or None
 
     @property
     def wall_names(self) -> set[str]:

@@ -9,10 +9,10 @@ from labbook.fit.outlet import OF_OUTLET, PARAMETERS, TERMS
 from labbook.measure import FLOW_RATIO, FLOW_RATIOS, MEASURES, MeasureError
 from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
 from labbook.scene.scene import Scene
+from labbook.study.point import Point
 from labbook.study.problems import Problem, instead, meant, shown
 from labbook.study.schema import FEATURES, TURNING, Settings
 from labbook.study.source import Source
-from labbook.study.study import Point
 
 
 def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:

@@ -1,25 +1,44 @@
-"""Reading a study file: everything that is wrong with it is found at once, before anything runs."""
+"""A study, and how one is read from a file or made in Python: everything that is wrong is found at once, before
+anything runs."""
 
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Mapping, Set
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from labbook.backend.numerics import Numerics
 from labbook.fit import COVERAGE, DEFINITIONS, FITS
 from labbook.measure import FLOW_RATIO, MEASURES
+from labbook.scene.scene import Scene
 from labbook.study.applicable import unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
-from labbook.study.keys import all_keys, nearest
+from labbook.study.keys import all_keys, find, nearest
+from labbook.study.notebook import study_html
+from labbook.study.point import Point
 from labbook.study.points import PointReader
 from labbook.study.problems import MOST, Problem, StudyError, instead, meant, shown
 from labbook.study.reference import ReferenceReader
-from labbook.study.schema import SETTING_KEYS, TOP_KEYS, Settings
-from labbook.study.source import Source, dotted, read
-from labbook.study.study import Study
+from labbook.study.schema import (
+    SETTING_KEYS,
+    TOP_KEYS,
+    Accuracy,
+    Fill,
+    Record,
+    Reference,
+    Settings,
+    Stop,
+    Window,
+)
+from labbook.study.source import Source, changed, dotted, given, read, written
 from labbook.study.sweep import MAX_POINTS, Sweep
+from labbook.study.timestep import numerics_for
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAX_RUNS = 200_000
 """Runs that a plan holds at once."""
@@ -27,9 +46,94 @@ _COMPARED = 200
 """Unknown keys that are compared with those that are known."""
 
 
-def load(path: Path) -> Study:
-    """The study in the file `path`. Raises StudyError with all problems that were found."""
-    source = read(Path(path))
+@dataclass(frozen=True)
+class Study:
+    """What is asked, resolved: the points of a sweep, and what is to be measured of each.
+
+    `fill` and `numerics` are those of points that do not sweep them: use a point's own.
+    """
+
+    path: Path
+    """Its file; `study NAME` of one that was made in Python."""
+    name: str
+    about: str
+    points: tuple[Point, ...]
+    replicates: int
+    accuracy: Accuracy
+    fill: Fill
+    window: Window
+    stop: Stop
+    measure: tuple[str, ...]
+    fit: tuple[str, ...]
+    record: Record | None
+    reference: Reference | None
+    numerics_stated: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    stated: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    """What its author wrote: keys and values as in YAML."""
+
+    def numerics(self, scene: Scene) -> Numerics:
+        """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
+        return numerics_for(self.numerics_stated, scene)
+
+    def change(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> "Study":
+        """The study with other values; this one stays as it is.
+
+        changes: dotted keys (`contact.friction`, `sweep.container.orifice`) and new values, as `define` takes them;
+        None leaves a key out. keys: the same for whole sections and settings. Raises StudyError, also for a key that
+        is swept.
+        """
+        return _resolved(changed(self.stated, {**(changes or {}), **keys}))
+
+    def frame(self) -> "pd.DataFrame":
+        """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""
+        import pandas as pd
+
+        rows = [{"point": point.index + 1, **point.at, "label": point.label} for point in self.points]
+        made = pd.DataFrame(rows)
+        made.attrs = {"study": self.name, "units": self.units}
+        return made
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI units of the swept keys; those that take words have none."""
+        names = dict.fromkeys(name for point in self.points for name in point.at)
+        units = {name: next((key.unit for key in find(name)), None) for name in names}
+        return {name: unit for name, unit in units.items() if unit is not None}
+
+    def yaml(self) -> str:
+        """The study as a study file has it, without comments."""
+        return written(self.stated)
+
+    def save(self, path: Path | str) -> Path:
+        """Write the study to a file, for the command line; its path."""
+        Path(path).write_text(self.yaml(), encoding="utf-8")
+        return Path(path)
+
+    def __repr__(self) -> str:
+        points = f"{len(self.points)} point{'' if len(self.points) == 1 else 's'}"
+        swept = dict.fromkeys(name for point in self.points for name in point.at)
+        over = f" of {', '.join(swept)}" if swept else ""
+        return f"<Study {self.name}: {points}{over}; replicates: {self.replicates}>"
+
+    def _repr_html_(self) -> str:
+        return study_html(self.name, self.about, self.stated, self.points, self.replicates)
+
+
+def load(path: Path | str) -> Study:
+    """The study in the file `path` (YAML). Raises StudyError with all problems that were found."""
+    return _resolved(read(Path(path)))
+
+
+def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
+    """A study made in Python, of the keys and values of a study file.
+
+    Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array. keys and
+    `stated`, a dict of the same, together are the study. Raises StudyError with all problems that were found.
+    """
+    return _resolved(given(stated or {}, keys))
+
+
+def _resolved(source: Source) -> Study:
     problems = _unknown_keys(source)
     unknown = [key for key in source.data if key not in TOP_KEYS]
     misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
@@ -54,6 +158,7 @@ def load(path: Path) -> Study:
         fill=points[0].fill,
         reference=published,
         numerics_stated=reader.numerics_stated,
+        stated=source.data,
         **{name: getattr(settings, name) for name in SETTING_KEYS},
     )
 

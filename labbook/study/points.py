@@ -10,10 +10,10 @@ from labbook.backend.numerics import Numerics
 from labbook.scene.grains import Grains, Spheres
 from labbook.scene.scene import Scene
 from labbook.study.explain import Complaint, complaints
+from labbook.study.point import Point
 from labbook.study.problems import Problem, shown
 from labbook.study.schema import SCENE_KEYS, Fill
 from labbook.study.source import Location, Source, dotted
-from labbook.study.study import Point
 from labbook.study.sweep import Assignment
 from labbook.study.timestep import TimeStepError, numerics_for
 

@@ -8,10 +8,10 @@ from typing import Any
 from labbook.scene.quantities import parse
 from labbook.study.applicable import Wrong, unit_of
 from labbook.study.keys import Key, find, nearest
+from labbook.study.point import Point
 from labbook.study.problems import Problem, instead, shown
 from labbook.study.schema import FEATURES, TURNING, Reference, ReferenceEntry, Settings, Statement
 from labbook.study.source import Location, Source, dotted
-from labbook.study.study import Point
 
 _QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40}){0,2}")
 _ROOT = re.compile(r"/\d|\(")

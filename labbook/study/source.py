@@ -1,7 +1,10 @@
-"""Reading YAML into plain values, with the line of every key; what cannot be read is a StudyError."""
+"""What a study says as plain values: read from YAML, with the line of every key, or given in Python; what cannot be
+read is a StudyError."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +55,132 @@ def read(path: Path) -> Source:
         problem = Problem(path, 1, "", "a study is a mapping of keys", "begin with a line such as `name: my-study`")
         raise StudyError([problem])
     return Source(path, data, walker.lines)
+
+
+def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> Source:
+    """A study given in Python, as a dict and by name. Raises StudyError for what a study cannot hold."""
+    giver = _Giver(_place({**stated, **keys}))
+    for key in sorted({*map(str, stated)} & {*keys}):
+        giver.problem((key,), "given twice", "keep one of the two")
+    return giver.source({**stated, **keys})
+
+
+def changed(stated: Mapping[str, Any], changes: Mapping[str, Any]) -> Source:
+    """What was `stated` with `changes` by dotted keys; None leaves a key out. Raises StudyError."""
+    giver = _Giver(_place({**stated, **changes}))
+    data = dict(stated)
+    for key, value in changes.items():
+        _put(data, str(key), value, giver)
+    varied = _varied(data)
+    for key in map(str, changes):
+        if key in varied:
+            said = f"it is varied under {varied[key]}, so that this changes nothing"
+            giver.problem((key,), said, f"change {varied[key]}, or leave that out by None")
+    return giver.source(data)
+
+
+def written(stated: Mapping[str, Any]) -> str:
+    """What was stated as YAML: a section a line, unless it is long."""
+    from ruamel.yaml import YAML
+
+    writer, text = YAML(typ="safe", pure=True), StringIO()
+    writer.default_flow_style, writer.width, writer.allow_unicode = None, 120, True
+    writer.sort_base_mapping_type_on_output = False  # pyright: ignore[reportAttributeAccessIssue]
+    writer.dump(dict(stated), text)
+    return text.getvalue()
+
+
+def _place(data: Mapping[str, Any]) -> Path:
+    """What stands for the file of a study that has none, in messages."""
+    name = data.get("name")
+    return Path(f"study {name}" if isinstance(name, str) and re.fullmatch(r"[\w-]{1,80}", name) else "study")
+
+
+def _put(data: dict[str, Any], key: str, value: Any, giver: "_Giver") -> None:
+    """Put a value in place in `data`, or take the key out; sections on the way are copied."""
+    *sections, leaf = key.split(".")
+    if sections and sections[0] == "sweep":  # whose keys have dots
+        first, rest = (["sweep", "zip"], key.removeprefix("sweep.zip.")) if sections[1:2] == ["zip"] else (
+            ["sweep"], key.removeprefix("sweep."))  # fmt: skip
+        sections, leaf = first, rest
+    for place, section in enumerate(sections):
+        below = data.get(section, {})
+        if not isinstance(below, Mapping):
+            known = ".".join(sections[: place + 1])
+            giver.problem((key,), f"{known} is no section with keys", f"give {known} as a whole")
+            return
+        data[section] = dict(below)
+        data = data[section]
+    if value is None:
+        data.pop(leaf, None)
+    else:
+        data[leaf] = value
+
+
+def _varied(data: Mapping[str, Any]) -> dict[str, str]:
+    """Keys that a study varies, and under what: a value stated for one elsewhere would be without effect."""
+    found: dict[str, str] = {}
+    sweep, points = data.get("sweep"), data.get("points")
+    if isinstance(points, list | tuple):
+        found |= {str(key): "points" for point in points if isinstance(point, Mapping) for key in point}
+    if isinstance(sweep, Mapping):
+        together = sweep.get("zip")
+        found |= {str(key): f"sweep.zip.{key}" for key in (together if isinstance(together, Mapping) else {})}
+        found |= {str(key): f"sweep.{key}" for key in sweep if key != "zip"}
+    return found
+
+
+class _Giver:
+    """Turns what Python holds into what YAML holds; notes what neither a study nor YAML can."""
+
+    def __init__(self, path: Path):
+        self.path, self.problems, self._values = path, list[Problem](), 0
+
+    def source(self, data: Mapping[str, Any]) -> Source:
+        """The study. Raises StudyError."""
+        plain = self._mapping(data, ())
+        if self.problems:
+            raise StudyError(self.problems)
+        return Source(self.path, plain)
+
+    def problem(self, location: Location, message: str, remedy: str) -> None:
+        """Note something that is wrong at a place."""
+        self.problems.append(Problem(self.path, 0, shown(dotted(location)), message, remedy))
+
+    def _plain(self, value: Any, location: Location) -> Any:
+        self._values += 1
+        if self._values > MAX_NODES or len(location) > MAX_DEPTH:
+            remedy = "write long lists as sweeps, or split the study"
+            raise StudyError([Problem(self.path, 0, shown(dotted(location)), "too many values, or too deep", remedy)])
+        if value is None or type(value) in (str, bool, int, float):
+            return value
+        if isinstance(value, str):
+            return str(value)  # such as a member of an enumeration of words
+        if hasattr(value, "magnitude") and hasattr(value, "units"):  # a pint quantity
+            several = getattr(value.magnitude, "ndim", 0)
+            return [self._plain(one, location) for one in value] if several else _spelled(value)
+        if hasattr(value, "tolist"):  # an array or a number of NumPy, a column of pandas
+            return self._plain(value.tolist(), location)
+        if isinstance(value, Mapping):
+            return self._mapping(value, location)
+        if isinstance(value, list | tuple | range):
+            return [self._plain(one, (*location, index)) for index, one in enumerate(value)]
+        message = f"a study cannot hold {shown(value)}, of the type {type(value).__name__}"
+        self.problem(location, message, "give text, a number, true or false, a list or a dict")
+        return None
+
+    def _mapping(self, value: Mapping[Any, Any], location: Location) -> dict[str, Any]:
+        for key in value:
+            if not isinstance(key, str):
+                self.problem(location, f"{shown(key)} is no key: a key is text", "write the key in quotes")
+        return {key: self._plain(one, (*location, key)) for key, one in value.items() if isinstance(key, str)}
+
+
+def _spelled(quantity: Any) -> str:
+    """A pint quantity as a study writes it: all digits of the number, and its unit."""
+    magnitude = getattr(quantity.magnitude, "item", lambda: quantity.magnitude)()
+    unit = f"{quantity.units:~C}"
+    return f"{magnitude!r} {unit.removeprefix('dimensionless')}".strip()
 
 
 def _text(path: Path) -> str:

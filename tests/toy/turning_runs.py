@@ -10,8 +10,8 @@ from labbook.lab.evaluations import evaluate
 from labbook.measure import RunData
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders
 from labbook.scene.packing import Packing
+from labbook.study import Point
 from labbook.study.schema import Fill, Statement
-from labbook.study.study import Point
 
 F = (0.0, 0.16, 0.32, 1.28)
 RODS = dict(zip(F, (600.0, 330.0, 300.0, 390.0), strict=True))  # a drop by half at 0.32 Hz, then up by 30 %

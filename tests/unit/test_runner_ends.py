@@ -14,7 +14,6 @@ from toy_records import outcomes, records
 from toy_results import analyse
 
 from labbook.backend import Overflow
-from labbook.cli.run import report
 from labbook.lab import Catalogue, Lab
 from labbook.lab.folder import DiskFull
 from labbook.lab.packings import load_packing
@@ -153,7 +152,7 @@ def test_points_that_share_a_run_are_all_done_when_it_is(tmp_path):
     summary = carry_out(asked, lab)
     assert outcomes(summary) == ["finished"] * 2
     assert [[item.state for item in point.items] for point in summary.points] == [["done"] * 2] * 2
-    assert report(summary)[0].startswith("2 of 2 runs done"), "a shared run counts once"
+    assert summary.lines()[0].startswith("2 of 2 runs done"), "a shared run counts once"
     assert [(run.point.index, run.seed) for run in finished(Catalogue(lab), asked, "toy")] == [
         (0, 1),
         (0, 2),

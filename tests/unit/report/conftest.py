@@ -16,8 +16,8 @@ from labbook.measure import Measure, RunData
 from labbook.results.study import Results
 from labbook.scene import HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
+from labbook.study import Point, Study
 from labbook.study.schema import Accuracy, Fill, Reference, ReferenceEntry, Stop, Window
-from labbook.study.study import Point, Study
 
 REGULARITY = 0.2  # standard deviation of the times between grains over their mean: more regular than chance
 SCATTER = 0.005  # of the flow rate between seeds

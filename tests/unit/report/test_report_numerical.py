@@ -14,8 +14,8 @@ from labbook.report.page import summary, write
 from labbook.report.tables import numerical_table
 from labbook.results.frames import to_json
 from labbook.results.numerical import summed_up
+from labbook.study import Point
 from labbook.study.schema import Accuracy, Fill
-from labbook.study.study import Point
 
 STEPS = (5e-6, 2.5e-6, 1e-6)
 

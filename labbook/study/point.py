@@ -1,14 +1,12 @@
-"""A study that has been read and found right: its points and what is asked of them."""
+"""One point of a study: a scene with its filling and numerics."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 from labbook.backend.numerics import Numerics
 from labbook.scene.scene import Scene
-from labbook.study.schema import Accuracy, Fill, Record, Reference, Stop, Window
-from labbook.study.timestep import numerics_for
+from labbook.study.schema import Fill
 
 
 @dataclass(frozen=True)
@@ -36,26 +34,5 @@ class Point:
             return str(found).lower()
         return float(found) if isinstance(found, int | float) else found if isinstance(found, str) else None
 
-
-@dataclass(frozen=True)
-class Study:
-    """A study file, resolved. `fill` and `numerics` are those of points that do not sweep them: use a point's own."""
-
-    path: Path
-    name: str
-    about: str
-    points: tuple[Point, ...]
-    replicates: int
-    accuracy: Accuracy
-    fill: Fill
-    window: Window
-    stop: Stop
-    measure: tuple[str, ...]
-    fit: tuple[str, ...]
-    record: Record | None
-    reference: Reference | None
-    numerics_stated: Mapping[str, Any] = field(default_factory=dict, repr=False)
-
-    def numerics(self, scene: Scene) -> Numerics:
-        """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
-        return numerics_for(self.numerics_stated, scene)
+    def __repr__(self) -> str:
+        return f"<Point {self.index + 1}: {self.label}>"

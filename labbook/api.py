@@ -1,0 +1,435 @@
+"""labbook for Python: a lab with a backend, and what it does for a study.
+
+The verbs of the command line do their work by these methods; docs/python.md lists all that is public.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, fields
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from labbook.backend import load as load_backend
+from labbook.backend.probes import UNITS
+from labbook.export.recording import NotRecorded, of_run
+from labbook.export.study import write_numbers, write_recordings
+from labbook.export.viewer import show
+from labbook.fit import LAWS, FitError, FitResult
+from labbook.lab import Catalogue, LabError
+from labbook.lab import Lab as Folder
+from labbook.lab.folder import DEFAULT
+from labbook.measure.trajectories import Trajectories
+from labbook.report import gallery, page, style, tables
+from labbook.results import display
+from labbook.results.frames import frames
+from labbook.results.points import RunResult
+from labbook.results.series import Series, series_of
+from labbook.results.study import Results as Found
+from labbook.results.study import find
+from labbook.run.demand import Conflict
+from labbook.run.foresee import foresee
+from labbook.run.notebook import NotebookBar, counting, in_notebook
+from labbook.run.plan import Plan, Planner
+from labbook.run.progress import Bar
+from labbook.run.reach import cut_short
+from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
+from labbook.run.watch import Unwatched, Watcher
+from labbook.scene.quantities import parse
+from labbook.study import Point, Study
+from labbook.study.keys import find as find_keys
+from labbook.study.problems import instead
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+__all__ = ["Conflict", "Lab", "LabWarning", "Results", "Run"]
+
+
+class LabWarning(UserWarning):
+    """Something of a study is lacking or lost: runs that failed, or that cannot be read."""
+
+
+@dataclass(frozen=True)
+class Lab:
+    """A folder in which runs and packings are kept, and the backend and device that make them.
+
+    Nothing is made before something is written. Several processes may use one lab at once: they share the work.
+    """
+
+    folder: Path | str = DEFAULT
+    backend: str = "numba"
+    """`numba` (CPU) or `warp` (GPU); results are those of its runs."""
+    device: str = "cpu"
+    """As the backend names it: `cpu`, `cuda:0`."""
+
+    @property
+    def place(self) -> Folder:
+        """The folder with its parts."""
+        return Folder(Path(self.folder))
+
+    def plan(self, study: Study) -> Plan:
+        """What `study` still needs here and why, with a forecast of time and disk, and warnings.
+
+        Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, BackendMissing, LabError.
+        """
+        with self._catalogue() as catalogue:
+            return foresee(study, catalogue, load_backend(self.backend), self.device)
+
+    def run(self, study: Study, progress: bool | Watcher = True, checkpoint_every: float = CHECKPOINT_EVERY) -> Summary:
+        """Run what `study` still needs; what is there already is not run again.
+
+        progress: whether to show a bar, or who else is told. checkpoint_every: wall time [s] between two saves of a
+        run. Ctrl-C saves what is going on and returns; asked again, it raises KeyboardInterrupt and what was saved last
+        is kept. Either way the next call goes on. Runs that fail are warned of and named in the summary. Raises what
+        `plan` does but TooLarge, before anything runs; DiskFull.
+        """
+        backend = load_backend(self.backend)
+        with _watching(progress) as watcher:
+            if study.stop.fill_height is not None:
+                with self._catalogue() as catalogue:
+                    for line in cut_short(Planner(study, catalogue, backend.capabilities).plan(), self.place):
+                        watcher.tell(line)
+            summary = Runner(study, self.place, backend, self.device, checkpoint_every, watcher).run()
+        if progress is True or progress is False:
+            for why in summary.failed:
+                warnings.warn(f"failed: {why}", LabWarning, stacklevel=2)
+        return summary
+
+    def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> "Results":
+        """What was found of `study` so far. What was not evaluated yet is evaluated now, and kept.
+
+        progress: whether to show how many runs are evaluated, or who is told. Runs that cannot be read are warned of
+        and left out. Raises LabError.
+        """
+        with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
+            found = find(study, catalogue, self.backend, told)
+        for problem in found.unreadable:
+            warnings.warn(f"left out: {problem}", LabWarning, stacklevel=2)
+        return Results(**{one.name: getattr(found, one.name) for one in fields(found)}, lab=self)
+
+    def frame(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
+        """All runs of the lab, the latest first: a row a run, with units in `attrs`.
+
+        study: only runs first made for the study of this name; outcome: only those that ended so, or `unreadable`;
+        limit: how many. Raises LabError.
+        """
+        with self._catalogue() as catalogue:
+            made = catalogue.runs(study, outcome, limit)
+        made.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
+        return made
+
+    def __repr__(self) -> str:
+        head = f"<Lab {self.folder} on {self.backend}, {self.device}"
+        try:
+            with self._catalogue() as catalogue:
+                counts, packings = catalogue.counts(), catalogue.packing_count()
+        except LabError as error:
+            return f"{head}: {error}>"
+        by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
+        held = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
+        return f"{head}: {held}>"
+
+    @contextmanager
+    def _catalogue(self) -> Iterator[Catalogue]:
+        catalogue = Catalogue(self.place)
+        try:
+            yield catalogue
+        finally:
+            catalogue.close()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Results(Found):
+    """All that was found of a study, with its tables, figures and files."""
+
+    lab: Lab = Lab()
+    """Where it was found."""
+
+    def frame(self) -> "pd.DataFrame":
+        """A row a point: `point` (from 1), what was swept, and of each quantity its mean over replicates (`flow_rate`),
+        standard error (`flow_rate_error`) and the ends of its 95 % interval (`flow_rate_low`, `flow_rate_high`);
+        `replicates`, `remark`. SI, units in `attrs`; NaN for what is not known."""
+        import pandas as pd
+
+        rows: list[dict[str, Any]] = []
+        units = self.study.units
+        for result in self.points:
+            row: dict[str, Any] = {"point": result.point.index + 1, **result.point.at}
+            for name, pooled in result.pooled.items():
+                row |= {name: pooled.value, f"{name}_error": pooled.error}
+                row |= {f"{name}_low": pooled.low, f"{name}_high": pooled.high}
+            measured = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
+            for name, one in measured.items():
+                units |= {f"{name}{end}": one.unit for end in ("", "_error", "_low", "_high")}
+            rows.append({**row, "replicates": len(result.runs), "remark": result.remark})
+        made = pd.DataFrame(rows)
+        made.attrs = {"study": self.study.name, "units": units}
+        return made
+
+    def frames(self) -> dict[str, "pd.DataFrame"]:
+        """All tables by name, a row a number, as `labbook export` writes them: see `labbook.results.frames.frames`.
+
+        SI, with units in `attrs` and in columns called `unit`.
+        """
+        made = frames(self)
+        for name, frame in made.items():
+            known = {**self.study.units, **_COLUMNS.get(name, {})}
+            frame.attrs = {"study": self.study.name, "units": {one: known[one] for one in frame if one in known}}
+        return made
+
+    def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult:
+        """The law of that name, fitted to flow rates against the orifice; also one that the study does not list.
+
+        at: which series, where others than the orifice are swept (`{"container.angle": "30 deg"}`). Raises FitError,
+        LookupError where `at` is missing or fits no series.
+        """
+        series = self._series(at)
+        if law not in series.fits:
+            (series,) = series_of(series.points, (law,)) or (series,)
+        if law in series.fits:
+            return series.fits[law]
+        if law in LAWS:
+            raise FitError("; ".join(series.problems))
+        raise FitError(f"no law of the flow rate is called {law}; {instead(law, LAWS)}")
+
+    def figures(self, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
+        """Names of the figures that `plot` can draw; of series, those of the one that `at` names (None: of any)."""
+        series = self.series if at is None else (self._series(at),)
+        own = [name for one in series for name in gallery.of_series(self, one)]
+        shared = [*gallery.of_results(self)]
+        return tuple(dict.fromkeys([*own, *shared] if len(series) == 1 else [*shared, *own]))
+
+    def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure":
+        """One of the report's figures, by its name in `figures()` (None: the first); a notebook shows it by itself.
+
+        at: of which series, as for `fit`. Raises LookupError for a figure that there is not.
+        """
+        name = name or next(iter(self.figures(at)), "flow_rate")
+        draw = gallery.of_results(self).get(name)
+        if draw is None and self.series:
+            draw = gallery.of_series(self, self._series(at)).get(name)
+        if draw is None:
+            known = ", ".join(self.figures()) or "none, as there are no series of finished points"
+            raise gallery.NothingToShow(f"no figure of these results is called {name}; there are: {known}")
+        return style.displayed(draw())
+
+    @cached_property
+    def runs(self) -> "tuple[Run, ...]":
+        """Every run, by point and seed."""
+        return tuple(Run(run.run, run.measured, run.measures, run.window, self) for p in self.points for run in p.runs)
+
+    def run(self, point: int, seed: int = 1) -> "Run":
+        """The run of a point, counted from 1, with this seed. Raises LookupError."""
+        for run in self.runs:
+            if (run.point.index + 1, run.seed) == (point, seed):
+                return run
+        there = ", ".join(f"({run.point.index + 1}, {run.seed})" for run in self.runs[:20]) or "none"
+        raise LookupError(f"no finished run of point {point} with seed {seed}; there are, as (point, seed): {there}")
+
+    def report(self, folder: Path | str | None = None) -> Path:
+        """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:
+        LAB/reports/NAME); the path of the page."""
+        return page.write(self, Path(folder or Path(self.lab.folder) / "reports" / self.study.name))
+
+    def export(
+        self,
+        folder: Path | str | None = None,
+        kind: Literal["csv", "parquet"] = "csv",
+        vtk: bool = False,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> list[Path]:
+        """Write all tables, and with `vtk` recorded runs for ParaView; the paths.
+
+        folder: None for LAB/exports/NAME. `say` is told what is being written. Raises NoParquet (of
+        `labbook.export.study`) without pyarrow.
+        """
+        there = Path(folder or Path(self.lab.folder) / "exports" / self.study.name)
+        paths = write_numbers(self, there, kind)
+        return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
+
+    def _series(self, at: Mapping[str, Any] | None) -> Series:
+        """The one series that `at` names."""
+        asked = {key: _value(key, value, self.study.points[0]) for key, value in (at or {}).items()}
+        found = [one for one in self.series if all(_same(one.at.get(key), value) for key, value in asked.items())]
+        if len(found) == 1:
+            return found[0]
+        said = (
+            "; ".join(one.label or "all points" for one in self.series) or "none, as no point with an orifice is done"
+        )
+        which = f"{len(found)} series are at {dict(at)}" if at else "the study has several series: say which by `at`"
+        raise LookupError(f"{which if self.series else 'there is no series'}; there are: {said}")
+
+    def __repr__(self) -> str:
+        head = f"<Results of {self.study.name} on {self.lab.backend} in {self.lab.folder}: "
+        lines = [
+            head + ("no finished run; lab.run(study) makes them>" if not self.points else f"{len(self.runs)} runs>")
+        ]
+        for result in self.points:
+            flow = result.flow_rate
+            said = "no flow rate" if flow is None else f"W = {display.with_error(flow.value, flow.error, 1e3)} g/s"
+            lines.append(
+                f"  {result.label or 'the only point'}: {said}" + (f" ({result.remark})" * bool(result.remark))
+            )
+        return "\n".join(lines[:_SHOWN] + ([f"  and {len(lines) - _SHOWN} more"] if len(lines) > _SHOWN else []))
+
+    def _repr_html_(self) -> str:
+        if not self.points:
+            return escape(repr(self))
+        shown = "".join(f"<div>{escape(line)}</div>" for line in page.summary(self))
+        return f"<div><b>{escape(self.study.name)}</b></div>{shown}{_html(tables.flow_table(self))}{self._picture()}"
+
+    def _picture(self) -> str:
+        """The first figure of all, as the notebook's own."""
+        from base64 import b64encode
+
+        for one in self.series[:1]:
+            for draw in list(gallery.of_series(self, one).values())[:1]:
+                data, size = style.for_a_screen(draw())
+                return f'<img width="{size["width"]}" src="data:image/png;base64,{b64encode(data).decode()}"/>'
+        return ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(RunResult):
+    """One run: how it ended, what was measured of it, and what was observed."""
+
+    results: Results
+
+    @property
+    def point(self) -> Point:
+        """The point of the study."""
+        return self.run.point
+
+    @property
+    def folder(self) -> Path:
+        """Where it is kept."""
+        return self.results.lab.place.run(self.run_key)
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables of what was observed."""
+        return tuple(self.run.data().tables)
+
+    def frame(self, table: str = "crossing") -> "pd.DataFrame":
+        """A table of what was observed: `crossing`, a row for every grain that left, or that of another probe (columns:
+        `labbook.backend.probes`). SI, units in `attrs`. Raises LookupError; LabError if it cannot be read."""
+        import pandas as pd
+
+        found = self.run.data().tables
+        if table not in found:
+            raise LookupError(f"this run has no table {table}; it has: {', '.join(found) or 'none'}")
+        columns = sorted(
+            found[table].items(), key=lambda one: _ORDER.index(one[0]) if one[0] in _ORDER else len(_ORDER)
+        )
+        made = pd.DataFrame({name: column for name, column in columns if name != "member"})
+        units = {name: UNITS[name] for name in made if name in UNITS}
+        made.attrs = {"study": self.results.study.name, "run_key": self.run_key, "units": units}
+        return made
+
+    def trajectories(self) -> Trajectories:
+        """The paths of its grains, as arrays. Raises NotRecorded (of `labbook.export.recording`)."""
+        found = Trajectories.of(self.run.data())
+        if found is None:
+            remedy = "add record={'every': '10 ms', 'replicates': ...} to the study and run it"
+            raise NotRecorded(f"{self} kept no frames: {remedy}")
+        return found
+
+    def recording(self) -> Path:
+        """The file (.rrd) for the rerun viewer, made if it is not there. Raises NotRecorded or ViewerMissing."""
+        return of_run(self.folder, Path(self.results.lab.folder), self.results.study.name, self.point)
+
+    def view(self) -> None:
+        """Open the rerun viewer and wait until it is closed. Raises NotRecorded, ViewerMissing or ViewerFailed."""
+        show([self.recording()])
+
+    def __repr__(self) -> str:
+        recorded = ", recorded" if self.recorded else ""
+        return f"<Run of {self.results.study.name}, {self.point.label}, seed {self.seed}: {self.outcome}{recorded}>"
+
+
+_ORDER = ("id", "i", "j", "wall", "step", *UNITS)
+"""Of the columns of a table."""
+_SHOWN = 40
+"""Lines of a plain text."""
+_COLUMNS: dict[str, dict[str, str]] = {
+    "flow": {"time": "s", "flow_rate": "kg/s"},
+    "profiles": {"x_star": "", "x": "m", "velocity": "m/s", "velocity_error": "m/s"}
+    | dict.fromkeys(("area_fraction", "area_fraction_error"), ""),
+    "outlets": {"R": "m"},
+    "accelerations": dict.fromkeys(("bottom", "top"), "m")
+    | dict.fromkeys(("acceleration", "error"), "m/s^2")
+    | {"interval": "s"},
+    "ratios": dict.fromkeys(("value", "error", "low", "high", "s_star"), ""),
+    "rotation": dict.fromkeys(("ratio", "error", "low", "high"), ""),
+}
+"""SI units of columns that mean the same in every row, by table."""
+
+
+class _Quiet(Unwatched):
+    """Shows nothing, and warns of what must not be missed."""
+
+    def tell(self, line: str) -> None:
+        """Warn of it."""
+        warnings.warn(line, LabWarning, stacklevel=2)
+
+
+def _watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
+    """Who is told how runs go."""
+    if not isinstance(progress, bool):
+        return nullcontext(progress)
+    if not progress:
+        return nullcontext(_Quiet())
+    if in_notebook():
+        return NotebookBar()
+    from rich.console import Console
+
+    return Bar(Console(stderr=True))
+
+
+@contextmanager
+def _counting(progress: bool | Callable[[int], None], what: str) -> Iterator[Callable[[int], None]]:
+    """A function to tell how many runs are done."""
+    if not isinstance(progress, bool):
+        yield progress
+        return
+    if progress and in_notebook():
+        with counting(what) as told:
+            yield told
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not (progress and console.is_terminal)) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _value(key: str, value: Any, point: Point) -> float | str:
+    """A value of a key in SI, or the word that it is; text is read as a study's, with its unit."""
+    known = next((one for one in find_keys(key) if one.unit is not None), None)
+    if isinstance(value, str) and known is not None:
+        return parse(value, known.unit, point.scene.grains.diameter)
+    return value if isinstance(value, str) else float(value)
+
+
+def _same(one: float | str | None, other: float | str) -> bool:
+    if isinstance(one, str) or isinstance(other, str) or one is None:
+        return one == other
+    return math.isclose(one, other, rel_tol=1e-9)
+
+
+def _html(table: tables.Table) -> str:
+    """A table of a report in HTML that a notebook styles itself."""
+
+    def cells(row: Sequence[str], tag: str) -> str:
+        return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in row)
+
+    head = f"<thead><tr>{cells(table.headings, 'th')}</tr></thead>"
+    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in table.rows)
+    return f"<table>{head}<tbody>{body}</tbody></table>{''.join(f'<div>{escape(note)}</div>' for note in table.notes)}"

@@ -1,0 +1,54 @@
+"""The paths of the grains of a recorded run, as arrays by frame and grain."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from labbook.measure.data import RunData
+from labbook.scene import Bodies
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """Positions and velocities of n grains in f recorded frames, as precise as they were recorded (single precision).
+
+    A grain that has left the frames is NaN from then on.
+    """
+
+    time: np.ndarray
+    """Since the opening [s], shape [f]."""
+    ids: np.ndarray
+    """What grains are called in every table, in their order, shape [n]."""
+    x: np.ndarray
+    """Positions [m], shape [f, n, 3]."""
+    v: np.ndarray
+    """Velocities [m/s], shape [f, n, 3]."""
+    radius: np.ndarray
+    """[m], shape [n]."""
+    q: np.ndarray | None = None
+    """Of rods, unit quaternions (w, x, y, z) whose rotation takes the z axis to the rod's, shape [f, n, 4]."""
+
+    @classmethod
+    def of(cls, run: RunData) -> "Trajectories | None":
+        """Those of a run; None if it was not recorded."""
+        rows = run.recorded()
+        if rows is None:
+            return None
+        start = run.start
+        assert start.ids is not None
+        order = np.argsort(start.ids)
+        ids, radius = start.ids[order], Bodies.of(run.scene.grains, start).radius[order]
+        time, frame = np.unique(rows["time"], return_inverse=True)
+        grain = np.searchsorted(ids, rows["id"])
+
+        def filled(*names: str) -> np.ndarray:
+            array = np.full((len(time), len(ids), len(names)), np.nan, np.result_type(*(rows[name] for name in names)))
+            array[frame, grain] = np.column_stack([rows[name] for name in names])
+            return array
+
+        q = filled("qw", "qx", "qy", "qz") if "qw" in rows else None
+        return cls(time, ids, filled("x", "y", "z"), filled("vx", "vy", "vz"), radius, q)
+
+    def __repr__(self) -> str:
+        span = f" from {self.time[0]:.4g} s to {self.time[-1]:.4g} s" if len(self.time) else ""
+        return f"<Trajectories of {len(self.ids)} grains in {len(self.time)} frames{span}>"

@@ -1,0 +1,64 @@
+"""The figures of a report by name, for whoever wants one of them and not the page."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from labbook.report import figures
+from labbook.results.recorded import acceleration, flow_patterns
+from labbook.results.series import Series
+from labbook.results.study import Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class NothingToShow(LookupError):
+    """There is no such figure of these results; the message says why and what to do."""
+
+
+Draw = Callable[[], "Figure"]
+
+
+def of_results(results: Results) -> dict[str, Draw]:
+    """Figures that show several series at once, by name, as functions that draw them."""
+    found: dict[str, Draw] = {}
+    fitted = [one for one in results.series if one.used]
+    if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
+        found["overview"] = lambda: figures.overview(fitted)
+    if results.turning:
+        found["rotation"] = lambda: figures.flow_against_rotation(results.turning)
+    scaled = [one for one in results.series if {"power", "exponential"} & set(one.fits)]
+    if scaled:
+        found["scaling"] = lambda: figures.flow_scaling(scaled)
+    return found
+
+
+def of_series(results: Results, series: Series) -> dict[str, Draw]:
+    """Figures of one series by name, as functions that draw them."""
+    beside, source = results.comparisons, results.source
+    found: dict[str, Draw] = {}
+    if series.fits or len(series.used) > 1:
+        found["flow_rate"] = lambda: figures.flow_against_orifice(series, beside, source)
+    if any(run.trace is not None for result in series.points for run in result.runs):
+        found["flow_over_time"] = lambda: figures.flow_against_time(series)
+    if any(run.recorded for result in series.points for run in result.runs):
+        found["patterns"] = lambda: _patterns(series)
+        found["acceleration"] = lambda: _acceleration(series)
+    for name in series.profiles:
+        found[name] = lambda name=name: figures.outlet_profiles(series, name, beside, source)
+        found[f"{name}_middles"] = lambda name=name: figures.outlet_middles(series, name, beside, source)
+    return found
+
+
+def _patterns(series: Series) -> "Figure":
+    found = [one[0] for one in map(flow_patterns, series.points) if one]
+    if not found:
+        raise NothingToShow("patterns: too few frames were recorded within the window; record more often")
+    return figures.flow_patterns(found)
+
+
+def _acceleration(series: Series) -> "Figure":
+    found = [(result, profile) for result in series.points if (profile := acceleration(result)) is not None]
+    if not found:
+        raise NothingToShow("acceleration: no two frames are close enough in time; record every few milliseconds")
+    return figures.acceleration_against_height(found, series.points[0].point.scene.gravity)

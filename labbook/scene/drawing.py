@@ -1,0 +1,217 @@
+"""A scene as a picture: a section through the container in the x-z plane, its outlet, and some grains, to scale."""
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from html import escape
+
+import numpy as np
+
+from labbook.scene.container import Box, Container, Silo, WedgeHopper
+from labbook.scene.grains import Grains
+from labbook.scene.walls import Frustum, Strip
+
+WIDTH, HEIGHT = 300.0, 300.0
+"""Most that the container takes [pixels]."""
+MOST = 4000
+"""Grains that are drawn: the lowest ones of a larger bed."""
+_LEAST = 0.75  # pixels: width below which a grain is not seen
+
+_INK, _FAINT = "#3c4250", "#8a8a8a"
+_COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442")
+_MARGIN, _BELOW, _BESIDE = 8.0, 46.0, 74.0
+
+Pixels = Callable[[float, float], tuple[float, float]]
+"""From x and z [m] to a place in the picture."""
+Segment = tuple[tuple[float, float], tuple[float, float]]
+
+
+def svg(grains: Grains, container: Container) -> str:
+    """The scene as an SVG element: walls, grains and the main sizes; empty where the section shows no wall.
+
+    Grains are placed for the eye, not by physics.
+    """
+    walls = list(_segments(container))
+    if not walls:
+        return ""
+    ends = np.array(walls).reshape(-1, 2)
+    (left, low), (right, high) = ends.min(axis=0), ends.max(axis=0)
+    scale = min(WIDTH / max(right - left, 1e-12), HEIGHT / max(high - low, 1e-12))
+
+    def at(x: float, z: float) -> tuple[float, float]:
+        return _MARGIN + (x - left) * scale, _MARGIN + (high - z) * scale
+
+    bed = _drawn(grains, container, at, scale)
+    lines = "".join(_line(at(*start), at(*end)) for start, end in walls)
+    width, height = (right - left) * scale + 2 * _MARGIN, (high - low) * scale
+    sizes = _sizes(grains, container, at, width, height)
+    across, down = width + _BESIDE, height + _MARGIN + _BELOW
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{across:.0f}" height="{down:.0f}" '
+        f'viewBox="0 0 {across:.0f} {down:.0f}" role="img" '
+        f'aria-label="{escape(describe(grains, container))}" font-family="sans-serif" font-size="11">'
+        f"{bed}{lines}{sizes}</svg>"
+    )
+
+
+def describe(grains: Grains, container: Container) -> str:
+    """The scene in a line: how many grains of what size in what."""
+    shape = "rods" if grains.half_length > 0 else "spheres"
+    size = f"d = {_mm(grains.diameter)}"
+    if grains.half_length > 0:
+        size += f", L = {_mm(grains.diameter + 2 * grains.half_length)}"
+    orifice = getattr(container, "orifice", None)
+    outlet = f", outlet {_mm(orifice)}" if orifice is not None else ""
+    return f"{grains.count} {shape} ({size}) in a {container.kind}{outlet}"
+
+
+def _mm(length: float) -> str:
+    return f"{length * 1e3:.4g} mm"
+
+
+def _segments(container: Container) -> Iterator[Segment]:
+    """Walls as a section through y = 0 cuts them: x and z of both ends [m]."""
+    if isinstance(container, Box):
+        half, high = container.width / 2, container.height
+        yield from (((-half, high), (-half, 0.0)), ((-half, 0.0), (half, 0.0)), ((half, 0.0), (half, high)))
+        if container.lid:
+            yield (-half, high), (half, high)
+        return
+    for wall in container.walls():
+        if isinstance(wall.shape, Strip):
+            yield wall.shape.start, wall.shape.end
+        elif isinstance(wall.shape, Frustum):
+            (r, z), (upper, top) = wall.shape.lower, wall.shape.upper
+            yield (r, z), (upper, top)
+            yield (-r, z), (-upper, top)
+
+
+def _between(container: Container, z: float) -> tuple[float, float] | None:
+    """x of the walls on both sides at the height z [m]; None where the picture shows no grains."""
+    if isinstance(container, WedgeHopper):
+        half, (left, right) = container.width / 2, container.outlet
+        slope = math.inf if container.flat else math.tan(container.angle)
+        return max(-half, left - slope * z), min(half, right + slope * z)
+    if isinstance(container, Box):
+        return -container.width / 2, container.width / 2
+    if isinstance(container, Silo):
+        radius, slope = container.diameter / 2, math.tan(getattr(container, "angle", math.pi / 2))
+        reach = min(radius, container.orifice / 2 + slope * z)
+        return -reach, reach
+    return None
+
+
+def _placed(grains: Grains, container: Container) -> Iterator[tuple[float, float, float, int, float]]:
+    """x, z, radius [m], kind and tilt [rad] of the grains that are drawn: a bed in rows, and a few that fall."""
+    d, long = grains.diameter, grains.diameter + 2 * grains.half_length
+    rng, left = np.random.default_rng(0), min(MOST, grains.count)
+    high = float(getattr(container, "height", math.inf))
+    level = _level(grains, container)
+    row, z = 0, 0.55 * d
+    while left > 0 and z < min(level, high) and (ends := _between(container, z)) is not None:
+        lean = _lean(container, z)
+        start, end = ends[0] + lean * d + long / 2, ends[1] - lean * d - long / 2
+        pitch = 1.04 * long
+        several = int((end - start) // pitch) + 1 if end > start else 0
+        shift = (row % 2) * (end - start - (several - 1) * pitch)  # rows touch the one wall and the other in turn
+        for k in range(min(several, left)):
+            yield _one(grains, rng, start + shift + k * pitch, z)
+        left -= several
+        z += (0.9 if long == d else 1.1) * d
+        row += 1
+    outlet = getattr(container, "orifice", None)
+    if outlet is not None:
+        middle = container.eccentricity if isinstance(container, WedgeHopper) else 0.0
+        for k in range(3):
+            yield _one(grains, rng, middle + rng.uniform(-0.3, 0.3) * (outlet - d), -(0.9 + 1.5 * k) * d)
+
+
+def _one(grains: Grains, rng: np.random.Generator, x: float, z: float) -> tuple[float, float, float, int, float]:
+    parts = grains.parts
+    kind = int(rng.choice(len(parts), p=[part.share / sum(p.share for p in parts) for part in parts]))
+    radius = float(parts[kind].sizes.draw(rng, 1, grains.diameter)[0]) / 2
+    shake = 0.06 * grains.diameter
+    tilt = float(rng.normal(0, 0.12)) if grains.half_length > 0 else 0.0
+    return x + float(rng.uniform(-shake, shake)), z + float(rng.uniform(-shake, shake)), radius, kind, tilt
+
+
+def _lean(container: Container, z: float) -> float:
+    """Room that an inclined wall takes from a grain beside it, in diameters beyond half of one."""
+    angle = float(getattr(container, "angle", math.pi / 2))
+    inclined = angle < math.pi / 2 - 1e-9 and z < _rise(container)
+    return 0.5 / math.cos(min(angle, 1.2)) - 0.45 if inclined else 0.05
+
+
+def _rise(container: Container) -> float:
+    if isinstance(container, WedgeHopper):
+        left, right = container.outlet
+        return max(left + container.width / 2, container.width / 2 - right) / math.tan(container.angle)
+    return float(getattr(container, "rise", 0.0))
+
+
+def _level(grains: Grains, container: Container) -> float:
+    """Height [m] up to which the bed is drawn: about as high as it will stand."""
+    c = container
+    if isinstance(c, WedgeHopper):
+        area, packed = c.width * c.thickness, 0.55
+    elif isinstance(c, Box):
+        area, packed = c.width * c.depth, 0.6
+    elif isinstance(c, Silo):
+        area, packed = math.pi / 4 * c.diameter**2, 0.6
+    else:
+        return 0.0
+    lost = _rise(c) / 2 if isinstance(c, Silo) else 0.0  # what a funnel holds less than a straight silo would
+    return grains.count * grains.volume / (packed * area) + lost
+
+
+def _drawn(
+    grains: Grains, container: Container, at: Callable[[float, float], tuple[float, float]], scale: float
+) -> str:
+    """All grains: those of one colour and size are one path of strokes with round ends, of no length for spheres."""
+    half, strokes = grains.half_length * scale, defaultdict[tuple[str, str], list[str]](list)
+    for x, z, r, kind, tilt in _placed(grains, container):
+        px, pz = at(x, z)
+        dx, dz = half * math.cos(tilt), half * math.sin(tilt)
+        look = _COLOURS[kind % len(_COLOURS)], f"{max(round(2 * r * scale * 4) / 4, _LEAST):g}"
+        step = f"l{2 * dx:.1f} {-2 * dz:.1f}" if half else "h0"
+        strokes[look].append(f"M{px - dx:.1f} {pz + dz:.1f}{step}")
+    return "".join(
+        f'<path d="{"".join(moves)}" stroke="{colour}" stroke-width="{width}" stroke-linecap="round" fill="none"/>'
+        for (colour, width), moves in strokes.items()
+    )
+
+
+def _line(start: tuple[float, float], end: tuple[float, float], colour: str = _INK, width: float = 1.5) -> str:
+    return (
+        f'<line x1="{start[0]:.1f}" y1="{start[1]:.1f}" x2="{end[0]:.1f}" y2="{end[1]:.1f}" stroke="{colour}" '
+        f'stroke-width="{width:g}" stroke-linecap="round"/>'
+    )
+
+
+def _text(x: float, y: float, text: str, anchor: str = "middle") -> str:
+    # drawn over a pale edge, so that it reads on dark pages too
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{_INK}" stroke="white" stroke-width="3" '
+        f'stroke-opacity="0.75" paint-order="stroke">{escape(text)}</text>'
+    )
+
+
+def _sizes(grains: Grains, container: Container, at: Pixels, width: float, height: float) -> str:
+    """The sizes in words: of the outlet below it, of the container, and of a grain."""
+    c, found = container, []
+    bottom = _MARGIN + height
+    orifice = getattr(c, "orifice", None)
+    if orifice is not None:
+        middle = c.eccentricity if isinstance(c, WedgeHopper) else 0.0
+        (x1, _), (x2, _) = at(middle - orifice / 2, 0), at(middle + orifice / 2, 0)
+        y = bottom + 22
+        found += [_line((x1, y), (x2, y), _FAINT, 1), _line((x1, y - 3), (x1, y + 3), _FAINT, 1)]
+        found += [_line((x2, y - 3), (x2, y + 3), _FAINT, 1)]
+        found.append(_text(min(max((x1 + x2) / 2, 40), width - 10), y + 16, f"D = {_mm(orifice)}"))
+    across = getattr(c, "width", getattr(c, "diameter", None))
+    tall = getattr(c, "height", None)
+    words = [f"{_mm(across)} wide"] if across is not None else []
+    words += [f"{_mm(tall)} high"] if tall is not None else []
+    words += [f"d = {_mm(grains.diameter)}", f"{grains.count} grains"]
+    found += [_text(width, _MARGIN + 12 + 15 * k, word, "start") for k, word in enumerate(words)]
+    return "".join(found)

@@ -1,0 +1,194 @@
+"""Studies made and changed in Python: the same as from a file, with the same complaints."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pint
+import pytest
+
+import labbook
+from labbook.run.demand import PointDemand
+from labbook.scene import Primitives, Scene
+
+ROOT = Path(__file__).parents[2]
+STUDIES = sorted((ROOT / "studies").glob("*.yaml"))
+PLAIN = {
+    "name": "hopper",
+    "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 200},
+    "contact": {
+        "law": "hertz-mindlin",
+        "shear_modulus": "2 MPa",
+        "poisson_ratio": 0.25,
+        "friction": 0.5,
+        "restitution": 0.2,
+    },
+    "container": {
+        "kind": "wedge-hopper",
+        "width": "60 mm",
+        "height": "300 mm",
+        "thickness": "1.01 d",
+        "orifice": "24 mm",
+    },
+    "sweep": {"container.orifice": "[18, 24] mm"},
+}
+
+
+def keys(study: labbook.Study) -> list[str]:
+    """Keys of the first runs of every point."""
+    return [PointDemand(study, point).run(1).run_key("numba", 1) for point in study.points]
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_a_study_from_python_has_the_runs_of_its_file(path):
+    file = labbook.load(path)
+    made = labbook.define(json.loads(json.dumps(file.stated)))
+    assert keys(made) == keys(file)
+    assert (made.replicates, made.measure, made.fit, made.reference) == (
+        file.replicates,
+        file.measure,
+        file.fit,
+        file.reference,
+    )
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_a_saved_study_is_the_same_study(path, tmp_path):
+    study = labbook.load(path)
+    again = labbook.load(study.change(about="saved").save(tmp_path / "saved.yaml"))
+    assert keys(again) == keys(study)
+    assert again.about == "saved"
+    assert again.reference == study.reference
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        ["18 mm", "24 mm"],
+        ("18 mm", "24 mm"),
+        np.array(["18 mm", "24 mm"]),
+        [pint.UnitRegistry().Quantity(18, "mm"), pint.UnitRegistry().Quantity(0.024, "m")],
+        pint.UnitRegistry().Quantity(np.array([1.8, 2.4]), "cm"),
+    ],
+    ids=["list", "tuple", "array", "quantities", "array of a unit"],
+)
+def test_sweeps_are_any_sequence(values):
+    assert keys(labbook.define({**PLAIN, "sweep": {"container.orifice": values}})) == keys(labbook.define(PLAIN))
+
+
+def test_numbers_are_those_of_numpy_too():
+    frictions = np.linspace(0.3, 0.5, 3)
+    made = labbook.define({**PLAIN, "sweep": {"contact.friction": frictions}}, replicates=int(np.int64(2)))
+    assert [point.at["contact.friction"] for point in made.points] == pytest.approx([0.3, 0.4, 0.5])
+    assert made.replicates == 2
+    density = pint.UnitRegistry().Quantity(2.5, "g/cm^3")
+    assert keys(labbook.define(PLAIN).change({"grains.density": density})) == keys(labbook.define(PLAIN))
+
+
+def test_a_change_leaves_the_study_as_it_is():
+    study = labbook.define(PLAIN)
+    other = study.change({"contact.friction": 0.3, "sweep.container.orifice": ["20 mm"]}, replicates=5)
+    assert [point.scene.contact.friction for point in other.points] == [0.3]
+    assert other.replicates == 5
+    assert study == labbook.define(PLAIN)
+    assert study.points[0].scene.contact.friction == 0.5
+    assert other.path == Path("study hopper")
+
+
+def test_none_leaves_a_key_out():
+    study = labbook.define(PLAIN).change({"container.angle": "60 deg"})
+    assert keys(study) != keys(labbook.define(PLAIN))
+    assert keys(study.change({"container.angle": None})) == keys(labbook.define(PLAIN))
+    assert len(study.change(sweep=None).points) == 1
+
+
+def told(raised) -> list[tuple[str, str]]:
+    return [(one.key, one.remedy) for one in raised.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "remedy"),
+    [
+        ({"contact.frictoin": 0.2}, "contact.frictoin", "did you mean friction"),
+        ({"grains.diameter": 3}, "grains.diameter", "for example 30 mm"),
+        ({"container.orifice": "20 mm"}, "container.orifice", "change sweep.container.orifice"),
+        ({"name.first": "a"}, "name.first", "give name as a whole"),
+        ({"sweep.container.orifice": []}, "sweep.container.orifice", "list the values"),
+        ({"measure": {"flow_rate"}}, "measure", "a list"),
+        ({"window": {15: "start"}}, "window", "in quotes"),
+        ({"colour": "red"}, "colour", "known here"),
+        ({"points": [{"container.orifice": "18 mm"}]}, "sweep.container.orifice", "keep one"),
+    ],
+)
+def test_mistakes_name_key_and_remedy(changes, key, remedy):
+    with pytest.raises(labbook.StudyError) as raised:
+        labbook.define(PLAIN).change(changes)
+    assert any(one == key and remedy in how for one, how in told(raised)), told(raised)
+    assert str(raised.value).startswith("study hopper: ")
+
+
+def test_all_mistakes_are_told_at_once_and_as_for_a_file(tmp_path):
+    wrong = {**PLAIN, "grains": {**PLAIN["grains"], "diameter": 3, "cuont": 5}, "replicates": 0}
+    with pytest.raises(labbook.StudyError) as made:
+        labbook.define(wrong)
+    path = tmp_path / "wrong.yaml"
+    path.write_text(json.dumps(wrong))
+    with pytest.raises(labbook.StudyError) as read:
+        labbook.load(path)
+    assert sorted(told(made)) == sorted(told(read))
+    assert len(told(made)) >= 3
+
+
+def test_a_key_is_given_once():
+    with pytest.raises(labbook.StudyError, match="replicates: given twice"):
+        labbook.define({**PLAIN, "replicates": 2}, replicates=3)
+
+
+def test_what_refers_to_itself_is_refused():
+    endless: dict = dict(PLAIN)
+    endless["walls"] = endless
+    with pytest.raises(labbook.StudyError, match="too deep"):
+        labbook.define(endless)
+
+
+def test_points_are_a_frame_with_units():
+    frame = labbook.define(PLAIN).frame()
+    assert list(frame["container.orifice"]) == [0.018, 0.024]
+    assert frame.attrs["units"] == {"container.orifice": "m"}
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_a_study_shows_its_sweep_and_its_scene(path):
+    from xml.etree import ElementTree
+
+    study = labbook.load(path)
+    html = study._repr_html_()
+    assert study.name in repr(study)
+    assert all(key in html for key in study.points[0].at)
+    picture = ElementTree.fromstring(study.points[0].scene.svg())
+    paths = [one for one in picture.iter() if one.tag.endswith("path")]
+    drawn = sum(one.attrib["d"].count("M") for one in paths)
+    scene = study.points[0].scene
+    assert min(scene.grains.count, 4000) * 0.05 < drawn <= scene.grains.count + 3
+    orifice = scene.container.orifice  # pyright: ignore[reportAttributeAccessIssue]
+    assert f"D = {orifice * 1e3:.4g} mm" in "".join(picture.itertext())
+
+
+def test_grains_and_outlet_are_to_scale():
+    import re
+
+    scene = labbook.define(PLAIN).points[1].scene
+    svg = scene.svg()
+    width = float(re.search(r'stroke-width="([\d.]+)" stroke-linecap="round" fill="none"', svg)[1])  # pyright: ignore[reportOptionalSubscript]
+    lines = [tuple(map(float, ends)) for ends in re.findall(r'x1="([\d.]+)" y1="[\d.]+" x2="([\d.]+)"', svg)]
+    outer = max(max(ends) for ends in lines) - min(min(ends) for ends in lines)
+    assert width / outer == pytest.approx(3 / 60, rel=0.05)
+    assert any(abs(b - a) / outer == pytest.approx(24 / 60, rel=0.01) for a, b in lines)
+
+
+def test_free_space_has_no_picture():
+    point = labbook.define(PLAIN).points[0]
+    scene = Scene(grains=point.scene.grains, contact=point.scene.contact, container=Primitives())
+    assert scene.svg() == ""
+    assert scene._repr_svg_() is None
+    assert "200 spheres" in repr(scene)
