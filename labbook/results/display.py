@@ -55,6 +55,9 @@ QUANTITIES = {  # a superscript is written ^(...)
     "orifice.packing_fraction": Shown("φ"),
     "orifice.v_z": Shown("v_z", "m/s"),
     "orifice.kinetic_pressure": Shown("p_k", "Pa"),
+    "orifice.O_zz": Shown("O_zz"),
+    "orifice.O_rr": Shown("O_rr"),
+    "orifice.O_tt": Shown("O_tt"),
     "orifice_packing_fraction": Shown("⟨φ⟩"),
     "orifice_v_z": Shown("⟨v_z⟩", "m/s"),
     "orifice_kinetic_pressure": Shown("⟨p_k⟩", "Pa"),
@@ -128,6 +131,29 @@ def key(name: str) -> Shown:
 def quantity(name: str, unit: str = "") -> Shown:
     """How a measured or fitted quantity is shown; an unknown one by its own name, in SI (`unit`)."""
     return QUANTITIES.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " "), unit))
+
+
+_WORDS = {
+    "container.orifice": "orifice D",
+    "container.rotation": "rotation f",
+    "contact.normal_stiffness": "stiffness k_n",
+    "grains.diameter": "diameter d",
+    "grains.length": "length L",
+    "gravity": "gravity g",
+    "numerics.dt": "time step",
+}
+
+
+def spoken(name: str) -> str:
+    """What the dotted key of a study is called in a sentence or a title: with a word where it is shown as a symbol."""
+    return _WORDS.get(name, key(name).name)
+
+
+def percentage(part: float) -> str:
+    """`±2.4 %` of a relative half-width, to two digits; `unknown` where it has no end."""
+    if not math.isfinite(part):
+        return "unknown"
+    return f"±{100 * part:.2g} %" if 100 * part < 99.5 else f"±{100 * part:.0f} %"
 
 
 def amount(name: str, value: float | str) -> str:
