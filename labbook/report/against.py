@@ -54,7 +54,7 @@ def changes(found: Against) -> list[str]:
     ends = [min(sizes, key=lambda one: one[0]), max(sizes, key=lambda one: one[0])]
     low, high = (f"{_percent(place)} ({_where(found, line, place)})" for _, line, place in ends)
     first = _first(found)
-    return [f"Where {name} differs most from that at {first}, it is from {low} to {high} of it."]
+    return [f"Largest changes, over {name} at {first}: {low} to {high}."]
 
 
 def _told(found: Against, line: Line, place: Place, name: str) -> str:

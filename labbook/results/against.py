@@ -53,8 +53,9 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Against:
-    """A quantity against one swept key. `lines`: one for each combination of the other keys; `along`: other keys whose
-    values follow from this one's and change with it; `unset`: points at which the key has no value."""
+    """A quantity against one swept key. `lines`: one for each combination of the other keys that was run at two values
+    or more; `along`: other keys whose values follow from this one's and change with it; `unset`: points at which the
+    key has no value."""
 
     key: str
     quantity: str
@@ -109,6 +110,8 @@ def _of_key(key: str, points: Sequence[PointResult], quantity: str, over: Value 
     if all(len({place.value for place in group}) < 2 for group in groups.values()):  # nothing varies alone
         along = tuple(name for name in others if _follows(name, places))
         groups = _groups(places, [name for name in others if name not in along])
+    if any(len({place.value for place in group}) > 1 for group in groups.values()):  # one value says nothing of the key
+        groups = {at: group for at, group in groups.items() if len({place.value for place in group}) > 1}
     words = any(isinstance(place.value, str) for place in places)
     start = over if over is not None else places[0].value if places else None
     lines = tuple(_line(dict(at), group, quantity, start, words) for at, group in groups.items())

@@ -36,13 +36,14 @@ def against_key(found: "Against") -> "Figure":
     """Above the quantity with 95 % intervals, a line for each value of the other keys; below, on the same axis, its
     ratio to that at the first value. Hollow points carry a remark; a cross at the bottom is a point without a value.
 
-    Many lines of two other keys or more are parted into panels, one for each value of the key that takes fewest.
+    Many lines of two other keys or more are parted into panels, one for each value of the key that takes fewest and
+    leaves few lines in each.
     """
     from matplotlib.figure import Figure
 
     panels = _panels(found)
     names = list(dict.fromkeys(name for lines in panels.values() for name in lines))
-    across = min(_ACROSS, len(panels))
+    across = 2 if len(panels) == 4 else min(_ACROSS, len(panels))
     down = math.ceil(len(panels) / across)
     wide = COLUMN if len(panels) == 1 else PAGE
     with house():
@@ -94,11 +95,16 @@ def _panels(found: "Against") -> dict[str, dict[str, "Line"]]:
     varied = [name for name, values in others.items() if len(values) > 1]
     if len(found.lines) <= _TOGETHER or len(varied) < 2:
         return {"": {line.label: line for line in found.lines}}
-    parting = min(varied, key=lambda name: len(others[name]))
+    parted = [_parted(found.lines, name) for name in sorted(varied, key=lambda name: len(others[name]))]
+    return next((one for one in parted if max(map(len, one.values())) <= _TOGETHER), parted[-1])
+
+
+def _parted(lines: Sequence["Line"], key: str) -> dict[str, dict[str, "Line"]]:
+    """A panel for each value of one of the keys that lines differ in."""
     panels: dict[str, dict[str, Line]] = {}
-    for line in found.lines:
-        title = display.label({parting: line.at[parting]}) if parting in line.at else ""
-        panels.setdefault(title, {})[display.label(line.at, {parting})] = line
+    for line in lines:
+        title = display.label({key: line.at[key]}) if key in line.at else ""
+        panels.setdefault(title, {})[display.label(line.at, {key})] = line
     return panels
 
 

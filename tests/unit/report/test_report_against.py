@@ -215,6 +215,14 @@ def test_a_key_that_never_varies_alone_is_shown_with_what_changes_along():
     assert ratio_of(found)[0].value == pytest.approx(1.5)
 
 
+def test_what_was_run_at_one_value_only_has_no_line():
+    settings = [("full", 0.0), ("full", 0.01), ("full", 0.1), ("rolling", 0.01)]
+    points = [result(k, {LAW: law, FRICTION: friction}, {1: 1.0, 2: 1.1}) for k, (law, friction) in enumerate(settings)]
+    found = {one.key: one for one in against(points)}
+    assert [dict(line.at) for line in found[LAW].lines] == [{FRICTION: 0.01}]
+    assert [dict(line.at) for line in found[FRICTION].lines] == [{LAW: "full"}]
+
+
 def test_points_at_which_the_key_has_no_value_are_named():
     points = [result(k, {LENGTH: length}, {1: 1.0, 2: 1.1}) for k, length in enumerate((0.004, 0.006))]
     points.append(result(2, {}, {1: 1.0, 2: 1.1}))  # spheres have no length
