@@ -130,7 +130,7 @@ def _ratio(place: Place, line: Line) -> tuple[str, str, str]:
 
 
 def _rests(place: Place) -> str:
-    return f"{place.pairs} pairs of runs" if place.pairs else "independent runs"
+    return f"{place.pairs} pairs" if place.pairs else "independent runs"
 
 
 def _caption(found: Against) -> str:

@@ -75,6 +75,11 @@ def against_key(found: "Against") -> "Figure":
         if legend:
             handles, labels = _legend(names)
             figure.legend(handles, labels, loc="outside upper center", ncols=_columns(names, wide))
+        together = [found.lines] * len(panels) if down == 1 else [tuple(lines.values()) for lines in panels.values()]
+        for number, lines in enumerate(together):  # after all are drawn: panels of one row share their axes
+            row, column = divmod(number, across)
+            from_zero(axes[2 * row, column])
+            axes[2 * row + 1, column].set_ylim(*_range(lines))
         figure.align_ylabels()
     return figure
 
@@ -132,8 +137,6 @@ def _panel(main: "Axes", below: "Axes", found: "Against", lines: dict[str, "Line
         for one in line.places:
             _draw(main, below, found, line, one, at[one.value], scale, style)
     below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
-    from_zero(main)
-    below.set_ylim(*_range(lines.values()))
     if logarithmic:
         main.set_xscale("log")
     elif found.words:
@@ -167,7 +170,7 @@ def _abscissa(found: "Against") -> dict[float | str, float]:
     return {value: float(value) * scale for value in found.values}
 
 
-def _range(lines) -> tuple[float, float]:
+def _range(lines: Sequence["Line"]) -> tuple[float, float]:
     """Of all ratios with their intervals, but for those so wide that nothing else would be seen."""
     ratios = [place.ratio for line in lines for place in line.places if place.ratio is not None]
     values = [1.0, *(ratio.value for ratio in ratios)]

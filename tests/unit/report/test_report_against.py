@@ -268,12 +268,14 @@ def test_many_lines_of_two_other_keys_are_parted_into_panels():
     for orifice in (0.02, 0.03, 0.04, 0.05):
         for law in ("clamped", "textbook"):
             for mu in (0.1, 0.5):
-                points.append(result(index, {D: orifice, LAW: law, FRICTION: mu}, {1: 1.0 + mu, 2: 1.1 + mu}))
+                high = 5.0 if law == "textbook" else 1.0
+                points.append(result(index, {D: orifice, LAW: law, FRICTION: mu}, {1: high + mu, 2: high + mu}))
                 index += 1
     found = {one.key: one for one in against(points)}[FRICTION]
     assert len(found.lines) == 8
     shown = figures.against_key(found)
     assert [ax.get_title(loc="left") for ax in shown.axes[:2]] == ["damping = clamped", "damping = textbook"]
+    assert {ax.get_ylim()[1] > 5.5e3 for ax in shown.axes[:2]} == {True}, "both show the largest of all, in g/s"
     assert [text.get_text() for text in shown.legends[0].get_texts()] == [f"D = {mm} mm" for mm in (20, 30, 40, 50)]
 
 
