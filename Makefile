@@ -10,15 +10,18 @@ PYTEST_ARGS ?= -n auto
 PYTHON ?= $(shell for python in python3 python3.14 python3.13 python3.12 python3.11 python; do \
 	$$python -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$python; break; }; done)
 BIN := $(VENV)/bin
+# bytecode is kept, whatever the environment says: else each process of the tests compiles all sources and all asserts
+PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest $(PYTEST_ARGS)
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help quickstart lint check test docs clean
+.PHONY: help quickstart lint check test test-all docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make quickstart   set up, run $(STUDY) and write its report"
 	@echo "make check        set up, then ruff, import-linter, pyright and the tests that need no kernels, in a minute or two"
-	@echo "make test         set up, then ruff, import-linter, pyright and all tests"
+	@echo "make test         set up, then ruff, import-linter, pyright and the tests, in some ten minutes"
+	@echo "make test-all     the same with the tests that take a long way round: before a release"
 	@echo "make docs         write docs/commands.md and the tables of docs/studies.md"
 	@echo "make clean        remove $(VENV)"
 
@@ -32,11 +35,20 @@ lint: $(VENV)/installed-dev
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/pyright
 
-check: lint
-	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "not compiles and not render and not slow"
+# pyright goes on beside the tests: it takes one core half a minute
+check: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
+	@$(BIN)/pyright > $(VENV)/types 2>&1 & types=$$!; \
+		$(PYTEST) -m "not compiles and not render and not slow and not ring"; tests=$$?; \
+		wait $$types; types=$$?; cat $(VENV)/types; exit $$((tests | types))
 
 test: lint
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(PYTEST) -m "not ring"
+
+test-all: lint
+	$(PYTEST)
 
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m labbook.cli.reference docs/commands.md

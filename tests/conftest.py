@@ -1,7 +1,8 @@
 """How tests are shared out among processes, and that no clock decides one.
 
 Tests that need the same compiled kernels go to one process: each kernel is compiled once then; two processes that need
-it at the same time would both compile it. (Marks for pytest-xdist's own `--dist loadgroup` do nothing with pytest 9.2.)
+it at the same time would both compile it. All other tests go to a process by files, so that what the fixtures of a file
+make is made once. (Marks for pytest-xdist's own `--dist loadgroup` do nothing with pytest 9.2.)
 
 Hypothesis by itself fails a test whose examples take long, which on a loaded machine, or in a fresh checkout that has
 yet to build its table of characters, says nothing of the test.
@@ -22,21 +23,24 @@ settings.load_profile("untimed")
 STAND = re.compile(r"(numba|warp)-(double|mixed)-(cpu|cuda:\d+)")
 """In the name of a test that is repeated for every stand."""
 FILES = {
-    "numba-double-cpu": ("test_numba_guards",),
+    "numba-double-cpu": (
+        *("test_bench_elongation", "test_fields_packing"),
+        *("test_numba_guards", "test_numba_plain", "test_numba_threads"),
+    ),
     "warp-double-cpu": ("test_warp_rods",),
-    "studies": ("test_bench_backend", "test_compare_backends", "test_numba_plain", "test_numba_threads"),
+    "studies": ("test_bench_backend", "test_compare_backends"),
 }
 """Further files that share kernels with one another, or with tests of a stand."""
 
 
 def group(test: str) -> str:
-    """Name of the group that a test belongs to; of most, their own name."""
+    """Name of the group that a test belongs to; of most, the file that they are in."""
     if found := STAND.search(test):
         return found[0]
     for name, files in FILES.items():
         if any(f"/{file}.py" in test for file in files):
             return name
-    return test
+    return test.partition("::")[0]
 
 
 def can_render() -> bool:
@@ -62,7 +66,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Large groups first, then single tests, each to whoever is free."""
+    """Large groups first, each to whoever is free."""
     from xdist.scheduler import LoadScopeScheduling
 
     class ByKernels(LoadScopeScheduling):
@@ -86,6 +90,12 @@ def kernels_are_asked_for(request, monkeypatch):
         return load(name, text, folder)
 
     monkeypatch.setattr(generated, "load", loaded)
+
+
+@pytest.fixture(autouse=True)
+def the_disk_is_not_waited_for(monkeypatch):
+    """No test pulls the plug; waiting until the disk has what was written takes long."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """What a scene needs and what it does not: features that backends compile in, and the tables of walls they take."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -49,6 +49,18 @@ def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[
     }
 
 
+ALWAYS = ("FRICTION", "ROLLING", "MOVING", "PLANES", "STRIPS", "FRUSTUMS", "ANY_WALLS", "OUTLET", "CROSSING", "LEDGER")
+"""Switches that may be on for a scene that needs nothing of them: coefficients, velocities and lists are empty then."""
+
+
+def superset(found: Mapping[str, object]) -> dict[str, object]:
+    """Features with every switch on that changes no motion, so that scenes of one law and shape share a kernel.
+
+    Twist is resisted only where the scene has it so: with rolling friction of zero it makes no difference.
+    """
+    return {**found, **dict.fromkeys(ALWAYS, True), "TWIST": bool(found["TWIST"] or not found["ROLLING"])}
+
+
 def is_rod(scene: Scene) -> bool:
     """Whether grains have an orientation."""
     return scene.grains.shape == "spherocylinder"
@@ -72,12 +84,15 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     return (crossed[0] if crossed else 0.0), drop
 
 
-def specialise(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
-    """What a backend with these capabilities compiles in. Raises Unsupported."""
+def specialise(
+    can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe], wide: bool = False
+) -> Spec:
+    """What a backend with these capabilities compiles in; `wide`: the `superset` of it. Raises Unsupported."""
     check(can, scene, numerics, probes)
+    found = features(scene, numerics, probes)
     return Spec(
         backend=can.name,
-        features=tuple(sorted(features(scene, numerics, probes).items())),
+        features=tuple(sorted((superset(found) if wide else found).items())),
         probes=tuple(dict.fromkeys(probes)),
         steps_per_beat=numerics.steps_per_beat,
     )

@@ -13,7 +13,8 @@ CACHE_VERSION = 5
 class Backend:
     """See `labbook.backend.Backend`. Nothing of Numba is loaded before `specialise` or `open`.
 
-    `threads`: that one large scene may use while cores are idle (None: as many as there are).
+    `threads`: that one large scene may use while cores are idle (None: as many as there are). `wide`: compile in what
+    any scene of the same law and shape may need, for tests, which then share kernels; no run of a study does.
     """
 
     requires = ("numba",)
@@ -29,14 +30,14 @@ class Backend:
         mixtures=True,
     )
 
-    def __init__(self, threads: int | None = None):
-        self._threads = threads
+    def __init__(self, threads: int | None = None, *, wide: bool = False):
+        self._threads, self._wide = threads, wide
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """Features compiled in. Raises Unsupported."""
         from labbook_dem.features import specialise
 
-        return specialise(self.capabilities, scene, numerics, probes)
+        return specialise(self.capabilities, scene, numerics, probes, self._wide)
 
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
         """An ensemble that steps `slots` members at a time (None: one a core).
@@ -54,7 +55,7 @@ class Backend:
         switches = tuple((name, spec.feature(name)) for name in SWITCHES)
         module = kernels(spec.feature("law"), spec.feature("precision"), switches)
         many = cores()
-        return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many)
+        return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many, self._wide)
 
     def compiling(self) -> bool:
         """Whether Numba is compiling a kernel now."""

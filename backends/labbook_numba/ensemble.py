@@ -21,18 +21,21 @@ from labbook_numba.reading import Seen
 class Ensemble(ensemble.Ensemble[Run]):
     """See `labbook.backend.Ensemble`. Each member runs on a thread of its own, without the interpreter's lock.
 
-    `members` take a beat at the same time; a large one may be split among `threads` more or less idle cores.
+    `members` take a beat at the same time; a large one may be split among `threads` more or less idle cores. `wide`: as
+    of the backend.
     """
 
-    def __init__(self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, members: int, threads: int):
+    def __init__(
+        self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, members: int, threads: int, wide: bool
+    ):
         super().__init__(capabilities, spec)
-        self._kernels = kernels
+        self._kernels, self._wide = kernels, wide
         self._pool = ThreadPoolExecutor(members, thread_name_prefix="labbook-numba")
         # the ledger's work is a sum over grains in their order; kernels of rods step whole scenes
         self._threads = 1 if spec.feature("LEDGER") or spec.feature("RODS") else threads
 
     def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
-        return specialise(self._can, scene, numerics, self._spec.probes)
+        return specialise(self._can, scene, numerics, self._spec.probes, self._wide)
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
         run = Run(self._can, self._kernels, scene, numerics, self._spec.probes)

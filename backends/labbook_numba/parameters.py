@@ -1,13 +1,14 @@
 """From a scene to the numbers that its kernels take as arguments."""
 
 from collections.abc import Sequence
+from math import inf
 
 from labbook_dem import features
 from labbook_dem.guards import finest
 from labbook_dem.rotation import slenderness
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe
+from labbook.backend.probes import Crossing, Probe
 from labbook.scene import Scene
 from labbook_numba.state import Params
 
@@ -17,6 +18,9 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
     grains = scene.grains
     d = grains.diameter
     plane, drop = features.planes(scene, probes)
+    # nothing passes a plane that is not asked for, also where kernels look for it all the same
+    plane = plane if any(isinstance(probe, Crossing) for probe in probes) else -inf
+    drop = drop if features.outlet(scene) is not None else -inf
     pair_c = features.pair_table(scene, numerics)
     wall_c, wall_shape, wall_kind, wall_motion = features.wall_tables(scene, numerics)
     return Params(

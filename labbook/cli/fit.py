@@ -1,6 +1,5 @@
 """`labbook fit`: what a study found, as tables."""
 
-import json
 import sys
 
 import typer
@@ -16,11 +15,11 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def fit(study: StudyFile, lab: Lab = LAB, backend: Backend = BACKEND, as_json: AsJson = False) -> None:
         """Show flow rates with errors, fits with intervals, and the comparison with the reference."""
-        from labbook.report.plain import plain
+        from labbook.results.frames import to_json
 
         found = results(study, lab, backend)
         if as_json:
-            typer.echo(json.dumps(plain(found), indent=2, allow_nan=False))
+            typer.echo(to_json(found))
         else:
             _show(found)
 
@@ -29,9 +28,9 @@ def _show(found) -> None:
     from labbook.fit.outlet import DEFINITIONS, FORMULA
     from labbook.report import outlet_tables, tables
     from labbook.report.fitted_tables import fit_table
-    from labbook.report.numerical_table import numerical_table
     from labbook.report.page import summary
     from labbook.report.statement_tables import statement_digest, statement_table
+    from labbook.report.tables import numerical_table
     from labbook.results.reference import at_series
 
     console = screen(highlight=False, width=None if sys.stdout.isatty() else 120)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from labbook.compare.divergence import AGREE
 from labbook.compare.verdict import Contrast, Verdict
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house, look
-from labbook.results.display import QUANTITIES
+from labbook.results import display
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,7 @@ def _means(ax: "Axes", verdict: Verdict, axis: str) -> None:
     for point in verdict.points:
         for one in point.contrasts:
             _mean(ax, len(labels), one)
-            labels.append(f"{QUANTITIES[one.quantity].name}, {point.label}" if point.label else one.quantity)
+            labels.append(f"{display.quantity(one.quantity).name}, {point.label}" if point.label else one.quantity)
     ax.set_yticks(range(len(labels)), labels)
     ax.set_ylim(len(labels) - 0.5, -0.5)
     ax.set_xlabel(axis)

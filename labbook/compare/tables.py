@@ -3,7 +3,7 @@
 from labbook.compare.divergence import AGREE
 from labbook.compare.verdict import Contrast, Verdict
 from labbook.report.tables import Table
-from labbook.results.display import QUANTITIES
+from labbook.results import display
 
 _DASH = "–"
 
@@ -55,11 +55,11 @@ def contrast_table(verdict: Verdict) -> Table:
 
 
 def _named(one: Contrast) -> str:
-    return QUANTITIES[one.quantity].heading
+    return display.quantity(one.quantity).heading
 
 
 def _contrast(one: Contrast) -> tuple[str, ...]:
-    scale = QUANTITIES[one.quantity].scale
+    scale = display.quantity(one.quantity).scale
     how = "shared" if one.paired else "own"
     n = str(len(one.first)) if len(one.first) == len(one.second) else f"{len(one.first)}/{len(one.second)}"
     means = [f"{sum(values) / len(values) * scale:.5g}" if values else _DASH for values in (one.first, one.second)]

@@ -8,11 +8,14 @@ from labbook.fit.law import Context, Law
 from labbook.fit.outlet import COVERAGE, CROSSINGS, DEFINITIONS
 from labbook.fit.power import Power
 from labbook.fit.result import FitError, FitResult, Parameter
+from labbook.plugins import Registry
 
-LAWS: dict[str, Law] = {
-    law.name: law for law in (Beverloo2D(), Janda2D(), Beverloo3D(), Janda3D(), Power(), Exponential())
-}
-"""Laws of the flow rate against the orifice."""
+LAWS: Registry[Law] = Registry[Law](
+    "labbook.laws",
+    Law,
+    (Beverloo2D(), Janda2D(), Beverloo3D(), Janda3D(), Power(), Exponential()),
+)
+"""Laws of the flow rate against the orifice: those built in, and those of other packages."""
 
 FITS = frozenset({*LAWS, *DEFINITIONS})
 """All that a study can name under `fit`."""

@@ -34,16 +34,22 @@ class Beverloo(Law):
         by_particle = self._unit(context) / context.d**self.power
         n = {1.5: "2/3", 2.5: "2/5"}[self.power]
         parameters = (
-            Reported("C_particle", "", 0, exponential),
-            Reported("k", "", 1, float),
+            Reported("C_particle", "", 0, exponential, "C (grain density)"),
+            Reported("k", "", 1, float, "k"),
             Reported(
-                "slope", f"kg^({n}) s^(-{n}) m^(-1)", 0, lambda x: (exponential(x) * by_particle) ** (1 / self.power)
+                "slope",
+                f"kg^({n}) s^(-{n}) m^(-1)",
+                0,
+                lambda x: (exponential(x) * by_particle) ** (1 / self.power),
+                f"slope of W^({n})",
+                f"(g/s)^({n})/mm",
+                1e3 ** (1 / self.power - 1),
             ),
         )
         if context.rho_b is None:
             return parameters
         ratio = context.rho_p / context.rho_b
-        return (Reported("C", "", 0, lambda x: exponential(x) * ratio), *parameters)
+        return (Reported("C", "", 0, lambda x: exponential(x) * ratio, "C (bulk density)"), *parameters)
 
     def _unit(self, context: Context) -> float:
         """rho_p sqrt(g) d^n [kg/s], times Z for a slot."""

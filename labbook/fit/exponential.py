@@ -31,6 +31,6 @@ class Exponential(Law):
     def reported(self, context: Context) -> tuple[Reported, ...]:
         unit = context.unit_flow
         return (
-            Reported("kappa", "1/m", 1, lambda x: x / context.d),
-            Reported("W_0", "kg/s", 0, lambda x: exponential(x) * unit),
+            Reported("kappa", "1/m", 1, lambda x: x / context.d, "κ", "1/mm", 1e-3),
+            Reported("W_0", "kg/s", 0, lambda x: exponential(x) * unit, "W at D = 0", "g/s", 1e3),
         )

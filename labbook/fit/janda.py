@@ -47,11 +47,14 @@ class Janda(Law):
 
     def reported(self, context: Context) -> tuple[Reported, ...]:
         unit = math.sqrt(context.g / context.d) / context.d**self.power
+        n, scale = f"{2 * self.power:g}", 1e3**-self.power
         return (
-            Reported("C_prime", f"s^(-1) m^(-{2 * self.power:g}/2)", 0, lambda x: exponential(x) * unit),
-            Reported("alpha1", "", 1, float),
-            Reported("alpha2", "m", 2, lambda x: exponential(x) * context.d),
-            Reported("alpha2_over_d", "", 2, exponential),
+            Reported(
+                "C_prime", f"s^(-1) m^(-{n}/2)", 0, lambda x: exponential(x) * unit, "C′", f"1/(s mm^({n}/2))", scale
+            ),
+            Reported("alpha1", "", 1, float, "α₁"),
+            Reported("alpha2", "m", 2, lambda x: exponential(x) * context.d, "α₂", "mm", 1e3),
+            Reported("alpha2_over_d", "", 2, exponential, "α₂/d"),
         )
 
 

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -38,12 +38,19 @@ class Context:
 
 @dataclass(frozen=True)
 class Reported:
-    """A parameter as it is reported: a monotone function of one free parameter."""
+    """A parameter as it is reported: a monotone function of one free parameter.
+
+    `symbol` stands in headings and on axes (superscripts as ^(...)); `unit` is SI, `shown` the unit that people read,
+    if it is another, and `scale` the factor from SI to it.
+    """
 
     name: str
     unit: str
     free: int
     of: Callable[[float], float]
+    symbol: str = ""
+    shown: str = ""
+    scale: float = 1.0
 
 
 class Law(ABC):
@@ -77,6 +84,12 @@ class Law(ABC):
     @abstractmethod
     def reported(self, context: Context) -> tuple[Reported, ...]:
         """The parameters as a physicist reads them."""
+
+    @property
+    def parameters(self) -> Mapping[str, Reported]:
+        """What may be reported, by name: of a slot with a measured packing fraction."""
+        example = Context(d=1e-3, rho_p=1.0, rho_b=1.0, Z=1e-3, g=9.81)
+        return {one.name: one for one in self.reported(example)}
 
     def flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:
         """W [kg/s] at the orifices D [m], shape [n]."""

@@ -29,4 +29,7 @@ class Power(Law):
 
     def reported(self, context: Context) -> tuple[Reported, ...]:
         unit = context.unit_flow
-        return (Reported("n", "", 1, float), Reported("W_d", "kg/s", 0, lambda x: exponential(x) * unit))
+        return (
+            Reported("n", "", 1, float, "n"),
+            Reported("W_d", "kg/s", 0, lambda x: exponential(x) * unit, "W at D = d", "g/s", 1e3),
+        )

@@ -27,7 +27,8 @@ _BYTES = 2**16  # of a grain in a checkpoint, at most
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A run that covers what a study asks. `stamp`: of its folder, when it was indexed."""
+    """A run that covers what a study asks. `stamp`: of its folder, when it was indexed; `cache_version`: of the backend
+    that made it."""
 
     point: Point
     seed: int
@@ -35,6 +36,7 @@ class FinishedRun:
     folder: Path
     outcome: str
     stamp: int
+    cache_version: int
 
     @cached_property
     def record(self) -> RunRecord:

@@ -7,12 +7,14 @@ from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import OutletProfiles
 from labbook.measure.packing import PackingStructure
 from labbook.measure.stress import ContactStress
+from labbook.plugins import Registry
 
-MEASURES: dict[str, Measure] = {
-    measure.name: measure
-    for measure in (FlowRate(), OutletProfiles(), PackingStructure(), OrificeMeans(), ContactStress())
-}
-"""The measures that a study can name under `measure`."""
+MEASURES: Registry[Measure] = Registry[Measure](
+    "labbook.measures",
+    Measure,
+    (FlowRate(), OutletProfiles(), PackingStructure(), OrificeMeans(), ContactStress()),
+)
+"""The measures that a study can name under `measure`: those built in, and those of other packages."""
 
 FLOW_RATIO = "flow_ratio"
 """What a report makes of the flow rates of two points; a reference can name it as it names a measurement."""

@@ -18,7 +18,6 @@ from labbook.report.across import outlet_pictures, ratio_sections
 from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
 from labbook.report.formulas import mathml
-from labbook.report.numerical_table import numerical_table
 from labbook.report.result_box import concerns, result_box, summary
 from labbook.report.sections import series_sections
 from labbook.report.setting import setting
@@ -124,7 +123,7 @@ def _statements(results: Results, folder: Path) -> list[Section]:
 
 
 def _numerics(results: Results, folder: Path) -> list[Section]:
-    return [Section("Do numerics matter?", (numerical_table(results.numerical),))] if results.numerical else []
+    return [Section("Do numerics matter?", (tables.numerical_table(results.numerical),))] if results.numerical else []
 
 
 def _further(results: Results, folder: Path) -> list[Section]:

@@ -2,15 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.results.statements import Judged, at_all, by_statement
+from labbook.study import Statement
 from labbook.study.schema import TURNING
-
-if TYPE_CHECKING:
-    from labbook.study import Statement
 
 
 def statement_table(judged: Sequence[Judged]) -> Table:
@@ -67,7 +64,7 @@ def _number(one: Judged) -> str:
     return display.number(one.ours, None if math.isnan(one.error) else one.error, _shown(one.statement.quantity)[0])
 
 
-def _asked(stated: "Statement") -> str:
+def _asked(stated: Statement) -> str:
     scale, unit = _shown(stated.quantity)
     low, high = (display.number(end, None, scale) for end in (stated.low, stated.high))
     if math.isinf(stated.low):

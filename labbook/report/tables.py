@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from labbook.results import display
-from labbook.results.points import PointResult
+from labbook.results.numerical import Numerical
+from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import CLOSE, Comparison
 from labbook.results.study import Results
 from labbook.stats import Measured
+from labbook.stats.equivalence import replicates_needed
 
 CONVENTIONS = (
     "± is one standard error, from the scatter between replicates; intervals are 95 %, by Student’s t on the "
@@ -211,3 +213,56 @@ def _flat(facts, prefix: str = ""):
             yield from _flat(value, f"{prefix}{name} ")
         else:
             yield prefix + name, value
+
+
+def numerical_table(found: Sequence[Numerical]) -> Table:
+    """Every comparison: both means, their difference with its interval, and what the test of equivalence shows."""
+    shown = display.quantity(FLOW_RATE)
+    rows, notes = [], [_OF_NUMERICS]
+    for one in found:
+        means = [
+            "–" if flow is None else display.with_error(flow.value, flow.error, shown.scale)
+            for flow in (one.first.flow_rate, one.other.flow_rate)
+        ]
+        runs = f"{len(one.first.runs)}, {len(one.other.runs)}"
+        rows.append((one.label, one.where or "–", runs, *means, *_numerical_cells(one)))
+        if one.test is not None and one.finding == "undecided":
+            need = replicates_needed(one.test, min(len(one.first.runs), len(one.other.runs)))
+            many = "more than 1000" if need is None else str(need)
+            notes.append(f"{one.label}: {many} replicates of each would decide with a power of 90 %, were W the same.")
+    margin = next((one.margin for one in found if one.margin is not None), None)
+    if margin is None:
+        notes.append("No margin is stated (accuracy.numerics), so that equivalence is not tested.")
+    else:
+        notes.insert(1, _NUMERICS_TESTED.format(margin=100 * margin))
+    headings = ("changed", "at", "runs", f"first {shown.heading}", f"other {shown.heading}", "difference")
+    return Table(
+        (*headings, "90 % interval", "p", "power", "finding"),
+        tuple(rows),
+        frozenset({0, 1, 9}),
+        frozenset(k for k, one in enumerate(found) if one.finding == "different"),
+        tuple(notes),
+    )
+
+
+def _numerical_cells(one: Numerical) -> tuple[str, ...]:
+    test = one.test
+    if test is None:
+        return ("–", "–", "–", "–", one.why)
+    low, high = (display.number(end, test.error, 100) for end in (test.low, test.high))
+    difference = f"{display.with_error(test.difference, test.error, 100)} %"
+    if not one.finding:
+        return (difference, f"{low} to {high} %", "–", "–", "–")
+    return (difference, f"{low} to {high} %", f"{test.p:.2g}", f"{test.power:.0%}".replace("%", " %"), one.finding)
+
+
+_OF_NUMERICS = (
+    "Differences are parts of the mean with the value that is listed first; ± is one standard error, of means that are "
+    "independent (Welch)."
+)
+
+
+_NUMERICS_TESTED = (
+    "Two one-sided tests at 5 % with a margin of ±{margin:.3g} %: equivalent if the interval lies within the margin, "
+    "different if it lies beyond, undecided otherwise. Power: the chance to show equivalence, were W the same."
+)

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from labbook.fields import Fields
 from labbook.measure.recorded import FEWEST
 from labbook.report import figures
 from labbook.report.blocks import Picture, picture
@@ -11,9 +11,6 @@ from labbook.report.sections import PATTERNS
 from labbook.results.points import PointResult
 from labbook.results.recorded import Flowing, flow_patterns, moments
 from labbook.results.rotation import Rotation, turning_at
-
-if TYPE_CHECKING:
-    from labbook.fields import Fields
 
 _FEW = 3
 
@@ -70,7 +67,7 @@ def _filmed(result: PointResult) -> bool:
     return any(run.recorded for run in result.runs)
 
 
-def _stress(pattern: Flowing) -> "Fields | None":
+def _stress(pattern: Flowing) -> Fields | None:
     """Fields with the contact stress of the first run of a point that has them."""
     return next((run.stress for run in pattern.result.runs if run.stress is not None), None)
 

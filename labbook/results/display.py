@@ -3,6 +3,11 @@
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
+
+from labbook.fit import LAWS
+from labbook.measure import MEASURES
+from labbook.measure.recorded import FlowPattern
 
 
 @dataclass(frozen=True)
@@ -40,40 +45,9 @@ KEYS = {
     "fill.max_time": Shown("longest filling", "s"),
 }
 
-QUANTITIES = {  # a superscript is written ^(...)
-    "flow_rate": Shown("W", "g/s", 1e3),
-    "flow_rate_flowing": Shown("W of clogged runs while flowing", "g/s", 1e3),
-    "grain_rate": Shown("Q", "1/s"),
-    "grain_rate_flowing": Shown("Q of clogged runs while flowing", "1/s"),
-    "flow_rate_drift": Shown("drift of W", "%", 100),
-    "flow_rate_drift_flowing": Shown("drift of W of clogged runs", "%", 100),
-    "gap_time": Shown("time without flow", "s"),
-    "packing_fraction": Shown("φ"),
-    "packing_fraction_2d": Shown("φ in 2D"),
-    "hexatic_local": Shown("ψ₆ local"),
-    "hexatic_global": Shown("ψ₆ global"),
-    "orifice.packing_fraction": Shown("φ"),
-    "orifice.v_z": Shown("v_z", "m/s"),
-    "orifice.kinetic_pressure": Shown("p_k", "Pa"),
-    "orifice.O_zz": Shown("O_zz"),
-    "orifice.O_rr": Shown("O_rr"),
-    "orifice.O_tt": Shown("O_tt"),
-    "orifice_packing_fraction": Shown("⟨φ⟩"),
-    "orifice_v_z": Shown("⟨v_z⟩", "m/s"),
-    "orifice_kinetic_pressure": Shown("⟨p_k⟩", "Pa"),
-    "orifice_contact_pressure": Shown("⟨p_c⟩", "Pa"),
-    "orifice_O_zz": Shown("⟨O_zz⟩"),
-    "orifice_O_rr": Shown("⟨O_rr⟩"),
-    "orifice_O_tt": Shown("⟨O_tt⟩"),
-    "orifice_S": Shown("⟨S⟩"),
-    "bed_contact_pressure": Shown("p_c in the bed", "Pa"),
-    "free_fall_height": Shown("free fall", "mm", _MM),
-    "orifice.stagnant_fraction": Shown("stagnant", "%", 100),
+QUANTITIES = {
     "flow_ratio.angle": Shown("W/W of the flat bottom"),
     "flow_ratio.position": Shown("W/W in the middle"),
-    "outlet_closure": Shown("flow of the profiles / W"),
-    "outlet_area_fraction": Shown("mean φ at the outlet"),
-    "outlet_velocity": Shown("mean v at the outlet", "m/s"),
     "outlet_profiles.a": Shown("a"),
     "outlet_profiles.gamma": Shown("γ"),
     "outlet_profiles.b": Shown("b"),
@@ -86,26 +60,6 @@ QUANTITIES = {  # a superscript is written ^(...)
     "outlet_profiles.epsilon2": Shown("ε₂"),
     "outlet_profiles.sigma1": Shown("σ₁"),
     "outlet_profiles.sigma2": Shown("σ₂"),
-    "beverloo.slope": Shown("slope of W^(2/3)", "(g/s)^(2/3)/mm", 1e2 / _MM),
-    "janda.alpha2": Shown("α₂", "mm", _MM),
-    "janda.alpha1": Shown("α₁"),
-    "janda.alpha2_over_d": Shown("α₂/d"),
-    "janda.C_prime": Shown("C′", "1/(s mm^(3/2))", _MM**-1.5),
-    "janda_3d.alpha2": Shown("α₂", "mm", _MM),
-    "janda_3d.alpha1": Shown("α₁"),
-    "janda_3d.alpha2_over_d": Shown("α₂/d"),
-    "janda_3d.C_prime": Shown("C′", "1/(s mm^(5/2))", _MM**-2.5),
-    "beverloo_3d.slope": Shown("slope of W^(2/5)", "(g/s)^(2/5)/mm", 1e3**0.4 / _MM),
-    "beverloo_3d.C": Shown("C (bulk density)"),
-    "beverloo_3d.C_particle": Shown("C (grain density)"),
-    "beverloo_3d.k": Shown("k"),
-    "power.n": Shown("n"),
-    "power.W_d": Shown("W at D = d", "g/s", 1e3),
-    "exponential.kappa": Shown("κ", "1/mm", 1 / _MM),
-    "exponential.W_0": Shown("W at D = 0", "g/s", 1e3),
-    "beverloo.C": Shown("C (bulk density)"),
-    "beverloo.C_particle": Shown("C (grain density)"),
-    "beverloo.k": Shown("k"),
 }
 QUANTITIES |= {  # of its approach to what it is in the middle, limit - depth e^{-rate s*}
     f"outlet_profiles.{name}.{term}": Shown(said.format(QUANTITIES[f"outlet_profiles.{name}"].name))
@@ -128,9 +82,21 @@ def key(name: str) -> Shown:
     return shown
 
 
+@cache
+def _declared() -> dict[str, Shown]:
+    """How measures and laws say that their numbers are shown; a superscript is written ^(...)."""
+    measures = (*MEASURES.values(), FlowPattern())
+    found = {one.name: Shown(one.symbol, one.shown or one.unit, one.scale) for m in measures for one in m.declared}
+    for law in LAWS.values():
+        for one in law.parameters.values():
+            found[f"{law.name}.{one.name}"] = Shown(one.symbol or one.name, one.shown or one.unit, one.scale)
+    return found
+
+
 def quantity(name: str, unit: str = "") -> Shown:
     """How a measured or fitted quantity is shown; an unknown one by its own name, in SI (`unit`)."""
-    return QUANTITIES.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " "), unit))
+    known = QUANTITIES.get(name) or _declared().get(name)
+    return known or Shown(name.rsplit(".", 1)[-1].replace("_", " "), unit)
 
 
 _WORDS = {

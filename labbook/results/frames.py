@@ -1,11 +1,13 @@
 """What was found of a study as tidy data frames: SI units, a row a number, NaN for what is not known."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+import math
+from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labbook.fit.outlet import DEFINITIONS, OF_OUTLET, Outlet
+from labbook.fit.outlet import DEFINITIONS, FORMULA, OF_OUTLET, VERSION, Outlet
 from labbook.results.points import PointResult
 from labbook.results.ratios import RATIOS, angle_laws
 from labbook.results.recorded import acceleration
@@ -18,34 +20,59 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 
+SUMMARY = ("points", "series", "fits", "problems", "reference", "statements", "numerics", "outlets")
+"""Frames without a row for every run, instant or place."""
+
 
 def frames(results: Results) -> dict[str, "pd.DataFrame"]:
-    """Data frames by name; those without rows are left out.
+    """Data frames by name; those without rows are left out. Columns named by a key of the study say what was swept.
 
-    `runs`: what was measured of each run, with error, effective sample size, window, method and note. `points`: pooled
-    over seeds, with 95 % intervals. `ratios`: flow rates over a plain hopper's, with the laws of the angle. `fits`:
-    parameters of laws and of profiles. `flow`: W(t) of each run. `profiles`: phi and v along each outlet, mean and
-    standard error over seeds, by definition. `outlets`: what was fitted to each outlet. `reference`: a paper's numbers
-    beside ours. `rotation`: ratios to a bottom at rest. `accelerations`: above outlets. `statements`: of a paper, with
-    their verdicts. Columns that begin with a key of the study say what was swept.
+    | frame           | a row                                                                                     |
+    |-----------------|-------------------------------------------------------------------------------------------|
+    | `points`        | point and quantity: mean over seeds, interval, n, effective n, unit, window, outcomes     |
+    | `runs`          | run and quantity: value, error, effective n, window, method, note                         |
+    | `flow`          | run and bin of time: W(t)                                                                 |
+    | `series`        | series of points that differ in their orifice: the laws that the data prefer              |
+    | `fits`          | series, law and parameter: value, error, interval; goodness, version and formula          |
+    | `problems`      | what is lacking: points without runs, runs that cannot be read, laws that cannot be fitted |
+    | `reference`     | number of the reference: theirs, ours, and how far they lie apart                         |
+    | `statements`    | statement of the reference and where: ours, interval, verdict                             |
+    | `numerics`      | pair of points that differ in numerics only: difference and test of equivalence           |
+    | `accelerations` | point and bin of height above the outlet                                                  |
+    | `ratios`        | point: W over a plain hopper's, with the laws of the angle                                |
+    | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
+    | `outlets`       | point and definition: what was fitted to its outlet                                       |
+    | `rotation`      | point and quantity: ratio to the bottom at rest                                           |
     """
     import pandas as pd
 
     made = {
-        "runs": _runs(results),
         "points": _points(results),
-        "ratios": _ratios(results),
-        "fits": _fits(results),
+        "runs": _runs(results),
         "flow": _flow(results),
+        "series": _series(results),
+        "fits": _fits(results),
+        "problems": _problems(results),
+        "reference": _reference(results),
+        "statements": _statements(results),
+        "numerics": _numerics(results),
+        "accelerations": _accelerations(results),
+        "ratios": _ratios(results),
         "profiles": _profiles(results),
         "outlets": _outlets(results),
-        "reference": _reference(results),
         "rotation": _rotation(results),
-        "accelerations": _accelerations(results),
-        "statements": _statements(results),
     }
     found = {name: pd.DataFrame(list(rows)) for name, rows in made.items()}
     return {name: frame for name, frame in found.items() if len(frame)}
+
+
+def to_json(results: Results, names: Collection[str] | None = None) -> str:
+    """The frames called `names` (SUMMARY, if none are given) as JSON: SI, null for what is not known or has no end."""
+    chosen = {name: frame for name, frame in frames(results).items() if name in (names or SUMMARY)}
+    parts = {
+        name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]") for name, frame in chosen.items()
+    }
+    return json.dumps({"study": results.study.name, **parts}, indent=2, allow_nan=False)
 
 
 def _of_point(result: PointResult) -> Row:
@@ -56,16 +83,60 @@ def _runs(results: Results) -> Iterator[Row]:
     for result in results.points:
         for run in result.runs:
             head = {**_of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
-            yield from ({**head, **vars(measured)} for measured in run.measured.values())
+            for measured in run.measured.values():
+                yield {**head, **vars(measured), "stale": run.cache_version in results.stale}
 
 
 def _points(results: Results) -> Iterator[Row]:
     for result in results.points:
-        units = {name: measured.unit for run in result.runs for name, measured in run.measured.items()}
+        outcomes = {f"runs_{name.replace('-', '_')}": n for name, n in sorted(result.outcomes.items())}
         for name, pooled in result.pooled.items():
-            numbers = {"value": pooled.value, "error": pooled.error, "low": pooled.low, "high": pooled.high}
-            head = {**_of_point(result), "quantity": name, **numbers, "unit": units[name]}
-            yield {**head, "replicates": pooled.n, "confidence": pooled.confidence, "remark": result.remark}
+            measured = [run.measured[name] for run in result.runs if name in run.measured]
+            yield {
+                **_of_point(result),
+                "quantity": name,
+                "value": pooled.value,
+                "error": pooled.error,
+                "low": pooled.low,
+                "high": pooled.high,
+                "confidence": pooled.confidence,
+                "unit": measured[0].unit,
+                "replicates": pooled.n,
+                "n_effective": math.fsum(one.n_effective for one in measured if math.isfinite(one.n_effective)),
+                "window_start": results.study.window.start,
+                "window_end": results.study.window.end,
+                **outcomes,
+                "trending": result.trending,
+                "precise": result.precise,
+                "remark": result.remark,
+                "stale": any(run.cache_version in results.stale for run in result.runs),
+            }
+
+
+def _problems(results: Results) -> Iterator[Row]:
+    for point in results.missing:
+        yield {"kind": "point", "where": point.label, "why": "no finished run"}
+    for why in results.unreadable:
+        yield {"kind": "run", "where": "", "why": why}
+    for series in results.series:
+        for why in series.problems:
+            yield {"kind": "fit", "where": series.label, "why": why}
+
+
+def _series(results: Results) -> Iterator[Row]:
+    for series in results.series:
+        contenders = ", ".join(series.contenders)
+        yield {**_of_series(series), "preferred": series.preferred, "contenders": contenders, "verdict": series.verdict}
+
+
+def _numerics(results: Results) -> Iterator[Row]:
+    for one in results.numerical:
+        told: Row = {"key": one.key, "first": one.first.point.label, "other": one.other.point.label}
+        told |= {"margin": one.margin, "why": one.why}
+        if one.test is not None:
+            told |= {name: getattr(one.test, name) for name in ("difference", "error", "low", "high")}
+            told |= {"p": one.test.p, "power": one.test.power, "finding": one.finding} if one.finding else {}
+        yield told
 
 
 def _ratios(results: Results) -> Iterator[Row]:
@@ -95,11 +166,14 @@ def _fits(results: Results) -> Iterator[Row]:
                 yield {**_of_series(series), "law": law, "parameter": name, **vars(parameter), **_goodness(series, law)}
 
 
-def _goodness(series: Series, law: str) -> Mapping[str, float]:
+def _goodness(series: Series, law: str) -> Row:
     if law not in series.fits:
-        return {}
+        return {"version": VERSION, "formula": FORMULA, "notes": "; ".join(series.profiles[law].notes)}
     fit = series.fits[law]
-    return {"chi2": fit.chi2, "degrees_of_freedom": fit.dof, "p_value": fit.p_value, "aicc": fit.aicc}
+    goodness = {"chi2": fit.chi2, "degrees_of_freedom": fit.dof, "p_value": fit.p_value, "aicc": fit.aicc}
+    notes = "; ".join(fit.notes)
+    said = {"version": fit.law.version, "formula": fit.law.formula, "notes": notes}
+    return {"confidence": fit.confidence, **goodness, **said}
 
 
 def _flow(results: Results) -> Iterator[Row]:
@@ -191,4 +265,5 @@ def _statements(results: Results) -> Iterator[Row]:
         stated = one.statement
         asked = {"quantity": stated.quantity, "at": one.label, "says": stated.says}
         ours = {"from": stated.low, "to": stated.high, "ours": one.ours, "error": one.error}
-        yield {**asked, **ours, "low": one.low, "high": one.high, "verdict": one.verdict, "why": one.why}
+        interval = {"low": one.low, "high": one.high, "pairs": one.pairs}
+        yield {**asked, **ours, **interval, "verdict": one.verdict, "why": one.why}

@@ -57,6 +57,8 @@ class Finished(Protocol):
         ...
 
     @property
+    def cache_version(self) -> int: ...
+    @property
     def provenance(self) -> Mapping[str, Any]: ...
     @property
     def recorded(self) -> bool: ...
@@ -103,6 +105,11 @@ class RunResult:
     def ended(self) -> str:
         """When it ended (UTC, ISO 8601)."""
         return self.run.ended
+
+    @property
+    def cache_version(self) -> int:
+        """Version of the backend that made it."""
+        return self.run.cache_version
 
     @property
     def provenance(self) -> Mapping[str, Any]:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from labbook.fit import DEFINITIONS, LAWS
 from labbook.fit.outlet import PARAMETERS, TERMS
@@ -12,9 +11,7 @@ from labbook.results.approach import FEWEST, SHAPE, approaches
 from labbook.results.points import ORIFICE, PointResult
 from labbook.results.ratios import RATIOS, Ratio, by_position
 from labbook.results.series import Series
-
-if TYPE_CHECKING:
-    from labbook.study import Point, Reference
+from labbook.study import Point, Reference
 
 CLOSE = 2.0
 """Standard errors within which two numbers are said to agree."""
@@ -55,7 +52,7 @@ class Comparison:
 
 
 def compare(
-    reference: "Reference | None", points: Sequence[PointResult], series: Sequence[Series]
+    reference: Reference | None, points: Sequence[PointResult], series: Sequence[Series]
 ) -> tuple[Comparison, ...]:
     """One Comparison for each entry of the reference and each series (`law.parameter`) or point that it speaks of."""
     if reference is None:
@@ -181,7 +178,7 @@ def _of_ratio(base: Comparison, ratio: Ratio) -> Comparison:
     return replace(base, ours=ratio.value, error=ratio.error, low=ratio.low, high=ratio.high)
 
 
-def matches(asked: Mapping[str, float | str], point: "Point") -> bool:
+def matches(asked: Mapping[str, float | str], point: Point) -> bool:
     """Whether a point has all the asked values, be they swept or the same for all points."""
     for name, value in asked.items():
         ours = point.value(name)

@@ -4,20 +4,18 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from labbook.results import display
 from labbook.results.elongation import WITH_LENGTH, drop_of, gained, neighbours, rise_of
 from labbook.results.points import PointResult
 from labbook.results.reference import Comparison, entry_of, matches
 from labbook.results.rotation import CONFIDENCE, FLOW, ROTATION, Rotation, by_seed
+from labbook.results.series import Series
 from labbook.stats import Pooled
 from labbook.stats.ratio import paired_ratio
+from labbook.study import Reference, Statement
 from labbook.study.schema import TURNING
-
-if TYPE_CHECKING:
-    from labbook.results.series import Series
-    from labbook.study import Reference, Statement
 
 Verdict = Literal["holds", "does not hold", "undecided"]
 
@@ -26,7 +24,7 @@ Verdict = Literal["holds", "does not hold", "undecided"]
 class Judged:
     """A statement and ours, in SI. `ours` is None where we have none; `why` then says so."""
 
-    statement: "Statement"
+    statement: Statement
     label: str
     ours: float | None
     error: float = math.nan
@@ -51,9 +49,9 @@ _LACKING = "runs are lacking, and the first to end are no fair sample"
 
 
 def judge(
-    reference: "Reference | None",
+    reference: Reference | None,
     points: Sequence[PointResult],
-    series: Sequence["Series"],
+    series: Sequence[Series],
     turning: Sequence[Rotation],
 ) -> tuple[Judged, ...]:
     """Every statement of the reference, for each curve, series or point that it speaks of."""
@@ -76,7 +74,7 @@ def summed_up(judged: Sequence[Judged], source: str) -> str:
     )
 
 
-def by_statement(judged: Sequence[Judged]) -> list[tuple["Statement", list[Judged]]]:
+def by_statement(judged: Sequence[Judged]) -> list[tuple[Statement, list[Judged]]]:
     """What was judged, statement by statement, in their order."""
     return [(statement, list(group)) for statement, group in groupby(judged, lambda one: one.statement)]
 
@@ -90,7 +88,7 @@ def at_all(places: Iterable[Judged]) -> Verdict:
 
 
 def _judge(
-    statement: "Statement", points: Sequence[PointResult], series: Sequence["Series"], turning: Sequence[Rotation]
+    statement: Statement, points: Sequence[PointResult], series: Sequence[Series], turning: Sequence[Rotation]
 ) -> Iterator[Judged]:
     head, _, quantity = statement.quantity.partition(".")
     name, _, feature = quantity.partition(".")
@@ -104,11 +102,11 @@ def _judge(
     yield from found or [Judged(statement, display.label(statement.at), None, why=nothing)]
 
 
-def _other(statement: "Statement", one: Comparison) -> Judged:
+def _other(statement: Statement, one: Comparison) -> Judged:
     return Judged(statement, one.label, one.ours, one.error, one.low, one.high, one.why)
 
 
-def _turning(statement: "Statement", name: str, curve: Rotation) -> Iterator[Judged]:
+def _turning(statement: Statement, name: str, curve: Rotation) -> Iterator[Judged]:
     """`QUANTITY`: over that at rest, at each frequency; `QUANTITY.FEATURE`: see `labbook.study.schema.FEATURES`."""
     asked = {key: value for key, value in statement.at.items() if key != ROTATION}
     if not matches(asked, curve.points[0].point):
@@ -149,7 +147,7 @@ def _turning(statement: "Statement", name: str, curve: Rotation) -> Iterator[Jud
         yield _of_ratio(statement, where, drop_of(curve, quantity))
 
 
-def _with_length(statement: "Statement", quantity: str, feature: str, turning: Sequence[Rotation]) -> Iterator[Judged]:
+def _with_length(statement: Statement, quantity: str, feature: str, turning: Sequence[Rotation]) -> Iterator[Judged]:
     """Each shape against the next shorter one; those of which the longer is at what the statement asks for."""
     for shorter, longer, alike in neighbours(turning):
         if not matches(statement.at, longer.points[0].point):
@@ -175,7 +173,7 @@ def _exchange(curve: Rotation, k: int) -> Pooled | None:
     return paired_ratio(gained, lost, CONFIDENCE)
 
 
-def _of_ratio(statement: "Statement", where: str, ratio: Pooled | None) -> Judged:
+def _of_ratio(statement: Statement, where: str, ratio: Pooled | None) -> Judged:
     if ratio is None:
         return Judged(statement, where, None, why="no seed has both runs")
     return Judged(statement, where, ratio.value, ratio.error, ratio.low, ratio.high, pairs=ratio.n)

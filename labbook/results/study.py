@@ -1,8 +1,9 @@
 """What a study found: points, series with fits, and the comparison with a reference."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from labbook.backend import BackendMissing, load
 from labbook.lab import Catalogue
 from labbook.lab.numbers import numbers
 from labbook.lab.records import Observe
@@ -36,6 +37,8 @@ class Results:
     """Statements of the reference, held against ours."""
     numerical: tuple[Numerical, ...] = ()
     """Points that differ in numerics only."""
+    stale: frozenset[int] = frozenset()
+    """Versions of the backend whose runs count though another one is installed: `labbook run` would make them again."""
 
     @property
     def source(self) -> str:
@@ -85,4 +88,9 @@ def find(
     runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
     observe = Observe(measure=study.measure, start=study.window.start, end=study.window.end)
     found = numbers(catalogue, runs, observe, progress)
-    return results_of(study, runs, found.measured, found.problems, lost)
+    results = results_of(study, runs, found.measured, found.problems, lost)
+    try:
+        installed = load(backend).capabilities.cache_version
+    except BackendMissing:  # the lab may be read where its backend is not installed
+        return results
+    return replace(results, stale=frozenset({run.cache_version for run in runs} - {installed}))

@@ -88,7 +88,15 @@ def finished(catalogue: Catalogue, study: Study, backend: str) -> list[FinishedR
     found.sort(key=lambda pair: (pair[0].point.index, pair[0].seed))
     lab = catalogue.lab
     return [
-        FinishedRun(demand.point, demand.seed, entry.run_key, lab.run(entry.run_key), entry.outcome, entry.stamp)
+        FinishedRun(
+            demand.point,
+            demand.seed,
+            entry.run_key,
+            lab.run(entry.run_key),
+            entry.outcome,
+            entry.stamp,
+            entry.cache_version,
+        )
         for demand, entry in found
         if entry.cache_version == newest[demand.point.index]
     ]

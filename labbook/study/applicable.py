@@ -3,9 +3,8 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
-from labbook.fit import DEFINITIONS, LAWS, Context
+from labbook.fit import DEFINITIONS, LAWS
 from labbook.fit.outlet import OF_OUTLET, PARAMETERS, TERMS
 from labbook.measure import FLOW_RATIO, FLOW_RATIOS, MEASURES, MeasureError
 from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
@@ -134,7 +133,7 @@ def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene]) -> str |
     if head == FLOW_RATIO:
         return "" if quantity in FLOW_RATIOS else _none_such(quantity, FLOW_RATIOS)
     if head in LAWS:
-        known: Mapping[str, str] = _parameters(head)
+        known: Mapping[str, str] = {name: one.unit for name, one in LAWS[head].parameters.items()}
         if head not in settings.fit:
             return Wrong(f"{head} is not fitted in this study", f"add {head} to fit")
         return known[tail] if tail in known else _none_such(quantity, [f"{head}.{name}" for name in known])
@@ -185,11 +184,3 @@ def _none_such(quantity: str, known: Iterable[str]) -> Wrong:
     close = meant(tail, [name.partition(".")[2] for name in names]) if alike else meant(quantity, names)
     remedy = f"did you mean {head}.{close}?" if alike and close else instead("" if alike else quantity, names)
     return Wrong(f"{shown(quantity)} is neither measured nor fitted in this study", remedy)
-
-
-@lru_cache
-def _parameters(law: str) -> dict[str, str]:
-    """Parameters of a law and their units."""
-
-    example = Context(d=1e-3, rho_p=1.0, rho_b=1.0, Z=1e-3, g=9.81)
-    return {parameter.name: parameter.unit for parameter in LAWS[law].reported(example)}

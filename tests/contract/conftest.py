@@ -53,8 +53,9 @@ class Silo:
         numerics: Numerics | None = None,
         probes: Sequence[Probe] = (Crossing(), Ledger()),
         slots: int | None = None,
+        stand: Stand | None = None,
     ) -> Iterator[Ensemble]:
-        backend = self.stand.backend
+        backend = (stand or self.stand).backend
         spec = backend.specialise(scene or self.scene, numerics or self.numerics(), probes)
         ensemble = backend.open(spec, slots, self.stand.device)
         try:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from stands import specialised
 
 from labbook.backend import Emptied, Failed, Settled, Unsupported
 from labbook.backend.probes import Ledger
@@ -212,7 +213,7 @@ def test_a_device_that_is_not_there_is_an_error(silo):
 
 def test_a_member_of_another_spec_is_refused(silo):
     smooth = changed(silo.scene, "contact", friction=0.0, rolling_friction=0.0)
-    with silo.ensemble() as ensemble, pytest.raises(ValueError, match="speciali"):
+    with silo.ensemble(stand=specialised(silo.stand)) as ensemble, pytest.raises(ValueError, match="speciali"):
         ensemble.admit(smooth, silo.numerics(), silo.start)
 
 

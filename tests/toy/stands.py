@@ -1,4 +1,11 @@
-"""The stands of the bundled backends, for tests that take every one of them."""
+"""The stands of the bundled backends, for tests that take every one of them.
+
+The CPU backend takes ten seconds to compile a kernel, twenty for rods. On these stands its kernels have all features in
+(walls of every kind, moving ones, rolling, ...), so that all scenes of one law, shape and precision share a kernel.
+`tests/contract/test_contract_kernels.py` compares them with those that users' runs have, which `specialised` gives.
+"""
+
+from dataclasses import replace
 
 import pytest
 
@@ -18,9 +25,16 @@ def stands() -> list[Stand]:
             backend = load(name)
         except BackendMissing:
             continue
+        if name == "numba":
+            backend = type(backend)(wide=True)  # pyright: ignore[reportCallIssue]
         can = backend.capabilities
         found += [Stand(backend, precision, device) for precision in sorted(can.precisions) for device in can.devices]
     return found
+
+
+def specialised(stand: Stand) -> Stand:
+    """The stand with kernels that have in only what each scene needs, as in users' runs."""
+    return replace(stand, backend=load(stand.backend.capabilities.name))
 
 
 def second(stand: Stand) -> bool:

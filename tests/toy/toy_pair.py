@@ -7,6 +7,7 @@ from toy_lab import study_file as toy_study_file
 from labbook.compare.compare import compare
 from labbook.compare.pair import Contestant
 from labbook.lab import Lab, RunRecord
+from labbook.lab.folder import stamp
 
 GRAINS = 400  # enough for a bulk to measure the packing fraction in
 
@@ -30,7 +31,7 @@ def compared(asked, lab, second=None, margin=0.03):
 
 
 def stamps(lab):
-    return {path.name: path.stat().st_mtime_ns for kind in ("runs", "packings") for path in (lab / kind).iterdir()}
+    return {path.name: stamp(path) for kind in ("runs", "packings") for path in (lab / kind).iterdir()}
 
 
 def records(lab, backend):
@@ -39,4 +40,4 @@ def records(lab, backend):
 
 
 def stamps_of_packings(lab):
-    return {path.name: path.stat().st_mtime_ns for path in (lab / "packings").iterdir()}
+    return {path.name: stamp(path) for path in (lab / "packings").iterdir()}

@@ -30,6 +30,7 @@ class Run:
     outcome: str = "finished"
     filmed: bool = False
     every: float = 0.04
+    cache_version: int = 1
 
     @property
     def run_key(self):
@@ -51,8 +52,8 @@ class Run:
         """A column of upright grains that sinks at 30 mm/s."""
         if not self.filmed:
             return None
-        side = np.arange(-0.085, 0.09, 0.01)
-        x = np.array([(a, b, c) for a in side for b in side for c in np.arange(0.005, 0.3, 0.01)])
+        side = np.arange(-0.085, 0.09, 0.017)
+        x = np.array([(a, b, c) for a in side for b in side for c in np.arange(0.0075, 0.3, 0.015)])
         x = x[np.hypot(x[:, 0], x[:, 1]) < 0.085]
         times, n, zero = np.arange(0, 6, self.every), len(x), np.zeros(len(x))
         once = {"id": np.arange(n), "x": x[:, 0], "y": x[:, 1], "vx": zero, "vy": zero, "vz": zero - SINKING}

@@ -9,10 +9,9 @@ from labbook.bench.beds import settled
 from labbook.bench.savings import STILL, bed_of
 from labbook.bench.scenes import FAN_STEP, fan, variants
 
-pytestmark = pytest.mark.compiles
+pytestmark = [pytest.mark.compiles, pytest.mark.ring]
 
 
-@pytest.mark.slow
 def test_rates_are_of_the_settled_and_the_flowing_hopper(monkeypatch):
     """Of what switches save, one is timed: each is a kernel more."""
     case = "without friction"
@@ -42,7 +41,6 @@ def test_rates_are_of_the_settled_and_the_flowing_hopper(monkeypatch):
     assert result.as_dict()["backend"] == "numba"
 
 
-@pytest.mark.slow
 def test_the_bed_stays_as_it_is_while_switches_are_timed():
     """Whatever is left out, there are as many contacts afterwards: rates differ by what a contact costs."""
     closed = fan(grains=200).close()

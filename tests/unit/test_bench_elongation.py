@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from labbook_numba import Backend
 
 from labbook.bench import batch, elongation, rate
 from labbook.bench.scenes import elongated
@@ -20,6 +21,8 @@ def test_grains_of_all_aspect_ratios_have_one_volume(aspect_ratio):
 
 
 def test_a_grain_step_of_each_has_a_cost(monkeypatch):
+    backend = Backend(wide=True)  # whose kernels are those of the contract's tests
+    monkeypatch.setattr(elongation, "load", lambda _: backend)
     monkeypatch.setattr(batch, "SETTLED", 100.0)  # long before they rest
     monkeypatch.setattr(batch, "OUTFLOW", 0.01)
     monkeypatch.setattr(rate, "TIMED", 100_000)

@@ -23,7 +23,7 @@ measure: [flow_rate, packing, outlet_profiles]
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ring
 def test_numba_and_warp_agree_until_chaos_takes_over(tmp_path):
     pytest.importorskip("warp", reason="Warp is not installed: pip install 'labbook[warp]'")
     try:

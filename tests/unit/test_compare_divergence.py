@@ -54,6 +54,7 @@ def test_backends_agree_until_the_largest_difference_exceeds_a_thousandth(tmp_pa
     assert growth == pytest.approx(1 / Drifting.TAU, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_backends_that_never_part_agree_to_the_end(tmp_path):
     asked, lab = study(tmp_path), tmp_path / "lab"
     found = compared(asked, lab).points[0].divergence

@@ -52,6 +52,7 @@ def test_mistakes_are_told_in_a_line(tmp_path, more, said):
     assert said in ended.stderr
 
 
+@pytest.mark.slow
 def test_what_was_stopped_goes_on(tmp_path):
     path, lab = study_file(tmp_path), tmp_path / "lab"
     words = ("compare", path, "--lab", lab, "--backends", "toy,twin")

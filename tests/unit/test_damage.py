@@ -79,12 +79,6 @@ def place(sound, tmp_path) -> Path:
     return tmp_path / "here"
 
 
-@pytest.fixture(autouse=True)
-def quick(monkeypatch) -> None:
-    """Nothing here depends on when the disk has what was written, and waiting for it takes long."""
-    monkeypatch.setattr(os, "fsync", lambda _: None)
-
-
 @pytest.fixture(scope="module")
 def right(sound) -> dict:
     """What comes of the study where nothing is damaged."""
@@ -269,9 +263,16 @@ DAMAGES = {
     | {"one byte": one_byte, "bomb": bomb, "nan": nan("x"), "no x": lacks("x"), "fewer": changed(fewer)},
 }
 CASES = [(file, name) for file, kinds in DAMAGES.items() for name in kinds]
+QUICK = ("truncated", "one byte", "no x", "density", "another step")
+"""Damages that `make check` does to every file that can have them; with all others it is long: they are slow."""
 
 
-@pytest.mark.parametrize(("file", "name"), CASES, ids=[f"{file}-{name}" for file, name in CASES])
+def each(cases):
+    """Cases as parameters, by the name of the damage, which comes last."""
+    return [pytest.param(*c, id="-".join(c), marks=[] if c[-1] in QUICK else [pytest.mark.slow]) for c in cases]
+
+
+@pytest.mark.parametrize(("file", "name"), each(CASES))
 def test_a_damaged_file_is_named_and_made_again(right, place, file, name):
     lab, asked = place / "lab", study_file(place, RECORDED, AT_REST, **SMALL)
     kind, _, of = file.partition("/")
@@ -289,7 +290,7 @@ def test_a_damaged_file_is_named_and_made_again(right, place, file, name):
 FILES = [(file, name) for file in DAMAGES for name in ("missing", "truncated")]
 
 
-@pytest.mark.parametrize(("file", "name"), FILES, ids=[f"{file}-{name}" for file, name in FILES])
+@pytest.mark.parametrize(("file", "name"), each(FILES))
 def test_every_verb_names_a_damaged_file_and_one_run_mends_it(place, file, name):
     lab, asked = place / "lab", study_file(place, RECORDED, AT_REST, **SMALL)
     kind, _, of = file.partition("/")
@@ -333,7 +334,7 @@ OF_WORK = {
 WORKS = [(lab, file, name) for (lab, file), kinds in OF_WORK.items() for name in kinds]
 
 
-@pytest.mark.parametrize(("which", "file", "name"), WORKS, ids=["-".join(case) for case in WORKS])
+@pytest.mark.parametrize(("which", "file", "name"), each(WORKS))
 def test_damaged_unfinished_work_is_named_and_begun_again(right, place, which, file, name):
     lab, asked = place / which, study_file(place, RECORDED, AT_REST, **SMALL)
     (victim,) = (folder for folder in (lab / "work").iterdir() if folder.is_dir())
@@ -364,7 +365,8 @@ def test_unfinished_work_that_is_whole_is_gone_on_with(right, place):
         assert numbers(place / which) == right
 
 
-@pytest.mark.parametrize("file", ["recording.npz", "crossing.npz"])
+@pytest.mark.usefixtures("one_format")
+@pytest.mark.parametrize("file", ["recording.npz", pytest.param("crossing.npz", marks=pytest.mark.slow)])
 def test_reports_and_recordings_leave_a_damaged_run_out(place, file):
     pytest.importorskip("rerun")
     lab, asked = place / "lab", study_file(place, RECORDED, AT_REST, **SMALL)
@@ -415,6 +417,7 @@ def compare(folder: Path) -> str:
     return labbook("compare", path, "--lab", folder / "lab", "--backends", "toy,twin").stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["runs", "packings"])
 def test_a_comparison_makes_what_is_damaged_again(compared, tmp_path, kind):
     lab = shutil.copytree(compared / "lab", tmp_path / "lab")
@@ -432,6 +435,7 @@ def overwritten(path: Path, page: int) -> None:
         file.write(np.random.default_rng(page).bytes(4096))
 
 
+@pytest.mark.slow
 def test_whatever_page_of_the_index_is_damaged_it_is_put_aside_and_made_again(sound, right, place):
     lab, asked = place / "lab", study_file(place, RECORDED, AT_REST, **SMALL)
     for suffix in ("-wal", "-shm"):

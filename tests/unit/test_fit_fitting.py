@@ -62,9 +62,9 @@ def test_beverloo_agrees_with_a_weighted_straight_line():
 @pytest.mark.parametrize(
     ("name", "draws"),
     [
-        ("beverloo", 2000),
+        pytest.param("beverloo", 2000, marks=pytest.mark.slow),
         ("power", 2000),
-        ("exponential", 2000),
+        pytest.param("exponential", 2000, marks=pytest.mark.slow),
         pytest.param("janda", 600, marks=pytest.mark.slow),
         pytest.param("beverloo_3d", 2000, marks=pytest.mark.slow),
         pytest.param("janda_3d", 600, marks=pytest.mark.slow),
@@ -257,6 +257,7 @@ def test_lists_of_unequal_length_are_refused():
         fit(LAWS["beverloo"], D, D[:3], D, FAN)
 
 
+@pytest.mark.slow
 def test_any_positive_flow_rates_are_fitted_or_refused_with_a_reason():
     """Nonsense data: never another exception than FitError, never a silent NaN."""
     rng = np.random.default_rng(14)

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from labbook_numba import Backend
 from labbook_numba.state import W
 
-from labbook.backend import Checkpoint, Failed, load
+from labbook.backend import Checkpoint, Failed
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger
 from labbook.scene import Scene, Spheres
@@ -20,12 +21,12 @@ APART = Scene(
     contact=hopper().contact,
     container=hopper(300.0).container,
 )
-"""Grains above an outlet of metres: kernels are those of the contract's tests, and walls are beyond reach."""
+"""Grains above an outlet of metres, whose walls are beyond reach."""
 NUMERICS = Numerics(dt=1e-5, steps_per_beat=50)
 
 
 def test_a_spin_that_is_no_number_is_caught_although_its_grain_touches_nothing():
-    backend = load("numba")
+    backend = Backend(wide=True)  # whose kernels are those of the contract's tests
     ensemble: Any = backend.open(backend.specialise(APART, NUMERICS, [Crossing(), Ledger()]), 1)
     try:
         sound = ensemble.admit(APART, NUMERICS, grains_at([[0, 0, 1], [0.1, 0, 1], [0.2, 0, 1]]))

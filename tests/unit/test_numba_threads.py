@@ -43,7 +43,7 @@ def numerics(precision: str) -> Numerics:
 
 @pytest.fixture(scope="module")
 def start():
-    backend, closed = Backend(), silo().close()
+    backend, closed = Backend(wide=True), silo().close()  # its kernels are those of the contract's tests
     ensemble = backend.open(backend.specialise(closed, numerics("double")), 1)
     member = ensemble.admit(closed, numerics("double"), place(closed, "gas", 1))
     ensemble.advance(8)

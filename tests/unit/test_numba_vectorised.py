@@ -33,42 +33,51 @@ def register() -> str:
     pytest.skip("the compiler uses no registers of 256 bits or more on this processor")
 
 
-def assembly(law: str, precision: str, name: str, kinds: int, folder, monkeypatch) -> str:
-    """What a law loop compiles to, in a cache of its own (of cached code there is no assembly)."""
+def assembly(law: str, precision: str, kinds: int) -> dict[str, str]:
+    """What the law loops of one kernel module compile to, by name, each in a caller of its own.
+
+    They are compiled into what calls them, and not kept with the kernels: of cached code there is no assembly.
+    """
     from labbook_numba import build
 
-    monkeypatch.setenv("LABBOOK_CACHE", str(folder))
-    build.kernels.cache_clear()
     switches = dict.fromkeys(build.SWITCHES, True) | {"RODS": False, "VARIED": kinds > 1, "KINDS": kinds}
     module = build.kernels(law, precision, tuple(switches.items()))
     real = module.real if precision == "double" else np.float32
     numbers = [np.float32(1) if real is np.float32 else 1.0] * 5
-    kernel = getattr(module, name)
-    arguments = numbers[:4] if name == "pair_law" else numbers
-
-    @njit
-    def caller(b, count, coefficients, numbers):  # kernels are called by kernels only
-        kernel(b, count, coefficients, *numbers)
-
     block = np.ones(20_000, np.float32 if precision == "mixed" else float)
-    caller(block, np.uint64(64), (1.0,) * 8, tuple(arguments))
-    build.kernels.cache_clear()
-    return "\n".join(caller.inspect_asm().values())
+    found = {}
+    for name, given in (("pair_law", numbers[:4]), ("wall_law", numbers)):
+        kernel = getattr(module, name)
+
+        @njit
+        def caller(b, count, coefficients, numbers, kernel=kernel):  # kernels are called by kernels only
+            kernel(b, count, coefficients, *numbers)
+
+        caller(block, np.uint64(64), (1.0,) * 8, tuple(given))
+        found[name] = "\n".join(caller.inspect_asm().values())
+    return found
 
 
 ROOTS = {"hertz-mindlin": 7, "linear": 2}
 """Square roots in a law with its geometry and rolling resistance, at least."""
+LAWS = [
+    pytest.param("hertz-mindlin", "double", 1),
+    pytest.param("hertz-mindlin", "mixed", 2),
+    pytest.param("linear", "double", 2),
+    pytest.param("linear", "mixed", 1),
+    *(pytest.param(*one, marks=pytest.mark.ring) for one in (
+        ("hertz-mindlin", "double", 2), ("hertz-mindlin", "mixed", 1), ("linear", "double", 1), ("linear", "mixed", 2),
+    )),
+]  # fmt: skip
+"""A kernel of each law and precision, of equal grains and of mixtures in turn; all others in the ring."""
 
 
-@pytest.mark.parametrize("kinds", [1, 2])
-@pytest.mark.parametrize("name", ["pair_law", "wall_law"])
-@pytest.mark.parametrize("precision", ["double", "mixed"])
-@pytest.mark.parametrize("law", ROOTS)
-def test_roots_are_taken_in_wide_registers(law, precision, name, kinds, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("law", "precision", "kinds"), LAWS)
+def test_roots_are_taken_in_wide_registers(law, precision, kinds):
     wide = register()
-    text = assembly(law, precision, name, kinds, tmp_path, monkeypatch)
     kind = "d" if precision == "double" else "s"
-    found = re.findall(rf"\tvr?sqrt(?:14)?p{kind}\t[^\n]*%{wide}", text)
-    assert len(found) >= ROOTS[law], f"{len(found)} square roots in {wide} registers"
-    products = re.findall(rf"\tv(?:mul|fn?m\w+)p{kind}\t[^\n]*%{wide}", text)
-    assert len(products) > 30
+    for name, text in assembly(law, precision, kinds).items():
+        found = re.findall(rf"\tvr?sqrt(?:14)?p{kind}\t[^\n]*%{wide}", text)
+        assert len(found) >= ROOTS[law], f"{name}: {len(found)} square roots in {wide} registers"
+        products = re.findall(rf"\tv(?:mul|fn?m\w+)p{kind}\t[^\n]*%{wide}", text)
+        assert len(products) > 30, name

@@ -61,7 +61,7 @@ def test_progress_tells_runs_from_packings(tmp_path):
             made = [len(list((tmp_path / "lab" / name).glob("*"))) for name in ("packings", "runs")]
             seen.append((view.fillings_left, view.runs_done, *made))
 
-    carry_out(study(tmp_path), tmp_path / "lab", backend=Backend(delay=0.1), watcher=Watch(), lanes=1)
+    carry_out(study(tmp_path), tmp_path / "lab", backend=Backend(delay=0.02), watcher=Watch(), lanes=1)
     assert len({left for left, *_ in seen}) > 1, "it was looked at while packings were being made, and later"
     for left, done, packings, runs in seen:
         assert (left, done) == (2 - packings, runs)

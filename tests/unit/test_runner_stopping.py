@@ -65,7 +65,10 @@ LONG = "120"
 """Seconds that nothing may wait for."""
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+LIKEWISE = [pytest.param(number, marks=pytest.mark.slow) for number in (signal.SIGTERM, signal.SIGHUP)]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, *LIKEWISE])
 def test_while_kernels_compile_there_is_nothing_to_wait_for(tmp_path, number):
     going = Going(study_file(tmp_path), "--lab", tmp_path / "lab", LABBOOK_TOY_COMPILES=LONG)
     going.heard("compiling, once for this kind of scene")

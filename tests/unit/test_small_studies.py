@@ -15,7 +15,7 @@ from labbook.run.coverage import finished
 from labbook.run.runner import Runner
 from labbook.study import load
 
-pytestmark = pytest.mark.compiles
+pytestmark = [pytest.mark.compiles, pytest.mark.ring]
 
 STUDIES = Path(__file__).parents[2] / "studies"
 REDUCED = {
@@ -33,7 +33,6 @@ REDUCED = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", REDUCED)
 def test_a_reduced_study_runs_to_its_flow_rates(name, tmp_path):
     text = (STUDIES / f"{name}.yaml").read_text(encoding="utf-8")

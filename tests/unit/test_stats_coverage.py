@@ -65,6 +65,7 @@ def test_three_replicates(case):
     assert 0.92 <= np.mean(hits) <= 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("tolerance", [0.5, 1.0, 2.5], ids=["tight", "middling", "loose"])
 def test_with_the_stopping_rule_in_the_loop(case, tolerance):
@@ -108,6 +109,7 @@ class Window:
 RATE = 100.0  # grains per second: no time between grains is long enough for a gap
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [poisson, clock, surging])
 def test_measured_rates_cover(case):
     """From crossing times through the window to pooled rates; grains per second against the true 100."""
@@ -127,6 +129,7 @@ def test_measured_rates_cover(case):
     assert 0.92 <= np.mean(hits) <= 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [poisson, clock, surging])
 def test_errors_within_a_run(case):
     """The block error that a measured flow rate carries, from one run of 3000 grains."""

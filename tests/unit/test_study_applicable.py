@@ -77,9 +77,19 @@ def accepted(file: Path, lab: Path, key: str, name: str) -> bool:
     return False
 
 
+QUICK = {"layer-sizes", "slot-sizes", "cylinder-kinds", "cone-kinds", "box-rods", "plates-spheres"}
+"""Combinations for `make check`: every container, every kind of grains. The others are slow for their number."""
+
+
+def combinations():
+    for container in CONTAINERS:
+        for grains in GRAINS:
+            name = f"{container}-{grains}"
+            yield pytest.param(container, grains, marks=[] if name in QUICK else [pytest.mark.slow], id=name)
+
+
 @pytest.mark.usefixtures("one_format")
-@pytest.mark.parametrize("grains", GRAINS)
-@pytest.mark.parametrize("container", CONTAINERS)
+@pytest.mark.parametrize(("container", "grains"), list(combinations()))
 def test_plan_refuses_it_or_every_verb_works(tmp_path, container, grains):
     file, lab = tmp_path / "all.yaml", tmp_path / "lab"
 
@@ -126,6 +136,7 @@ def expected(container: str, grains: str) -> tuple[list[str], list[str], list[st
     )
 
 
+@pytest.mark.usefixtures("one_format")
 def test_a_source_with_dollars_is_no_formula(tmp_path):
     """Broken mathtext in what an author wrote stands in figures as it was written."""
     file, lab = tmp_path / "all.yaml", tmp_path / "lab"

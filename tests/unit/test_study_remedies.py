@@ -161,6 +161,7 @@ def test_of_many_problems_the_first_are_printed(tmp_path):
     assert len(StudyError(found).problems) == MOST + 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -186,6 +187,7 @@ def test_more_runs_than_a_plan_holds_are_refused(tmp_path, monkeypatch):
     assert "at most 2 replicates" in problem.remedy
 
 
+@pytest.mark.slow
 def test_points_cost_the_same_however_many_there_are(tmp_path):
     """10 000 points load in the time of 1000 times ten, and a half: quadratic they would take ten times that."""
 

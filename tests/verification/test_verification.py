@@ -1,7 +1,7 @@
 """Every case of `labbook verify` on every backend that is there, and most in both precisions."""
 
 import pytest
-from stands import second, stands, where
+from stands import second, specialised, stands, where
 
 from labbook.backend import Unsupported
 from labbook.verify.case import Case, Measure, judge
@@ -68,14 +68,22 @@ def checks():
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
 
+def faults(case: Case, stand: Stand) -> str:
+    """What of a case does not hold on a stand."""
+    bad = [v for v in judge(case, stand) if v.result == "failed"]
+    return "\n".join(f"{v.measure}: {v.note or f'{v.error:.3g} > {v.limit:.3g} {v.unit}'}" for v in bad)
+
+
 @pytest.mark.parametrize(("case", "stand"), list(checks()))
 def test_case(case, stand):
-    bad = [
-        f"{v.measure}: {v.note or f'{v.error:.3g} > {v.limit:.3g} {v.unit}'}"
-        for v in judge(case, stand)
-        if v.result == "failed"
-    ]
-    assert not bad, "\n".join(bad)
+    assert not faults(case, stand)
+
+
+@pytest.mark.ring
+@pytest.mark.parametrize(("case", "stand"), [one for one in checks() if "-numba-" in str(one.id)])
+def test_case_on_the_kernels_of_users(case, stand):
+    """Each compiled for the scene, as by `labbook verify`; test_contract_kernels holds them against the shared ones."""
+    assert not faults(case, specialised(stand))
 
 
 def test_what_is_left_out_is_known():

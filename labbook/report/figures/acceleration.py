@@ -7,14 +7,13 @@ import numpy as np
 
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.report.style import COLUMN, FAINT, MILLIMETRE, house, look
+from labbook.results.points import PointResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from labbook.results.points import PointResult
 
-
-def acceleration_against_height(found: Sequence[tuple["PointResult", AccelerationProfile]], gravity: float) -> "Figure":
+def acceleration_against_height(found: Sequence[tuple[PointResult, AccelerationProfile]], gravity: float) -> "Figure":
     """a_eff/g of each point against the height that grains start from, in widths of the outlet."""
     from matplotlib.figure import Figure
 

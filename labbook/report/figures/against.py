@@ -19,12 +19,12 @@ from labbook.report.style import (
     verbatim,
 )
 from labbook.results import display
+from labbook.results.against import Against, Line, Place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.results.against import Against, Line, Place
 
 _TOGETHER = 7
 """Lines that one panel holds."""
@@ -32,7 +32,7 @@ _ACROSS = 3  # panels side by side
 _DECADES = 2  # of values, beyond which their axis is logarithmic
 
 
-def against_key(found: "Against") -> "Figure":
+def against_key(found: Against) -> "Figure":
     """Above the quantity with 95 % intervals, a line for each value of the other keys; below, on the same axis, its
     ratio to that at the first value. Hollow points carry a remark; a cross at the bottom is a point without a value.
 
@@ -84,7 +84,7 @@ def against_key(found: "Against") -> "Figure":
     return figure
 
 
-def ratio_heading(found: "Against") -> str:
+def ratio_heading(found: Against) -> str:
     """`W / W at 0.1`, or `W / W at the first` where lines do not begin with the same value."""
     name = display.quantity(found.quantity).name
     firsts = {line.first.value for line in found.lines if line.first is not None}
@@ -94,7 +94,7 @@ def ratio_heading(found: "Against") -> str:
     return f"{name} / {name} at {display.amount(found.key, value)} {display.key(found.key).unit}".rstrip()
 
 
-def _panels(found: "Against") -> dict[str, dict[str, "Line"]]:
+def _panels(found: Against) -> dict[str, dict[str, Line]]:
     """Lines by their label, in panels by theirs; one panel, without a label, if all lines fit into it."""
     others = {name: {line.at.get(name) for line in found.lines} for line in found.lines for name in line.at}
     varied = [name for name, values in others.items() if len(values) > 1]
@@ -104,7 +104,7 @@ def _panels(found: "Against") -> dict[str, dict[str, "Line"]]:
     return next((one for one in parted if max(map(len, one.values())) <= _TOGETHER), parted[-1])
 
 
-def _parted(lines: Sequence["Line"], key: str) -> dict[str, dict[str, "Line"]]:
+def _parted(lines: Sequence[Line], key: str) -> dict[str, dict[str, Line]]:
     """A panel for each value of one of the keys that lines differ in."""
     panels: dict[str, dict[str, Line]] = {}
     for line in lines:
@@ -113,7 +113,7 @@ def _parted(lines: Sequence["Line"], key: str) -> dict[str, dict[str, "Line"]]:
     return panels
 
 
-def _panel(main: "Axes", below: "Axes", found: "Against", lines: dict[str, "Line"], names: Sequence[str]) -> None:
+def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], names: Sequence[str]) -> None:
     values, scale = found.values, display.quantity(found.quantity).scale
     x = _abscissa(found)
     span = max(x.values()) - min(x.values())
@@ -145,7 +145,7 @@ def _panel(main: "Axes", below: "Axes", found: "Against", lines: dict[str, "Line
 
 
 def _draw(
-    main: "Axes", below: "Axes", found: "Against", line: "Line", one: "Place", x: float, scale: float, style: dict
+    main: "Axes", below: "Axes", found: Against, line: Line, one: Place, x: float, scale: float, style: dict
 ) -> None:
     hollow = {"markerfacecolor": "white"} if one.result.remark else {}
     points = {"color": style["color"], "marker": style["marker"], "linestyle": "none", **hollow}
@@ -162,7 +162,7 @@ def _draw(
         below.errorbar(x, one.ratio.value, yerr=half, **points)
 
 
-def _abscissa(found: "Against") -> dict[float | str, float]:
+def _abscissa(found: Against) -> dict[float | str, float]:
     """Where each value stands: as it is shown, words side by side."""
     if found.words:
         return {value: float(place) for place, value in enumerate(found.values)}
@@ -170,7 +170,7 @@ def _abscissa(found: "Against") -> dict[float | str, float]:
     return {value: float(value) * scale for value in found.values}
 
 
-def _range(lines: Sequence["Line"]) -> tuple[float, float]:
+def _range(lines: Sequence[Line]) -> tuple[float, float]:
     """Of all ratios with their intervals, but for those so wide that nothing else would be seen."""
     ratios = [place.ratio for line in lines for place in line.places if place.ratio is not None]
     values = [1.0, *(ratio.value for ratio in ratios)]

@@ -8,20 +8,20 @@ import numpy as np
 
 from labbook.report.style import COLOURS, FAINT, MILLIMETRE, PAGE, from_zero, house, verbatim
 from labbook.results import display
+from labbook.results.points import PointResult
+from labbook.results.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.results.points import PointResult
-    from labbook.results.series import Series
 
 _COLUMNS = 4
 _TITLE = 27  # characters in a line of a panel's title
 _SHADES = (0.0, 0.35, 0.55, 0.7)  # towards white: replicates of one point are one colour
 
 
-def flow_against_time(series: "Series") -> "Figure":
+def flow_against_time(series: Series) -> "Figure":
     """Small multiples, one point each, named by what tells it from the others: W(t) by replicate, the window shaded,
     the pooled mean and its 95 % interval.
     """
@@ -44,7 +44,7 @@ def flow_against_time(series: "Series") -> "Figure":
     return figure
 
 
-def _draw(ax: "Axes", result: "PointResult", title: str) -> None:
+def _draw(ax: "Axes", result: PointResult, title: str) -> None:
     pooled = result.flow_rate
     for k, run in enumerate(result.runs):
         if run.trace is not None:

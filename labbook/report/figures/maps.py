@@ -5,39 +5,37 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fields import Ring, pattern_of
+from labbook.fields import Fields, Ring, pattern_of
 from labbook.measure.stress import contact_pressure
 from labbook.report.figures.pattern import draw_means, draw_walls, even, row_height, speed_of, top_of
 from labbook.report.style import MILLIMETRE, PAGE, house
-from labbook.results.recorded import across, both
+from labbook.results.recorded import Flowing, across, both
 from labbook.results.rotation import turning_at
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.fields import Fields
-    from labbook.results.recorded import Flowing
 
 _COLUMNS = 4
 Map = tuple[np.ndarray, np.ndarray, np.ndarray]
 """x and z [mm], and values, shape [z, x]."""
 
 
-def packing_maps(rows: Sequence[Sequence["Flowing"]]) -> "Figure":
+def packing_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
     """Packing fraction, a row a point, a column an instant."""
     from matplotlib.colors import Normalize
 
     maps = {id(one): _mirrored(one.fields, one.fields.packing_fraction, one.pattern.bed) for row in rows for one in row}
     norm = Normalize(*_range(maps.values()))
 
-    def draw(ax: "Axes", one: "Flowing") -> None:
+    def draw(ax: "Axes", one: Flowing) -> None:
         _mesh(ax, maps[id(one)], norm)
 
     return _instants(rows, draw, norm, r"packing fraction $\phi$")
 
 
-def speed_maps(rows: Sequence[Sequence["Flowing"]]) -> "Figure":
+def speed_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
     """Speed in the plane with streamlines, a row a point, a column an instant; hatched: what stands."""
     from matplotlib.colors import PowerNorm
 
@@ -45,29 +43,29 @@ def speed_maps(rows: Sequence[Sequence["Flowing"]]) -> "Figure":
     highest = max(float(np.nanpercentile(speed_of(section), 99.5)) for section in sections.values())
     norm = PowerNorm(0.5, 0.0, highest)
 
-    def draw(ax: "Axes", one: "Flowing") -> None:
+    def draw(ax: "Axes", one: Flowing) -> None:
         draw_means(ax, sections[id(one)], norm)
 
     return _instants(rows, draw, norm, "speed [m/s]")
 
 
-def pressure_maps(found: Sequence[tuple["Flowing", "Fields"]]) -> "Figure":
+def pressure_maps(found: Sequence[tuple[Flowing, Fields]]) -> "Figure":
     """A third of the trace of the contact stress, a column a point."""
     maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in found]
     return _points([one for one, _ in found], [("contact pressure [Pa]", maps)])
 
 
-def order_maps(patterns: Sequence["Flowing"]) -> "Figure":
+def order_maps(patterns: Sequence[Flowing]) -> "Figure":
     """Of rods O_zz and, below, the order S: the largest eigenvalue of the orientation tensor; a column a point."""
 
-    def maps(of: Callable[["Fields"], np.ndarray]) -> list[Map]:
+    def maps(of: Callable[[Fields], np.ndarray]) -> list[Map]:
         return [_mirrored(one.fields, of(one.fields), one.pattern.bed) for one in patterns]
 
     upright = maps(lambda fields: fields.orientation[2, 2])
     return _points(patterns, [("$O_{zz}$", upright), ("order $S$", maps(lambda fields: fields.nematic_order))])
 
 
-def _points(patterns: Sequence["Flowing"], rows: Sequence[tuple[str, Sequence[Map]]]) -> "Figure":
+def _points(patterns: Sequence[Flowing], rows: Sequence[tuple[str, Sequence[Map]]]) -> "Figure":
     """Means over the window: a column a point; a row, with a scale of its own, a quantity."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -89,9 +87,7 @@ def _points(patterns: Sequence["Flowing"], rows: Sequence[tuple[str, Sequence[Ma
     return figure
 
 
-def _instants(
-    rows: Sequence[Sequence["Flowing"]], draw: Callable[["Axes", "Flowing"], None], norm, text: str
-) -> "Figure":
+def _instants(rows: Sequence[Sequence[Flowing]], draw: Callable[["Axes", Flowing], None], norm, text: str) -> "Figure":
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
@@ -114,7 +110,7 @@ def _instants(
     return figure
 
 
-def _mirrored(fields: "Fields", values: np.ndarray, bed: np.ndarray) -> Map:
+def _mirrored(fields: Fields, values: np.ndarray, bed: np.ndarray) -> Map:
     assert isinstance(fields.grid, Ring)
     x, z = across(fields.grid)
     return even(x) * 1e3, even(z) * 1e3, both(np.where(bed, values, np.nan))

@@ -22,22 +22,20 @@ from labbook.report.style import (
     look,
     verbatim,
 )
-from labbook.results.points import ORIFICE
-from labbook.results.reference import of_reference
+from labbook.results.points import ORIFICE, PointResult
+from labbook.results.reference import Comparison, of_reference
+from labbook.results.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.results.points import PointResult
-    from labbook.results.reference import Comparison
-    from labbook.results.series import Series
 
 _POWERS = {"slot": (2 / 3, "2/3"), "hole": (2 / 5, "2/5")}
 _FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow
 
 
-def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] = (), source: str = "") -> "Figure":
+def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (), source: str = "") -> "Figure":
     """One series: the points with 95 % intervals, every fit with its 95 % bands, and below it the residuals in
     percent, if anything was fitted.
 
@@ -74,7 +72,7 @@ def flow_against_orifice(series: "Series", comparisons: Sequence["Comparison"] =
     return figure
 
 
-def overview(series: Sequence["Series"]) -> "Figure":
+def overview(series: Sequence[Series]) -> "Figure":
     """All series of a study in one picture, each with its first fit."""
     from matplotlib.figure import Figure
 
@@ -100,7 +98,7 @@ def overview(series: Sequence["Series"]) -> "Figure":
     return figure
 
 
-def _bands(ax: "Axes", series: "Series", power: float) -> None:
+def _bands(ax: "Axes", series: Series, power: float) -> None:
     """95 % bands of each law and of one more point, from the smallest to the largest orifice, within the frame that
     points and curves have set: the band of a law which these orifices do not determine has no bounds."""
     frame = ax.get_ylim()
@@ -124,7 +122,7 @@ def _heading(power: str) -> str:
     return f"$W^{{{power}}}$ [(g/s)$^{{{power}}}$]"
 
 
-def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"], source: str, power: float) -> None:
+def _reference(ax: "Axes", series: Series, comparisons: Sequence[Comparison], source: str, power: float) -> None:
     """Flow rates of the reference at the points of the series."""
     ours = [result.at for result in series.points]
     theirs = [c for c in comparisons if c.quantity == "flow_rate" and ORIFICE in c.at and c.at in ours]
@@ -136,7 +134,7 @@ def _reference(ax: "Axes", series: "Series", comparisons: Sequence["Comparison"]
 
 
 def _their_law(
-    ax: "Axes", series: "Series", comparisons: Sequence["Comparison"], source: str, power: float, D: np.ndarray
+    ax: "Axes", series: Series, comparisons: Sequence[Comparison], source: str, power: float, D: np.ndarray
 ) -> None:
     """Beverloo's law with the reference's C, of the density of the grains, and k, where it has both."""
     for law, fit in series.fits.items():
@@ -150,7 +148,7 @@ def _their_law(
 
 def _points(
     ax: "Axes",
-    points: Sequence["PointResult"],
+    points: Sequence[PointResult],
     flagged: frozenset[int],
     power: float,
     *,
@@ -179,9 +177,7 @@ def _points(
         shown = True
 
 
-def _residuals(
-    ax: "Axes", points: Sequence["PointResult"], fit, color: str, marker: str, place: int, fits: int
-) -> None:
+def _residuals(ax: "Axes", points: Sequence[PointResult], fit, color: str, marker: str, place: int, fits: int) -> None:
     offset = 0.35 * (place - (fits - 1) / 2)  # mm: side by side, not on top of each other
     for result in points:
         pooled = result.flow_rate

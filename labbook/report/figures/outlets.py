@@ -9,7 +9,9 @@ from labbook.fit.outlet import Saturation, middle_speed
 from labbook.fit.outlet.flow import centred_flow, eccentric_flow
 from labbook.report.style import INK, MILLIMETRE, PAGE, from_zero, house, look
 from labbook.results import display
-from labbook.results.reference import of_reference
+from labbook.results.reference import Comparison, of_reference
+from labbook.results.series import Series
+from labbook.stats import Pooled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,13 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.results.reference import Comparison
-    from labbook.results.series import Series
-    from labbook.stats import Pooled
-
 
 def outlets_of_all(
-    series: Sequence["Series"], definition: str, comparisons: Sequence["Comparison"] = (), source: str = ""
+    series: Sequence[Series], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
     """v_c against sqrt(R), phi_max against R and W against R, a colour a series, with 95 % intervals.
 
@@ -60,13 +58,13 @@ def outlets_of_all(
     return figure
 
 
-def _key(series: Sequence["Series"]) -> str:
+def _key(series: Sequence[Series]) -> str:
     """The swept key that takes most values: colours tell it."""
     values = {name: {one.at.get(name) for one in series} for one in series for name in one.at}
     return max(values, key=lambda name: len(values[name]), default="")
 
 
-def _label(series: "Series", key: str) -> str:
+def _label(series: Series, key: str) -> str:
     if key in series.at:
         return display.setting(key, series.at[key])
     return f"{display.key(key).name} not set" if key else "labbook"
@@ -78,7 +76,7 @@ def _handles(axes: np.ndarray) -> tuple[list, list[str]]:
 
 
 def _draw(
-    axes: Sequence["Axes"], series: "Series", definition: str, theirs: "Mapping[str, float]", style: dict, label: str
+    axes: Sequence["Axes"], series: Series, definition: str, theirs: "Mapping[str, float]", style: dict, label: str
 ) -> None:
     fit = series.profiles[definition]
     R = np.array([one.profile.R for one in fit.outlets])
@@ -113,7 +111,7 @@ def _limit(theirs: "Mapping[str, float]", ours: "Mapping[str, float]") -> dict[s
     return {"phi_inf": ours["phi_inf"]} if "tau1" in theirs and "phi_inf" in ours else {}
 
 
-def _bars(ax: "Axes", shown: Sequence[tuple[float, "Pooled"]], scale: float, style: dict) -> None:
+def _bars(ax: "Axes", shown: Sequence[tuple[float, Pooled]], scale: float, style: dict) -> None:
     half = [number.half_width if np.isfinite(number.half_width) else 0.0 for _, number in shown]
     values = [number.value * scale for _, number in shown]
     ax.errorbar([at for at, _ in shown], values, yerr=np.array(half) * scale, markersize=3.5, **style)

@@ -4,19 +4,18 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from labbook.fit import Parameter
 from labbook.report.style import INK, MILLIMETRE, PAGE, house, legend_columns, look, mathtext
 from labbook.results import display
+from labbook.results.reference import Comparison
+from labbook.results.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.fit import Parameter
-    from labbook.results.reference import Comparison
-    from labbook.results.series import Series
 
-
-def parameters_against(key: str, law: str, series: Sequence["Series"], comparisons: Sequence["Comparison"]) -> "Figure":
+def parameters_against(key: str, law: str, series: Sequence[Series], comparisons: Sequence[Comparison]) -> "Figure":
     """The parameters of `law`, a panel each, against the swept `key`; series that differ in another key look different.
 
     Error bars are the fits' 95 % intervals, left out where they have no end; open black diamonds are the reference's
@@ -58,7 +57,7 @@ def parameters_against(key: str, law: str, series: Sequence["Series"], compariso
     return figure
 
 
-def _draw(ax: "Axes", place: float, parameter: "Parameter", scale: float, group: int) -> None:
+def _draw(ax: "Axes", place: float, parameter: Parameter, scale: float, group: int) -> None:
     style = {**look(group), "linestyle": "none"}
     value = parameter.value * scale
     ends = [abs(end - parameter.value) * scale for end in (parameter.low, parameter.high)]

@@ -8,20 +8,20 @@ import numpy as np
 
 from labbook.fields import Ring
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house
+from labbook.results.recorded import Flowing, Section
 from labbook.scene.walls import Strip
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.results.recorded import Flowing, Section
 
 _COLUMNS = 4
 _HEIGHT = 1.6  # widths of the hopper that are shown
 _ARROW = 0.1  # widths of the hopper that the longest arrow is long
 
 
-def flow_patterns(patterns: Sequence["Flowing"], titles: Sequence[str] = ()) -> "Figure":
+def flow_patterns(patterns: Sequence[Flowing], titles: Sequence[str] = ()) -> "Figure":
     """Two rows a point: velocities of the grains at one moment; mean speed, streamlines and, hatched, what stands.
 
     `titles`: of the points, if not their labels. Speeds have one scale of colours for all, that of a square root.
@@ -59,12 +59,12 @@ def flow_patterns(patterns: Sequence["Flowing"], titles: Sequence[str] = ()) -> 
     return figure
 
 
-def speed_of(section: "Section") -> np.ndarray:
+def speed_of(section: Section) -> np.ndarray:
     """Speed in the plane [m/s]; NaN beyond the bed."""
     return np.where(section.bed, np.hypot(section.u, section.w), np.nan)
 
 
-def _vectors(ax: "Axes", one: "Flowing", norm) -> None:
+def _vectors(ax: "Axes", one: Flowing, norm) -> None:
     """Arrows as long as the square root of the speed: the bed is a hundred times slower than the outlet."""
     x, z, u, w = (one.moment[name] for name in ("x", "z", "vx", "vz"))
     shrink = 1 / np.sqrt(np.maximum(np.hypot(u, w), 1e-12))
@@ -95,7 +95,7 @@ def _vectors(ax: "Axes", one: "Flowing", norm) -> None:
         )
 
 
-def draw_means(ax: "Axes", section: "Section", norm) -> None:
+def draw_means(ax: "Axes", section: Section, norm) -> None:
     """Mean speed with streamlines; what stands is hatched."""
     from matplotlib.patheffects import Normal, Stroke
 
@@ -115,7 +115,7 @@ def even(points: np.ndarray) -> np.ndarray:
     return np.linspace(points[0], points[-1], len(points))
 
 
-def top_of(patterns: Sequence["Flowing"]) -> float:
+def top_of(patterns: Sequence[Flowing]) -> float:
     """Height [m] up to which beds are shown: a little above the highest, and no more than 1.6 widths."""
     beds = []
     for one in patterns:
@@ -126,16 +126,16 @@ def top_of(patterns: Sequence["Flowing"]) -> float:
     return min(1.08 * max(beds), 2 * _HEIGHT * _half_width(patterns[0]))
 
 
-def row_height(patterns: Sequence["Flowing"], top: float) -> float:
+def row_height(patterns: Sequence[Flowing], top: float) -> float:
     """Height [mm] of a panel that is a quarter of a page wide, with its title."""
     return 8 + 34 * (top / (2 * _half_width(patterns[0])) + 0.1)
 
 
-def _half_width(one: "Flowing") -> float:
+def _half_width(one: Flowing) -> float:
     return one.fields.grid.radius if isinstance(one.fields.grid, Ring) else one.container.width / 2
 
 
-def draw_walls(ax: "Axes", one: "Flowing", top: float) -> None:
+def draw_walls(ax: "Axes", one: Flowing, top: float) -> None:
     """Walls in the plane of the map, up to the height `top` [m], and axes in mm, with numbers at the edges only."""
     half = _half_width(one)
     for wall in one.container.walls():

@@ -6,23 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fit.outlet import TERMS, approach_at
+from labbook.fit.outlet import TERMS, Approach, approach_at
 from labbook.report.style import COLOURS, INK, MILLIMETRE, PAGE, band, house, look, verbatim
 from labbook.results import display
 from labbook.results.approach import approaches
-from labbook.results.ratios import GAP
+from labbook.results.ratios import GAP, Ratio
+from labbook.results.reference import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.fit.outlet import Approach
-    from labbook.results.ratios import Ratio
-    from labbook.results.reference import Comparison
-
 
 def shape_against_position(
-    ratios: Sequence["Ratio"], definition: str, comparisons: Sequence["Comparison"] = (), source: str = ""
+    ratios: Sequence[Ratio], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
     """Tilts and exponents of each point's own profiles (eqs 16, 17) against s*, with standard errors over seeds.
 
@@ -61,7 +58,7 @@ def shape_against_position(
 _FINE = np.linspace(0, 1, 400)
 
 
-def _approach(ax: "Axes", law: "Approach") -> None:
+def _approach(ax: "Axes", law: Approach) -> None:
     value = law.at(_FINE)
     ax.plot(_FINE, value, color=COLOURS[1], zorder=1)
     if not all(map(math.isfinite, law.errors)):

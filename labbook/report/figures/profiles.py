@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fit.outlet import Saturation, middle_speed, tilted
+from labbook.fit.outlet import Curve, FittedOutlet, ProfileFit, Saturation, middle_speed, tilted
 from labbook.report.style import (
     COLOURS,
     FAINT,
@@ -21,22 +21,20 @@ from labbook.report.style import (
     verbatim,
 )
 from labbook.results import display
-from labbook.results.reference import of_reference
+from labbook.results.reference import Comparison, of_reference
+from labbook.results.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.fit.outlet import Curve, FittedOutlet, ProfileFit
-    from labbook.results.reference import Comparison
-    from labbook.results.series import Series
 
 _FINE = np.linspace(-1, 1, 401)
 _SHOWN = {"velocity": "v_c", "area_fraction": "phi_c"}
 
 
 def outlet_profiles(
-    series: "Series", definition: str, comparisons: Sequence["Comparison"] = (), source: str = ""
+    series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
     """v(x) and phi(x) above, v/v_c and phi/phi_c below with the fitted dome; an outlet a colour, bands of one standard
     error over seeds. Faint: bins that are not fitted. Dots: the reference's curves.
@@ -81,12 +79,12 @@ def outlet_profiles(
 _TILTED = (("delta1", "epsilon1", "sigma1"), ("delta2", "epsilon2", "sigma2"))
 
 
-def _tilts(fit: "ProfileFit") -> bool:
+def _tilts(fit: ProfileFit) -> bool:
     """Whether the velocity is tilted by more than chance."""
     return abs(fit.parameters["delta1"].value) > 2 * fit.parameters["delta1"].error
 
 
-def _tilted(ax: "Axes", column: int, fit: "ProfileFit") -> list:
+def _tilted(ax: "Axes", column: int, fit: ProfileFit) -> list:
     """The tilted curve of eqs 16 and 17, where the tilt of the velocity is significant."""
     if not _tilts(fit):
         return []
@@ -109,7 +107,7 @@ def _theirs(ax: "Axes", column: int, known: Mapping[str, float], source: str) ->
 
 
 def _draw(
-    ax: "Axes", one: "FittedOutlet", name: str, runs: np.ndarray, over: float, scale: float, index: int, label: str
+    ax: "Axes", one: FittedOutlet, name: str, runs: np.ndarray, over: float, scale: float, index: int, label: str
 ) -> None:
     profile, style = one.profile, look(index)
     x = (profile.edges[1:] + profile.edges[:-1]) / 2 * scale
@@ -124,7 +122,7 @@ def _draw(
 
 
 def outlet_middles(
-    series: "Series", definition: str, comparisons: Sequence["Comparison"] = (), source: str = ""
+    series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
     """v_c against sqrt(R) with sqrt(2 g gamma R), phi_c against R with eq 12, and the flow that profiles come to.
 
@@ -158,7 +156,7 @@ def outlet_middles(
 _FLOWS = {"direct": "integral", "centred": "eq 14, own φ", "printed": "eq 14 as printed", "eccentric": "eq 18"}
 
 
-def _speeds(ax: "Axes", fit: "ProfileFit", R: np.ndarray, g: float, known: Mapping[str, float], source: str) -> None:
+def _speeds(ax: "Axes", fit: ProfileFit, R: np.ndarray, g: float, known: Mapping[str, float], source: str) -> None:
     curve = fit.curves["v_c"]
     x = np.sqrt(curve.at * 1e3)
     ax.plot(x, curve.value, color=COLOURS[1], label=f"γ = {fit.parameters['gamma'].value:.3g}")
@@ -175,7 +173,7 @@ def _speeds(ax: "Axes", fit: "ProfileFit", R: np.ndarray, g: float, known: Mappi
     ax.legend(loc="upper left")
 
 
-def _middles(ax: "Axes", fit: "ProfileFit", R: np.ndarray, known: Mapping[str, float], source: str) -> None:
+def _middles(ax: "Axes", fit: ProfileFit, R: np.ndarray, known: Mapping[str, float], source: str) -> None:
     values, errors = [one.phi_c.value for one in fit.outlets], [np.nan_to_num(one.phi_c.error) for one in fit.outlets]
     ax.errorbar(R * 1e3, values, yerr=errors, color=INK, marker="o", linestyle="none")
     if "phi_c" in fit.curves:
@@ -199,7 +197,7 @@ def _middles(ax: "Axes", fit: "ProfileFit", R: np.ndarray, known: Mapping[str, f
 _DOTS = {"color": INK, "linestyle": ":", "linewidth": 1.2, "zorder": 3}
 
 
-def _bands(ax: "Axes", curve: "Curve", x: np.ndarray, colour: str) -> None:
+def _bands(ax: "Axes", curve: Curve, x: np.ndarray, colour: str) -> None:
     """The intervals of a law and of one more point, where there are seeds enough for any."""
     if np.isfinite(curve.point).all():
         law, point = ((curve.value - half, curve.value + half) for half in (curve.law, curve.point))

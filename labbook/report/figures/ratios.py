@@ -8,17 +8,15 @@ import numpy as np
 
 from labbook.report.style import COLUMN, DASHES, FAINT, INK, MILLIMETRE, PAGE, house, look, mathtext, verbatim
 from labbook.results import display
-from labbook.results.ratios import ANGLE, GAP, RATIOS, angle_laws
+from labbook.results.ratios import ANGLE, GAP, RATIOS, Ratio, angle_laws
+from labbook.results.reference import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.results.ratios import Ratio
-    from labbook.results.reference import Comparison
 
-
-def flow_against_angle(ratios: Sequence["Ratio"]) -> "Figure":
+def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
     """W(angle)/W(90 deg) of every outlet with 95 % intervals, and the angle factors of Brown and of Rose and Tanaka;
     below, how far the points lie from each.
     """
@@ -46,7 +44,7 @@ def flow_against_angle(ratios: Sequence["Ratio"]) -> "Figure":
 
 
 def flow_against_position(
-    ratios: Sequence["Ratio"], comparisons: Sequence["Comparison"] = (), source: str = ""
+    ratios: Sequence[Ratio], comparisons: Sequence[Comparison] = (), source: str = ""
 ) -> "Figure":
     """W over that of an outlet in the middle against s*, with 95 % intervals; diamonds: the reference's values."""
     from matplotlib.figure import Figure
@@ -69,7 +67,7 @@ def flow_against_position(
     return figure
 
 
-def _range(ratios: Sequence["Ratio"]) -> tuple[float, float]:
+def _range(ratios: Sequence[Ratio]) -> tuple[float, float]:
     """Of all values, with their intervals but for those so wide that nothing else would be seen."""
     values = [one.value for one in ratios]
     wide = 0.5 * (max(values) - min(values)) or 0.1
@@ -80,10 +78,10 @@ def _range(ratios: Sequence["Ratio"]) -> tuple[float, float]:
 
 def _points(
     ax: "Axes",
-    ratios: Sequence["Ratio"],
+    ratios: Sequence[Ratio],
     key: str,
     scale: Callable[[float], float],
-    law: Callable[["Ratio"], float] | None = None,
+    law: Callable[[Ratio], float] | None = None,
 ) -> None:
     """Ratios, an outlet a colour; given a `law`, their distance from it in percent. Side by side where they fall
     together.

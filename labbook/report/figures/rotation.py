@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook.measure.acceleration import AccelerationProfile
 from labbook.report.style import COLUMN, FAINT, MILLIMETRE, PAGE, from_zero, house, look
 from labbook.results import display
 from labbook.results.elongation import CLOSE
-from labbook.results.rotation import FLOW, aspect_ratio, by_seed, relative_orifice
+from labbook.results.rotation import FLOW, Rotation, aspect_ratio, by_seed, relative_orifice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.measure.acceleration import AccelerationProfile
-    from labbook.results.rotation import Rotation
 
 _FREQUENCY = "rotation of the bottom, $f$ [Hz]"
 _PANELS = {
@@ -32,7 +31,7 @@ _PANELS = {
 }
 
 
-def flow_against_rotation(curves: Sequence["Rotation"]) -> "Figure":
+def flow_against_rotation(curves: Sequence[Rotation]) -> "Figure":
     """Q(f) above and Q(f)/Q(0) below, a column a shape, a line an outlet; dots: seeds."""
     from matplotlib.figure import Figure
 
@@ -63,7 +62,7 @@ def flow_against_rotation(curves: Sequence["Rotation"]) -> "Figure":
     return figure
 
 
-def _rates(ax: "Axes", curve: "Rotation", index: int) -> None:
+def _rates(ax: "Axes", curve: Rotation, index: int) -> None:
     style, known = {**look(index), "markersize": 3}, [one for one in curve.points if FLOW in one.pooled]
     f = [curve.frequencies[curve.points.index(one)] for one in known]
     for x, one in zip(f, known, strict=True):
@@ -75,7 +74,7 @@ def _rates(ax: "Axes", curve: "Rotation", index: int) -> None:
     _hollow(ax, f, values, [one.partial for one in known], style)
 
 
-def _ratios(ax: "Axes", curve: "Rotation", index: int) -> None:
+def _ratios(ax: "Axes", curve: Rotation, index: int) -> None:
     rest, style = curve.points[0].partial, {**look(index), "markersize": 3}
     found = [(0.0, 1.0, 0.0, rest)]
     for k in range(1, len(curve.points)):
@@ -95,7 +94,7 @@ def _hollow(ax: "Axes", f: Sequence[float], values: Sequence[float], partial: Se
         ax.plot(x, y, **empty)
 
 
-def drop_and_rise(curves: Sequence["Rotation"]) -> "Figure":
+def drop_and_rise(curves: Sequence[Rotation]) -> "Figure":
     """Q_min/Q(0) and Q(fastest)/Q_min against L/d; full lines: the same D/d*, dashed: the same D."""
     from matplotlib.figure import Figure
 
@@ -119,13 +118,13 @@ def drop_and_rise(curves: Sequence["Rotation"]) -> "Figure":
     return figure
 
 
-def _extreme(curve: "Rotation", of: str):
+def _extreme(curve: Rotation, of: str):
     lowest = curve.lowest()
     assert lowest is not None
     return curve.ratio(FLOW, lowest) if of == "drop" else curve.ratio(FLOW, len(curve.points) - 1, lowest)
 
 
-def _lines(curves: Sequence["Rotation"]) -> list[tuple[str, list["Rotation"], bool]]:
+def _lines(curves: Sequence[Rotation]) -> list[tuple[str, list[Rotation], bool]]:
     """Curves of equal D, then of nearly equal D/d*, that hold two shapes at least."""
     lines = []
     for orifice in dict.fromkeys(one.orifice for one in curves):
@@ -139,7 +138,7 @@ def _lines(curves: Sequence["Rotation"]) -> list[tuple[str, list["Rotation"], bo
     return [(text, group, dashed) for text, group, dashed in lines if len({one.shape for one in group}) > 1]
 
 
-def above_orifice(curves: Sequence["Rotation"]) -> "Figure":
+def above_orifice(curves: Sequence[Rotation]) -> "Figure":
     """Means above the orifice against f, a panel a quantity, a line a shape and outlet; bars: one standard error."""
     from matplotlib.figure import Figure
 
@@ -171,7 +170,7 @@ def above_orifice(curves: Sequence["Rotation"]) -> "Figure":
 
 
 def acceleration_against_rotation(
-    found: Sequence[tuple["Rotation", Sequence[tuple[float, "AccelerationProfile"]]]], gravity: float
+    found: Sequence[tuple[Rotation, Sequence[tuple[float, AccelerationProfile]]]], gravity: float
 ) -> "Figure":
     """a_eff/g against the height that grains start from, in widths of the outlet; a panel a curve, a line a frequency.
 

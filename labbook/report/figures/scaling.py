@@ -9,17 +9,17 @@ import numpy as np
 from labbook.report.style import FAINT, MILLIMETRE, PAGE, house, look
 from labbook.results import display
 from labbook.results.rotation import FLOW, ROTATION, shape_of
+from labbook.results.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from labbook.results.series import Series
 
 _LAWS = ("power", "exponential")
 
 
-def flow_scaling(series: Sequence["Series"]) -> "Figure":
+def flow_scaling(series: Sequence[Series]) -> "Figure":
     """Q against D, a column a frequency of rotation: both axes logarithmic above, only Q below; side by side, if there
     is one column.
 
@@ -62,12 +62,12 @@ def flow_scaling(series: Sequence["Series"]) -> "Figure":
 _SLOPE = "slope 5/2"
 
 
-def _name(one: "Series") -> str:
+def _name(one: Series) -> str:
     rest = display.label({k: v for k, v in one.at.items() if k != ROTATION and not k.startswith("grains.")})
     return ", ".join(filter(None, (shape_of(one.points[0]), rest)))
 
 
-def _draw(ax: "Axes", one: "Series", law: str, index: int) -> None:
+def _draw(ax: "Axes", one: Series, law: str, index: int) -> None:
     known = [result for result in one.points if FLOW in result.pooled]
     D = np.array([result.orifice for result in known])
     pooled = [result.pooled[FLOW] for result in known]

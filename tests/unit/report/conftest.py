@@ -125,6 +125,7 @@ class FinishedDouble:
     seed: int
     outcome: str = "emptied"
     recorded: bool = False
+    cache_version: int = 1
 
     @property
     def run_key(self) -> str:

@@ -32,6 +32,7 @@ class Double:
     outcome: str = "finished"
     ended: str = "2026-01-02T03:04:05+00:00"
     recorded: bool = False
+    cache_version: int = 1
 
     @property
     def run_key(self) -> str:

@@ -10,7 +10,7 @@ from scipy import stats
 from toy_results import analyse
 
 from labbook.lab import Unreadable
-from labbook.report.plain import plain
+from labbook.results.frames import to_json
 from labbook.results.points import redundant
 from labbook.results.reference import Comparison, agreement
 from labbook.study.schema import Accuracy, Reference, ReferenceEntry
@@ -174,13 +174,14 @@ def test_whether_the_asked_error_is_met_is_said(column, tolerance, met):
 
 
 def test_plain_data_are_strict_json_with_the_same_numbers(analysis):
-    text = json.dumps(plain(analysis), allow_nan=False)
-    back = json.loads(text)
-    assert len(back["points"]) == 8
-    first = back["points"][0]["measured"]["flow_rate"]
-    assert first["value"] == analysis.points[0].flow_rate.value
-    assert first["unit"] == "kg/s"
-    assert back["series"][0]["fits"]["beverloo"]["parameters"]["k"]["low"] > 0
+    back = json.loads(to_json(analysis))
+    flows = [row for row in back["points"] if row["quantity"] == "flow_rate"]
+    assert [row["container.orifice"] for row in flows] == [result.orifice for result in analysis.points]
+    assert flows[0]["value"] == pytest.approx(analysis.points[0].flow_rate.value, rel=1e-14)
+    assert flows[0]["unit"] == "kg/s"
+    assert (flows[0]["replicates"], flows[0]["runs_emptied"], flows[0]["stale"]) == (3, 3, False)
+    (k,) = (row for row in back["fits"] if (row["law"], row["parameter"]) == ("beverloo", "k"))
+    assert 0 < k["low"] < k["value"] < k["high"]
 
 
 def test_points_that_share_a_packing_are_compared_once(synthetic):

@@ -34,11 +34,13 @@ def test_fit_prints_tables_and_json(toy, done):
     assert "Flow rates" in shown
     assert "C (grain density)" in shown
     found = json.loads(toy.labbook("fit", study, "--json", *where).stdout)
-    assert [point["at"]["container.orifice"] for point in found["points"]] == [0.018, 0.024, 0.03, 0.036]
-    assert all(point["measured"]["flow_rate"]["replicates"] == 2 for point in found["points"])
-    assert set(found["series"][0]["fits"]["beverloo"]["parameters"]) == {"C_particle", "k", "slope"}
+    flows = [row for row in found["points"] if row["quantity"] == "flow_rate"]
+    assert [row["container.orifice"] for row in flows] == [0.018, 0.024, 0.03, 0.036]
+    assert {row["replicates"] for row in flows} == {2}
+    assert {row["parameter"] for row in found["fits"] if row["law"] == "beverloo"} == {"C_particle", "k", "slope"}
 
 
+@pytest.mark.usefixtures("one_format")
 def test_report_is_written_below_the_lab_or_where_asked(toy, done, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1770076800")  # both on one day, also about midnight
     study, lab, where = done

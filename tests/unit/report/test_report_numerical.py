@@ -10,9 +10,9 @@ from scipy import stats
 from toy_results import analyse
 
 from labbook.backend.numerics import Numerics
-from labbook.report.numerical_table import numerical_table
 from labbook.report.page import summary, write
-from labbook.report.plain import plain
+from labbook.report.tables import numerical_table
+from labbook.results.frames import to_json
 from labbook.results.numerical import summed_up
 from labbook.study.schema import Accuracy, Fill
 from labbook.study.study import Point
@@ -72,7 +72,7 @@ def test_without_a_margin_differences_are_told_but_not_tested(synthetic):
     assert [row[-1] for row in table.rows] == ["–", "–"]
     assert all(row[5].endswith(" %") for row in table.rows)
     assert summed_up(analysis.numerical) == ""
-    assert "p" not in plain(analysis)["numerics"][0]
+    assert "p" not in json.loads(to_json(analysis))["numerics"][0]
 
 
 def test_points_are_compared_only_with_those_that_are_alike_otherwise(synthetic):
@@ -100,11 +100,12 @@ def test_points_that_lack_runs_are_not_tested(synthetic):
     assert not found(synthetic, swept(synthetic), 0.05, lacking={(0, s) for s in range(1, 9)}).numerical
 
 
+@pytest.mark.usefixtures("one_format")
 def test_the_page_and_plain_data_show_it(synthetic, tmp_path):
     analysis = found(synthetic, swept(synthetic), 0.05)
     page = write(analysis, tmp_path).read_text(encoding="utf-8")
     assert "Do numerics matter?" in page
     assert "dt = 2.5 µs instead of 5 µs" in page
-    first, second = json.loads(json.dumps(plain(analysis)))["numerics"]
+    first, second = json.loads(to_json(analysis))["numerics"]
     assert (first["finding"], second["finding"]) == ("equivalent", "different")
     assert second["low"] > 0.05

@@ -6,6 +6,7 @@ import subprocess
 import xml.etree.ElementTree as ElementTree
 from datetime import date
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 from toy_results import analyse
@@ -64,21 +65,26 @@ def read(path) -> Reader:
     return reader
 
 
-def test_the_page_is_one_file_that_fetches_nothing(analysis, tmp_path):
-    page = read(write(analysis, tmp_path / "report"))
+@pytest.fixture(scope="module")
+def written(analysis, tmp_path_factory) -> Path:
+    """The page of the column, with its figures beside it."""
+    return write(analysis, tmp_path_factory.mktemp("report"), date(2026, 2, 3))
+
+
+def test_the_page_is_one_file_that_fetches_nothing(written):
+    page = read(written)
     assert len(page.fetched) == 2
     assert all(source.startswith("data:image/svg+xml;base64,") for source in page.fetched)
-    assert "url(" not in (tmp_path / "report/report.html").read_text(encoding="utf-8")
+    assert "url(" not in written.read_text(encoding="utf-8")
 
 
-def test_every_figure_lies_beside_it_in_three_formats(analysis, tmp_path):
-    write(analysis, tmp_path)
-    made = {path.name for path in tmp_path.iterdir()}
+def test_every_figure_lies_beside_it_in_three_formats(written):
+    made = {path.name for path in written.parent.iterdir()}
     assert made == {"report.html", *(f"{stem}.{kind}" for stem in ("fit", "flow") for kind in ("png", "svg", "pdf"))}
 
 
-def test_it_shows_the_numbers_of_the_analysis(analysis, tmp_path):
-    text = " ".join(" ".join(read(write(analysis, tmp_path)).text).split())
+def test_it_shows_the_numbers_of_the_analysis(analysis, written):
+    text = " ".join(" ".join(read(written).text).split())
     for result in analysis.points:
         assert display.with_error(result.flow_rate.value, result.flow_rate.error, 1e3) in text
     assert "C (grain density)" in text
@@ -90,12 +96,10 @@ def test_it_shows_the_numbers_of_the_analysis(analysis, tmp_path):
     assert analysis.points[0].runs[0].run_key in text
 
 
-def test_the_same_analysis_gives_the_same_page_on_the_same_day(analysis, tmp_path, monkeypatch):
-    one, other = (write(analysis, tmp_path / name, date(2026, 2, 3)).read_bytes() for name in "ab")
-    assert one == other
-    assert "newest run of 3 January 2026, report of 3 February 2026" in one.decode()
+def test_the_same_analysis_gives_the_same_page_on_the_same_day(analysis, written, tmp_path, monkeypatch):
+    assert "newest run of 3 January 2026, report of 3 February 2026" in written.read_text(encoding="utf-8")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1770076800")  # 3 February 2026
-    assert write(analysis, tmp_path / "c").read_bytes() == one
+    assert write(analysis, tmp_path).read_bytes() == written.read_bytes()
 
 
 def test_the_box_has_the_numbers_of_the_analysis(analysis):
@@ -165,8 +169,8 @@ def test_what_is_wide_scrolls_by_itself_and_headings_skip_no_level(swept):
     assert all("minmax(0, 1fr)" in one for one in columns), "a column that may not shrink pushes the page wide"
 
 
-def test_provenance_the_study_file_and_keys_are_folded(analysis, tmp_path):
-    text = write(analysis, tmp_path).read_text(encoding="utf-8")
+def test_provenance_the_study_file_and_keys_are_folded(analysis, written):
+    text = written.read_text(encoding="utf-8")
     shown = re.sub(r"<details>.*?</details>", "", text, flags=re.DOTALL)
     key = analysis.points[0].runs[0].run_key
     assert key in text
@@ -174,6 +178,7 @@ def test_provenance_the_study_file_and_keys_are_folded(analysis, tmp_path):
     assert "<details>" not in shown
 
 
+@pytest.mark.usefixtures("one_format")
 def test_a_section_from_elsewhere_needs_no_change_of_the_page(analysis, tmp_path, monkeypatch):
     """As a paper's own part would return it: every kind of block, nested, and a title that is taken already."""
 
@@ -198,6 +203,7 @@ def test_anchors_are_unique_whatever_titles_say():
     assert made[1].parts[0].anchor == "a-b-2"
 
 
+@pytest.mark.usefixtures("one_format")
 def test_points_without_a_fit_share_one_section(synthetic, tmp_path):
     points = [synthetic.point(k, 0.03, 0.5 * (k + 1)) for k in range(3)]
     found = analyse(
@@ -259,6 +265,7 @@ def test_a_browser_needs_no_room_beyond_a_narrow_screen(swept, tmp_path):
     assert whole == seen
 
 
+@pytest.mark.usefixtures("one_format")
 def test_what_a_study_says_cannot_break_the_page(synthetic, tmp_path):
     point = synthetic.point(0, 0.03)
     study = synthetic.study_of([point], about="<script>alert(1)</script> & so on")
@@ -267,6 +274,7 @@ def test_what_a_study_says_cannot_break_the_page(synthetic, tmp_path):
     assert "<script>alert(1)</script> & so on" in " ".join(read(path).text)
 
 
+@pytest.mark.usefixtures("one_format")
 def test_a_single_run_has_no_error_and_says_so(synthetic, tmp_path):
     point = synthetic.point(0, 0.03)
     analysis = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, 1)])
@@ -275,6 +283,7 @@ def test_a_single_run_has_no_error_and_says_so(synthetic, tmp_path):
     assert "1 orifices are too few" in text
 
 
+@pytest.mark.usefixtures("one_format")
 def test_runs_that_all_clogged_are_reported_without_a_fit(synthetic, tmp_path):
     points = [synthetic.point(k, D) for k, D in enumerate((0.018, 0.03))]
     runs = [synthetic.FinishedDouble(point, seed, "clogged") for point in points for seed in (1, 2)]

@@ -14,7 +14,7 @@ from labbook.fit import COVERAGE, CROSSINGS
 from labbook.lab.evaluations import evaluate
 from labbook.report import figures, outlet_tables
 from labbook.report.page import write
-from labbook.report.plain import plain
+from labbook.results.frames import to_json
 from labbook.results.series import series_of
 from labbook.results.study import Results
 from labbook.study.schema import Reference, ReferenceEntry
@@ -114,6 +114,7 @@ def test_fitted_parameters_and_measured_numbers_are_both_compared(profiled):
     assert measured.ours == pytest.approx(1, abs=0.01)
 
 
+@pytest.mark.usefixtures("one_format")
 def test_tables_and_page_show_them(profiled, tmp_path):
     (series,) = profiled.series
     rows = {row[0]: row[1] for row in outlet_tables.profile_table(series, COVERAGE).rows}
@@ -123,11 +124,11 @@ def test_tables_and_page_show_them(profiled, tmp_path):
     page = write(profiled, tmp_path).read_text(encoding="utf-8")
     assert "Profiles along the outlets" in page
     for stem in ("profiles", "profiles-middles", "crossings", "crossings-middles"):
-        assert (tmp_path / f"{stem}.png").stat().st_size > 10_000
-    found = json.loads(json.dumps(plain(profiled), allow_nan=False))["series"][0]["profiles"][COVERAGE]
-    assert found["parameters"]["a"]["value"] == series.profiles[COVERAGE].parameters["a"].value
-    assert len(found["outlets"]) == 4
-    assert len(found["outlets"][0]["velocity"]) == len(found["outlets"][0]["edges"]) - 1
+        assert (tmp_path / f"{stem}.svg").stat().st_size > 10_000
+    found = json.loads(to_json(profiled))
+    (a,) = (row for row in found["fits"] if (row["law"], row["parameter"]) == (COVERAGE, "a"))
+    assert a["value"] == pytest.approx(series.profiles[COVERAGE].parameters["a"].value, rel=1e-14)
+    assert len([row for row in found["outlets"] if row["definition"] == COVERAGE]) == 4
 
 
 def test_the_reference_stands_beside_ours_where_the_law_is_shown(profiled):

@@ -1,5 +1,6 @@
 """Flow against the rotation of the bottom, and statements of a paper, from made-up runs with known answers."""
 
+import json
 import math
 from dataclasses import replace
 from itertools import product
@@ -10,10 +11,9 @@ from toy_results import analyse
 from turning_runs import ROD, RODS, ROUND, SPHERE, STATED, F, Run, point, state
 
 from labbook.report import figures, page
-from labbook.report.plain import plain
 from labbook.report.statement_tables import statement_table
 from labbook.report.turning import sentence
-from labbook.results.frames import frames
+from labbook.results.frames import frames, to_json
 from labbook.results.rotation import Rotation
 from labbook.results.statements import judge, summed_up
 from labbook.stats import pool
@@ -246,7 +246,7 @@ def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
         assert lacking in text
     assert (tmp_path / "rotation-flow.svg").exists()
     assert (tmp_path / "rotation-shapes.svg").exists()
-    stated = plain(analysis)["statements"]
+    stated = json.loads(to_json(analysis))["statements"]
     assert stated[0]["verdict"] == "holds"
     assert (stated[2]["to"], stated[0]["to"]) == (0.32, 0.7)
 

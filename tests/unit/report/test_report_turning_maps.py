@@ -9,11 +9,16 @@ from labbook.report import figures, page
 from labbook.results.recorded import flow_patterns, moments
 
 
-@pytest.mark.usefixtures("one_format")
-def test_maps_are_of_three_instants_of_the_window(synthetic, tmp_path):
+@pytest.fixture(scope="module")
+def analysis(synthetic):
+    """Two speeds of the bottom, two runs each, of which one is filmed."""
     points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
     runs = [Run(p, seed, filmed=seed == 1) for p in points for seed in (1, 2)]
-    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), runs)
+    return analyse(synthetic.study_of(points, fit=(), reference=None), runs)
+
+
+@pytest.mark.usefixtures("one_format")
+def test_maps_are_of_three_instants_of_the_window(analysis, tmp_path):
     result = analysis.points[1]
     trace = result.runs[0].trace
     assert trace is not None
@@ -52,10 +57,8 @@ def test_few_frames_make_maps_of_packing_but_not_of_speed(synthetic, tmp_path):
     assert "Maps of speed at instants need frames 100 ms apart or closer" in text
 
 
-def test_maps_of_orientation_are_those_of_the_rods(synthetic):
+def test_maps_of_orientation_are_those_of_the_rods(analysis):
     """All are upright: O_zz and S are 1 in the bed, and nothing is drawn above it."""
-    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
-    analysis = analyse(synthetic.study_of(points, fit=(), reference=None), [Run(p, 1, filmed=True) for p in points])
     figure = figures.order_maps([flow_patterns(one)[0] for one in analysis.points])
     panels = [ax for ax in figure.axes if ax.get_title(loc="left")]
     assert [ax.get_title(loc="left") for ax in panels] == ["f = 0 Hz", "f = 0.32 Hz"] * 2

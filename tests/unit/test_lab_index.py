@@ -17,16 +17,23 @@ from labbook.lab.index import Index
 from labbook.lab.merge import Merged, merge
 from labbook.lab.schema import SCHEMA_VERSION, metadata, runs
 from labbook.measure import MEASURES
-from labbook.run.coverage import finished
+from labbook.run import coverage
 
 EVERYTHING = ("runs", "packings", "measurements")
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A lab with four finished runs, for copies."""
+    folder = tmp_path_factory.mktemp("finished")
+    carry_out(study(folder), folder / "lab")
+    return folder / "lab"
+
+
 @pytest.fixture
-def lab(tmp_path):
+def lab(finished, tmp_path):
     """A lab with four finished runs."""
-    carry_out(study(tmp_path), tmp_path / "lab")
-    return tmp_path / "lab"
+    return shutil.copytree(finished, tmp_path / "lab")
 
 
 def tables(lab) -> dict[str, list]:
@@ -237,6 +244,7 @@ def test_a_run_is_shown_by_the_beginning_of_its_key(lab):
     assert "labbook runs" in out
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_runs_are_listed(tmp_path):
     index = Index(Lab(tmp_path / "lab"))
     index.close()
@@ -263,9 +271,9 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
 def test_versions_of_the_backend_do_not_mix(tmp_path):
     asked = study(tmp_path, replicates=1)
     carry_out(asked, tmp_path / "lab", backend=Backend(version=1))
-    old = {run.run_key for run in finished(Catalogue(tmp_path / "lab"), asked, "toy")}
+    old = {run.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     carry_out(asked, tmp_path / "lab", backend=Backend(version=2))
-    new = {run.run_key for run in finished(Catalogue(tmp_path / "lab"), asked, "toy")}
+    new = {run.run_key for run in coverage.finished(Catalogue(tmp_path / "lab"), asked, "toy")}
     assert len(old) == len(new) == 2
     assert not old & new
 
@@ -277,10 +285,10 @@ def test_replicates_of_an_older_version_are_not_pooled_with_newer_ones(tmp_path)
     capped = study(tmp_path, replicates=2, orifices="[24]")
     carry_out(capped, lab, backend=Backend(version=2))
     newer = set(Catalogue(lab).runs()[lambda runs: runs.cache_version == 2].run_key)
-    found = finished(Catalogue(lab), fewer, "toy")
+    found = coverage.finished(Catalogue(lab), fewer, "toy")
     assert [run.seed for run in found] == [1, 2], "seeds 3 and 4 were run by version 1 only"
     assert {run.run_key for run in found} == newer
-    both = finished(Catalogue(lab), study(tmp_path, replicates=4), "toy")
+    both = coverage.finished(Catalogue(lab), study(tmp_path, replicates=4), "toy")
     assert [(run.point.index, run.seed) for run in both] == [(0, 1), (0, 2), (0, 3), (0, 4), (1, 1), (1, 2)]
     assert all(run.record.cache_version == (1 if run.point.index == 0 else 2) for run in both)
 

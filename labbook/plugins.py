@@ -1,0 +1,72 @@
+"""What packages from outside add to labbook: they announce it by entry points, as the bundled backends and papers do.
+
+A measure, a fit or a paper of another package stands in its `pyproject.toml`:
+
+    [project.entry-points."labbook.measures"]
+    wall_force = "my_package.wall_force:WallForce"
+
+The object is a class without arguments, or an instance. It is loaded when its registry is first asked for something.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+
+class Named(Protocol):
+    """What can be registered."""
+
+    name: ClassVar[str]
+
+
+_T = TypeVar("_T", bound=Named)
+
+
+class BrokenPlugin(Exception):
+    """Something that a package announces cannot be loaded; the message says what, why, and what to do."""
+
+
+class Registry(Mapping[str, _T], Generic[_T]):
+    """What is built in and what other packages add in the entry-point group `group`, by name, in that order.
+
+    `kind`: the class that all must be of. Raises BrokenPlugin when it is first asked, for something that cannot be
+    loaded, is of another kind, or has a name that is taken.
+    """
+
+    def __init__(self, group: str, kind: type[_T], builtin: Iterable[_T]):
+        self._group, self._kind, self._builtin = group, kind, tuple(builtin)
+
+    @cached_property
+    def _found(self) -> dict[str, _T]:
+        found = {one.name: one for one in self._builtin}
+        for entry in sorted(entry_points(group=self._group), key=lambda entry: entry.name):
+            one = self._load(entry)
+            if one.name in found:
+                raise BrokenPlugin(f"{self._said(entry)}: {one.name} is there already; uninstall one of the two")
+            found[one.name] = one
+        return found
+
+    def _load(self, entry: Any) -> _T:
+        try:
+            made = entry.load()
+            made = made() if isinstance(made, type) else made
+        except Exception as error:  # whatever a package does when it is imported
+            why = f"it cannot be loaded ({type(error).__name__}: {error})"
+            raise BrokenPlugin(f"{self._said(entry)}: {why}; mend or uninstall the package") from error
+        if not isinstance(made, self._kind):
+            raise BrokenPlugin(f"{self._said(entry)}: it is no {self._kind.__name__}; mend or uninstall the package")
+        return made
+
+    def _said(self, entry: Any) -> str:
+        package = f" of {entry.dist.name}" if entry.dist is not None else ""
+        return f"{entry.value}{package}, announced in {self._group}"
+
+    def __getitem__(self, name: str) -> _T:
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)

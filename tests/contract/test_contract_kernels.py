@@ -1,0 +1,122 @@
+"""Kernels with all features in, which tests share, move grains as those that have in only what a scene needs.
+
+All other tests of the contract and all cases hold the CPU backend to account on the former; users' runs are of the
+latter. The scenes here leave out, between them, every feature that may be left out.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from labbook_dem.features import ALWAYS
+from stands import second, specialised
+
+from labbook.backend.probes import Contacts
+from labbook.scene import Frustum, Kind, Plane, Primitives, Scene, Spheres, Spherocylinders, Wall
+from labbook.scene.packing import Packing
+from labbook.verify.materials import D, G, hertz, linear
+from labbook.verify.symmetry import DT, SOFT
+
+STEPS = 100
+SPEED = 0.5
+"""Of grains that are about to collide, in each direction [m/s]: 3 sqrt(g d), so that all do within the 2.5 ms."""
+ROUNDINGS = 1500
+"""Allowed differences of positions [d], velocities [sqrt(g d)] and spins [sqrt(g/d)], in roundings of forces.
+
+Both kernels take the same operations; of some the compiler fuses or orders others. A force of contact takes 16 of them,
+a grain has up to 12 contacts, and within 2.5 ms collisions amplify a difference by e twice (`test_compare_engines`):
+16 * 12 * e^2 = 1400. A force that one kernel lacked, or had wrong in its third digit, would be 10^8 roundings away.
+"""
+SMOOTH = {"friction": 0.0, "rolling_friction": 0.0}
+ROD = Spherocylinders(diameter=D, length=2 * D, density=2500, count=27)
+SIZES = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=0.8 * D, density=7800))
+
+
+def free() -> Scene:
+    """Smooth spheres and nothing else."""
+    return Scene(grains=Spheres(diameter=D, density=2500, count=27), contact=linear(**SMOOTH), container=Primitives())
+
+
+def in_a_tube() -> Scene:
+    """Spheres of two kinds with friction, which roll freely, within a tube over a cone."""
+    tube = Frustum(lower=(2.2 * D, -0.01), upper=(2.2 * D, 0.1))
+    cone = Frustum(lower=(0.0, -1.8 * D), upper=(2.2 * D, -1.4 * D))
+    walls = Primitives(parts=(Wall(name="tube", shape=tube), Wall(name="cone", shape=cone)))
+    grains = Spheres(diameter=D, density=2500, count=27, kinds=SIZES)
+    return Scene(grains=grains, contact=hertz(shear_modulus=SOFT, rolling_friction=0.0), container=walls, gravity=G)
+
+
+def over_a_floor() -> Scene:
+    """Smooth rods over a plane."""
+    floor = Wall(name="floor", shape=Plane(point=(0.0, 0.0, -3.02 * D), normal=(0.0, 0.0, 1.0)))
+    return Scene(grains=ROD, contact=linear(**SMOOTH), container=Primitives(parts=(floor,)), gravity=G)
+
+
+def crowd(scene: Scene) -> Packing:
+    """27 grains on a lattice, nearly touching, at random velocities and spins; rods stand upright."""
+    rng = np.random.default_rng(1)
+    x = 1.02 * D * np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
+    v, omega = rng.normal(size=(2, 27, 3)) * np.array([SPEED, SPEED / D])[:, None, None]
+    start = Packing(x=x, v=v, omega=omega)
+    if isinstance(scene.grains, Spherocylinders):
+        return replace(start, x=x * [1.0, 1.0, 2.0], q=np.tile([1.0, 0.0, 0.0, 0.0], (27, 1)))
+    if scene.grains.varied:
+        kind = rng.permutation(27) % 2
+        return replace(start, kind=kind, diameter=np.where(kind == 0, D, 0.8 * D))
+    return start
+
+
+SCENES = {"free": free, "in a tube": in_a_tube, "over a floor": over_a_floor}
+"""Further scenes than the silo, which has planes and strips, friction and rolling resistance."""
+
+
+@pytest.fixture
+def numba(silo):
+    if silo.stand.backend.capabilities.name != "numba":
+        pytest.skip("each scene has kernels of its own on this backend, in tests too")
+    return silo
+
+
+def taken_from(silo, name: str) -> tuple[Scene, Packing]:
+    if name == "silo":
+        return silo.scene, silo.start
+    scene = SCENES[name]()
+    return scene, crowd(scene)
+
+
+def moved(silo, stand, scene: Scene, start: Packing) -> tuple[Packing, bool]:
+    """Where the grains are after STEPS, and whether a wall was seen to push one."""
+    numerics = silo.numerics(steps_per_beat=2)
+    with silo.ensemble(scene, numerics, (Contacts(),), 1, stand) as ensemble:
+        member = ensemble.admit(scene, numerics, start)
+        assert not ensemble.advance(STEPS // 2)
+        (contacts,) = ensemble.drain().values()
+        return ensemble.packing(member), bool((contacts["wall"] >= 0).any())
+
+
+@pytest.mark.parametrize("name", ["silo", *SCENES])
+def test_they_move_grains_as_specialised_ones_do(numba, name):
+    if name not in ("silo", "free") and second(numba.stand):
+        pytest.skip("mixtures and rods are compared in one precision")
+    scene, start = taken_from(numba, name)
+    (wide, _), (own, at_a_wall) = (moved(numba, s, scene, start) for s in (numba.stand, specialised(numba.stand)))
+    # where all fell freely there would be nothing to see
+    pushed = np.linalg.norm(own.v - start.v + [0, 0, scene.gravity * STEPS * DT], axis=1) > 0.01
+    assert pushed.sum() > len(start) / 2
+    assert at_a_wall == (name != "free")
+    limit = ROUNDINGS * numba.rounding
+    assert np.abs(wide.x - own.x).max() / D < limit
+    assert np.abs(wide.v - own.v).max() / np.sqrt(G * D) < limit
+    assert np.abs(wide.omega - own.omega).max() / np.sqrt(G / D) < limit
+
+
+def test_they_leave_out_every_feature(numba):
+    numerics, backend = numba.numerics(), specialised(numba.stand).backend
+    features = {name: backend.specialise(taken_from(numba, name)[0], numerics) for name in ("silo", *SCENES)}
+    out = {name: {switch for switch in ALWAYS if not spec.feature(switch)} for name, spec in features.items()}
+    assert out["silo"] == {"MOVING", "FRUSTUMS", "CROSSING", "LEDGER"}
+    assert out["free"] == set(ALWAYS), "of a scene with nothing but grains"
+    assert out["in a tube"] >= {"ROLLING", "PLANES", "STRIPS", "OUTLET"}
+    assert out["over a floor"] == set(ALWAYS) - {"PLANES", "ANY_WALLS"}
+    shared = {name: numba.stand.backend.specialise(taken_from(numba, name)[0], numerics) for name in out}
+    assert all(spec.feature(switch) for spec in shared.values() for switch in ALWAYS)
