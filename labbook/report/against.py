@@ -108,7 +108,7 @@ def against_table(found: Against) -> Table:
         "± is one standard error; intervals are 95 %, by Student’s t. A ratio rests on pairs of runs that start from "
         "the same packing, which divides out, or on runs that are independent of one another (Welch).",
     )
-    text = frozenset({last, last - 1} | {k for k, name in enumerate(keys) if _worded(found, name)})
+    text = frozenset({last} | {k for k, name in enumerate(keys) if _worded(found, name)})
     headings = (*headings, ratio, "95 % interval of the ratio", "rests on", "remarks")
     return Table(headings, tuple(rows), text, notes=notes)
 
