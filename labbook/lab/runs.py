@@ -44,6 +44,16 @@ class FinishedRun:
         return RunRecord.read(self.folder)
 
     @property
+    def packing_key(self) -> str:
+        """Key of the packing that it started from. Raises Unreadable."""
+        return self.record.packing_key
+
+    @property
+    def ended(self) -> str:
+        """When it ended (UTC, ISO 8601). Raises Unreadable."""
+        return self.record.finished
+
+    @property
     def provenance(self) -> dict[str, Any]:
         """Commit, versions, processor, device, threads, precision, seed, times and speed."""
         return self.record.provenance

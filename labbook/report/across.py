@@ -6,8 +6,8 @@ import numpy as np
 
 from labbook.fit.outlet import DEFINITIONS
 from labbook.report import figures
+from labbook.report.blocks import Block, Folded, Picture, Section, picture
 from labbook.report.outlet_tables import approach_table
-from labbook.report.sections import Picture, picture
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.results.ratios import Ratio, angle_laws, by_angle, by_position
@@ -26,31 +26,29 @@ def outlet_pictures(results: Results, folder: Path) -> list[Picture]:
     return pictures
 
 
-def ratio_sections(results: Results, folder: Path) -> list[tuple[list[tuple[Picture, Table | None]], Table]]:
-    """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied.
-
-    Of each its pictures, with a table to go below or None, and all numbers.
-    """
+def ratio_sections(results: Results, folder: Path) -> list[Section]:
+    """Flow rates over that of a plain hopper, where the angle of its bottom or the place of its outlet was varied."""
     sections = []
     if angles := by_angle(results.points):
         figure = figures.flow_against_angle(angles)
         caption = f"{_ANGLES} {farthest(angles)}"
         drawn = picture(figure, folder / "ratio-angle", "flow rate against angle over that of 90 deg", caption)
-        sections.append(([(drawn, None)], angle_table(angles)))
+        sections.append(Section("Beside a plain hopper", (drawn, Folded("The numbers", (angle_table(angles),)))))
     if positions := by_position(results.points):
         figure = figures.flow_against_position(positions, results.comparisons, results.source)
         alt = "flow rate against position over that in the middle"
-        shown: list[tuple[Picture, Table | None]] = []
-        shown.append((picture(figure, folder / "ratio-position", alt, _POSITIONS), None))
+        blocks: list[Block] = [picture(figure, folder / "ratio-position", alt, _POSITIONS)]
         fitted = (name for name in DEFINITIONS if any(name in one.profiles for one in results.series))
         for name in fitted:
             called = name.removeprefix("outlet_")
             figure = figures.shape_against_position(positions, name, results.comparisons, results.source)
             alt = f"shape of the {called} against position"
-            fitted_to = approach_table(positions, name, results.comparisons, results.source)
             caption = f"{_sentence(name)} {_SHAPES}"
-            shown.append((picture(figure, folder / f"{called}-position", alt, caption), fitted_to))
-        sections.append((shown, position_table(positions)))
+            blocks.append(picture(figure, folder / f"{called}-position", alt, caption))
+            if fitted_to := approach_table(positions, name, results.comparisons, results.source):
+                blocks.append(fitted_to)
+        blocks.append(Folded("The numbers", (position_table(positions),)))
+        sections.append(Section("Beside a plain hopper", tuple(blocks)))
     return sections
 
 

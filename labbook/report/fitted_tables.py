@@ -10,6 +10,9 @@ from labbook.report.tables import Table, in_errors
 from labbook.results import display
 from labbook.results.reference import CLOSE, Comparison
 
+NOT_DETERMINED = "not determined"
+"""What is shown of a parameter that the data do not determine."""
+
 
 def fit_table(
     law: str, fit: FitResult, known: Mapping[str, Comparison] = MappingProxyType({}), source: str = ""
@@ -65,7 +68,7 @@ def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
     digits = width / 4  # about a standard error, also where the linearised one means nothing
     ends = (display.number(end, digits, shown.scale) for end in (parameter.low, parameter.high))
     if not math.isfinite(width) or (width > 10 * abs(parameter.value) and quantity not in _MAY_VANISH):
-        value = "not determined"
+        value = NOT_DETERMINED
     elif parameter.error > width:
         value = display.number(parameter.value, digits, shown.scale)
     else:

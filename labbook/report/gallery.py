@@ -4,6 +4,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from labbook.report import figures
+from labbook.report.against import found_against
+from labbook.report.blocks import slug
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
 from labbook.results.study import Results
@@ -22,6 +24,8 @@ Draw = Callable[[], "Figure"]
 def of_results(results: Results) -> dict[str, Draw]:
     """Figures that show several series at once, by name, as functions that draw them."""
     found: dict[str, Draw] = {}
+    for one in found_against(results):
+        found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
     fitted = [one for one in results.series if one.used]
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
         found["overview"] = lambda: figures.overview(fitted)

@@ -1,115 +1,88 @@
-"""The report: figures in a folder, and one HTML file that needs nothing beside it."""
+"""The report: figures in a folder, and one HTML file that needs nothing beside it.
 
-import math
+A page is a box with the result, what was simulated, a list of contents and sections. Each part of a report is a
+function that returns sections (`labbook.report.blocks`); `PARTS` is their order.
+"""
+
+import os
 import re
+from collections.abc import Callable, Sequence
+from datetime import UTC, date, datetime
 from pathlib import Path
 
 from labbook import __version__
 from labbook.fit import DEFINITIONS
 from labbook.lab.folder import write_bytes
-from labbook.measure.flow import CUT_SHORT
 from labbook.report import figures, tables
 from labbook.report.across import outlet_pictures, ratio_sections
-from labbook.report.sections import Picture, picture, series_section
+from labbook.report.against import against_sections
+from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
+from labbook.report.formulas import mathml
+from labbook.report.result_box import concerns, result_box, summary
+from labbook.report.sections import series_sections
+from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
-from labbook.report.tables import numerical_table
-from labbook.report.turning import scaling, turning_section
+from labbook.report.turning import scaling, turning_sections
 from labbook.results import display
-from labbook.results.numerical import summed_up as numerics_summed_up
-from labbook.results.points import redundant
-from labbook.results.reference import agreement
-from labbook.results.series import PACKING_FRACTION
-from labbook.results.statements import summed_up
 from labbook.results.study import Results
+
+__all__ = ["FILE", "PARTS", "summary", "write"]
 
 FILE = "report.html"
 
+Part = Callable[[Results, Path], Sequence[Section]]
+"""Makes sections of what was found; figures go into the folder."""
 
-def write(results: Results, folder: Path) -> Path:
-    """Write the report of a study into `folder` (made if missing): report.html and its figures. Path of the page."""
+
+def write(results: Results, folder: Path, today: date | None = None) -> Path:
+    """Write the report of a study into `folder` (made if missing): report.html and its figures. Path of the page.
+
+    today: the date of the report (UTC); None: that of `SOURCE_DATE_EPOCH` if it is set, else of now.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     study = results.study
+    sections = anchored([section for part in PARTS for section in part(results, folder)], {"result", "contents"})
     text = _template().render(
         title=study.name,
         about=study.about,
         version=__version__,
-        summary=summary(results),
-        incomplete=bool(results.missing or results.unreadable) or any(r.precise is False for r in results.points),
-        source=results.source,
-        comparison=tables.comparison_table(results.comparisons) if results.comparisons else None,
-        digest=tables.digest_table(results.comparisons),
-        statements=statement_table(results.judged) if results.judged else None,
-        statement_digest=statement_digest(results.judged),
-        turning=turning_section(results, folder),
-        overview=_overview(results, folder),
-        scaling=None if results.turning else scaling(results, folder),
-        trends=_trends(results, folder),
-        ratios=ratio_sections(results, folder),
-        series=[series_section(results, k, folder) for k in range(len(results.series))],
-        flow=tables.flow_table(results),
-        numerics=numerical_table(results.numerical) if results.numerical else None,
-        further=tables.further_table(results),
-        outcomes=tables.outcomes_table(results),
-        provenance=tables.provenance_table(results),
-        runs=tables.runs_table(results),
-        study_text=study.path.read_text(encoding="utf-8") if study.path.is_file() else study.yaml(),
+        box=result_box(results),
+        concerned=bool(concerns(results)),
+        setting=setting(results, today or _today()),
+        sections=sections,
     )
     write_bytes(folder / FILE, text.encode(), durable=False)
     return folder / FILE
 
 
-def summary(results: Results) -> list[str]:
-    """What a reader should know first, in plain sentences."""
-    study, runs = results.study, sum(len(result.runs) for result in results.points)
-    sentences = [f"{_count(runs, 'run')} of {_count(len(results.points), 'point')}."]
-    if results.missing:
-        extra = redundant(study.points)
-        names = "; ".join(display.label(point.at, extra) for point in results.missing[:5])
-        more = f" and {len(results.missing) - 5} more" if len(results.missing) > 5 else ""
-        sentences.append(f"Not finished yet: {names}{more}.")
-    partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in results.points if one.partial]
-    if partial:
-        listed = "; ".join(partial[:5]) + (f" and {len(partial) - 5} more" if len(partial) > 5 else "")
-        sentences.append(f"Runs are lacking at {listed}: the first to end are no fair sample.")
-    if results.unreadable:
-        sentences.append(f"{_count(len(results.unreadable), 'run')} could not be read: {results.unreadable[0]}.")
-    if study.accuracy.flow_rate is not None:
-        short = [result.label for result in results.points if result.precise is False]
-        asked = f"{100 * study.accuracy.flow_rate:g} %"
-        if short:
-            sentences.append(f"The asked error of {asked} on the flow rate is not met at {'; '.join(short)}.")
-        elif results.points:
-            sentences.append(f"The flow rate of every point is known to the asked {asked} (95 % interval).")
-    measured = [run.measured for result in results.points for run in result.runs]
-    packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
-    if unknown := [one for one in packings if math.isnan(one.value)]:
-        sentences.append(f"No packing fraction of {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
-    trending = [result.label for result in results.points if result.trending]
-    if trending:
-        sentences.append(f"No plateau of W within the window (trending): {'; '.join(trending)}.")
-    if cut := [result.label for result in results.points if result.notes[CUT_SHORT]]:
-        sentences.append(
-            f"The bed fell to stop.fill_height before the window ended (window.end, {study.window.end:g}) at "
-            f"{'; '.join(cut)}, so that W is a mean over less than the window: lower one of them in {study.path.name}."
-        )
-    if results.comparisons:
-        sentences.append(agreement(results.comparisons, results.source))
-    if tested := numerics_summed_up(results.numerical):
-        sentences.append(tested)
-    if results.judged:
-        sentences.append(summed_up(results.judged, results.source))
-    return sentences
+def _today() -> date:
+    """The date, or the one that a reproducible build asks for."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
+    return (datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)).date()
 
 
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}{'' if n == 1 else 's'}"
+def _flow_rates(results: Results, folder: Path) -> list[Section]:
+    """The table of all points and every series; a series that is the only one goes first, as its figure shows them."""
+    table = Section("Flow rates", (tables.flow_table(results),))
+    series = series_sections(results, folder)
+    return [*series, table] if len(results.series) == 1 else [table, *series]
 
 
-def _overview(results: Results, folder: Path) -> Picture | None:
+def _overview(results: Results, folder: Path) -> list[Section]:
+    """All series in one picture, and fitted parameters against what else was swept."""
+    pictures: list[Picture] = []
     fitted = [one for one in results.series if one.used]
-    if len(fitted) < 2 or len({result.orifice for one in fitted for result in one.points}) < 2:
-        return None  # against one orifice there is nothing to see
-    return picture(figures.overview(fitted), folder / "overview", "a power of W against orifice, all series", _OVERVIEW)
+    if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
+        figure = figures.overview(fitted)  # against one orifice there is nothing to see
+        pictures.append(picture(figure, folder / "overview", "a power of W against orifice, all series", _OVERVIEW))
+    if not results.turning and (scaled := scaling(results, folder)) is not None:
+        pictures.append(scaled)
+    sections = [Section("Flow rate against orifice, all series", tuple(pictures))] if pictures else []
+    if trends := _trends(results, folder):
+        sections.append(Section("Fitted parameters against what was swept", tuple(trends)))
+    if outlets := outlet_pictures(results, folder):
+        sections.append(Section("Outlets of all series", tuple(outlets)))
+    return sections
 
 
 def _trends(results: Results, folder: Path) -> list[Picture]:
@@ -127,23 +100,80 @@ def _trends(results: Results, folder: Path) -> list[Picture]:
             called = law.replace("_", " ")
             caption = f"Parameters of {called.capitalize()} with 95 % intervals; diamonds: the reference."
             name = display.key(key).name
-            stem = folder / f"{_slug(called)}-{_slug(name)}"
+            stem = folder / f"{slug(called)}-{slug(name)}"
             pictures.append(picture(figure, stem, f"parameters of {called} against {name}", caption))
-    return pictures + outlet_pictures(results, folder)
+    return pictures
 
+
+def _reference(results: Results, folder: Path) -> list[Section]:
+    if not results.comparisons:
+        return []
+    every, digest = tables.comparison_table(results.comparisons), tables.digest_table(results.comparisons)
+    blocks: tuple[Block, ...] = (every,) if digest is None else (digest, Folded("Every number", (every,)))
+    return [Section(f"Beside {results.source}", blocks)]
+
+
+def _statements(results: Results, folder: Path) -> list[Section]:
+    if not results.judged:
+        return []
+    every, digest = statement_table(results.judged), statement_digest(results.judged)
+    folded = Folded("Every place that they speak of", (every,))
+    blocks: tuple[Block, ...] = (every,) if digest is None else (digest, folded)
+    return [Section(f"What {results.source} state", blocks)]
+
+
+def _numerics(results: Results, folder: Path) -> list[Section]:
+    return [Section("Do numerics matter?", (tables.numerical_table(results.numerical),))] if results.numerical else []
+
+
+def _further(results: Results, folder: Path) -> list[Section]:
+    table = tables.further_table(results)
+    return [Section("Further measurements", (table,))] if table is not None else []
+
+
+def _outcomes(results: Results, folder: Path) -> list[Section]:
+    return [Section("How runs ended", (tables.outcomes_table(results),))]
+
+
+def _provenance(results: Results, folder: Path) -> list[Section]:
+    blocks: list[Block] = [Folded("What made the runs", (tables.provenance_table(results),))]
+    blocks.append(Folded("Keys of all runs", (tables.runs_table(results),)))
+    study = results.study
+    text = study.path.read_text(encoding="utf-8") if study.path.is_file() else study.yaml()
+    blocks.append(Folded("The study file", (Verbatim(text),)))
+    return [Section("Provenance", tuple(blocks))]
+
+
+PARTS: tuple[Part, ...] = (
+    against_sections,
+    _overview,
+    _reference,
+    _statements,
+    turning_sections,
+    ratio_sections,
+    _flow_rates,
+    _numerics,
+    _further,
+    _outcomes,
+    _provenance,
+)
 
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."
 
 
-def _slug(text: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
-
-
-def _raised(text: str):
-    """HTML in which what is written ^(...) is a superscript."""
+def _typeset(text: str):
+    """HTML in which ^(...) is a superscript and a single letter's _index a subscript."""
     from markupsafe import Markup, escape
 
-    return Markup(re.sub(r"\^\(([^)]*)\)", r"<sup>\1</sup>", str(escape(text))))
+    raised = re.sub(r"\^\(([^)]*)\)", r"<sup>\1</sup>", str(escape(text)))
+    return Markup(re.sub(r"\b(\w)_(\w+|∞)", r"\1<sub>\2</sub>", raised))
+
+
+def _formula(text: str):
+    """A formula as MathML."""
+    from markupsafe import Markup
+
+    return Markup(mathml(text))
 
 
 def _template():
@@ -154,6 +184,8 @@ def _template():
         autoescape=select_autoescape(["j2", "html"]),
         undefined=StrictUndefined,
         trim_blocks=True,
+        lstrip_blocks=True,
     )
-    environment.filters["raised"] = _raised
+    environment.filters["typeset"] = _typeset
+    environment.filters["formula"] = _formula
     return environment.get_template("report.html.j2")

@@ -1,104 +1,120 @@
-"""What the page shows of one series: its figures with their captions, and its tables."""
+"""What the page shows of one series after the other: figures with their captions, and tables."""
 
-import math
-from base64 import b64encode
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from labbook.fields.pattern import FUNNEL, SLOW
 from labbook.fit.outlet import DEFINITIONS, FORMULA, SOURCE
 from labbook.measure.orifice import INTERVAL
-from labbook.report import figures, outlet_tables, style, tables
+from labbook.report import figures, outlet_tables
+from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
 from labbook.report.fitted_tables import fit_table
+from labbook.results.points import PointResult
 from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+
+def series_sections(results: Results, folder: Path) -> list[Section]:
+    """Figures, tables and remarks of every series. Single points to which no law is fitted share theirs."""
+    alone = [one for one in results.series if len(one.points) == 1 and not one.fits and not one.profiles]
+    merged = alone if len(alone) > 1 else []
+    found = [_series(results, k, folder) for k, one in enumerate(results.series) if one not in merged]
+    if merged:
+        found.append(_together(results, merged, folder, "-points" if found else ""))
+    if len(found) < 2:
+        return found
+    return [Section("Series by series", tuple(found))]
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure as the page holds it: a data URI, what it shows in words, its caption and its width."""
-
-    uri: str
-    alt: str
-    caption: str
-    width: str
-
-
-def series_section(results: Results, index: int, folder: Path) -> dict:
-    """Figures, tables and remarks of the series numbered `index`, as the template takes them."""
+def _series(results: Results, index: int, folder: Path) -> Section:
     series = results.series[index]
     suffix = f"-{index + 1}" if len(results.series) > 1 else ""
     where = f" ({series.label})" if series.label else ""
-    fit = None
+    laws: list[Block] = []
+    for law, found in series.fits.items():
+        table = fit_table(law, found, at_series(results.comparisons, law, series), results.source)
+        laws.append(Section(law.capitalize(), (Formula(found.law.formula, found.law.source), table)))
+    laws += [Prose(series.verdict)] if series.verdict else []
+    blocks: list[Block] = laws
     if series.fits or len(series.used) > 1:  # a single point shows nothing
         figure = figures.flow_against_orifice(series, results.comparisons, results.source)
         fit = picture(figure, folder / f"fit{suffix}", f"a power of W against orifice{where}", _FIT)
-    flow = figures.flow_against_time(series)
-    turning = any(set(series.points) & set(curve.points) for curve in results.turning)  # has a section of its own
-    problems = [f"Not fitted: {problem}." for problem in series.problems]
+        blocks = [Beside((fit,), tuple(laws))]
+    patterns, lacking = _patterns_if_they_can_be(results, series, folder, suffix, where)
+    blocks += [Prose(f"Not fitted: {problem}.", note=True) for problem in series.problems]
+    blocks += [Prose(text, note=True) for text in lacking]
+    blocks.append(_flow(series, folder, suffix, where))
+    blocks += patterns
+    for name in series.profiles:
+        blocks.append(_profiles(results, series, name, folder, suffix, where))
+    return Section(series.label or "Flow rate against orifice", tuple(blocks))
+
+
+def _together(results: Results, series: Sequence[Series], folder: Path, suffix: str) -> Section:
+    """Points that are series by themselves, in one section."""
+    points = tuple(one.points[0] for one in series)
+    whole = Series({}, points, {}, frozenset(), frozenset(), (), ())
+    problems = dict.fromkeys(problem for one in series for problem in one.problems)
+    patterns, lacking = _patterns_if_they_can_be(results, whole, folder, suffix, "")
+    blocks: list[Block] = [Prose(f"Not fitted: {problem}.", note=True) for problem in problems]
+    blocks += [Prose(text, note=True) for text in lacking]
+    return Section("Flow rate against time", (*blocks, _flow(whole, folder, suffix, ""), *patterns))
+
+
+def _flow(series: Series, folder: Path, suffix: str, where: str) -> Picture:
+    figure = figures.flow_against_time(series)
+    return picture(figure, folder / f"flow{suffix}", f"W against time{where}", _FLOW)
+
+
+def _patterns_if_they_can_be(
+    results: Results, series: Series, folder: Path, suffix: str, where: str
+) -> tuple[list[Block], list[str]]:
+    """How the beds flow, of points without a turning bottom, which have a section of their own; and what is lacking."""
+    turning = {id(one) for curve in results.turning for one in curve.points}
+    points = [one for one in series.points if id(one) not in turning]
+    blocks, lacking = [], []
     try:
-        patterns = None if turning else _patterns(series, folder, suffix, where)
+        blocks += _patterns(points, folder, suffix, where)
     except ImportError as missing:
-        patterns, problems = None, [*problems, f"How the beds flow is not shown: {missing}."]
-    return {
-        "label": series.label,
-        "figure": fit,
-        "fits": [
-            {
-                "name": law.capitalize(),
-                "formula": found.law.formula,
-                "source": found.law.source,
-                "table": fit_table(law, found, at_series(results.comparisons, law, series), results.source),
-            }
-            for law, found in series.fits.items()
-        ],
-        "verdict": series.verdict,
-        "problems": problems,
-        "flow": picture(flow, folder / f"flow{suffix}", f"W against time{where}", _FLOW),
-        "patterns": patterns,
-        "acceleration": None if turning else _acceleration(series, folder, suffix, where),
-        "profiles": [_profiles(results, series, name, folder, suffix, where) for name in series.profiles],
-    }
+        lacking.append(f"How the beds flow is not shown: {missing}.")
+    return [*blocks, *_acceleration(points, folder, suffix, where)], lacking
 
 
-def _patterns(series: Series, folder: Path, suffix: str, where: str) -> tuple[Picture, tables.Table] | None:
-    found = [one for one in map(flow_patterns, series.points) if one]
+def _patterns(points: Sequence[PointResult], folder: Path, suffix: str, where: str) -> list[Block]:
+    found = [one for one in map(flow_patterns, points) if one]
     if not found:
-        return None
+        return []
     figure = figures.flow_patterns([one[0] for one in found])
     shown = picture(figure, folder / f"patterns{suffix}", f"how the beds flow{where}", PATTERNS)
-    return shown, outlet_tables.orifice_table([(one[0].result, pooled_means(one)) for one in found])
+    table = outlet_tables.orifice_table([(one[0].result, pooled_means(one)) for one in found])
+    return [Section("How the beds flow", (shown, table))]
 
 
-def _acceleration(series: Series, folder: Path, suffix: str, where: str) -> Picture | None:
-    found = [(result, profile) for result in series.points if (profile := acceleration(result)) is not None]
+def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, where: str) -> list[Block]:
+    found = [(result, profile) for result in points if (profile := acceleration(result)) is not None]
     if not found:
-        return None
+        return []
     figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
-    return picture(figure, folder / f"acceleration{suffix}", f"acceleration against height{where}", _ACCELERATION)
+    alt = f"acceleration against height{where}"
+    return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION)]
 
 
-def _profiles(
-    results: Results, series: Series, definition: str, folder: Path, suffix: str, where: str
-) -> dict[str, Any]:
+def _profiles(results: Results, series: Series, definition: str, folder: Path, suffix: str, where: str) -> Section:
     name = definition.removeprefix("outlet_")
     along = figures.outlet_profiles(series, definition, results.comparisons, results.source)
     middles = figures.outlet_middles(series, definition, results.comparisons, results.source)
-    return {
-        "along": picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", _ALONG),
-        "middles": picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", _MIDDLES),
-        "definition": DEFINITIONS[definition],
-        "formula": FORMULA,
-        "source": SOURCE,
-        "table": outlet_tables.profile_table(series, definition, results.comparisons, results.source),
-        "outlets": outlet_tables.outlet_table(series, definition),
-    }
+    return Section(
+        f"Profiles along the outlets: {DEFINITIONS[definition]}",
+        (
+            Formula(FORMULA, SOURCE),
+            picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", _ALONG),
+            outlet_tables.profile_table(series, definition, results.comparisons, results.source),
+            picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", _MIDDLES),
+            outlet_tables.outlet_table(series, definition),
+        ),
+    )
 
 
 _FIT = (
@@ -133,11 +149,3 @@ _MIDDLES = (
     "counted. Bars: one standard error over seeds; bands: 95 %, of the law and, fainter, of one more outlet; dots: the "
     "law with the parameters of the reference, its φ_∞ being ours where it has only τ₁ and τ₂."
 )
-
-
-def picture(figure: "Figure", stem: Path, alt: str, caption: str) -> Picture:
-    """Write a figure in all formats beside the page, and hold it for the page."""
-    style.save(figure, stem)
-    data = b64encode(stem.with_name(f"{stem.name}.svg").read_bytes()).decode("ascii")
-    width = f"{math.ceil(figure.get_figwidth() / style.MILLIMETRE * 1.45)}mm"
-    return Picture(f"data:image/svg+xml;base64,{data}", alt, caption, width)

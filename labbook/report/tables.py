@@ -5,6 +5,7 @@ import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from labbook.results import display
 from labbook.results.numerical import Numerical
@@ -24,6 +25,7 @@ CONVENTIONS = (
 class Table:
     """Headings and rows of text. `text`: columns that are words; `marked`: rows that stand out; `notes` go below."""
 
+    kind: ClassVar[str] = "table"
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     text: frozenset[int] = frozenset({0})
@@ -43,7 +45,7 @@ def flow_table(results: Results) -> Table:
         pooled = result.flow_rate
         interval = "–"
         if pooled is not None:
-            interval = f"±{100 * pooled.relative:.2g} %" if math.isfinite(pooled.relative) else "unknown"
+            interval = display.percentage(pooled.relative)
         cells = (*_cells(result, flow), interval, *_cells(result, others))
         rows.append((*_at(result, swept), *cells, str(len(result.runs)), "; ".join(_remarks(result))))
     headings = (*_headings(swept, flow), "95 % interval", *_headings((), others), "runs", "remarks")

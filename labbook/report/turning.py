@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labbook.measure.orifice import INTERVAL
 from labbook.report import figures
-from labbook.report.sections import Picture, picture
+from labbook.report.blocks import Picture, Prose, Section, picture
 from labbook.report.turning_maps import chosen, maps
 from labbook.results.recorded import acceleration
 from labbook.results.rotation import FLOW, Rotation, aspect_ratio
@@ -15,11 +15,11 @@ from labbook.results.study import Results
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
 
 
-def turning_section(results: Results, folder: Path) -> dict | None:
-    """Sentences, pictures and what is lacking, as the template takes them; None if the rotation was not swept."""
+def turning_sections(results: Results, folder: Path) -> list[Section]:
+    """Sentences, pictures and what is lacking; nothing if the rotation was not swept."""
     curves = results.turning
     if not curves:
-        return None
+        return []
     pictures, lacking = [_flow(curves, folder)], []
     if len({aspect_ratio(one.points[0]) for one in curves if one.lowest() is not None}) > 1:
         pictures.append(picture(figures.drop_and_rise(curves), folder / "rotation-shapes", _SHAPES_ALT, _SHAPES))
@@ -48,11 +48,9 @@ def turning_section(results: Results, folder: Path) -> dict | None:
         pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", _FALL))
     else:
         lacking.append("Accelerations need `orifice` among the measures.")
-    return {
-        "sentences": [text[:1].upper() + text[1:] for one in curves if (text := sentence(one))],
-        "pictures": pictures,
-        "lacking": lacking,
-    }
+    sentences = [Prose(text[:1].upper() + text[1:]) for one in curves if (text := sentence(one))]
+    without = [Prose(text, note=True) for text in lacking]
+    return [Section("Against the rotation of the bottom", (*sentences, *pictures, *without))]
 
 
 def scaling(results: Results, folder: Path) -> Picture | None:

@@ -6,7 +6,8 @@ from pathlib import Path
 from labbook.fields import Fields
 from labbook.measure.recorded import FEWEST
 from labbook.report import figures
-from labbook.report.sections import PATTERNS, Picture, picture
+from labbook.report.blocks import Picture, picture
+from labbook.report.sections import PATTERNS
 from labbook.results.points import PointResult
 from labbook.results.recorded import Flowing, flow_patterns, moments
 from labbook.results.rotation import Rotation, turning_at

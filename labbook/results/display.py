@@ -99,6 +99,29 @@ def quantity(name: str, unit: str = "") -> Shown:
     return known or Shown(name.rsplit(".", 1)[-1].replace("_", " "), unit)
 
 
+_WORDS = {
+    "container.orifice": "orifice D",
+    "container.rotation": "rotation f",
+    "contact.normal_stiffness": "stiffness k_n",
+    "grains.diameter": "diameter d",
+    "grains.length": "length L",
+    "gravity": "gravity g",
+    "numerics.dt": "time step",
+}
+
+
+def spoken(name: str) -> str:
+    """What the dotted key of a study is called in a sentence or a title: with a word where it is shown as a symbol."""
+    return _WORDS.get(name, key(name).name)
+
+
+def percentage(part: float) -> str:
+    """`±2.4 %` of a relative half-width, to two digits; `unknown` where it has no end."""
+    if not math.isfinite(part):
+        return "unknown"
+    return f"±{100 * part:.2g} %" if 100 * part < 99.5 else f"±{100 * part:.0f} %"
+
+
 def amount(name: str, value: float | str) -> str:
     """The value of a key, without its unit; words as they are."""
     return value if isinstance(value, str) else f"{value * key(name).scale:.6g}"

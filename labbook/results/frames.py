@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from labbook.fit.outlet import DEFINITIONS, FORMULA, OF_OUTLET, VERSION, Outlet
+from labbook.results.against import against
+from labbook.results.against import rows as against_rows
 from labbook.results.points import PointResult
 from labbook.results.ratios import RATIOS, angle_laws
 from labbook.results.recorded import acceleration
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 
-SUMMARY = ("points", "series", "fits", "problems", "reference", "statements", "numerics", "outlets")
+SUMMARY = ("points", "against", "series", "fits", "problems", "reference", "statements", "numerics", "outlets")
 """Frames without a row for every run, instant or place."""
 
 
@@ -32,6 +34,7 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
     | `points`        | point and quantity: mean over seeds, interval, n, effective n, unit, window, outcomes     |
     | `runs`          | run and quantity: value, error, effective n, window, method, note                         |
     | `flow`          | run and bin of time: W(t)                                                                 |
+    | `against`       | point and swept key: W, and its ratio to that at the first value, paired where runs can be   |
     | `series`        | series of points that differ in their orifice: the laws that the data prefer              |
     | `fits`          | series, law and parameter: value, error, interval; goodness, version and formula          |
     | `problems`      | what is lacking: points without runs, runs that cannot be read, laws that cannot be fitted |
@@ -50,6 +53,7 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
         "points": _points(results),
         "runs": _runs(results),
         "flow": _flow(results),
+        "against": against_rows(against(results.points)),
         "series": _series(results),
         "fits": _fits(results),
         "problems": _problems(results),

@@ -45,7 +45,17 @@ class Finished(Protocol):
     @property
     def run_key(self) -> str: ...
     @property
+    def packing_key(self) -> str:
+        """Key of the packing that it started from."""
+        ...
+
+    @property
     def outcome(self) -> str: ...
+    @property
+    def ended(self) -> str:
+        """When it ended (UTC, ISO 8601)."""
+        ...
+
     @property
     def cache_version(self) -> int: ...
     @property
@@ -82,9 +92,19 @@ class RunResult:
         return self.run.run_key
 
     @property
+    def packing_key(self) -> str:
+        """Key of the packing that it started from."""
+        return self.run.packing_key
+
+    @property
     def outcome(self) -> str:
         """How it ended."""
         return self.run.outcome
+
+    @property
+    def ended(self) -> str:
+        """When it ended (UTC, ISO 8601)."""
+        return self.run.ended
 
     @property
     def cache_version(self) -> int:

@@ -1,11 +1,11 @@
-"""Ratio of the means of two quantities that were measured of the same replicates."""
+"""Ratio of two means: of replicates that share what a seed decides, or of independent ones."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from labbook.stats.pooling import Pooled, student
+from labbook.stats.pooling import Pooled, student, welch
 
 
 def paired_ratio(
@@ -29,3 +29,26 @@ def paired_ratio(
         return Pooled(ratio, math.nan, math.inf, 1, confidence)
     error = float(np.std(x - ratio * y, ddof=1)) / math.sqrt(n) / abs(middle)
     return Pooled(ratio, error, student(confidence, n - 1) * error, n, confidence)
+
+
+def independent_ratio(
+    above: Sequence[float] | np.ndarray, below: Sequence[float] | np.ndarray, confidence: float = 0.95
+) -> Pooled:
+    """R = mean(above) / mean(below) of replicates that are independent of one another; `n` is the smaller number.
+
+    The error is that of mean(above) - R mean(below), over mean(below), with Student's t on the degrees of freedom of
+    Welch and Satterthwaite. Where one sample has a single value the error is NaN and the interval has no ends. Raises
+    ValueError for a sample without any value, or a denominator of zero.
+    """
+    x, y = np.asarray(above, float), np.asarray(below, float)
+    if not len(x) or not len(y):
+        raise ValueError("a ratio needs at least one value above and one below")
+    middle = float(y.mean())
+    if middle == 0:
+        raise ValueError("a ratio needs a denominator that is not zero")
+    ratio, n, m = float(x.mean()) / middle, len(x), len(y)
+    if min(n, m) == 1:
+        return Pooled(ratio, math.nan, math.inf, 1, confidence)
+    a, b = float(x.var(ddof=1)) / n, ratio**2 * float(y.var(ddof=1)) / m
+    error = math.sqrt(a + b) / abs(middle)
+    return Pooled(ratio, error, student(confidence, welch(a, n, b, m)) * error, min(n, m), confidence)

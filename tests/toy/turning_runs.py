@@ -37,6 +37,14 @@ class Run:
         return f"{self.point.index:04x}{self.seed:04x}" * 4
 
     @property
+    def packing_key(self):
+        return f"{self.seed:04x}" * 8  # a packing serves all frequencies
+
+    @property
+    def ended(self):
+        return "2026-01-02T03:04:05+00:00"
+
+    @property
     def provenance(self):
         return {"backend": "double"}
 

@@ -1,9 +1,10 @@
-"""The ratio of two means of the same replicates."""
+"""The ratio of two means, of the same replicates and of independent ones."""
 
 import numpy as np
 import pytest
 
-from labbook.stats.ratio import paired_ratio
+from labbook.stats import pool
+from labbook.stats.ratio import independent_ratio, paired_ratio
 
 
 def test_what_a_seed_does_to_both_divides_out():
@@ -34,3 +35,24 @@ def test_ninety_percent_intervals_hold_the_ratio_in_ninety_percent():
         found = paired_ratio(above, below, 0.9)
         held += found.low <= 0.6 <= found.high
     assert 0.88 < held / draws < 0.92
+
+
+def test_independent_samples_of_one_size_have_welchs_interval():
+    """Over a denominator that is known exactly the ratio is a mean with Student's own interval."""
+    above = np.array([2.0, 2.2, 2.4, 2.1])
+    found = independent_ratio(above, [2.0, 2.0, 2.0])
+    alone = pool(above / 2)
+    assert found.value == pytest.approx(alone.value)
+    assert found.error == pytest.approx(alone.error)
+    assert found.half_width == pytest.approx(alone.half_width)
+
+
+def test_an_independent_ratio_says_what_it_cannot_know():
+    single = independent_ratio([1.0], [2.0, 2.1])
+    assert single.value == pytest.approx(1 / 2.05)
+    assert np.isnan(single.error)
+    assert single.half_width == np.inf
+    with pytest.raises(ValueError, match="zero"):
+        independent_ratio([1.0, 2.0], [1.0, -1.0])
+    with pytest.raises(ValueError, match="at least one"):
+        independent_ratio([], [1.0])

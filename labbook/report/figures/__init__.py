@@ -1,6 +1,7 @@
 """Figures of a report; each function returns a matplotlib figure in the house style and writes nothing."""
 
 from labbook.report.figures.acceleration import acceleration_against_height
+from labbook.report.figures.against import against_key, ratio_heading
 from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.maps import order_maps, packing_maps, pressure_maps, speed_maps
 from labbook.report.figures.orifice import flow_against_orifice, overview
@@ -22,6 +23,7 @@ __all__ = [
     "above_orifice",
     "acceleration_against_height",
     "acceleration_against_rotation",
+    "against_key",
     "drop_and_rise",
     "flow_against_angle",
     "flow_against_orifice",
@@ -38,6 +40,7 @@ __all__ = [
     "packing_maps",
     "parameters_against",
     "pressure_maps",
+    "ratio_heading",
     "shape_against_position",
     "speed_maps",
 ]

@@ -1,11 +1,13 @@
 """W(t) of every point of a series, each replicate a line, with the window that its mean was taken over."""
 
 import math
+import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.report.style import COLOURS, FAINT, MILLIMETRE, PAGE, from_zero, house
+from labbook.report.style import COLOURS, FAINT, MILLIMETRE, PAGE, from_zero, house, verbatim
+from labbook.results import display
 from labbook.results.points import PointResult
 from labbook.results.series import Series
 
@@ -15,11 +17,14 @@ if TYPE_CHECKING:
 
 
 _COLUMNS = 4
+_TITLE = 27  # characters in a line of a panel's title
 _SHADES = (0.0, 0.35, 0.55, 0.7)  # towards white: replicates of one point are one colour
 
 
 def flow_against_time(series: Series) -> "Figure":
-    """Small multiples, one point each: W(t) by replicate, the window shaded, the pooled mean and its 95 % interval."""
+    """Small multiples, one point each, named by what tells it from the others: W(t) by replicate, the window shaded,
+    the pooled mean and its 95 % interval.
+    """
     from matplotlib.figure import Figure
 
     columns = min(_COLUMNS, len(series.points))
@@ -28,7 +33,7 @@ def flow_against_time(series: Series) -> "Figure":
         figure = Figure(figsize=(PAGE * max(columns, 3) / _COLUMNS, (14 + 34 * rows) * MILLIMETRE))
         axes = figure.subplots(rows, columns, squeeze=False)
         for ax, result in zip(axes.flat, series.points, strict=False):
-            _draw(ax, result)
+            _draw(ax, result, display.label(result.at, series.at) or f"D = {result.orifice * 1e3:g} mm")
         for ax in axes.flat[len(series.points) :]:
             ax.set_axis_off()
         figure.supxlabel("time since the opening, $t$ [s]", fontsize=7.5)
@@ -39,7 +44,7 @@ def flow_against_time(series: Series) -> "Figure":
     return figure
 
 
-def _draw(ax: "Axes", result: PointResult) -> None:
+def _draw(ax: "Axes", result: PointResult, title: str) -> None:
     pooled = result.flow_rate
     for k, run in enumerate(result.runs):
         if run.trace is not None:
@@ -54,8 +59,8 @@ def _draw(ax: "Axes", result: PointResult) -> None:
             if math.isfinite(half):
                 ax.fill_between([start, end], mean - half, mean + half, color=COLOURS[1], alpha=0.35, linewidth=0)
             ax.plot([start, end], [mean, mean], color=COLOURS[1], zorder=3)
-    title = f"D = {result.orifice * 1e3:g} mm"
-    ax.set_title(f"{title}, {result.remark}" if result.remark else title)
+    said = verbatim(f"{title}, {result.remark}" if result.remark else title)
+    ax.set_title("\n".join(textwrap.wrap(said, _TITLE)), fontsize=7.5 if len(said) <= _TITLE else 6.5)
     ax.set_xlim(left=0)
     from_zero(ax)
 

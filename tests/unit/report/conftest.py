@@ -132,6 +132,14 @@ class FinishedDouble:
         return f"{self.point.index:04x}{self.seed:04x}" * 4
 
     @property
+    def packing_key(self) -> str:
+        return f"{self.seed:04x}" * 8
+
+    @property
+    def ended(self) -> str:
+        return f"2026-01-0{self.seed}T03:04:05+00:00"
+
+    @property
     def provenance(self) -> dict[str, Any]:
         return {
             "backend": "double",

@@ -41,7 +41,8 @@ def test_fit_prints_tables_and_json(toy, done):
 
 
 @pytest.mark.usefixtures("one_format")
-def test_report_is_written_below_the_lab_or_where_asked(toy, done, tmp_path):
+def test_report_is_written_below_the_lab_or_where_asked(toy, done, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1770076800")  # both on one day, also about midnight
     study, lab, where = done
     assert "report.html" in toy.labbook("report", study, *where).stdout
     assert (lab / "reports/toy-study/report.html").is_file()

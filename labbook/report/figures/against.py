@@ -1,0 +1,193 @@
+"""A quantity against one swept key, and its ratio to that at the first value."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from labbook.report.style import (
+    COLUMN,
+    FAINT,
+    MILLIMETRE,
+    PAGE,
+    from_zero,
+    house,
+    legend_columns,
+    look,
+    mathtext,
+    verbatim,
+)
+from labbook.results import display
+from labbook.results.against import Against, Line, Place
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+_TOGETHER = 7
+"""Lines that one panel holds."""
+_ACROSS = 3  # panels side by side
+_DECADES = 2  # of values, beyond which their axis is logarithmic
+
+
+def against_key(found: Against) -> "Figure":
+    """Above the quantity with 95 % intervals, a line for each value of the other keys; below, on the same axis, its
+    ratio to that at the first value. Hollow points carry a remark; a cross at the bottom is a point without a value.
+
+    Many lines of two other keys or more are parted into panels, one for each value of the key that takes fewest and
+    leaves few lines in each.
+    """
+    from matplotlib.figure import Figure
+
+    panels = _panels(found)
+    names = list(dict.fromkeys(name for lines in panels.values() for name in lines))
+    across = 2 if len(panels) == 4 else min(_ACROSS, len(panels))
+    down = math.ceil(len(panels) / across)
+    wide = COLUMN if len(panels) == 1 else PAGE
+    with house():
+        legend = len(names) > 1
+        height = 84 * down + (5 * math.ceil(len(names) / _columns(names, wide)) if legend else 0)
+        figure = Figure(figsize=(wide, height * MILLIMETRE))
+        axes = figure.subplots(
+            2 * down,
+            across,
+            sharex=True,
+            sharey="row" if down == 1 else False,
+            squeeze=False,
+            height_ratios=[1.5, 1] * down,
+        )
+        for ax in axes.flat:
+            ax.set_axis_off()
+        for number, (title, lines) in enumerate(panels.items()):
+            row, column = divmod(number, across)
+            main, below = axes[2 * row, column], axes[2 * row + 1, column]
+            for ax in (main, below):
+                ax.set_axis_on()
+            _panel(main, below, found, lines, names)
+            main.set_title(mathtext(verbatim(title)))
+            if not column:
+                main.set_ylabel(mathtext(display.quantity(found.quantity).heading))
+                below.set_ylabel(mathtext(ratio_heading(found)))
+            below.set_xlabel(mathtext(display.key(found.key).heading))
+            below.xaxis.set_tick_params(labelbottom=True)
+        if legend:
+            handles, labels = _legend(names)
+            figure.legend(handles, labels, loc="outside upper center", ncols=_columns(names, wide))
+        together = [found.lines] * len(panels) if down == 1 else [tuple(lines.values()) for lines in panels.values()]
+        for number, lines in enumerate(together):  # after all are drawn: panels of one row share their axes
+            row, column = divmod(number, across)
+            from_zero(axes[2 * row, column])
+            axes[2 * row + 1, column].set_ylim(*_range(lines))
+        figure.align_ylabels()
+    return figure
+
+
+def ratio_heading(found: Against) -> str:
+    """`W / W at 0.1`, or `W / W at the first` where lines do not begin with the same value."""
+    name = display.quantity(found.quantity).name
+    firsts = {line.first.value for line in found.lines if line.first is not None}
+    if len(firsts) != 1:
+        return f"{name} / {name} at the first"
+    (value,) = firsts
+    return f"{name} / {name} at {display.amount(found.key, value)} {display.key(found.key).unit}".rstrip()
+
+
+def _panels(found: Against) -> dict[str, dict[str, Line]]:
+    """Lines by their label, in panels by theirs; one panel, without a label, if all lines fit into it."""
+    others = {name: {line.at.get(name) for line in found.lines} for line in found.lines for name in line.at}
+    varied = [name for name, values in others.items() if len(values) > 1]
+    if len(found.lines) <= _TOGETHER or len(varied) < 2:
+        return {"": {line.label: line for line in found.lines}}
+    parted = [_parted(found.lines, name) for name in sorted(varied, key=lambda name: len(others[name]))]
+    return next((one for one in parted if max(map(len, one.values())) <= _TOGETHER), parted[-1])
+
+
+def _parted(lines: Sequence[Line], key: str) -> dict[str, dict[str, Line]]:
+    """A panel for each value of one of the keys that lines differ in."""
+    panels: dict[str, dict[str, Line]] = {}
+    for line in lines:
+        title = display.label({key: line.at[key]}) if key in line.at else ""
+        panels.setdefault(title, {})[display.label(line.at, {key})] = line
+    return panels
+
+
+def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], names: Sequence[str]) -> None:
+    values, scale = found.values, display.quantity(found.quantity).scale
+    x = _abscissa(found)
+    span = max(x.values()) - min(x.values())
+    logarithmic = not found.words and min(x.values()) > 0 and max(x.values()) / min(x.values()) > 10**_DECADES
+    for label, line in lines.items():
+        place = names.index(label)
+        style = look(place)
+        shift = (0.03 if found.words else 0.004) * (place - (len(names) - 1) / 2)
+        at = {
+            value: x[value] * (1 + 3 * shift) if logarithmic else x[value] + (1 if found.words else span) * shift
+            for value in values
+        }
+        known = [one for one in line.places if found.quantity in one.result.pooled]
+        if not found.words:
+            path = {"color": style["color"], "linestyle": style["linestyle"], "linewidth": 0.6, "alpha": 0.6}
+            main.plot(
+                [at[p.value] for p in known], [p.result.pooled[found.quantity].value * scale for p in known], **path
+            )
+            rated = [(at[p.value], p.ratio.value if p.ratio else 1.0) for p in known if p.ratio or p is line.first]
+            below.plot(*np.transpose(rated) if rated else ([], []), **path)
+        for one in line.places:
+            _draw(main, below, found, line, one, at[one.value], scale, style)
+    below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
+    if logarithmic:
+        main.set_xscale("log")
+    elif found.words:
+        main.set_xticks(list(x.values()), [verbatim(str(value)) for value in x])
+        main.set_xlim(-0.5, len(x) - 0.5)
+
+
+def _draw(
+    main: "Axes", below: "Axes", found: Against, line: Line, one: Place, x: float, scale: float, style: dict
+) -> None:
+    hollow = {"markerfacecolor": "white"} if one.result.remark else {}
+    points = {"color": style["color"], "marker": style["marker"], "linestyle": "none", **hollow}
+    pooled = one.result.pooled.get(found.quantity)
+    if pooled is None:
+        main.plot(x, 0.03, marker="x", color=style["color"], transform=main.get_xaxis_transform(), clip_on=False)
+        return
+    half = pooled.half_width if math.isfinite(pooled.half_width) else 0.0
+    main.errorbar(x, pooled.value * scale, yerr=half * scale, **points)
+    if one is line.first:
+        below.plot(x, 1.0, **points)
+    elif one.ratio is not None:
+        half = one.ratio.half_width if math.isfinite(one.ratio.half_width) else 0.0
+        below.errorbar(x, one.ratio.value, yerr=half, **points)
+
+
+def _abscissa(found: Against) -> dict[float | str, float]:
+    """Where each value stands: as it is shown, words side by side."""
+    if found.words:
+        return {value: float(place) for place, value in enumerate(found.values)}
+    scale = display.key(found.key).scale
+    return {value: float(value) * scale for value in found.values}
+
+
+def _range(lines: Sequence[Line]) -> tuple[float, float]:
+    """Of all ratios with their intervals, but for those so wide that nothing else would be seen."""
+    ratios = [place.ratio for line in lines for place in line.places if place.ratio is not None]
+    values = [1.0, *(ratio.value for ratio in ratios)]
+    wide = max(max(values) - min(values), 0.02)
+    low = min([1.0, *(max(ratio.low, ratio.value - wide) for ratio in ratios)])
+    high = max([1.0, *(min(ratio.high, ratio.value + wide) for ratio in ratios)])
+    margin = 0.06 * (high - low) or 0.05
+    return low - margin, high + margin
+
+
+def _columns(names: Sequence[str], width: float) -> int:
+    across = legend_columns(names)
+    return across if width == PAGE else max(1, across // 2)
+
+
+def _legend(names: Sequence[str]) -> tuple[list, list[str]]:
+    from matplotlib.lines import Line2D
+
+    handles = [Line2D([], [], linewidth=0.8, **look(k)) for k in range(len(names))]
+    return handles, [mathtext(verbatim(name)) or "without the others" for name in names]

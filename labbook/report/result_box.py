@@ -1,0 +1,209 @@
+"""The first lines of a report: what was found, and what a reader must know before quoting it."""
+
+import math
+from collections.abc import Callable, Sequence
+
+from labbook.fit import FitResult
+from labbook.measure.flow import CUT_SHORT
+from labbook.report.against import changes, found_against
+from labbook.report.blocks import Facts
+from labbook.report.fitted_tables import NOT_DETERMINED, parameter_row
+from labbook.results import display
+from labbook.results.numerical import NUMERICS
+from labbook.results.numerical import summed_up as numerics_summed_up
+from labbook.results.points import FLOW_RATE, PointResult, redundant
+from labbook.results.reference import agreement
+from labbook.results.series import PACKING_FRACTION, Series
+from labbook.results.statements import summed_up
+from labbook.results.study import Results
+
+ATTENTION = "Attention"
+_NAMED = 5
+"""Places that a sentence names one by one."""
+_APART = 3
+"""Series whose parameters are stated one by one."""
+_LEADING = {"beverloo": ("C", "C_particle", "k"), "beverloo_3d": ("C", "C_particle", "k")}
+"""Parameters by which a law is known, where it reports others too."""
+
+Row = tuple[str, str]
+
+
+def result_box(results: Results) -> Facts:
+    """What was found, in lines of a term and a sentence; what asks for attention is marked."""
+    rows = [*_found(results), *((ATTENTION, text) for text in concerns(results))]
+    rows.append(("Runs", _counted(results)))
+    return Facts(tuple(rows), frozenset({ATTENTION}))
+
+
+def summary(results: Results) -> list[str]:
+    """The same as plain sentences."""
+    return [_counted(results), *concerns(results), *(text for _, text in _found(results))]
+
+
+def _counted(results: Results) -> str:
+    runs = sum(len(result.runs) for result in results.points)
+    return f"{_count(runs, 'run')} of {_count(len(results.points), 'point')}."
+
+
+def _found(results: Results) -> list[Row]:
+    rows = [*_flow_rates(results)]
+    tested = numerics_summed_up(results.numerical)
+    swept = [one for one in found_against(results) if not (tested and one.key.startswith(NUMERICS))]
+    rows += [(_term(one.key), text) for one in swept for text in changes(one)]
+    rows += _fits(results)
+    if results.comparisons:
+        rows.append((results.source, agreement(results.comparisons, results.source)))
+    if results.judged:
+        rows.append((results.source, summed_up(results.judged, results.source)))
+    if tested:
+        rows.append(("Numerics", tested))
+    return rows
+
+
+def _term(key: str) -> str:
+    name = display.spoken(key)
+    return name[:1].upper() + name[1:]
+
+
+def _flow_rates(results: Results) -> list[Row]:
+    """The smallest and the largest flow rate with what was set there, and how well they are known."""
+    rows: list[Row] = []
+    for quantity, called in ((FLOW_RATE, "Flow rate"), (PACKING_FRACTION, "Packing fraction")):
+        known = sorted(
+            (result for result in results.points if quantity in result.pooled),
+            key=lambda result: result.pooled[quantity].value,
+        )
+        if known:
+            rows.append((called, _range(known, quantity)))
+    asked = results.study.accuracy.flow_rate
+    if asked is not None and results.points and all(result.precise for result in results.points):
+        said = f"The flow rate of every point is known to the asked {100 * asked:g} % (95 % interval)."
+        rows.append(("Accuracy", said))
+    return rows
+
+
+def _range(known: Sequence[PointResult], quantity: str) -> str:
+    shown, ends = display.quantity(quantity), [known[0], known[-1]] if len(known) > 1 else [known[0]]
+    told = []
+    for result in ends:
+        pooled = result.pooled[quantity]
+        value = f"{display.with_error(pooled.value, pooled.error, shown.scale)} {shown.unit}".rstrip()
+        told.append(f"{value} ({result.label})" if result.label else value)
+    if len(told) > 1 and known[0].pooled[quantity].value == known[-1].pooled[quantity].value:
+        told = [f"{told[0].partition(' (')[0]} at all points"]
+    sure = [result.pooled[quantity].relative for result in known]
+    finite = sorted(one for one in sure if math.isfinite(one))
+    if not finite:
+        wide = "one run each: errors are not known"
+    else:
+        widths = dict.fromkeys(display.percentage(one) for one in (finite[0], finite[-1]))
+        wide = f"95 % intervals of {' to '.join(widths)}"
+        wide += "" if len(finite) == len(sure) else f"; none at {_count(len(sure) - len(finite), 'point')} of one run"
+    return f"{shown.name} = {' to '.join(told)}; {wide}."
+
+
+def _fits(results: Results) -> list[Row]:
+    """Parameters of each law with intervals, and which law the data prefer."""
+    rows: list[Row] = []
+    fitted = [one for one in results.series if one.fits]
+    for law in dict.fromkeys(law for one in fitted for law in one.fits):
+        mine = [one for one in fitted if law in one.fits]
+        rows.append((law.replace("_", " ").capitalize(), _parameters(law, mine)))
+    verdicts = {one.label: one.verdict for one in fitted if one.verdict}
+    if len(set(verdicts.values())) == 1:
+        rows.append(("Law", next(iter(verdicts.values()))))
+    elif verdicts:
+        rows.append(("Law", " ".join(f"{label}: {text}" for label, text in verdicts.items())))
+    return rows
+
+
+def _parameters(law: str, series: Sequence[Series]) -> str:
+    names = list(dict.fromkeys(name for one in series for name in one.fits[law].parameters))
+    names = [name for name in names if name in _LEADING.get(law, names)]
+    if len(series) <= _APART:
+        told = [_of_series(law, names, one, len(series) > 1) for one in series]
+        return f"{'; '.join(told)}."
+    parts = []
+    for name in names:
+        shown = display.quantity(f"{law}.{name}")
+        found = sorted((one.fits[law].parameters[name] for one in series if name in one.fits[law].parameters),
+                       key=lambda parameter: parameter.value)  # fmt: skip
+        ends = [display.with_error(one.value, one.error, shown.scale) for one in (found[0], found[-1])]
+        parts.append(f"{shown.name} = {ends[0]} to {ends[1]} {shown.unit}".rstrip())
+    missed = [one for one in series if _misses(one.fits[law])]
+    more = f"; misses the points of {len(missed)} of {len(series)} series by more than their errors" if missed else ""
+    return f"{', '.join(parts)} ({len(series)} series){more}."
+
+
+def _of_series(law: str, names: Sequence[str], series: Series, labelled: bool) -> str:
+    fit = series.fits[law]
+    parts = []
+    for name in names:
+        if name in fit.parameters:
+            shown = display.quantity(f"{law}.{name}", fit.parameters[name].unit)
+            _, value, _ = parameter_row(f"{law}.{name}", fit.parameters[name])
+            known = f"= {value} {shown.unit}".rstrip() if value != NOT_DETERMINED else value
+            parts.append(f"{shown.name} {known}")
+    text = ", ".join(parts)
+    if _misses(fit):
+        text += " (misses the points by more than their errors)"
+    return f"{series.label}: {text}" if labelled and series.label else text
+
+
+def _misses(fit: FitResult) -> bool:
+    """Whether the points lie farther from the law than their errors let expect, at the 5 % level."""
+    return fit.p_value < 0.05
+
+
+def concerns(results: Results) -> list[str]:
+    """What a reader must know before quoting a number, in plain sentences; nothing if all is as asked."""
+    study, points, sentences = results.study, results.points, []
+    if results.missing:
+        extra = redundant(study.points)
+        names = [display.label(point.at, extra) for point in results.missing]
+        sentences.append(f"Not finished yet: {_listed(names)}.")
+    partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in points if one.partial]
+    if partial:
+        sentences.append(f"Runs are lacking at {_listed(partial)}: the first to end are no fair sample.")
+    if results.unreadable:
+        sentences.append(f"{_count(len(results.unreadable), 'run')} could not be read: {results.unreadable[0]}.")
+    for how in ("clogged", "diverged"):
+        ended = [(one, one.outcomes[how]) for one in points if one.outcomes[how]]
+        if ended:
+            places = [f"{one.label or 'the only point'} ({n} of {len(one.runs)})" for one, n in ended]
+            sentences.append(f"{_count(sum(n for _, n in ended), 'run')} {how}: {_listed(places)}.")
+    sentences += _imprecise(results)
+    measured = [run.measured for result in points for run in result.runs]
+    packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
+    if unknown := [one for one in packings if math.isnan(one.value)]:
+        sentences.append(f"No packing fraction of {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
+    if trending := _labels(points, lambda one: one.trending):
+        sentences.append(f"No plateau of W within the window (trending): {_listed(trending)}.")
+    if cut := _labels(points, lambda one: bool(one.notes[CUT_SHORT])):
+        sentences.append(
+            f"The bed fell to stop.fill_height before the window ended (window.end, {study.window.end:g}) at "
+            f"{'; '.join(cut)}, so that W is a mean over less than the window: lower one of them in {study.path.name}."
+        )
+    return sentences
+
+
+def _imprecise(results: Results) -> list[str]:
+    if results.study.accuracy.flow_rate is None or not results.points:
+        return []
+    asked = f"{100 * results.study.accuracy.flow_rate:g} %"
+    if short := _labels(results.points, lambda one: one.precise is False):
+        return [f"The asked error of {asked} on the flow rate is not met at {'; '.join(short)}."]
+    return []
+
+
+def _labels(points: Sequence[PointResult], wanted: Callable[[PointResult], bool]) -> list[str]:
+    return [one.label or "the only point" for one in points if wanted(one)]
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return "; ".join(names[:_NAMED]) + more
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -1,0 +1,164 @@
+"""What was simulated, as a page lists it: grains, contact law, container, what is the same at all points, the sweep."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import date, datetime
+from functools import lru_cache
+from typing import Any
+
+from labbook.report.blocks import Facts
+from labbook.results import display
+from labbook.results.display import Shown
+from labbook.results.study import Results
+from labbook.study import Point
+from labbook.study.keys import find
+
+_UNITS = {
+    "m": Shown("", "mm", 1e3),
+    "rad": Shown("", "deg", display.KEYS["container.angle"].scale),
+    "kg/m^3": Shown("", "kg/m³"),
+    "m/s^2": Shown("", "m/s²"),
+}
+"""How quantities of an SI unit are shown that have no entry of their own."""
+_PARTS = {"grains": "Grains", "contact": "Contact", "container": "Container", "walls": "Walls", "fill": "Filling"}
+_FIRST = {"grains": "shape", "contact": "law", "container": "kind", "fill": "kind"}
+_HIDDEN = {"container.closed"}
+_VALUES = 8
+"""Values of a swept key that are listed one by one."""
+
+
+def setting(results: Results, today: date) -> Facts:
+    """Rows of a term and what there is to say of it. today: the date of the report."""
+    points = results.study.points
+    rows = [(term, text) for part, term in _PARTS.items() if (text := _common(points, part))]
+    rows.append(("Gravity", _one(points, "gravity")))
+    rows.append(("Time step", _range(points, "numerics.dt")))
+    rows += [("Swept", text) for text in _swept(points)]
+    rows += [("Measured", _measured(results)), ("Replicates", _replicates(results))]
+    rows += [("Backend", text) for text in _backend(results)]
+    rows.append(("Dates", _dates(results, today)))
+    return Facts(tuple((term, text) for term, text in rows if text))
+
+
+def _common(points: Sequence[Point], part: str) -> str:
+    """All of a part of the scene that is the same at every point."""
+    values = [dict(_leaves(_plain(point, part), part)) for point in points]
+    same = {name: value for name, value in values[0].items() if all(one.get(name) == value for one in values)}
+    swept = {name for point in points for name in point.at}
+    first = f"{part}.{_FIRST.get(part, '')}"
+    told = [str(same[first])] if first in same else []
+    for name, value in same.items():
+        if name not in swept and name != first and name not in _HIDDEN and value is not None:
+            told.append(_setting(name, value))
+    return ", ".join(told)
+
+
+def _plain(point: Point, part: str) -> Any:
+    if part == "fill":
+        return point.fill.model_dump(mode="json")
+    return point.scene.model_dump(mode="json").get(part)
+
+
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, float | str | bool | None]]:
+    """Every single value within, by its dotted key; entries of a list by their name or number."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{name}.{key}")
+    elif isinstance(value, list):
+        for place, inner in enumerate(value):
+            own = inner.get("name", place) if isinstance(inner, Mapping) else place
+            yield from _leaves(inner, f"{name}.{own}")
+    else:
+        yield name, value
+
+
+def _setting(name: str, value: float | str | bool) -> str:
+    if isinstance(value, bool):
+        return f"{_called(name)}: {'yes' if value else 'no'}"
+    if isinstance(value, str):
+        return f"{_called(name)} {value}"
+    shown = _shown(name)
+    return f"{shown.name} {value * shown.scale:.6g} {shown.unit}".rstrip()
+
+
+@lru_cache(maxsize=512)
+def _shown(name: str) -> Shown:
+    """How a key is shown: as everywhere, else by the unit that studies write it in."""
+    if name in display.KEYS:
+        return display.KEYS[name]
+    unit = next((key.unit for key in find(name) if key.unit), "")
+    of_unit = _UNITS.get(unit, Shown("", unit))
+    return Shown(_called(name), of_unit.unit, of_unit.scale)
+
+
+def _called(name: str) -> str:
+    """The part of a dotted key that tells it from others of its room: `restitution`, `front friction`."""
+    parts = name.split(".")
+    return " ".join(parts[1:] or parts).replace("_", " ")
+
+
+def _one(points: Sequence[Point], name: str) -> str:
+    """The value of a key, if it is not swept."""
+    if any(name in point.at for point in points):
+        return ""
+    return _range(points, name)
+
+
+def _range(points: Sequence[Point], name: str) -> str:
+    """The value of a key of numbers, or its ends where points differ."""
+    values = [value for point in points if isinstance(value := point.value(name), float)]
+    if not values:
+        return ""
+    shown = _shown(name)
+    ends = dict.fromkeys(f"{value * shown.scale:.4g}" for value in (min(values), max(values)))
+    return f"{' to '.join(ends)} {shown.unit}".rstrip()
+
+
+def _swept(points: Sequence[Point]) -> Iterator[str]:
+    for name in dict.fromkeys(name for point in points for name in point.at):
+        values = list(dict.fromkeys(point.at[name] for point in points if name in point.at))
+        shown = _shown(name) if not any(isinstance(value, str) for value in values) else display.key(name)
+        listed = [value if isinstance(value, str) else f"{value * shown.scale:.6g}" for value in values]
+        if len(values) > _VALUES:
+            numbers = [value for value in values if isinstance(value, float)]
+            ends = (min(numbers), max(numbers)) if len(numbers) == len(values) else (values[0], values[-1])
+            listed = [f"{display.amount(name, ends[0])} to {display.amount(name, ends[1])}"]
+            listed[0] += f" ({len(values)} values)"
+        yield f"{display.key(name).name} = {', '.join(listed)} {shown.unit}".rstrip()
+
+
+def _measured(results: Results) -> str:
+    study = results.study
+    window = f"in the window from {study.window.start:.3g} to {study.window.end:.3g} of the mass discharged"
+    fits = f"; fitted: {', '.join(study.fit)}" if study.fit else ""
+    return f"{', '.join(study.measure)}, {window}{fits}".replace("_", " ")
+
+
+def _replicates(results: Results) -> str:
+    runs = [len(result.runs) for result in results.points]
+    if not runs:
+        return ""
+    each = " to ".join(dict.fromkeys(str(n) for n in (min(runs), max(runs))))
+    return f"{sum(runs)} runs of {len(results.points)} points, {each} at each; asked: {results.study.replicates}"
+
+
+def _backend(results: Results) -> Iterator[str]:
+    """Each backend that made runs, with version, precision and device, and how many runs."""
+    made: Counter[str] = Counter()
+    for run in (run for result in results.points for run in result.runs):
+        facts = run.provenance
+        version = facts.get("cache_version")
+        parts = [str(facts.get("backend", "not known")) + (f" (version {version})" if version is not None else "")]
+        parts += [str(facts[name]) for name in ("precision", "device") if facts.get(name)]
+        made[", ".join(parts)] += 1
+    yield "; ".join(made if len(made) == 1 else (f"{text}: {n} runs" for text, n in made.items()))
+
+
+def _dates(results: Results, today: date) -> str:
+    report = f"report of {_day(today)}"
+    ended = [run.ended for result in results.points for run in result.runs]
+    return f"newest run of {_day(datetime.fromisoformat(max(ended)).date())}, {report}" if ended else report
+
+
+def _day(when: date) -> str:
+    return f"{when.day} {when:%B %Y}"

@@ -1,0 +1,169 @@
+"""What changing a parameter does to the flow rate: points that differ in one swept key, each over the first.
+
+Runs of equal seed often start from the same packing, for points that differ only in what happens after the opening.
+What the packing does to both flow rates then divides out of their ratio, which is known better than each of them. Only
+runs that did start from one packing are paired; all others are independent (Welch).
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from labbook.results import display
+from labbook.results.points import FLOW_RATE, ORIFICE, PointResult, by_seed
+from labbook.stats import Pooled
+from labbook.stats.ratio import independent_ratio, paired_ratio
+
+Value = float | str
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A point at a value of the swept key. `ratio`: its quantity over that of the first point of its line, with a 95 %
+    interval; None of the first itself, and where one of them has none. `pairs`: how many runs of each that share a
+    packing the ratio rests on; 0: the runs are independent."""
+
+    result: PointResult
+    value: Value
+    ratio: Pooled | None = None
+    pairs: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Points that differ in the key only. `at`: what they have in common; `places`: numbers ascending, words as the
+    study lists them; `first`: the place that the others are compared with, None where no point has the quantity."""
+
+    at: Mapping[str, Value]
+    places: tuple[Place, ...]
+    first: Place | None
+
+    @property
+    def label(self) -> str:
+        """What the points have in common; empty if nothing else was swept."""
+        return display.label(self.at)
+
+    @property
+    def largest(self) -> Place | None:
+        """Where the quantity differs most from that of the first; None without any ratio."""
+        known = [place for place in self.places if place.ratio is not None]
+        return max(known, key=lambda place: abs(place.ratio.value - 1) if place.ratio else 0.0, default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class Against:
+    """A quantity against one swept key. `lines`: one for each combination of the other keys that was run at two values
+    or more; `along`: other keys whose values follow from this one's and change with it; `unset`: points at which the
+    key has no value."""
+
+    key: str
+    quantity: str
+    lines: tuple[Line, ...]
+    along: tuple[str, ...] = ()
+    unset: tuple[PointResult, ...] = ()
+
+    @property
+    def words(self) -> bool:
+        """Whether the key takes words."""
+        return any(isinstance(place.value, str) for line in self.lines for place in line.places)
+
+    @property
+    def values(self) -> tuple[Value, ...]:
+        """All values of the key: numbers ascending, words as the study lists them."""
+        return _ordered([place for line in self.lines for place in line.places], self.words)
+
+
+def against(
+    points: Sequence[PointResult], quantity: str = FLOW_RATE, over: Mapping[str, Value] | None = None
+) -> tuple[Against, ...]:
+    """One Against for every swept key but the orifice that takes two values or more, in the study's order.
+
+    Ratios are to the value in `over` of each key; without one to the value that the study lists first. A line that has
+    no such point, or none with the quantity, is compared with the first of its points that has it.
+    """
+    keys = dict.fromkeys(name for result in points for name in result.at if name != ORIFICE)
+    found = (_of_key(key, points, quantity, (over or {}).get(key)) for key in keys)
+    return tuple(one for one in found if len(one.values) > 1)
+
+
+def rows(found: Sequence[Against]) -> Iterator[dict[str, Any]]:
+    """Every ratio as a row of plain values, in SI: what a data frame is made of."""
+    for one in found:
+        for line in one.lines:
+            for place in line.places:
+                if place.ratio is None or line.first is None:
+                    continue
+                numbers = {name: getattr(place.ratio, name) for name in ("value", "error", "low", "high", "confidence")}
+                head = {"point": place.result.point.index + 1, **place.result.point.at, "key": one.key}
+                ratio = {"quantity": one.quantity, "over": line.first.value, "ratio": numbers.pop("value"), **numbers}
+                yield {**head, **ratio, "pairs": place.pairs}
+
+
+def _of_key(key: str, points: Sequence[PointResult], quantity: str, over: Value | None) -> Against:
+    valued = [(result, result.at.get(key, result.point.value(key))) for result in points]
+    places = [Place(result, value) for result, value in valued if value is not None]
+    unset = tuple(result for result, value in valued if value is None)
+    others = [name for name in dict.fromkeys(name for result in points for name in result.at) if name != key]
+    along: tuple[str, ...] = ()
+    groups = _groups(places, others)
+    if all(len({place.value for place in group}) < 2 for group in groups.values()):  # nothing varies alone
+        along = tuple(name for name in others if _follows(name, places))
+        groups = _groups(places, [name for name in others if name not in along])
+    if any(len({place.value for place in group}) > 1 for group in groups.values()):  # one value says nothing of the key
+        groups = {at: group for at, group in groups.items() if len({place.value for place in group}) > 1}
+    words = any(isinstance(place.value, str) for place in places)
+    start = over if over is not None else places[0].value if places else None
+    lines = tuple(_line(dict(at), group, quantity, start, words) for at, group in groups.items())
+    return Against(key, quantity, lines, along, unset)
+
+
+def _groups(places: Sequence[Place], others: Sequence[str]) -> dict[tuple[tuple[str, Value], ...], list[Place]]:
+    groups: dict[tuple[tuple[str, Value], ...], list[Place]] = {}
+    for place in places:
+        at = place.result.at
+        groups.setdefault(tuple((name, at[name]) for name in others if name in at), []).append(place)
+    return groups
+
+
+def _follows(name: str, places: Sequence[Place]) -> bool:
+    """Whether the value of another key is known as soon as that of this one is."""
+    values: dict[Value, set[Value | None]] = {}
+    for place in places:
+        values.setdefault(place.value, set()).add(place.result.at.get(name))
+    return all(len(known) == 1 for known in values.values())
+
+
+def _line(at: Mapping[str, Value], group: Sequence[Place], quantity: str, start: Value | None, words: bool) -> Line:
+    able = [place for place in group if place.result.pooled.get(quantity) is not None]
+    first = next((place for place in able if place.value == start), able[0] if able else None)
+    if first is not None and first.result.pooled[quantity].value == 0:
+        first = None  # nothing can be divided by it
+    order = _ordered(group, words)
+    ranked = sorted(group, key=lambda place: order.index(place.value))
+    return Line(at, tuple(place if place is first else _over(place, first, quantity) for place in ranked), first)
+
+
+def _over(place: Place, first: Place | None, quantity: str) -> Place:
+    if first is None or place.result.pooled.get(quantity) is None:
+        return place
+    above, below = by_seed(place.result, quantity), by_seed(first.result, quantity)
+    shared = _shared(place.result, first.result, sorted(above.keys() & below.keys()))
+    # two pairs among many runs that have none would leave most of what is known unused
+    if len(shared) > 1 and 2 * len(shared) >= min(len(above), len(below)):
+        ratio = paired_ratio([above[s] for s in shared], [below[s] for s in shared])
+        return Place(place.result, place.value, ratio, len(shared))
+    return Place(place.result, place.value, independent_ratio(list(above.values()), list(below.values())))
+
+
+def _shared(one: PointResult, other: PointResult, seeds: Sequence[int]) -> list[int]:
+    """Seeds whose runs at both points started from the same packing."""
+    packings = [{run.seed: run.packing_key for run in result.runs} for result in (one, other)]
+    return [seed for seed in seeds if packings[0][seed] == packings[1][seed]]
+
+
+def _ordered(places: Sequence[Place], words: bool) -> tuple[Value, ...]:
+    distinct = dict.fromkeys(place.value for place in sorted(places, key=lambda place: place.result.point.index))
+    if words:
+        return tuple(distinct)
+    return tuple(sorted(distinct, key=lambda value: value if isinstance(value, float | int) else math.inf))
