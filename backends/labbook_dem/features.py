@@ -27,12 +27,11 @@ def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[
     surfaces = [scene.surface_between(a, b) for a in sorts for b in sorts]
     surfaces += [scene.surface(wall, sort) for wall in walls for sort in sorts]
     kinds = {wall.shape.kind for wall in walls}
-    frictions = [s.friction or 0.0 for s in surfaces]
     rolling = any(s.rolling_friction for s in surfaces)
     return {
         "law": scene.contact.law,
         "precision": numerics.precision,
-        "FRICTION": any(frictions) or rolling,
+        "FRICTION": rolling or any(s.friction for s in surfaces),
         "ROLLING": rolling,
         "VARIED": scene.grains.varied,
         "KINDS": len(scene.grains.parts),

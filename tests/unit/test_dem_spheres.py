@@ -89,7 +89,8 @@ def test_the_contact_lies_where_the_surfaces_meet():
     wi, wj = vec3(0.0, 0.0, spin), vec3(0.0, 0.0, -spin * li / lj)
     away = vec3(r, 0.0, 0.0)
     gap = (ri + rj) ** 2 - r**2
-    free = hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), Surface(friction=0.5))
+    elastic = Surface(friction=0.5, rolling_friction=0.0, restitution=1.0)
+    free = hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), elastic)
     arguments = (free, ri, rj, 1e-5, 1e-4, away, gap, zero, zero)
     _, _, _, kept, _ = spheres.sphere_on_sphere(*arguments, wi, wj, zero, DT, 1.0, 1.0)
     assert np.abs(array(kept)).max() < 1e-12 * spin * li * DT
