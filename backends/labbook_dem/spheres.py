@@ -4,8 +4,8 @@ Every expression is odd or even under an exchange of the two spheres, term by te
 contact twice, once for each sphere, gets opposite forces to the last bit.
 """
 
+from labbook_dem.chosen import normal, respond
 from labbook_dem.contact import rolling, slip, trial
-from labbook_dem.laws.hertz_mindlin import normal, respond
 from labbook_dem.words import FRICTION, ROLLING, TWIST, VARIED, coefs, cross, dot, func, real, sqrt, vec3
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from labbook_dem import rods, spheres
+from labbook_dem.chosen import choose
 from labbook_dem.laws import hertz_mindlin, linear
 from labbook_dem.segments import closest
 from labbook_dem.words import vec3
@@ -13,6 +14,12 @@ R, M, HALF = 3e-3, 3e-4, 7e-3
 SURFACE = Surface(friction=0.5, rolling_friction=0.01, restitution=0.2)
 C = hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), SURFACE)
 RATE, DT = 1e-4, 1e-6
+
+
+@pytest.fixture(autouse=True)
+def hertz_mindlin_law():
+    with choose("hertz-mindlin"):
+        yield
 
 
 def array(v: vec3) -> np.ndarray:
@@ -103,14 +110,11 @@ def test_at_a_wall_the_contact_moves_as_the_rod_s_surface_does(seed):
 
 
 RUBBING = Surface(friction=0.5, rolling_friction=0.01, restitution=0.9)
-LAWS = {
-    "linear": (linear, linear.coefficients(LinearSpringDashpot(normal_stiffness=200.0), RUBBING)),
+COEFFICIENTS = {
+    "linear": linear.coefficients(LinearSpringDashpot(normal_stiffness=200.0), RUBBING),
     # without the tangential dashpot, which ends with infinite slope as the spring reaches its limit
-    "hertz-mindlin": (
-        hertz_mindlin,
-        hertz_mindlin.coefficients(
-            HertzMindlin(shear_modulus=1e10, poisson_ratio=0.25, tangential_damping=0.0), RUBBING
-        ),
+    "hertz-mindlin": hertz_mindlin.coefficients(
+        HertzMindlin(shear_modulus=1e10, poisson_ratio=0.25, tangential_damping=0.0), RUBBING
     ),
 }
 RATE_OF_TURN, LASTS = 0.02, 2e-4
@@ -137,15 +141,14 @@ def through_parallel(c, velocity, n: int) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", COEFFICIENTS)
 @pytest.mark.parametrize(
     ("velocity", "slides"), [((0.0, 0.0, 0.0), False), ((1.5e-4, 1e-4, 0.0), True), ((4e-4, -2e-4, 0.0), True)]
 )
-def test_force_torques_and_spring_stay_continuous_as_rods_turn_through_parallel(law, velocity, slides, monkeypatch):
+def test_force_torques_and_spring_stay_continuous_as_rods_turn_through_parallel(law, velocity, slides):
     """What changes from one time to the next falls with the time between them: by 10 where that does."""
-    module, c = LAWS[law]
-    monkeypatch.setattr(spheres, "respond", module.respond)
-    coarse, fine = (through_parallel(c, velocity, n) for n in (401, 4001))
+    with choose(law):
+        coarse, fine = (through_parallel(COEFFICIENTS[law], velocity, n) for n in (401, 4001))
     force, torques = fine[:, 0], fine[:, 1:3, 1]
     # the contact runs from end to end, and takes both torques along
     assert np.all(np.ptp(torques, axis=0) > 0.5 * HALF * np.abs(force[:, 2]).max())

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from labbook_dem import spheres
+from labbook_dem.chosen import choose
 from labbook_dem.laws import hertz_mindlin
 from labbook_dem.words import dot, vec3
 
@@ -14,6 +15,12 @@ LAW = hertz_mindlin.coefficients(
     HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), Surface(friction=0.5, rolling_friction=0.05, restitution=0.5)
 )
 DT = 1e-6
+
+
+@pytest.fixture(autouse=True)
+def hertz_mindlin_law():
+    with choose("hertz-mindlin"):
+        yield
 
 
 def some(seed: int):
