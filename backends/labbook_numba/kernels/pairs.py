@@ -49,13 +49,13 @@ def pair_law(b, count, coefficients, radius, mass, inertia, dt):
 @kernel
 def pair_forces(st: State, p: Params):
     """Add the forces of grains on grains to f and t; note touching pairs, the largest overlap, and whose it is."""
-    part = st.part
+    domain = st.domain
     st.sums[MAX_OVERLAP] = wide(0.0)
     if LEDGER:
         st.count[TOUCHING] = 0
-    # rows are first of all second in their pairs, and those that stand before this part come first
-    listed_forces(st, p, st.borrowed_i, st.borrowed_j, st.borrowed_held, st.borrowed_spring, int64(0), part[BORROWED])
-    listed_forces(st, p, st.pair_i, st.pair_j, st.held, st.spring, part[FIRST_PAIR], part[LAST_PAIR])
+    # rows are first of all second in their pairs, and those that stand before this domain come first
+    listed_forces(st, p, st.borrowed_i, st.borrowed_j, st.borrowed_held, st.borrowed_spring, int64(0), domain[BORROWED])
+    listed_forces(st, p, st.pair_i, st.pair_j, st.held, st.spring, domain[FIRST_PAIR], domain[LAST_PAIR])
 
 
 @kernel

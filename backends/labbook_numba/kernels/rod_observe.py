@@ -60,9 +60,9 @@ def contact_rows(st: State, p: Params, out):
 
 
 @entry
-def whole_step(grains, loads, body, part, p: Params, v, w):
-    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
+def whole_step(grains, loads, body, later, p: Params, v, w):
+    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `later` [s] later by `loads`."""
     for i in range(len(v)):
-        store(v, i, 0, load(grains, i, V) + load(loads, i, F) * (part / p.mass))
-        m = load(grains, i, M) + load(loads, i, T) * (part / p.inertia)
+        store(v, i, 0, load(grains, i, V) + load(loads, i, F) * (later / p.mass))
+        m = load(grains, i, M) + load(loads, i, T) * (later / p.inertia)
         store(w, i, 0, spin(m, load(grains, i, A), p.slender))

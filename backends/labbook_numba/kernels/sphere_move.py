@@ -23,7 +23,7 @@ def contact_work(st: State, p: Params, kick_dt):
     g = st.grains
     loads = st.loads
     work = wide(0.0)
-    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
+    for i in range(uint64(st.domain[FIRST]), uint64(st.domain[LAST])):
         mass = mass_of(st.body, i, p.mass)
         inertia = inertia_of(st.body, i, p.inertia)
         for c in range(3):

@@ -72,9 +72,9 @@ def rate_of(body, i, p):
 
 
 @entry
-def whole_step(grains, loads, body, part, p: Params, v, w):
-    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
+def whole_step(grains, loads, body, later, p: Params, v, w):
+    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `later` [s] later by `loads`."""
     for i in range(len(v)):
         for c in range(3):
-            v[i, c] = grains[i, V + c] + loads[i, F + c] * (part / mass_of(body, i, p.mass))
-            w[i, c] = grains[i, W + c] + loads[i, T + c] * (part / inertia_of(body, i, p.inertia))
+            v[i, c] = grains[i, V + c] + loads[i, F + c] * (later / mass_of(body, i, p.mass))
+            w[i, c] = grains[i, W + c] + loads[i, T + c] * (later / inertia_of(body, i, p.inertia))

@@ -137,8 +137,8 @@ def wall_forces(st: State, p: Params):
         spin = real(p.wall_motion[w, 3])
         start = st.wall_first[w]
         end = st.wall_first[w + uint64(1)]
-        start = first_at_least(st.wall_grain, start, end, st.part[FIRST])
-        last = uint64(first_at_least(st.wall_grain, start, end, st.part[LAST]))
+        start = first_at_least(st.wall_grain, start, end, st.domain[FIRST])
+        last = uint64(first_at_least(st.wall_grain, start, end, st.domain[LAST]))
         for k in range(uint64(start), last, BLOCK):
             near = min(last - k, BLOCK)
             measure_walls(
