@@ -41,7 +41,7 @@ RANGES = {
     "mj": (1e-5, 4e-5),
     "rate_i": (0.0, 1.0),
     "rate_j": (0.0, 1.0),
-    "gap": (1e-9, 1e-7),
+    "overlap2": (1e-9, 1e-7),
 }
 SPREAD = {"s": 3e-6, "vt": 0.1, "away": 2e-3, "lever_i": 3e-3, "lever_j": 3e-3, "lever": 3e-3}
 UNITS = ("n", "normal", "along", "a", "b")

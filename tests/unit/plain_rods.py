@@ -75,11 +75,11 @@ class PlainRods:
         for i in range(n):
             for j in range(i + 1, n):
                 s, at, away = segments.closest(vec3(*(self.x[i] - self.x[j])), vec3(*a[i]), vec3(*a[j]), half)
-                gap = 4 * r * r - float(array(away) @ array(away))
-                if gap > 0:
+                overlap2 = 4 * r * r - float(array(away) @ array(away))
+                if overlap2 > 0:
                     last, advance = self.spring((i, j))
                     force, on_i, on_j, kept[i, j], _ = rods.rod_on_rod(
-                        self.c, r, grains.mass, away, gap, vec3(*(s * a[i])), vec3(*(at * a[j])),
+                        self.c, r, grains.mass, away, overlap2, vec3(*(s * a[i])), vec3(*(at * a[j])),
                         vec3(*(self.u[i] - self.u[j])), vec3(*(self.v[i] - self.v[j])), vec3(*soon[i]), vec3(*soon[j]),
                         vec3(*spin[i]), vec3(*spin[j]), last, advance, self.rate,
                     )  # fmt: skip

@@ -30,10 +30,10 @@ def contact_rows(st: State, p: Params, out):
         a = load(g, i, A)
         b = load(g, j, A)
         s, t, away = closest(branch, a, b, p.half)
-        gap = diameter * diameter - dot(away, away)
-        if gap > wide(0.0):
+        overlap2 = diameter * diameter - dot(away, away)
+        if overlap2 > wide(0.0):
             force, _, _, _, _ = rod_on_rod(
-                reals(p.c), real(p.radius), real(p.mass), narrow(away), real(gap), narrow(a * s), narrow(b * t),
+                reals(p.c), real(p.radius), real(p.mass), narrow(away), real(overlap2), narrow(a * s), narrow(b * t),
                 narrow(load(g, i, U) - load(g, j, U)), narrow(load(g, i, V) - load(g, j, V)),
                 narrow(load(g, i, P)), narrow(load(g, j, P)), narrow(load(g, i, W)), narrow(load(g, j, W)),
                 spring_of(st.spring, st.held, k), advance_of(st.held, k, dt), rate,

@@ -37,14 +37,14 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
     mine, yours = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))
     branch = (g.x + g.axis * wide(mine)) - (there.x + there.axis * wide(yours))
-    gap = m.reach2 - dot(branch, branch)
-    c.touches = gap > wide(0.0)
+    overlap2 = m.reach2 - dot(branch, branch)
+    c.touches = overlap2 > wide(0.0)
     if c.touches:
         if not held:
             v, w, u, y = motion(p, j, there)
         b = narrow(there.axis)
         f, t, _t, kept, delta = rod_on_rod(
-            m.c, m.radius, m.mass, narrow(branch), rounded(gap), narrow(g.axis) * mine, b * yours,
+            m.c, m.radius, m.mass, narrow(branch), rounded(overlap2), narrow(g.axis) * mine, b * yours,
             g.u - u, g.v - v, g.soon, y, g.spin, w, last, advance, m.inertia_rate,
         )  # fmt: skip
         c.overlap = delta
