@@ -1,10 +1,10 @@
-"""Moving grains by one step; how they turn is in `sphere_move` and `rod_move`."""
+"""Moving grains by one step; how they turn is in `spheres` and `rods`."""
 
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import VARIED, wide
 
 from labbook_numba.kernels.features import FIRST, GRAIN, LAST, LOAD, OUTLET, F, T, U, V, X, kernel, uint64
-from labbook_numba.kernels.sphere_move import turn_grain
+from labbook_numba.kernels.spheres import turn_grain
 from labbook_numba.lanes import put_row, row_at
 from labbook_numba.state import Params, State
 

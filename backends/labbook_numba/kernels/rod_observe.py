@@ -9,8 +9,8 @@ from labbook_dem.words import dot, narrow, real, wide
 from labbook_numba.kernels.blocks import reals
 from labbook_numba.kernels.bodies import rolling_inertia
 from labbook_numba.kernels.features import ANY_WALLS, PAIRS, WALL_PARTS, A, F, M, P, T, U, V, W, X, entry
-from labbook_numba.kernels.rod_move import store
 from labbook_numba.kernels.rod_walls import heritage, measure_rod, wall_contact
+from labbook_numba.kernels.rods import store
 from labbook_numba.kernels.single import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 

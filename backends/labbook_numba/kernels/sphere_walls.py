@@ -45,7 +45,6 @@ from labbook_numba.kernels.features import (
     uint64,
 )
 from labbook_numba.kernels.pack import eights_at, squeeze_entries, squeeze_vectors
-from labbook_numba.kernels.search import first_at_least
 from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
 from labbook_numba.kernels.transfer import (
     fill_up,
@@ -118,6 +117,18 @@ def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin):
             vector_at(b, VX + t), vector_at(b, AX + t), vec3(zero, zero, spin), vector_at(b, SX + t), b[DT + t], rate,
         )  # fmt: skip
         put_forces(b, t, force, torque, kept)
+
+
+@kernel
+def first_at_least(ascending, first, last, value):
+    """Where in ascending[first:last] the first number is that is not below `value`; `last` if there is none."""
+    while first < last:
+        middle = (first + last) // 2
+        if ascending[middle] < value:
+            first = middle + 1
+        else:
+            last = middle
+    return first
 
 
 @kernel

@@ -37,8 +37,8 @@ from labbook_numba.kernels.features import (
 from labbook_numba.kernels.meet import agree
 from labbook_numba.kernels.move import move
 from labbook_numba.kernels.pairs import pair_forces
-from labbook_numba.kernels.sphere_move import contact_work
 from labbook_numba.kernels.sphere_walls import wall_forces
+from labbook_numba.kernels.spheres import contact_work
 from labbook_numba.state import Params, State
 
 

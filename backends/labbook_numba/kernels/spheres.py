@@ -1,12 +1,29 @@
-"""Turning spheres by one step, and the work of contacts on them."""
+"""A sphere: when it is near another or a wall, how it turns, and the work of contacts on it; of rods see `rods`."""
 
 from labbook_dem.motion import kick
-from labbook_dem.words import func, wide
+from labbook_dem.words import VARIED, dot, func, wide
 
-from labbook_numba.kernels.bodies import inertia_of, mass_of
-from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, kernel, uint64
+from labbook_numba.kernels.bodies import inertia_of, mass_of, radius_of
+from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, X, kernel, uint64
+from labbook_numba.kernels.single import load
+from labbook_numba.kernels.surfaces import wall_distance
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
+
+
+@func
+def near_grain(grains, body, i, j, reach, half, skin):
+    """Whether two spheres are closer than their radii and a skin; `reach`: that of the largest [m]."""
+    away = load(grains, i, X) - load(grains, j, X)
+    far = body[i, 0] + body[j, 0] + skin if VARIED else reach
+    return dot(away, away) < far * far
+
+
+@func
+def near_wall(grains, body, i, shape, kind, w, radius, half, skin):
+    """Whether sphere i is closer than its radius and a skin to wall w; `radius`: of all, if they are alike."""
+    distance, _ = wall_distance(shape, kind, w, load(grains, i, X))
+    return distance < radius_of(body, i, radius) + skin
 
 
 @func
