@@ -16,26 +16,25 @@ WALL_KINDS = {
     "strip": (1, strip.parameters),
     "frustum": (2, frustum.parameters),
 }
-PARTS = {"plane": 2, "strip": 4, "frustum": 4}
-"""Contacts that a rod may have with one wall."""
+WALL_PARTS = {"plane": 2, "strip": 4, "frustum": 4}
+"""Points, its parts, at which a rod may touch one wall (`labbook_dem.parts`)."""
 FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
     """Features by name: the law, the precision, and in capitals switches and the number of kinds of grains."""
-    walls, sorts = scene.container.walls(), range(len(scene.grains.parts))
+    walls, sorts = scene.container.walls(), range(len(scene.grains.species))
     surfaces = [scene.surface_between(a, b) for a in sorts for b in sorts]
     surfaces += [scene.surface(wall, sort) for wall in walls for sort in sorts]
     kinds = {wall.shape.kind for wall in walls}
-    frictions = [s.friction or 0.0 for s in surfaces]
     rolling = any(s.rolling_friction for s in surfaces)
     return {
         "law": scene.contact.law,
         "precision": numerics.precision,
-        "FRICTION": any(frictions) or rolling,
+        "FRICTION": rolling or any(s.friction for s in surfaces),
         "ROLLING": rolling,
         "VARIED": scene.grains.varied,
-        "KINDS": len(scene.grains.parts),
+        "KINDS": len(scene.grains.species),
         "TWIST": rolling and scene.contact.rolling == "full",
         "MOVING": any(wall.motion != SurfaceMotion() for wall in walls),
         "PLANES": "plane" in kinds,
@@ -64,11 +63,6 @@ def superset(found: Mapping[str, object]) -> dict[str, object]:
 def is_rod(scene: Scene) -> bool:
     """Whether grains have an orientation."""
     return scene.grains.shape == "spherocylinder"
-
-
-def parts(scene: Scene) -> int:
-    """Contacts that a grain may have with one wall, at most."""
-    return max([1, *(PARTS[wall.shape.kind] for wall in scene.container.walls() if is_rod(scene))])
 
 
 def outlet(scene: Scene) -> float | None:
@@ -124,7 +118,7 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
 
 def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
     """Coefficients of contacts between kinds a and b in row a K + b of K kinds, shape [K^2, 8]."""
-    law, sorts = LAWS[scene.contact.law], range(len(scene.grains.parts))
+    law, sorts = LAWS[scene.contact.law], range(len(scene.grains.species))
     scale = numerics.stiffness_scale
     rows = [law.coefficients(scene.contact, scene.surface_between(a, b), scale) for a in sorts for b in sorts]
     return _table(rows, 8)
@@ -133,7 +127,7 @@ def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
 def wall_tables(scene: Scene, numerics: Numerics) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of each wall: coefficients for kind k of K in row w K + k [W K, 8], shape [W, 6], kind [W], velocity and spin of
     its surface [W, 4]."""
-    law, walls, sorts = LAWS[scene.contact.law], scene.container.walls(), range(len(scene.grains.parts))
+    law, walls, sorts = LAWS[scene.contact.law], scene.container.walls(), range(len(scene.grains.species))
     scale = numerics.stiffness_scale
     shapes = [(*WALL_KINDS[w.shape.kind][1](w.shape), 0.0)[:6] for w in walls]  # pyright: ignore[reportArgumentType]
     return (

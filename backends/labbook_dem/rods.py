@@ -11,17 +11,18 @@ from labbook_dem.words import coefs, cross, dot, func, real, sqrt, vec3
 
 @func
 def rod_on_rod(
-    c: coefs, radius: real, mass: real, away: vec3, gap: real, lever_i: vec3, lever_j: vec3, u: vec3, v: vec3,
+    c: coefs, radius: real, mass: real, away: vec3, overlap2: real, lever_i: vec3, lever_j: vec3, u: vec3, v: vec3,
     pi: vec3, pj: vec3, wi: vec3, wj: vec3, s: vec3, dt: real, inertia_rate: real,
 ):  # fmt: skip
     """Force and torque on i, torque on j, spring and overlap [m] of two equal rods.
 
-    away: branch from the closest point of j to that of i [m]; gap: diameter squared less its square [m^2]. u, v:
-    relative velocities of the centres, predicted and half a step old [m/s]; pi, pj and wi, wj: spins likewise [rad/s].
+    away: branch from the closest point of j to that of i [m]; overlap2: diameter squared less its square [m^2],
+    positive where they touch. u, v: relative velocities of the centres, predicted and half a step old [m/s]; pi, pj and
+    wi, wj: spins likewise [rad/s].
     """
     half = real(0.5)
     r = sqrt(dot(away, away))
-    delta = gap / (real(2.0) * radius + r)
+    delta = overlap2 / (real(2.0) * radius + r)
     reach = half * r
     u = u + (cross(pi, lever_i) - cross(pj, lever_j))
     v = v + (cross(wi, lever_i) - cross(wj, lever_j))

@@ -4,8 +4,8 @@ Every expression is odd or even under an exchange of the two spheres, term by te
 contact twice, once for each sphere, gets opposite forces to the last bit.
 """
 
+from labbook_dem.chosen import normal, respond
 from labbook_dem.contact import rolling, slip, trial
-from labbook_dem.laws.hertz_mindlin import normal, respond
 from labbook_dem.words import FRICTION, ROLLING, TWIST, VARIED, coefs, cross, dot, func, real, sqrt, vec3
 
 
@@ -47,19 +47,19 @@ def effective(a: real, b: real):
 
 @func
 def sphere_on_sphere(
-    c: coefs, ri: real, rj: real, mi: real, mj: real, away: vec3, gap: real, u: vec3, v: vec3, wi: vec3, wj: vec3,
+    c: coefs, ri: real, rj: real, mi: real, mj: real, away: vec3, overlap2: real, u: vec3, v: vec3, wi: vec3, wj: vec3,
     s: vec3, dt: real, rate_i: real, rate_j: real,
 ):  # fmt: skip
     """Force and torque on i, torque on j, spring and overlap [m] of two spheres of radii ri, rj and masses mi, mj.
 
-    away: branch from j to i [m]; gap: (ri + rj)^2 less its square [m^2], from which the overlap loses no digit. rate_i,
-    rate_j: `rolling_rate` of each. The contact lies in the plane through the circle in which the surfaces meet, at
-    l_i = (r^2 + ri^2 - rj^2)/(2 r) from the centre of i: at r_i - delta if j is as flat as a wall. Rolling resistance
-    acts at the smaller radius, as a wall does, and spares the smaller inertia.
+    away: branch from j to i [m]; overlap2: (ri + rj)^2 less its square [m^2], positive where they touch, from which the
+    overlap loses no digit. rate_i, rate_j: `rolling_rate` of each. The contact lies in the plane through the circle in
+    which the surfaces meet, at l_i = (r^2 + ri^2 - rj^2)/(2 r) from the centre of i: at r_i - delta if j is as flat as
+    a wall. Rolling resistance acts at the smaller radius, as a wall does, and spares the smaller inertia.
     """
     half = real(0.5)
     r = sqrt(dot(away, away))
-    delta = gap / (ri + rj + r)
+    delta = overlap2 / (ri + rj + r)
     per_r = real(1.0) / r
     lever = half * r
     lever_i = lever

@@ -1,8 +1,8 @@
 """The vocabulary that the physics is written in, as plain Python.
 
 Backends replace it: `func` marks a function to compile, `real` is the scalar of contact laws, `wide` that of positions,
-gaps and updates (`real` may be single, `wide` never is), `vec3` and `wide3` are their vectors, `rounded` turns a wide
-number into a real one and `narrow` a vector, `coefs` is a row of eight coefficients of a law. Literals are written
+overlaps and updates (`real` may be single, `wide` never is), `vec3` and `wide3` are their vectors, `rounded` turns a
+wide number into a real one and `narrow` a vector, `coefs` is a row of eight coefficients of a law. Literals are written
 `real(0.5)`. Functions choose by conditional expressions and are free of loops, but for `for _ in range(8)`, so that
 they inline and vectorise.
 """

@@ -46,8 +46,8 @@ class Backend:
         """
         from labbook_numba import compiling
         from labbook_numba.build import SWITCHES, kernels
+        from labbook_numba.domains import cores
         from labbook_numba.ensemble import Ensemble
-        from labbook_numba.parts import cores
 
         if device != "cpu":
             raise Unsupported("device", f"the backend numba runs on cpu, not on {device}")

@@ -14,7 +14,9 @@ from types import ModuleType
 
 import llvmlite
 import numba
-from labbook_dem import contact, generated, motion, parts, rods, rotation, segments, source, spheres
+from labbook_dem import contact, generated, motion, parts, rotation, segments, source
+from labbook_dem import rods as rod_physics
+from labbook_dem import spheres as sphere_physics
 from labbook_dem.describe import LAWS
 from labbook_dem.walls import frustum, plane, strip
 
@@ -29,18 +31,15 @@ from labbook_numba.kernels import (
     neighbours,
     pack,
     pairs,
-    rod_move,
-    rod_near,
     rod_observe,
     rod_pairs,
     rod_walls,
-    search,
+    rods,
     single,
-    sphere_move,
-    sphere_near,
     sphere_observe,
     sphere_pairs,
     sphere_walls,
+    spheres,
     step,
     surfaces,
     transfer,
@@ -73,7 +72,7 @@ SHARED = [
     plane,
     strip,
     frustum,
-    spheres,
+    sphere_physics,
     single,
     cells,
     surfaces,
@@ -81,10 +80,9 @@ SHARED = [
     bodies,
     transfer,
     pack,
-    search,
 ]
-OF_SPHERES = [sphere_pairs, sphere_walls, sphere_near, sphere_move, sphere_observe]
-OF_RODS = [segments, rotation, parts, rods, rod_pairs, rod_walls, rod_near, rod_move, rod_observe]
+OF_SPHERES = [sphere_pairs, sphere_walls, spheres, sphere_observe]
+OF_RODS = [segments, rotation, parts, rod_physics, rod_pairs, rod_walls, rods, rod_observe]
 OF_ALL = [pairs, near, move, neighbours, meet, step]
 
 

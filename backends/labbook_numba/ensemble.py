@@ -13,8 +13,8 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
+from labbook_numba.domains import threads_for
 from labbook_numba.member import Run
-from labbook_numba.parts import threads_for
 from labbook_numba.reading import Seen
 
 

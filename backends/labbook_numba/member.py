@@ -15,8 +15,8 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
 from labbook.scene import Bodies, Packing, Scene
 from labbook_numba import state as S
+from labbook_numba.domains import advance, in_layers
 from labbook_numba.parameters import parameters
-from labbook_numba.parts import advance, in_layers
 from labbook_numba.state import Params
 from labbook_numba.stored import check_state, kept, layout_of
 
@@ -219,8 +219,8 @@ class Run:
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
         if n:
             assert advance(self.kernels, copy, self.params, self.step) == self.kernels.DONE
-        part = 0.5 * self.params.dt if self.step > 0 else 0.0
-        self.kernels.whole_step(copy.grains, copy.loads, copy.body, part, self.params, v, w)
+        later = 0.5 * self.params.dt if self.step > 0 else 0.0
+        self.kernels.whole_step(copy.grains, copy.loads, copy.body, later, self.params, v, w)
         return v, w
 
     def contacts(self) -> np.ndarray:

@@ -44,11 +44,11 @@ class Seen:
         run = self._run
         v, w = run.whole_step()
         st, n = run.state, len(v)
-        part, work = 0.5 * run.numerics.dt if run.step > 0 else 0.0, float(st.sums[S.WORK])
+        since_half, work = 0.5 * run.numerics.dt if run.step > 0 else 0.0, float(st.sums[S.WORK])
         m_half = st.m[:n] if run.rods else st.w[:n]
         return {
             "grains": n,
-            **totals(run.scene, st.x[:n], v, run.momenta(w), st.v[:n], m_half, part, work, run.q, run.bodies()),
+            **totals(run.scene, st.x[:n], v, run.momenta(w), st.v[:n], m_half, since_half, work, run.q, run.bodies()),
             "max_overlap": float(st.sums[S.MAX_OVERLAP]),
             "touching": int(st.count[S.TOUCHING]),
             "rebuilds": int(st.count[S.REBUILDS]),

@@ -11,13 +11,13 @@ COUNTERS = 10
 # sums and clocks, in State.sums
 MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
 SUMS = 4
-# of a part, in State.part: its number, and how many there are; its rows and its pairs, from the first to behind the
+# of a domain, in State.domain: its number, and how many there are; its rows and its pairs, from the first to behind the
 # last; how many pairs it has borrowed
-NUMBER, PARTS, FIRST, LAST, FIRST_PAIR, LAST_PAIR, BORROWED = range(7)
-# what parts tell each other, columns of State.told
+NUMBER, DOMAINS, FIRST, LAST, FIRST_PAIR, LAST_PAIR, BORROWED = range(7)
+# what domains tell each other, columns of State.told
 OVERLAP, SPEED = range(2)
-TOLD = 8  # a cache line
-BROKEN = 1 << 62  # arrivals at meetings, from which on no part waits: one has failed
+CACHE_LINE = 8  # numbers in one; each domain has its own to write to
+BROKEN = 1 << 62  # arrivals at meetings, from which on no domain waits: one has failed
 BLOCK = 384  # contacts that a law works on at a time
 CELLS, SPARE_CELLS = 4, 64  # a grid has at most so many cells a grain, and so many besides
 PAD = 8  # spare places behind lists, which are read eight at a time
@@ -37,7 +37,8 @@ FAR = 1e30
 
 
 class Layout(NamedTuple):
-    """What equal and unlike spheres and rods take: lengths of rows of grains, columns of blocks, springs at a wall."""
+    """What equal and unlike spheres and rods take: lengths of rows of grains, columns of blocks and of State.near, and
+    points (the parts of a rod) at which a grain may touch one wall, each with its spring."""
 
     GRAIN: int
     BLOCK_COLUMNS: int
@@ -79,9 +80,9 @@ class State(NamedTuple):
     cross: np.ndarray
     count: np.ndarray
     sums: np.ndarray
-    # how the scene is split among threads: this thread's part; pairs borrowed from others, as above; what parts tell
-    # each other; arrivals at their meetings
-    part: np.ndarray
+    # how the scene is split among threads: this thread's domain; pairs borrowed from others, as above; what domains
+    # tell each other; arrivals at their meetings
+    domain: np.ndarray
     borrowed_i: np.ndarray
     borrowed_j: np.ndarray
     borrowed_held: np.ndarray
@@ -136,7 +137,7 @@ class State(NamedTuple):
 
 
 SCRATCH = (
-    *("part", "borrowed_i", "borrowed_j", "borrowed_held", "borrowed_spring", "told", "meetings"),
+    *("domain", "borrowed_i", "borrowed_j", "borrowed_held", "borrowed_spring", "told", "meetings"),
     *("block", "bits", "block_i", "block_j", "slot", "near", "speed2", "speed_bits"),
 )
 """Arrays that hold nothing from one beat to the next."""
@@ -215,8 +216,8 @@ def allocate(
         borrowed_j=np.zeros(PAD, np.int32),
         borrowed_held=np.zeros(PAD, np.uint8),
         borrowed_spring=np.zeros((PAD, SPRING)),
-        part=np.array([0, 1, 0, 0, 0, 0, 0]),
-        told=np.zeros((1, TOLD)),
+        domain=np.array([0, 1, 0, 0, 0, 0, 0]),
+        told=np.zeros((1, CACHE_LINE)),
         meetings=np.zeros(1, np.int64),
         **scratch(n, precision, layout),
     )

@@ -97,5 +97,5 @@ def _check_grains(arrays: Mapping[str, np.ndarray], scene: Scene) -> None:
     if "body" in arrays:
         radius, mass, inertia, kind = arrays["body"][:n].T
         sound = (radius > 0) & (radius <= scene.grains.radius) & (mass > 0) & (inertia > 0)
-        if not (sound & np.isin(kind, np.arange(len(scene.grains.parts)))).all():
+        if not (sound & np.isin(kind, np.arange(len(scene.grains.species)))).all():
             raise ValueError("body holds grains that the scene has not")

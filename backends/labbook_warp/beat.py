@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 
 from labbook_warp.arrays import Arrays, fetch
-from labbook_warp.dialect import BLOCK
-from labbook_warp.kernels.words import TOLD
+from labbook_warp.dialect import THREADS
+from labbook_warp.kernels.words import REPORTED
 
-_PARTS = 64  # threads a member that add up energies
+_ADDERS = 64  # threads a member that add up energies
 
 
 class Beat:
@@ -22,7 +22,7 @@ class Beat:
         sizes = arrays.sizes
         self._rows, self._cells, self._slots = sizes.rows, sizes.slots * sizes.cells, sizes.slots
         self._apart = self.kernels.APART
-        self.told = wp.zeros(1 + TOLD * self._slots, dtype=wp.int64, device=self.device)
+        self.told = wp.zeros(1 + REPORTED * self._slots, dtype=wp.int64, device=self.device)
         """What the last beat left behind; see `labbook_warp.report`."""
         self._arrived = wp.zeros(1, dtype=wp.uint32, device=self.device)
         self._several = self.fit_at_once()
@@ -46,7 +46,7 @@ class Beat:
         return self._rows * self.lanes <= size * blocks
 
     def _launch(self, kernel: Any, dim: int, *inputs: Any) -> None:
-        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=BLOCK)
+        wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=THREADS)
 
     def run(self) -> None:
         """Take the beat's steps with every member whose `rows` are not zero."""
@@ -54,7 +54,7 @@ class Beat:
             self._steps()
             return
         if self._graph is None:
-            wp.load_module(self.kernels, device=self.device, block_dim=BLOCK)
+            wp.load_module(self.kernels, device=self.device, block_dim=THREADS)
             with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
                 self._steps()
             self._graph = capture.graph
@@ -123,9 +123,9 @@ class Beat:
 
     def kinetic(self, v: Any, w: Any):
         """Kinetic energy [J] of every slot from what `look` gave, shape [slots]."""
-        out = wp.zeros(2 * self._slots * _PARTS, dtype=wp.float64, device=self.device)
-        self._launch(self.kernels.kinetic, self._slots * _PARTS, self.arrays.p, v, w, _PARTS, out)
-        return out.numpy().reshape(self._slots, _PARTS, 2).sum(axis=1).sum(axis=1)
+        out = wp.zeros(2 * self._slots * _ADDERS, dtype=wp.float64, device=self.device)
+        self._launch(self.kernels.kinetic, self._slots * _ADDERS, self.arrays.p, v, w, _ADDERS, out)
+        return out.numpy().reshape(self._slots, _ADDERS, 2).sum(axis=1).sum(axis=1)
 
     def contacts(self):
         """Rows slot, i, j, wall, force, branch of all touching contacts, in any order."""

@@ -9,7 +9,7 @@ from labbook_dem import contact, generated, motion, parts, rotation, segments, s
 from labbook_dem import rods as rod_physics
 from labbook_dem import spheres as sphere_physics
 from labbook_dem.describe import LAWS
-from labbook_dem.features import PARTS
+from labbook_dem.features import WALL_PARTS
 from labbook_dem.walls import frustum, plane, strip
 
 from labbook_warp import dialect
@@ -59,7 +59,7 @@ STATE = {
 }
 PHYSICS = {False: [sphere_physics], True: [sphere_physics, rod_physics, rotation, segments, parts]}
 SHAPE = {False: [spheres], True: [rods, rod_walls, rod_contacts]}
-OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "TOLD")
+OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "REPORTED")
 REACH = {False: 1, True: 2}
 """How many cells away a neighbour may be: rods have small cells, since most of what is within a length of them is not
 listed."""
@@ -69,7 +69,7 @@ def most_parts(switches: Mapping[str, int]) -> int:
     """Contacts that a grain may have with one wall."""
     if not switches["RODS"]:
         return 1
-    return max([2, *(count for kind, count in PARTS.items() if switches[f"{kind.upper()}S"])])
+    return max([2, *(count for kind, count in WALL_PARTS.items() if switches[f"{kind.upper()}S"])])
 
 
 def _edges(parts: int) -> int:
@@ -92,7 +92,7 @@ def module_text(
         "APART": bool(apart),
         "ASKED": asked,
         "WORDS": Codec(precision == "mixed", turns).words,
-        "PARTS": most_parts(switches),
+        "WALL_PARTS": most_parts(switches),
         "EDGES": _edges(most_parts(switches)),
         "TORQUES": switches["FRICTION"] or turns,
         "REACH": REACH[turns],

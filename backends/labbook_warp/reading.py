@@ -55,12 +55,14 @@ class Seen:
         v, m = self._view.whole_step(run)
         work = math.fsum([*arrays.read("work", slot, n), *run.past_work])  # exact, so that no order matters
         bodies = transfer.bodies(arrays, slot, n, run.scene, order)
-        part = 0.5 * run.numerics.dt if run.step > 0 else 0.0
+        since_half = 0.5 * run.numerics.dt if run.step > 0 else 0.0
         pairs, walls = (int(np.bitwise_count(arrays.read(name, slot, n)).sum()) for name in ("held", "wall_held"))
         now = None if q is None else q[order]
         return {
             "grains": len(order),
-            **totals(run.scene, x[order], v[order], m[order], v_half[order], m_half[order], part, work, now, bodies),
+            **totals(
+                run.scene, x[order], v[order], m[order], v_half[order], m_half[order], since_half, work, now, bodies
+            ),
             "max_overlap": self._view.deepest(run),
             "touching": pairs // 2 + walls,
             "rebuilds": int(fetch(arrays.system.rebuilds)[slot]),

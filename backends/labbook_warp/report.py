@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from labbook_warp.arrays import Arrays, fetch
-from labbook_warp.kernels.words import TOLD
+from labbook_warp.kernels.words import REPORTED
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,6 @@ def collect(arrays: Arrays, told: Any) -> Report:
     crossed = int(numbers[0])
     columns = arrays.module.COLUMNS
     rows = fetch(arrays.system.cross[: columns * crossed]).reshape(-1, columns) if crossed else np.zeros((0, columns))
-    slots = numbers[1:].reshape(-1, TOLD).tolist()
+    slots = numbers[1:].reshape(-1, REPORTED).tolist()
     said = [Said(fail, bool(late), near, depth, left) for fail, late, near, depth, left in slots]
     return Report(said, rows[np.lexsort((rows[:, 1], rows[:, 2]))])

@@ -72,5 +72,5 @@ def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: i
     if "body" in arrays and n:
         radius, mass, inertia, kind = arrays["body"].T
         sound = (radius > 0) & (radius <= scene.grains.radius) & (mass > 0) & (inertia > 0)
-        if not (sound & np.isin(kind, np.arange(len(scene.grains.parts)))).all():
+        if not (sound & np.isin(kind, np.arange(len(scene.grains.species)))).all():
             raise ValueError("body holds grains that the scene has not")

@@ -164,12 +164,12 @@ def assort(grains: Spheres, version: int, seed: int) -> tuple[np.ndarray | None,
     diameter. `version`: of the rules that place the grains.
     """
     rng = np.random.default_rng([version, seed, _STREAM])
-    numbers = whole_numbers(np.array([part.share for part in grains.parts]), grains.count)
+    numbers = whole_numbers(np.array([one.share for one in grains.species]), grains.count)
     kind = rng.permutation(np.repeat(np.arange(len(numbers)), numbers))
     diameter = np.full(grains.count, grains.diameter)
-    for index, part in enumerate(grains.parts):
+    for index, one in enumerate(grains.species):
         mine = kind == index
-        diameter[mine] = part.sizes.draw(rng, int(mine.sum()), grains.diameter)
+        diameter[mine] = one.sizes.draw(rng, int(mine.sum()), grains.diameter)
     return diameter if grains.graded else None, kind if grains.kinds else None
 
 

@@ -1,7 +1,7 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
 from labbook.scene.bodies import Bodies
-from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface
+from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface, SurfaceChange
 from labbook.scene.container import (
     Box,
     ConicalSilo,
@@ -41,6 +41,7 @@ __all__ = [
     "Spherocylinders",
     "Strip",
     "Surface",
+    "SurfaceChange",
     "SurfaceMotion",
     "Uniform",
     "Wall",

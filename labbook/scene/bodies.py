@@ -25,7 +25,7 @@ class Bodies:
     def of(cls, grains: Grains, packing: Packing) -> "Bodies":
         """The grains of `packing`. Raises ValueError if it does not say which of them are what, or the scene has no
         such kind."""
-        n, kinds = len(packing), len(grains.parts)
+        n, kinds = len(packing), len(grains.species)
         if not grains.varied:
             radius, mass, inertia = (np.full(n, a) for a in (grains.radius, grains.mass, grains.inertia))
             return cls(radius, mass, inertia, np.zeros(n, np.int64))
@@ -37,7 +37,7 @@ class Bodies:
         diameter = np.full(n, grains.diameter) if packing.diameter is None else packing.diameter
         if len(diameter) and not (diameter.min() > 0 and diameter.max() <= grains.diameter):
             raise ValueError(f"packing: diameters are not above 0 and up to d = {grains.diameter:g} m; fill it anew")
-        mass = np.array([part.density for part in grains.parts])[kind] * math.pi / 6 * diameter**3
+        mass = np.array([one.density for one in grains.species])[kind] * math.pi / 6 * diameter**3
         return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)
 
     def carried(self, grains: Grains) -> dict[str, np.ndarray | None]:

@@ -1,9 +1,12 @@
 """Contact laws and the surfaces that they act between."""
 
+import math
+from abc import ABC, abstractmethod
 from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
+from labbook.scene import damping
 from labbook.scene.model import Model
 from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
 
@@ -13,7 +16,28 @@ Damping = Literal["clamped", "textbook", "printed"]
 Rolling = Literal["full", "rolling"]
 
 
+# The duration of an undamped collision by Hertz's law in units of (m_eff^2 / (R_eff E*^2 v))^{1/5}: twice the integral
+# of dx / sqrt(1 - x^{5/2}) from 0 to 1, times (15/16)^{2/5}.
+_HERTZ_DURATION = 0.8 * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9) * (15 / 16) ** 0.4
+
+
 class Surface(Model):
+    """What decides a contact besides the law, of grains with one another or with a wall; nothing is left open."""
+
+    friction: Coefficient
+    """Coulomb coefficient μ."""
+    rolling_friction: Coefficient
+    """Rolling friction coefficient μ_r."""
+    restitution: Restitution
+    """Coefficient of normal restitution, in (0, 1]."""
+
+    def changed(self, change: "SurfaceChange") -> "Surface":
+        """This surface with the values that `change` gives in place of its own."""
+        values = {key: getattr(change, key) for key in Surface.model_fields}
+        return self.model_copy(update={key: value for key, value in values.items() if value is not None})
+
+
+class SurfaceChange(Model):
     """Where a wall differs from the grains; what is not given is as between grains."""
 
     friction: Coefficient | None = None
@@ -23,13 +47,8 @@ class Surface(Model):
     restitution: Restitution | None = None
     """Coefficient of normal restitution at this wall, in (0, 1]."""
 
-    def over(self, below: "Surface") -> "Surface":
-        """This surface with its gaps filled from `below`."""
-        given = {key: getattr(self, key) for key in Surface.model_fields if getattr(self, key) is not None}
-        return below.model_copy(update=given)
 
-
-class Between(Surface):
+class Between(SurfaceChange):
     """Where contacts of two kinds of grains differ from all others; one kind twice: of its grains with each other."""
 
     kinds: tuple[str, str]
@@ -42,7 +61,9 @@ class Between(Surface):
     """Coefficient of normal restitution between these kinds, in (0, 1], and likewise at walls."""
 
 
-class _Frictional(Model):
+class BaseLaw(Model, ABC):
+    """What every contact law has."""
+
     friction: Coefficient = 0.0
     """Coulomb coefficient μ between grains, and at walls that state no other."""
     rolling_friction: Coefficient = 0.0
@@ -59,8 +80,23 @@ class _Frictional(Model):
     between: Annotated[tuple[Between, ...], Field(exclude_if=lambda between: not between)] = ()
     """Pairs of kinds whose contacts differ; contacts of all others are as stated for the law."""
 
+    @abstractmethod
+    def stiffened(self, factor: float) -> Self:
+        """The law with `factor` times the stiffness."""
 
-class HertzMindlin(_Frictional):
+    @abstractmethod
+    def damping_ratio(self, restitution: float) -> float:
+        """Normal dashpot of a contact over the critical one, for a coefficient of restitution in (0, 1]."""
+
+    @abstractmethod
+    def collision_time(self, mass: float, radius: float, speed: float) -> float:
+        """Duration [s] of an undamped head-on collision.
+
+        mass: effective mass [kg]; radius: effective radius [m]; speed: relative velocity before it [m/s].
+        """
+
+
+class HertzMindlin(BaseLaw):
     """Hertz normal force with Mindlin's friction spring (Fan et al. 2023, eqs 6-8)."""
 
     law: Literal["hertz-mindlin"] = "hertz-mindlin"
@@ -71,12 +107,27 @@ class HertzMindlin(_Frictional):
     tangential_damping: Coefficient = 1.0
     """C_t / C_n (the paper does not give C_t)."""
 
+    @property
+    def effective_modulus(self) -> float:
+        """E* [Pa] of two equal bodies: 1/E* = 2 (1 - nu^2)/E with E = 2 G (1 + nu)."""
+        return self.shear_modulus / (1 - self.poisson_ratio)
+
     def stiffened(self, factor: float) -> Self:
-        """The law with `factor` times the stiffness."""
+        """The law with `factor` times the shear modulus."""
         return self.model_copy(update={"shear_modulus": self.shear_modulus * factor})
 
+    def damping_ratio(self, restitution: float) -> float:
+        """C_n sqrt(6 m* K)/(2 sqrt(m* dF/d delta)) = C_n, as dF/d delta = 3/2 K."""
+        if self.damping == "clamped":
+            return damping.hertz_c_n(restitution)
+        return damping.hertz_textbook(restitution)
 
-class LinearSpringDashpot(_Frictional):
+    def collision_time(self, mass: float, radius: float, speed: float) -> float:
+        """2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} [s]; 2.868 is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882)."""
+        return _HERTZ_DURATION * (mass**2 / (radius * self.effective_modulus**2 * speed)) ** 0.2
+
+
+class LinearSpringDashpot(BaseLaw):
     """Linear springs and dashpots (Pongo et al. 2022)."""
 
     law: Literal["linear"] = "linear"
@@ -88,8 +139,18 @@ class LinearSpringDashpot(_Frictional):
     """γ_t / γ_n."""
 
     def stiffened(self, factor: float) -> Self:
-        """The law with `factor` times the stiffness."""
+        """The law with `factor` times the normal stiffness."""
         return self.model_copy(update={"normal_stiffness": self.normal_stiffness * factor})
+
+    def damping_ratio(self, restitution: float) -> float:
+        """gamma_n/(2 sqrt(k_n m*))."""
+        if self.damping == "clamped":
+            return damping.linear_ratio(restitution)
+        return damping.linear_textbook(restitution)
+
+    def collision_time(self, mass: float, radius: float, speed: float) -> float:
+        """pi sqrt(m_eff/k_n) [s], at any speed."""
+        return math.pi * math.sqrt(mass / self.normal_stiffness)
 
 
 ContactLaw = Annotated[HertzMindlin | LinearSpringDashpot, Field(discriminator="law")]

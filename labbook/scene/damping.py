@@ -8,19 +8,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 
-from labbook.scene.contact import ContactLaw, HertzMindlin
-
 LARGEST_RATIO = 1e3
-
-
-def damping_ratio(law: ContactLaw, restitution: float) -> float:
-    """Normal dashpot of a contact over the critical one, for a coefficient of restitution in (0, 1].
-
-    Linear law: gamma_n/(2 sqrt(k_n m*)). Hertz: C_n sqrt(6 m* K)/(2 sqrt(m* dF/d delta)) = C_n, as dF/d delta = 3/2 K.
-    """
-    if isinstance(law, HertzMindlin):
-        return hertz_c_n(restitution) if law.damping == "clamped" else hertz_textbook(restitution)
-    return linear_ratio(restitution) if law.damping == "clamped" else linear_textbook(restitution)
 
 
 def linear_restitution(ratio: float) -> float:

@@ -32,7 +32,7 @@ class Kind(Model):
 
 
 @dataclass(frozen=True)
-class Part:
+class Species:
     """Grains of one kind: their share by number, density [kg/m^3] and the distribution of their diameters."""
 
     share: float
@@ -91,16 +91,16 @@ class Spheres(Model):
     @property
     def graded(self) -> bool:
         """Whether grains differ in size."""
-        return any(part.sizes.range(self.diameter)[0] < self.diameter for part in self.parts)
+        return any(one.sizes.range(self.diameter)[0] < self.diameter for one in self.species)
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def species(self) -> tuple[Species, ...]:
         """What the grains are made up of: their kinds; equal grains are of one."""
         rest = self.sizes or Equal(self.diameter)
         if not self.kinds:
-            return (Part(1.0, self.density, rest),)
+            return (Species(1.0, self.density, rest),)
         return tuple(
-            Part(kind.share, kind.density or self.density, Equal(kind.diameter) if kind.diameter else rest)
+            Species(kind.share, kind.density or self.density, Equal(kind.diameter) if kind.diameter else rest)
             for kind in self.kinds
         )
 
@@ -109,8 +109,8 @@ class Spheres(Model):
         if not self.varied:
             return (self,)
         return tuple(
-            Spheres(diameter=part.sizes.range(self.diameter)[0], density=part.density, count=self.count)
-            for part in self.parts
+            Spheres(diameter=one.sizes.range(self.diameter)[0], density=one.density, count=self.count)
+            for one in self.species
         )
 
     @property
@@ -123,7 +123,7 @@ class Spheres(Model):
         """Mean of the diameter cubed [m^3]."""
         if not self.varied:
             return self.diameter**3
-        return math.fsum(part.share * part.sizes.mean_cube(self.diameter) for part in self.parts)
+        return math.fsum(one.share * one.sizes.mean_cube(self.diameter) for one in self.species)
 
     @property
     def half_length(self) -> float:
@@ -145,7 +145,7 @@ class Spheres(Model):
         """Mean mass of a grain [kg]; of every grain, if they are equal."""
         if not self.varied:
             return self.density * math.pi / 6 * self.diameter**3
-        cubes = (part.share * part.density * part.sizes.mean_cube(self.diameter) for part in self.parts)
+        cubes = (one.share * one.density * one.sizes.mean_cube(self.diameter) for one in self.species)
         return math.pi / 6 * math.fsum(cubes)
 
     @property
@@ -191,9 +191,9 @@ class Spherocylinders(Model):
             yield Fault("length", reason, "make it at least 1 d, which is a sphere")
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def species(self) -> tuple[Species, ...]:
         """What the grains are made up of: rods are all alike."""
-        return (Part(1.0, self.density, Equal(self.diameter)),)
+        return (Species(1.0, self.density, Equal(self.diameter)),)
 
     def smallest(self) -> tuple["Spherocylinders", ...]:
         """Rods are all alike."""

@@ -9,7 +9,7 @@ _DOUBLE = ("x", "v", "omega")
 _EACH = {"diameter": np.float64, "kind": np.int64}
 _OF_SPRINGS = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
 _OF_SPRINGS |= {"wall_part": "iu"}
-_PARTS = 8  # no rod touches a wall at so many points
+_WALL_PARTS = 8  # no rod touches a wall at so many points
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class Packing:
         for name, kind in _OF_SPRINGS.items():
             if np.asarray(getattr(self, name)).dtype.kind not in kind:
                 raise ValueError(f"packing: {name} holds {np.asarray(getattr(self, name)).dtype}")
-        for name, most in (("pairs", n), ("wall_grain", n), ("wall_part", _PARTS)):
+        for name, most in (("pairs", n), ("wall_grain", n), ("wall_part", _WALL_PARTS)):
             array = getattr(self, name)
             if len(array) and not (array.min() >= 0 and array.max() < most):
                 raise ValueError(f"packing: {name} are not from 0 to {most - 1}")

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from pydantic import Field, model_validator
 
-from labbook.scene.contact import ContactLaw, Surface
+from labbook.scene.contact import ContactLaw, Surface, SurfaceChange
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
 from labbook.scene.drawing import describe, svg
 from labbook.scene.grains import Grains
@@ -29,8 +29,8 @@ class Scene(Model):
     grains: Grains
     contact: ContactLaw
     container: Container
-    walls: dict[str, Surface] = Field(default_factory=dict)
-    """Surfaces that differ from the grains': by wall name, or `all`."""
+    walls: dict[str, SurfaceChange] = Field(default_factory=dict)
+    """Where surfaces differ from the grains': by wall name, or `all`."""
     gravity: Acceleration = STANDARD_GRAVITY
     """Acceleration of gravity g, along -z."""
 
@@ -95,7 +95,7 @@ class Scene(Model):
             return self.surface_of_grains
         names = {self.grains.kinds[one].name, self.grains.kinds[other].name}
         stated = (pair for pair in self.contact.between if set(pair.kinds) == names)
-        return next(stated, Surface()).over(self.surface_of_grains)
+        return self.surface_of_grains.changed(next(stated, SurfaceChange()))
 
     def surface(self, wall: Wall, kind: int = 0) -> Surface:
         """The complete surface of `wall`: its own, else that of `all`, else what grains of `kind` turn to each other.
@@ -103,7 +103,8 @@ class Scene(Model):
         kind: a place in `grains.kinds`; 0 where there are none.
         """
         grains = self.surface_between(kind, kind)
-        return self.walls.get(wall.name, Surface()).over(self.walls.get("all", Surface()).over(grains))
+        everywhere, here = (self.walls.get(name, SurfaceChange()) for name in ("all", wall.name))
+        return grains.changed(everywhere).changed(here)
 
     def stiffened(self, factor: float) -> "Scene":
         """The scene with the stiffness of its contacts times `factor`."""
@@ -119,5 +120,5 @@ class Scene(Model):
             pairs = tuple(pair.model_copy(update={"friction": None}) for pair in contact.between)
             contact = contact.model_copy(update={"friction": friction, "between": pairs})
             walls = {name: s.model_copy(update={"friction": None}) for name, s in walls.items()}
-            walls = {name: s for name, s in walls.items() if s != Surface()}
+            walls = {name: s for name, s in walls.items() if s != SurfaceChange()}
         return self.model_copy(update={"container": container, "contact": contact, "walls": walls})

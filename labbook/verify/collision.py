@@ -8,7 +8,6 @@ import numpy as np
 from labbook.backend.probes import Ledger, Sample
 from labbook.scene import LinearSpringDashpot, Scene
 from labbook.scene.packing import Packing
-from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import LAWS, D, room, scene
 from labbook.verify.stand import Motion, Stand, Start, require
@@ -31,7 +30,7 @@ def duration(scene: Scene, speed: float) -> float:
     law, mass, radius = scene.contact, scene.grains.mass / 2, scene.grains.radius / 2
     if isinstance(law, LinearSpringDashpot):
         return math.pi * math.sqrt(mass / law.normal_stiffness)
-    deepest = (15 * mass * speed**2 / (16 * effective_modulus(law) * math.sqrt(radius))) ** 0.4
+    deepest = (15 * mass * speed**2 / (16 * law.effective_modulus * math.sqrt(radius))) ** 0.4
     return 0.8 * math.sqrt(math.pi) * math.gamma(0.4) / math.gamma(0.9) * deepest / speed
 
 

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from labbook.backend.probes import Crossing, Sample
-from labbook.scene import CylinderSilo, Scene, Surface, WedgeHopper
+from labbook.scene import CylinderSilo, Scene, SurfaceChange, WedgeHopper
 from labbook.scene.packing import Packing
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import D, G, linear, scene, spheres
@@ -32,7 +32,7 @@ def ledge(friction: float, rim: bool = False) -> Scene:
 
     rim: the edge of a round hole in place of a straight one.
     """
-    plate = Surface(friction=friction, rolling_friction=0.0)
+    plate = SurfaceChange(friction=friction, rolling_friction=0.0)
     if rim:
         silo = CylinderSilo(diameter=60 * D, height=40 * D, orifice=2 * HALF_OUTLET)
         return scene(1, linear(normal_stiffness=STIFF), silo, G, bottom=plate)

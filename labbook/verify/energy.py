@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.backend.probes import Contacts, Ledger, Sample
-from labbook.scene import Primitives, Scene, Surface
+from labbook.scene import Primitives, Scene, SurfaceChange
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import LAWS, D, G, floor, scene
 from labbook.verify.rolling import static_overlap
@@ -20,7 +20,7 @@ PROBES = LEDGER, MOTION, CONTACTS = Ledger(), Sample(fields=("x", "v", "omega"))
 
 def _vibrating(stand: Stand, law: str, dt: float, kick: tuple[float, float, float], height: float) -> Motion:
     """A grain on a frictional floor, `height` static overlaps above equilibrium; velocity `kick` [m/s]."""
-    surface = Surface(rolling_friction=0.0)
+    surface = SurfaceChange(rolling_friction=0.0)
     rests = scene(1, LAWS[law](restitution=0.5), Primitives(parts=(floor(),)), G, floor=surface)
     overlap = static_overlap(rests, rests.grains.mass * G)
     start = grains_at([0.0, 0.0, D / 2 + (height - 1) * overlap], kick)

@@ -8,7 +8,6 @@ import numpy as np
 from labbook.backend.probes import Contacts, Ledger
 from labbook.scene import HertzMindlin, Scene
 from labbook.scene.packing import Packing
-from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.collision import duration
 from labbook.verify.materials import LAWS, D, room, scene
@@ -39,7 +38,7 @@ def elastic_energy(scene: Scene, overlap: np.ndarray, at_wall: np.ndarray) -> np
     law, radius = scene.contact, scene.grains.radius
     if isinstance(law, HertzMindlin):
         effective = np.where(at_wall, radius, radius / 2)
-        return 8 / 15 * effective_modulus(law) * np.sqrt(effective) * overlap**2.5
+        return 8 / 15 * law.effective_modulus * np.sqrt(effective) * overlap**2.5
     return 0.5 * law.normal_stiffness * overlap**2
 
 

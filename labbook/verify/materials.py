@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from labbook.scene import Box, HertzMindlin, LinearSpringDashpot, Plane, Scene, Spheres, Surface, Wall
+from labbook.scene import Box, HertzMindlin, LinearSpringDashpot, Plane, Scene, Spheres, SurfaceChange, Wall
 from labbook.scene.container import Container
 
 D = 3e-3
@@ -31,7 +31,7 @@ def linear(**given: Any) -> LinearSpringDashpot:
 LAWS = {"hertz-mindlin": hertz, "linear": linear}
 
 
-def scene(count: int, law: Any, container: Container, gravity: float = 0.0, **walls: Surface) -> Scene:
+def scene(count: int, law: Any, container: Container, gravity: float = 0.0, **walls: SurfaceChange) -> Scene:
     """A scene of `count` grains; `walls` are surfaces by wall name."""
     return Scene(grains=spheres(count), contact=law, container=container, gravity=gravity, walls=walls)
 

@@ -19,11 +19,11 @@ from labbook.scene import (
     Primitives,
     Scene,
     Spheres,
-    Surface,
+    SurfaceChange,
     Uniform,
     WedgeHopper,
 )
-from labbook.scene.timescales import collision, effective_modulus
+from labbook.scene.timescales import collision
 from labbook.verify.bed import DT, SOFT, at_rest, borne, in_each
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import LAWS, D, G, floor, hertz, room
@@ -36,14 +36,15 @@ FRICTION = {("large", "large"): 0.5, ("large", "small"): 0.1, ("small", "small")
 KINDS = (Kind(name="large", share=0.5), Kind(name="small", share=0.5, diameter=D / 3, density=7800))
 
 
-def mixed(count: int, law: str, surface: Surface | None = None, **given: Any) -> Scene:
+def mixed(count: int, law: str, surface: SurfaceChange | None = None, **given: Any) -> Scene:
     """Large light and small heavy spheres, each pair of kinds with its own friction and restitution, in a wide room.
 
     surface: what replaces these, for all pairs alike.
     """
-    stated = {pair: Surface(restitution=PAIRS[pair], friction=FRICTION[pair]) for pair in PAIRS}
+    stated = {pair: {"restitution": PAIRS[pair], "friction": FRICTION[pair]} for pair in PAIRS}
     surfaces = tuple(
-        Between(kinds=pair, **(surface or Surface()).over(own).model_dump()) for pair, own in stated.items()
+        Between(kinds=pair, **{**own, **(surface or SurfaceChange()).model_dump(exclude_none=True)})
+        for pair, own in stated.items()
     )
     contact = LAWS[law](**{"rolling_friction": 0.0, "between": surfaces, **given})
     grains = Spheres(diameter=D, density=2500, count=count, kinds=KINDS)
@@ -82,7 +83,7 @@ def _normals(start: Packing, end: Packing, v: np.ndarray, dt: float) -> np.ndarr
 
 
 def _restores(stand: Stand, law: str) -> Mapping[str, float]:
-    scene, speed = mixed(18, law, Surface(friction=0)), 0.1
+    scene, speed = mixed(18, law, SurfaceChange(friction=0)), 0.1
     dt = collision(scene.model_copy(update={"gravity": speed**2 / D})) / 500
     start = pairs(scene, speed, 0.0, dt)
     end = stand.run(Start(scene, dt, start), 1, 12000).end
@@ -102,7 +103,7 @@ def _glances(stand: Stand, law: str) -> Mapping[str, float]:
     normal one, and spins each by its own lever."""
     stiff = {"shear_modulus": 1e12} if law == "hertz-mindlin" else {"normal_stiffness": 1e7}
     speed, angle = 0.1, 1.4
-    scene = mixed(18, law, Surface(restitution=1), **stiff, tangential_damping=0.0)
+    scene = mixed(18, law, SurfaceChange(restitution=1), **stiff, tangential_damping=0.0)
     dt = collision(scene.model_copy(update={"gravity": (speed * math.cos(angle)) ** 2 / D})) / 500
     start = pairs(scene, speed, angle, dt)
     end = stand.run(Start(scene, dt, start), 1, 12000).end
@@ -148,7 +149,7 @@ def _overlap(scene: Scene, force: float, radius: float) -> float:
     """At which a contact of effective `radius` [m] carries `force` [N], whatever its damping."""
     law = scene.contact
     if isinstance(law, HertzMindlin):
-        return (force / (4 / 3 * effective_modulus(law) * math.sqrt(radius))) ** (2 / 3)
+        return (force / (4 / 3 * law.effective_modulus * math.sqrt(radius))) ** (2 / 3)
     return force / law.normal_stiffness
 
 
@@ -156,7 +157,7 @@ def _stands(stand: Stand, law: str) -> Mapping[str, float]:
     """A small heavy grain on top of a large one on a floor, exactly upright: both sink in until they are carried."""
     soft = {"shear_modulus": 1e7} if law == "hertz-mindlin" else {}
     scene = mixed(2, law, None, **soft).model_copy(update={"container": Primitives(parts=(floor(),)), "gravity": G})
-    scene = scene.model_copy(update={"walls": {"floor": Surface(restitution=0.1)}})
+    scene = scene.model_copy(update={"walls": {"floor": SurfaceChange(restitution=0.1)}})
     r, s = D / 2, D / 6
     own = np.array([D, D / 3]), np.array([0, 1])
     weights = (

@@ -11,9 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.backend.probes import Sample
-from labbook.scene import HertzMindlin, Primitives, Scene, Surface
+from labbook.scene import HertzMindlin, Primitives, Scene, SurfaceChange
 from labbook.scene.packing import Packing
-from labbook.scene.timescales import effective_modulus
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import LAWS, D, G, floor, scene
 from labbook.verify.stand import Stand, Start, grains_at
@@ -26,7 +25,7 @@ MOTION = Sample(fields=("x", "v", "omega"))
 
 def slope(law: str, angle: float, friction: float, rolling: float) -> Scene:
     """One grain on a plane inclined by `angle` [rad], downwards along x."""
-    surface = Surface(friction=friction, rolling_friction=rolling)
+    surface = SurfaceChange(friction=friction, rolling_friction=rolling)
     plane = floor((math.sin(angle), 0.0, math.cos(angle)))
     return scene(1, LAWS[law](), Primitives(parts=(plane,)), G, floor=surface)
 
@@ -35,7 +34,7 @@ def static_overlap(scene: Scene, force: float) -> float:
     """Overlap [m] at which a wall carries a grain with `force` [N]."""
     law = scene.contact
     if isinstance(law, HertzMindlin):
-        return (force / (4 / 3 * effective_modulus(law) * math.sqrt(scene.grains.radius))) ** (2 / 3)
+        return (force / (4 / 3 * law.effective_modulus * math.sqrt(scene.grains.radius))) ** (2 / 3)
     return force / law.normal_stiffness
 
 

@@ -6,7 +6,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.backend.probes import Sample
-from labbook.scene import ConicalSilo, CylinderSilo, Frustum, Grains, Primitives, Scene, Spherocylinders, Surface, Wall
+from labbook.scene import (
+    ConicalSilo,
+    CylinderSilo,
+    Frustum,
+    Grains,
+    Primitives,
+    Scene,
+    Spherocylinders,
+    SurfaceChange,
+    Wall,
+)
 from labbook.verify.bed import at_rest, borne, in_each
 from labbook.verify.case import Case, limited
 from labbook.verify.materials import D, G, linear, scene, spheres
@@ -28,7 +38,7 @@ def _rolls_round(stand: Stand) -> Mapping[str, float]:
     Fufaev, Dynamics of Nonholonomic Systems, chapter 3; 2/7 = I/(I + m R^2)).
     """
     wall = Wall(name="side", shape=Frustum(lower=(BORE, -1.0), upper=(BORE, 1.0)))
-    rough = Surface(friction=5.0, rolling_friction=0.0)
+    rough = SurfaceChange(friction=5.0, rolling_friction=0.0)
     law = linear(normal_stiffness=2e5, rolling_friction=0.0)
     rolls = scene(1, law, Primitives(parts=(wall,)), G, side=rough)
     mass = rolls.grains.mass

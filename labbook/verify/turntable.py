@@ -8,7 +8,7 @@ import numpy as np
 
 from labbook.backend.probes import Sample
 from labbook.scene import Frustum, Primitives, SurfaceMotion, Wall
-from labbook.scene.scene import Surface
+from labbook.scene.scene import SurfaceChange
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import D, G, floor, hertz, scene
 from labbook.verify.rolling import lever
@@ -25,7 +25,7 @@ DISC = Wall(name="floor", shape=Frustum(lower=(0, 0), upper=(0.2, 0)))
 
 def _circles(stand: Stand, plate: Wall) -> Mapping[str, float]:
     table = plate.model_copy(update={"motion": SurfaceMotion(spin=SPIN)})
-    surface = Surface(friction=0.5, rolling_friction=0.0)
+    surface = SurfaceChange(friction=0.5, rolling_friction=0.0)
     turns = scene(1, hertz(), Primitives(parts=(table,)), G, floor=surface)
     arm = lever(turns)
     x, v = np.array([0.05, 0.0]), np.array([0.03, 0.1])

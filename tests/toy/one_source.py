@@ -10,11 +10,14 @@ from types import ModuleType
 import labbook_dem
 import numpy as np
 from labbook_dem import contact, rods, source, spheres, words
+from labbook_dem.chosen import choose
 from labbook_dem.laws import hertz_mindlin, linear
 
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface
 
 COUNT = 400
+LAW = "hertz-mindlin"
+"""Of contacts of spheres and rods."""
 SURFACE = Surface(friction=0.5, rolling_friction=0.01, restitution=0.2)
 COEFFICIENTS = {
     "hertz_mindlin": hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), SURFACE),
@@ -38,7 +41,7 @@ RANGES = {
     "mj": (1e-5, 4e-5),
     "rate_i": (0.0, 1.0),
     "rate_j": (0.0, 1.0),
-    "gap": (1e-9, 1e-7),
+    "overlap2": (1e-9, 1e-7),
 }
 SPREAD = {"s": 3e-6, "vt": 0.1, "away": 2e-3, "lever_i": 3e-3, "lever_j": 3e-3, "lever": 3e-3}
 UNITS = ("n", "normal", "along", "a", "b")
@@ -112,12 +115,14 @@ def row(given: dict[str, np.ndarray], k: int) -> list:
 
 
 def in_python(function, given: dict[str, np.ndarray]) -> np.ndarray:
-    return np.array([flat(function(*row(given, k))) for k in range(COUNT)], np.float64)
+    with choose(LAW):
+        return np.array([flat(function(*row(given, k))) for k in range(COUNT)], np.float64)
 
 
 def shapes(function, given) -> list[bool]:
     """Whether each result is a vector."""
-    result = function(*row(given, 0))
+    with choose(LAW):
+        result = function(*row(given, 0))
     return [isinstance(part, words.vec3) for part in (result if isinstance(result, tuple) else (result,))]
 
 

@@ -1,20 +1,19 @@
 """Rods stepped as plainly as can be: the physics of `labbook_dem` in Python, contact by contact, for tests only.
 
-All pairs are looked at in every step; nothing is listed, packed or generated. The law is Hertz-Mindlin, which
-`labbook_dem.spheres` has where no compiler puts another in its place.
+All pairs are looked at in every step; nothing is listed, packed or generated.
 """
 
 from typing import Any
 
 import numpy as np
 from labbook_dem import motion, parts, rods, rotation, segments
+from labbook_dem.chosen import choose
 from labbook_dem.contact import rolling_rate
-from labbook_dem.laws import hertz_mindlin
 from labbook_dem.walls import frustum, plane, strip
 from labbook_dem.words import vec3
 
 from labbook.backend.numerics import Numerics
-from labbook.scene import HertzMindlin, Scene
+from labbook.scene import Scene
 from labbook.scene.orientation import axes
 from labbook.scene.packing import Packing
 
@@ -46,10 +45,11 @@ class PlainRods:
     def __init__(self, scene: Scene, numerics: Numerics, start: Packing):
         assert start.q is not None
         self.scene, self.dt, self.steps = scene, numerics.dt, 0
-        law = scene.contact
-        assert isinstance(law, HertzMindlin)
-        self.c = hertz_mindlin.coefficients(law, scene.surface_of_grains)
-        self.wall_c = [hertz_mindlin.coefficients(law, scene.surface(wall)) for wall in scene.container.walls()]
+        with choose(scene.contact.law) as law:
+            self.c = law.coefficients(scene.contact, scene.surface_of_grains)
+            self.wall_c = [
+                law.coefficients(scene.contact, scene.surface(wall), wall=True) for wall in scene.container.walls()
+            ]
         self.x, self.v, self.u, self.q = (a.copy() for a in (start.x, start.v, start.v, start.q))
         self.m = rotation.momenta(scene.grains, start.omega, start.q)
         self.y = self.m.copy()
@@ -63,6 +63,10 @@ class PlainRods:
 
     def step(self) -> None:
         """One step."""
+        with choose(self.scene.contact.law):
+            self._step()
+
+    def _step(self) -> None:
         grains, n = self.scene.grains, len(self.x)
         r, half = grains.radius, grains.half_length
         a = axes(self.q)
@@ -71,11 +75,11 @@ class PlainRods:
         for i in range(n):
             for j in range(i + 1, n):
                 s, at, away = segments.closest(vec3(*(self.x[i] - self.x[j])), vec3(*a[i]), vec3(*a[j]), half)
-                gap = 4 * r * r - float(array(away) @ array(away))
-                if gap > 0:
+                overlap2 = 4 * r * r - float(array(away) @ array(away))
+                if overlap2 > 0:
                     last, advance = self.spring((i, j))
                     force, on_i, on_j, kept[i, j], _ = rods.rod_on_rod(
-                        self.c, r, grains.mass, away, gap, vec3(*(s * a[i])), vec3(*(at * a[j])),
+                        self.c, r, grains.mass, away, overlap2, vec3(*(s * a[i])), vec3(*(at * a[j])),
                         vec3(*(self.u[i] - self.u[j])), vec3(*(self.v[i] - self.v[j])), vec3(*soon[i]), vec3(*soon[j]),
                         vec3(*spin[i]), vec3(*spin[j]), last, advance, self.rate,
                     )  # fmt: skip

@@ -7,10 +7,12 @@ import pytest
 from labbook_dem import contact
 from labbook_dem.laws import hertz_mindlin, linear
 from labbook_dem.words import vec3
+from pydantic import ValidationError
 
-from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface, SurfaceChange
 
 SURFACE = Surface(friction=0.5, rolling_friction=0.01, restitution=0.2)
+SMOOTH = Surface(friction=0.0, rolling_friction=0.0, restitution=1.0)
 FAN = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
 RS, MS = 0.75e-3, 1.8e-5
 
@@ -37,12 +39,12 @@ def test_coefficients_of_the_linear_law_by_hand():
     gamma = math.sqrt(4 * 5e4 * MS / ((math.pi / math.log(0.2)) ** 2 + 1))
     assert c[1] * math.sqrt(5e4 * MS) == pytest.approx(gamma, rel=1e-12)
     assert (c[0], c[2], c[3], c[4], c[5]) == (5e4, 0.5, 2 / 7, 0.5, 0.01)
-    assert linear.coefficients(law, Surface(restitution=1.0), 3.0)[:2] == pytest.approx((1.5e5, 0.0))
+    assert linear.coefficients(law, SMOOTH, 3.0)[:2] == pytest.approx((1.5e5, 0.0))
 
 
 def test_printed_damping_is_that_of_two_grains_at_walls_too():
     """Pongo et al.: gamma_n = sqrt(2 k_n m / ((pi/ln e)^2 + 1)) everywhere; between two grains m* = m/2."""
-    mass, surface = 3e-4, Surface(restitution=0.9)
+    mass, surface = 3e-4, SMOOTH.changed(SurfaceChange(restitution=0.9))
     law = LinearSpringDashpot(normal_stiffness=1e5, damping="printed")
     printed = math.sqrt(2 * 1e5 * mass / ((math.pi / math.log(0.9)) ** 2 + 1))
     pair, wall = (linear.coefficients(law, surface, wall=at_wall)[1] for at_wall in (False, True))
@@ -52,9 +54,15 @@ def test_printed_damping_is_that_of_two_grains_at_walls_too():
     assert linear.coefficients(textbook, surface, wall=True)[1] == pair
 
 
-def test_no_friction_given_is_none():
+@pytest.mark.parametrize("given", [{"friction": 0.5}, {"restitution": 0.9}, {}])
+def test_a_surface_with_something_left_open_is_no_surface(given):
+    """Coefficients are made from complete surfaces only; a change of one leaves open what it does not change."""
+    with pytest.raises(ValidationError, match="rolling_friction"):
+        Surface(**given)
+    changed = SURFACE.changed(SurfaceChange(**given))
+    assert changed.model_dump() == {**SURFACE.model_dump(), **given}
     for module, law in ((hertz_mindlin, FAN), (linear, LinearSpringDashpot(normal_stiffness=1.0))):
-        assert module.coefficients(law, Surface())[4:6] == (0.0, 0.0)
+        assert module.coefficients(law, changed)[4:6] == (given.get("friction", 0.5), 0.01)
 
 
 def printed(delta, vn, s, vt, mu=0.5, nu=0.25):

@@ -86,7 +86,7 @@ LAWS = [
 @pytest.mark.parametrize(("module", "law"), LAWS, ids=["hertz-mindlin", "linear"])
 @pytest.mark.parametrize("e", [0.1, 0.5, 1.0])
 def test_realised_restitution_comes_to_the_asked_one_as_the_step_shrinks(module, law, e):
-    c = module.coefficients(law, Surface(restitution=e))
+    c = module.coefficients(law, Surface(friction=0.0, rolling_friction=0.0, restitution=e))
     scale = (M**2 / (R * 1.3e8**2 * 0.3)) ** 0.2 if module is hertz_mindlin else math.sqrt(M / 5e4)
     coarse, fine = (
         np.abs(restitution.realised(module.normal, c, R, M, scale * part, 0.3) - e).max() for part in (0.02, 0.005)
@@ -97,6 +97,6 @@ def test_realised_restitution_comes_to_the_asked_one_as_the_step_shrinks(module,
 
 def test_restitution_outside_its_range_of_phases_has_a_spread():
     module, law = LAWS[0]
-    c = module.coefficients(law, Surface(restitution=0.2))
+    c = module.coefficients(law, Surface(friction=0.0, rolling_friction=0.0, restitution=0.2))
     assert restitution.realised(module.normal, c, R, M, 2.5e-6, 0.17).shape == (10,)
     assert restitution.realised(module.normal, c, R, M, 2.5e-6, 0.17).std() > 0

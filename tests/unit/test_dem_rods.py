@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from labbook_dem import rods, spheres
+from labbook_dem.chosen import choose
 from labbook_dem.laws import hertz_mindlin, linear
 from labbook_dem.segments import closest
 from labbook_dem.words import vec3
@@ -13,6 +14,12 @@ R, M, HALF = 3e-3, 3e-4, 7e-3
 SURFACE = Surface(friction=0.5, rolling_friction=0.01, restitution=0.2)
 C = hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), SURFACE)
 RATE, DT = 1e-4, 1e-6
+
+
+@pytest.fixture(autouse=True)
+def hertz_mindlin_law():
+    with choose("hertz-mindlin"):
+        yield
 
 
 def array(v: vec3) -> np.ndarray:
@@ -37,20 +44,20 @@ def touching(seed: int):
         s, t, away = closest(vec3(*c), vec3(*a), vec3(*b), HALF)
         r = np.linalg.norm(array(away))
         c = c + array(away) / r * (2 * R - 3e-5 - r)
-    gap = (2 * R) ** 2 - float(array(away) @ array(away))
-    return away, gap, vec3(*(s * a)), vec3(*(t * b)), c
+    overlap2 = (2 * R) ** 2 - float(array(away) @ array(away))
+    return away, overlap2, vec3(*(s * a)), vec3(*(t * b)), c
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_at_the_contact_it_is_two_spheres_that_move_as_the_surfaces_do(seed):
     """Spheres at the closest points, with the velocities that rigid rods have there, feel the same force."""
-    away, gap, li, lj, c = touching(seed)
+    away, overlap2, li, lj, c = touching(seed)
     k = some(seed)
-    force, ti, tj, kept, delta = on_rod(away, gap, li, lj, *k.values())
+    force, ti, tj, kept, delta = on_rod(away, overlap2, li, lj, *k.values())
     u = array(k["u"]) + np.cross(array(k["pi"]), array(li)) - np.cross(array(k["pj"]), array(lj))
     v = array(k["v"]) + np.cross(array(k["wi"]), array(li)) - np.cross(array(k["wj"]), array(lj))
     f, mi, _, s, d = spheres.sphere_on_sphere(
-        C, R, R, M, M, away, gap, vec3(*u), vec3(*v), k["wi"], k["wj"], k["s"], DT, RATE, RATE
+        C, R, R, M, M, away, overlap2, vec3(*u), vec3(*v), k["wi"], k["wj"], k["s"], DT, RATE, RATE
     )
     assert array(force) == pytest.approx(array(f), rel=1e-12)
     assert array(kept) == pytest.approx(array(s), rel=1e-12)
@@ -64,11 +71,11 @@ def test_at_the_contact_it_is_two_spheres_that_move_as_the_surfaces_do(seed):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_exchanged_rods_feel_opposite_forces_to_the_last_bit(seed):
-    away, gap, li, lj, _ = touching(seed)
+    away, overlap2, li, lj, _ = touching(seed)
     k = some(seed)
-    force, ti, tj, kept, _ = on_rod(away, gap, li, lj, *k.values())
+    force, ti, tj, kept, _ = on_rod(away, overlap2, li, lj, *k.values())
     back = rods.rod_on_rod(
-        C, R, M, -away, gap, lj, li, -k["u"], -k["v"], k["pj"], k["pi"], k["wj"], k["wi"], -k["s"], DT, RATE
+        C, R, M, -away, overlap2, lj, li, -k["u"], -k["v"], k["pj"], k["pi"], k["wj"], k["wi"], -k["s"], DT, RATE
     )
     assert (-force, tj, ti, -kept) == back[:4]
 
@@ -76,11 +83,11 @@ def test_exchanged_rods_feel_opposite_forces_to_the_last_bit(seed):
 def test_rods_without_length_are_equal_spheres_to_the_last_bit(monkeypatch):
     monkeypatch.setattr(spheres, "VARIED", False)
     zero = vec3(0.0, 0.0, 0.0)
-    away, gap, _, _, _ = touching(1)
+    away, overlap2, _, _, _ = touching(1)
     k = some(1)
-    rod = on_rod(away, gap, zero, zero, *k.values())
+    rod = on_rod(away, overlap2, zero, zero, *k.values())
     sphere = spheres.sphere_on_sphere(
-        C, R, R, M, M, away, gap, k["u"], k["v"], k["wi"], k["wj"], k["s"], DT, RATE, RATE
+        C, R, R, M, M, away, overlap2, k["u"], k["v"], k["wi"], k["wj"], k["s"], DT, RATE, RATE
     )
     assert rod == sphere
     n, spin = vec3(0.0, 0.6, 0.8), vec3(0.0, 0.0, 3.0)
@@ -103,14 +110,11 @@ def test_at_a_wall_the_contact_moves_as_the_rod_s_surface_does(seed):
 
 
 RUBBING = Surface(friction=0.5, rolling_friction=0.01, restitution=0.9)
-LAWS = {
-    "linear": (linear, linear.coefficients(LinearSpringDashpot(normal_stiffness=200.0), RUBBING)),
+COEFFICIENTS = {
+    "linear": linear.coefficients(LinearSpringDashpot(normal_stiffness=200.0), RUBBING),
     # without the tangential dashpot, which ends with infinite slope as the spring reaches its limit
-    "hertz-mindlin": (
-        hertz_mindlin,
-        hertz_mindlin.coefficients(
-            HertzMindlin(shear_modulus=1e10, poisson_ratio=0.25, tangential_damping=0.0), RUBBING
-        ),
+    "hertz-mindlin": hertz_mindlin.coefficients(
+        HertzMindlin(shear_modulus=1e10, poisson_ratio=0.25, tangential_damping=0.0), RUBBING
     ),
 }
 RATE_OF_TURN, LASTS = 0.02, 2e-4
@@ -129,23 +133,22 @@ def through_parallel(c, velocity, n: int) -> np.ndarray:
         b = np.array([1.0, 0.5 * RATE_OF_TURN * time, RATE_OF_TURN * time])  # whose rate is wj x b
         a, b = vec3(1.0, 0.0, 0.0), vec3(*(b / np.linalg.norm(b)))
         p, q, away = closest(vec3(1e-3, 0.0, 2 * R - 3e-8) + u * time, a, b, HALF)
-        gap = (2 * R) ** 2 - (away.x**2 + away.y**2 + away.z**2)
+        overlap2 = (2 * R) ** 2 - (away.x**2 + away.y**2 + away.z**2)
         *forces, s, _ = rods.rod_on_rod(
-            c, R, M, away, gap, a * p, b * q, u, u, wi, wj, wi, wj, s, dt, RATE
+            c, R, M, away, overlap2, a * p, b * q, u, u, wi, wj, wi, wj, s, dt, RATE
         )  # fmt: skip
         found.append([array(part) for part in (*forces, s)])
     return np.array(found)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", COEFFICIENTS)
 @pytest.mark.parametrize(
     ("velocity", "slides"), [((0.0, 0.0, 0.0), False), ((1.5e-4, 1e-4, 0.0), True), ((4e-4, -2e-4, 0.0), True)]
 )
-def test_force_torques_and_spring_stay_continuous_as_rods_turn_through_parallel(law, velocity, slides, monkeypatch):
+def test_force_torques_and_spring_stay_continuous_as_rods_turn_through_parallel(law, velocity, slides):
     """What changes from one time to the next falls with the time between them: by 10 where that does."""
-    module, c = LAWS[law]
-    monkeypatch.setattr(spheres, "respond", module.respond)
-    coarse, fine = (through_parallel(c, velocity, n) for n in (401, 4001))
+    with choose(law):
+        coarse, fine = (through_parallel(COEFFICIENTS[law], velocity, n) for n in (401, 4001))
     force, torques = fine[:, 0], fine[:, 1:3, 1]
     # the contact runs from end to end, and takes both torques along
     assert np.all(np.ptp(torques, axis=0) > 0.5 * HALF * np.abs(force[:, 2]).max())

@@ -10,7 +10,7 @@ from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.identity import Filling
-from labbook.scene import HertzMindlin, Primitives, Scene, Spheres, Surface, WedgeHopper
+from labbook.scene import HertzMindlin, Primitives, Scene, Spheres, SurfaceChange, WedgeHopper
 from labbook.scene.canonical import canonical, digest
 
 
@@ -75,7 +75,7 @@ def test_canonical_form_is_frozen():
 
 def test_a_scene_is_known_by_its_walls_not_by_how_it_is_spelled():
     hopper = scene()
-    explicit = scene(walls={"left": Surface(friction=0.5)})
+    explicit = scene(walls={"left": SurfaceChange(friction=0.5)})
     parts = Primitives(parts=hopper.container.walls(), outlet_plane=0.0)
     assert identity.scene_key(hopper) == identity.scene_key(explicit) == identity.scene_key(scene(container=parts))
 
@@ -85,7 +85,7 @@ def test_a_scene_is_known_by_its_walls_not_by_how_it_is_spelled():
     [
         scene(gravity=9.8),
         scene(grains=Spheres(diameter=3e-3, density=2500, count=3001)),
-        scene(walls={"left": Surface(friction=0.4)}),
+        scene(walls={"left": SurfaceChange(friction=0.4)}),
         scene(container=WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=0.0301)),
         scene(contact=HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25, friction=0.5, restitution=0.21)),
     ],

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("numba")
 
-from labbook_numba import Backend, parts
+from labbook_numba import Backend, domains
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
@@ -29,8 +29,8 @@ PROBES = (Crossing(), Sample(), Contacts(every=4))
 
 @pytest.fixture(autouse=True)
 def every_scene_is_large(monkeypatch):
-    monkeypatch.setattr(parts, "LARGE", 8)
-    monkeypatch.setattr(parts, "cores", lambda: 8)
+    monkeypatch.setattr(domains, "LARGE", 8)
+    monkeypatch.setattr(domains, "cores", lambda: 8)
 
 
 def silo() -> Scene:
@@ -74,7 +74,7 @@ def used(arrays) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("precision", ["double", "mixed"])
 def test_bits_do_not_depend_on_threads(start, precision):
     rows, arrays, packing = discharged(1, precision, start)
-    assert len(rows[PROBES[0]]["id"]) > 40, "grains leave, so that rows and parts move"
+    assert len(rows[PROBES[0]]["id"]) > 40, "grains leave, so that rows and domains move"
     assert len(packing.pairs) > 200
     for threads in (2, 5):
         other_rows, other_arrays, other = discharged(threads, precision, start)
@@ -100,22 +100,22 @@ def test_guards_blame_the_same_grain(start, change):
 
 
 def test_a_member_gets_its_share_of_the_cores():
-    with parts.threads_for(1000, 8) as alone:
+    with domains.threads_for(1000, 8) as alone:
         assert alone == 8
-        with parts.threads_for(1000, 3) as second:
+        with domains.threads_for(1000, 3) as second:
             assert second == 3, "no more than it may"
-        with parts.threads_for(1000, 8) as second, parts.threads_for(1000, 8) as third:
+        with domains.threads_for(1000, 8) as second, domains.threads_for(1000, 8) as third:
             assert (second, third) == (4, 2)
-        with parts.threads_for(7, 8) as small:
+        with domains.threads_for(7, 8) as small:
             assert small == 1
-    with parts.threads_for(9, 8) as few:
-        assert few == 4, "a part has some grains"
+    with domains.threads_for(9, 8) as few:
+        assert few == 4, "a domain has some grains"
 
 
 def test_large_scenes_are_put_in_layers():
     grains = silo().grains
     gas = place(silo().close(), "gas", 3)
-    sorted_ = parts.in_layers(gas, grains.diameter)
+    sorted_ = domains.in_layers(gas, grains.diameter)
     assert (np.diff(np.floor(sorted_.x[:, 2] / grains.diameter)) >= 0).all()
     assert np.array_equal(sorted_.x, gas.x[sorted_.ids])
 
@@ -124,20 +124,20 @@ class Broken(Exception):
     pass
 
 
-def test_a_part_that_fails_does_not_keep_the_others_waiting(start):
-    """All parts leave and the caller is told why, the member as it was; were they to wait, the test lets them go."""
+def test_a_domain_that_fails_does_not_keep_the_others_waiting(start):
+    """All domains leave and the caller is told why, the member as it was; were they to wait, the test lets them go."""
     backend = Backend(threads=3)
     ensemble = backend.open(backend.specialise(silo(), numerics("double"), PROBES), 1)
     member = ensemble.admit(silo(), numerics("double"), start)
     run, before = ensemble._runs[member], ensemble.checkpoint(member)
     states, left, raised = [], [], []
 
-    def advance(part, params, target):
-        states.append(part)
-        if part.part[parts.S.NUMBER] != 1:
-            left.append(kernels.advance(part, params, target))
+    def advance(domain, params, target):
+        states.append(domain)
+        if domain.domain[domains.S.NUMBER] != 1:
+            left.append(kernels.advance(domain, params, target))
             return left[-1]
-        kernels.advance(part, params, 10)  # the others go on to their next meeting
+        kernels.advance(domain, params, 10)  # the others go on to their next meeting
         time.sleep(0.1)
         raise Broken
 
@@ -155,8 +155,8 @@ def test_a_part_that_fails_does_not_keep_the_others_waiting(start):
     thread.start()
     thread.join(60)
     waits = thread.is_alive()
-    for part in states:
-        part.meetings[0] = 1 << 62
+    for domain in states:
+        domain.meetings[0] = 1 << 62
     thread.join()
     after = ensemble.checkpoint(member)
     ensemble.close()

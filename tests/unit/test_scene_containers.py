@@ -5,7 +5,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from labbook.scene import HertzMindlin, Scene, Spheres, Strip, Surface, WedgeHopper
+from labbook.scene import HertzMindlin, Scene, Spheres, Strip, SurfaceChange, WedgeHopper
 
 
 def hopper(**changes) -> WedgeHopper:
@@ -38,7 +38,11 @@ def test_the_largest_gap_is_the_middle():
 
 
 def test_a_scene_whose_parts_do_not_fit():
-    walls = {"bottom": Surface(friction=0.1), "left": Surface(friction=0.1), "floor": Surface(friction=0.1)}
+    walls = {
+        "bottom": SurfaceChange(friction=0.1),
+        "left": SurfaceChange(friction=0.1),
+        "floor": SurfaceChange(friction=0.1),
+    }
     found = faults(lambda: scene(hopper(thickness=0.002, orifice=0.0029), walls=walls))
     assert found.keys() == {"container.thickness", "container.orifice", "walls.floor"}
 
@@ -60,10 +64,10 @@ def test_flat_hoppers_that_differ_in_their_outlet_close_to_the_same():
 
 
 def test_closing_keeps_what_walls_have_beside_friction():
-    walls = {"left": Surface(friction=0.3), "right": Surface(friction=0.3, restitution=0.9)}
+    walls = {"left": SurfaceChange(friction=0.3), "right": SurfaceChange(friction=0.3, restitution=0.9)}
     closed = scene(walls=walls).close(0.01)
     assert closed.contact.friction == 0.01
-    assert closed.walls == {"right": Surface(restitution=0.9)}
+    assert closed.walls == {"right": SurfaceChange(restitution=0.9)}
 
 
 def test_scenes_survive_storage():

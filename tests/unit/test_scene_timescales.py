@@ -6,7 +6,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
-from labbook.scene.timescales import collision, rayleigh
+from labbook.scene.contact import BaseLaw
+from labbook.scene.timescales import collision, largest_stable_step, rayleigh
 
 GRAINS = Spheres(diameter=0.003, density=2500.0, count=3000)
 HOPPER = WedgeHopper(width=0.1, height=0.4, thickness=0.00303, orifice=0.03)
@@ -46,3 +47,27 @@ def test_linear_collision():
     assert collision(scene) == pytest.approx(math.pi * math.sqrt(GRAINS.mass / 2 / stiffness))
     with pytest.raises(ValueError, match="hertz-mindlin"):
         rayleigh(scene)
+
+
+class Adhesive(BaseLaw):
+    """A law that nobody has measured the largest stable step of."""
+
+    def stiffened(self, factor):
+        return self
+
+    def damping_ratio(self, restitution):
+        return 1 - restitution
+
+    def collision_time(self, mass, radius, speed):
+        return 0.25
+
+
+def test_another_law_is_not_taken_for_one_of_these():
+    scene = FAN.model_copy(update={"contact": Adhesive()})
+    assert collision(scene) == 0.25
+    with pytest.raises(ValueError, match="hertz-mindlin"):
+        rayleigh(scene)
+    with pytest.raises(AssertionError, match="Adhesive"):
+        largest_stable_step(scene)
+    with pytest.raises(TypeError, match="collision_time"):
+        BaseLaw()  # pyright: ignore[reportAbstractUsage]

@@ -16,7 +16,7 @@ from labbook.scene import (
     Scene,
     Spheres,
     Spherocylinders,
-    Surface,
+    SurfaceChange,
     WedgeHopper,
 )
 from labbook.scene.timescales import collision, largest_stable_step, rayleigh
@@ -93,7 +93,7 @@ def test_the_default_stays_below_what_heavy_damping_allows():
 
 
 def test_the_largest_step_counts_the_heaviest_damping_of_any_contact():
-    heavy = LINEAR.model_copy(update={"walls": {"left": Surface(restitution=0.1)}})
+    heavy = LINEAR.model_copy(update={"walls": {"left": SurfaceChange(restitution=0.1)}})
     grains = LINEAR.model_copy(update={"contact": LINEAR.contact.model_copy(update={"restitution": 0.1})})
     assert largest_stable_step(heavy) == largest_stable_step(grains) < largest_stable_step(LINEAR) / 5
 

@@ -7,8 +7,6 @@ is cut at delta_max, then |F_t| <= mu F_n with the total normal force.
 """
 
 from labbook.scene import HertzMindlin, Surface
-from labbook.scene.damping import damping_ratio
-from labbook.scene.timescales import effective_modulus
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 
@@ -19,12 +17,13 @@ def coefficients(
 
     wall: whether it is of a grain and a wall; this law has the same coefficients for both.
     """
-    e, nu = surface.restitution or 1.0, law.poisson_ratio
-    c_n = damping_ratio(law, e)
-    modulus = 4 / 3 * effective_modulus(law) * stiffness_scale
+    nu = law.poisson_ratio
+    c_n = law.damping_ratio(surface.restitution)
+    modulus = 4 / 3 * law.effective_modulus * stiffness_scale
     kappa = (2 - nu) / (2 * (1 - nu))
-    mu, mu_r = surface.friction or 0.0, surface.rolling_friction or 0.0
-    return modulus, c_n, law.tangential_damping * c_n, kappa, mu, mu_r, 0.0, 0.0
+    return (
+        modulus, c_n, law.tangential_damping * c_n, kappa, surface.friction, surface.rolling_friction, 0.0, 0.0,
+    )  # fmt: skip
 
 
 @func

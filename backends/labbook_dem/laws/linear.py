@@ -8,7 +8,6 @@ the damping ratio; gamma_t is a multiple of gamma_n.
 import math
 
 from labbook.scene import LinearSpringDashpot, Surface
-from labbook.scene.damping import damping_ratio
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 
@@ -19,13 +18,14 @@ def coefficients(
 
     wall: whether it is of a grain and a wall, whose m* is twice that of two grains.
     """
-    e = surface.restitution or 1.0
-    ratio = damping_ratio(law, e)
+    ratio = law.damping_ratio(surface.restitution)
     if wall and law.damping == "printed":
         ratio /= math.sqrt(2)  # the same gamma_n as between grains
-    mu, mu_r = surface.friction or 0.0, surface.rolling_friction or 0.0
     k_n = law.normal_stiffness * stiffness_scale
-    return k_n, 2 * ratio, law.tangential_damping, law.tangential_stiffness, mu, mu_r, 0.0, 0.0
+    return (
+        k_n, 2 * ratio, law.tangential_damping, law.tangential_stiffness, surface.friction, surface.rolling_friction,
+        0.0, 0.0,
+    )  # fmt: skip
 
 
 @func

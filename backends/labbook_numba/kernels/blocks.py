@@ -12,9 +12,10 @@ from labbook_numba.kernels.features import COEFFICIENTS, KINDS, LANES, RODS, STR
 from labbook_numba.state import MIXTURES, SPHERES
 from labbook_numba.state import RODS as LAYOUT_OF_RODS
 
-# columns; in: normal or branch, gap, velocity predicted and half a step old, spins of i and j, spring and its advance;
-# out, in the places of the velocities, spins and spring: force, torque on i and on j, spring
-(NX, NY, NZ, GAP, UX, UY, UZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, SX, SY, SZ, DT, SPARE) = (
+# columns; in: normal or branch, DEPTH, velocity predicted and half a step old, spins of i and j, spring and its
+# advance; out, in the places of the velocities, spins and spring: force, torque on i and on j, spring. DEPTH is the
+# overlap [m], but until the law stage of two grains `overlap2` [m^2], as `sphere_on_sphere` and `rod_on_rod` take it
+(NX, NY, NZ, DEPTH, UX, UY, UZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, SX, SY, SZ, DT, SPARE) = (
     uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS)
 )
 # where grains differ: radius, mass and moment of inertia of i and j; and where kinds do, coefficients from C0 on
@@ -85,19 +86,19 @@ def put_forces(b, t, force, torque, spring):
 
 
 @kernel
-def largest_gap(b, bits, count):
-    """Largest of GAP, zero if none. Positive floats sort like the integers of their bits, and integers vectorise."""
-    most = bits[GAP] - bits[GAP]
+def largest_depth(b, bits, count):
+    """Largest of DEPTH, zero if none. Positive floats sort like the integers of their bits, and integers vectorise."""
+    most = bits[DEPTH] - bits[DEPTH]
     for t in range(uint64(count)):
-        most = max(most, bits[GAP + t])
+        most = max(most, bits[DEPTH + t])
     bits[SPARE] = most
     return wide(b[SPARE])
 
 
 @kernel
-def where_gap(b, count, value):
-    """Place of the first GAP that is not below `value`."""
+def where_depth(b, count, value):
+    """Place of the first DEPTH that is not below `value`."""
     for t in range(uint64(count)):
-        if not b[GAP + t] < value:
+        if not b[DEPTH + t] < value:
             return t
     return uint64(0)

@@ -1,17 +1,17 @@
-"""Moving grains by one step; how they turn is in `sphere_move` and `rod_move`."""
+"""Moving grains by one step; how they turn is in `spheres` and `rods`."""
 
 from labbook_dem.motion import drift, kick, predict
 from labbook_dem.words import VARIED, wide
 
 from labbook_numba.kernels.features import FIRST, GRAIN, LAST, LOAD, OUTLET, F, T, U, V, X, kernel, uint64
-from labbook_numba.kernels.sphere_move import turn_grain
+from labbook_numba.kernels.spheres import turn_grain
 from labbook_numba.lanes import put_row, row_at
 from labbook_numba.state import Params, State
 
 
 @kernel
 def move(st: State, p: Params, kick_dt, dt):
-    """Kick, drift, turn and predict the part's grains; forces become gravity.
+    """Kick, drift, turn and predict the domain's grains; forces become gravity.
 
     Squares of speeds, of no point of a grain's segment more: zero for leavers.
     """
@@ -24,7 +24,7 @@ def move(st: State, p: Params, kick_dt, dt):
     weight = row_at(loads, uint64(far) * LOAD + F)
     unit = weight * per_mass
     none = weight * wide(0.0)
-    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
+    for i in range(uint64(st.domain[FIRST]), uint64(st.domain[LAST])):
         at = i * GRAIN
         load = i * LOAD
         if VARIED:

@@ -1,10 +1,10 @@
-"""Which grains are near one another, and near walls; which of them are is in `sphere_near` and `rod_near`."""
+"""Which grains are near one another, and near walls; which of them are is in `spheres` and `rods`."""
 
 from labbook_dem.words import wide
 
 from labbook_numba.kernels.cells import fill_cells
 from labbook_numba.kernels.features import GRAINS, PAD, kernel
-from labbook_numba.kernels.sphere_near import near_grain, near_wall
+from labbook_numba.kernels.spheres import near_grain, near_wall
 from labbook_numba.state import Params, State
 
 

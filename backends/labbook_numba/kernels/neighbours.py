@@ -88,17 +88,17 @@ def drop_leavers(st: State, p: Params, place):
 
 
 @kernel
-def carry(parts, old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i, new_j, held, spring):
-    """Springs of entries that are in both lists, each ascending in (i, j); new entries hold none; each has `parts`."""
+def carry(springs_each, old, old_last, old_i, old_j, old_held, old_spring, first, last, new_i, new_j, held, spring):
+    """Springs of entries that are in both lists, each ascending in (i, j); new entries hold none."""
     for k in range(first, last):
         i, j = new_i[k], new_j[k]
         while old < old_last and (old_i[old] < i or (old_i[old] == i and old_j[old] < j)):
             old += 1
         if old < old_last and old_i[old] == i and old_j[old] == j:
             held[k] = old_held[old]
-            for part in range(parts):
+            for part in range(springs_each):
                 for c in range(3):
-                    spring[k * parts + part, c] = old_spring[old * parts + part, c]
+                    spring[k * springs_each + part, c] = old_spring[old * springs_each + part, c]
 
 
 @entry

@@ -2,7 +2,7 @@
 
 from labbook_dem.words import FRICTION, func
 
-from labbook_numba.kernels.blocks import GAP, HELD
+from labbook_numba.kernels.blocks import DEPTH, HELD
 from labbook_numba.kernels.features import STRIDE
 from labbook_numba.lanes import eight_at
 from labbook_numba.squeeze import exchange, squeeze, squeeze_places
@@ -24,12 +24,14 @@ def squeeze_vectors(b, place, vectors, touching):
 
 
 @func
-def squeeze_entries(b, slot, count, gap, held, k, touching, here):
-    """Write the gaps of the picked of the list entries k..k + 8, whether they hold springs, and which entries they are.
+def squeeze_entries(b, slot, count, depth, held, k, touching, here):
+    """Write `depth` of the picked of the list entries k..k + 8, whether they hold springs, and which entries they are.
+
+    depth: what goes to DEPTH.
 
     From now on those that touch hold one; `here`: those of the eight that are in the list.
     """
-    squeeze(b, GAP + count, gap, touching)
+    squeeze(b, DEPTH + count, depth, touching)
     if FRICTION:
         squeeze(b, HELD + count, exchange(held, k, touching, here), touching)
         squeeze_places(slot, count, k, touching)

@@ -6,7 +6,7 @@ What the shape of the grains decides is in `sphere_pairs` and `rod_pairs`: which
 from labbook_dem.contact import rolling_rate
 from labbook_dem.words import VARIED, real, wide
 
-from labbook_numba.kernels.blocks import BX, GAP, largest_gap, put_forces, put_vector, reals, where_gap, whole
+from labbook_numba.kernels.blocks import BX, DEPTH, largest_depth, put_forces, put_vector, reals, where_depth, whole
 from labbook_numba.kernels.bodies import gather_bodies, gather_coefficients, rolling_inertia
 from labbook_numba.kernels.features import (
     BLOCK,
@@ -32,7 +32,7 @@ from labbook_numba.state import Params, State
 
 @kernel
 def pair_law(b, count, coefficients, radius, mass, inertia, dt):
-    """Law stage of grain on grain. Branch in NX.., (r_i + r_j)^2 - r^2 in GAP; velocities relative, spins own.
+    """Law stage of grain on grain. Branch in NX.., overlap2 in DEPTH, which becomes the overlap; velocities relative.
 
     radius, mass, inertia: of all, if they are alike. dt: step [s].
     """
@@ -43,19 +43,19 @@ def pair_law(b, count, coefficients, radius, mass, inertia, dt):
         put_forces(b, t, force, torque, kept)
         if FRICTION or RODS:
             put_vector(b, BX + t, other)
-        b[GAP + t] = delta
+        b[DEPTH + t] = delta
 
 
 @kernel
 def pair_forces(st: State, p: Params):
     """Add the forces of grains on grains to f and t; note touching pairs, the largest overlap, and whose it is."""
-    part = st.part
+    domain = st.domain
     st.sums[MAX_OVERLAP] = wide(0.0)
     if LEDGER:
         st.count[TOUCHING] = 0
-    # rows are first of all second in their pairs, and those that stand before this part come first
-    listed_forces(st, p, st.borrowed_i, st.borrowed_j, st.borrowed_held, st.borrowed_spring, int64(0), part[BORROWED])
-    listed_forces(st, p, st.pair_i, st.pair_j, st.held, st.spring, part[FIRST_PAIR], part[LAST_PAIR])
+    # rows are first of all second in their pairs, and those that stand before this domain come first
+    listed_forces(st, p, st.borrowed_i, st.borrowed_j, st.borrowed_held, st.borrowed_spring, int64(0), domain[BORROWED])
+    listed_forces(st, p, st.pair_i, st.pair_j, st.held, st.spring, domain[FIRST_PAIR], domain[LAST_PAIR])
 
 
 @kernel
@@ -92,11 +92,11 @@ def listed_forces(st: State, p: Params, pair_i, pair_j, held, spring, first, end
         if FRICTION:
             scatter_springs(spring, slot, b, count)
         touching += count
-        overlap = largest_gap(b, st.bits, count)
+        overlap = largest_depth(b, st.bits, count)
         if not overlap <= deepest:
             deepest = overlap
             if not deepest <= p.overlap_limit:
-                st.count[FAIL_GRAIN] = st.ids[i[where_gap(b, count, overlap)]]
+                st.count[FAIL_GRAIN] = st.ids[i[where_depth(b, count, overlap)]]
     st.sums[MAX_OVERLAP] = deepest
     if LEDGER:
         st.count[TOUCHING] += touching

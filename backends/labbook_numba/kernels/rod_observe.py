@@ -9,8 +9,8 @@ from labbook_dem.words import dot, narrow, real, wide
 from labbook_numba.kernels.blocks import reals
 from labbook_numba.kernels.bodies import rolling_inertia
 from labbook_numba.kernels.features import ANY_WALLS, PAIRS, WALL_PARTS, A, F, M, P, T, U, V, W, X, entry
-from labbook_numba.kernels.rod_move import store
 from labbook_numba.kernels.rod_walls import heritage, measure_rod, wall_contact
+from labbook_numba.kernels.rods import store
 from labbook_numba.kernels.single import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
@@ -30,10 +30,10 @@ def contact_rows(st: State, p: Params, out):
         a = load(g, i, A)
         b = load(g, j, A)
         s, t, away = closest(branch, a, b, p.half)
-        gap = diameter * diameter - dot(away, away)
-        if gap > wide(0.0):
+        overlap2 = diameter * diameter - dot(away, away)
+        if overlap2 > wide(0.0):
             force, _, _, _, _ = rod_on_rod(
-                reals(p.c), real(p.radius), real(p.mass), narrow(away), real(gap), narrow(a * s), narrow(b * t),
+                reals(p.c), real(p.radius), real(p.mass), narrow(away), real(overlap2), narrow(a * s), narrow(b * t),
                 narrow(load(g, i, U) - load(g, j, U)), narrow(load(g, i, V) - load(g, j, V)),
                 narrow(load(g, i, P)), narrow(load(g, j, P)), narrow(load(g, i, W)), narrow(load(g, j, W)),
                 spring_of(st.spring, st.held, k), advance_of(st.held, k, dt), rate,
@@ -60,9 +60,9 @@ def contact_rows(st: State, p: Params, out):
 
 
 @entry
-def whole_step(grains, loads, body, part, p: Params, v, w):
-    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
+def whole_step(grains, loads, body, later, p: Params, v, w):
+    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `later` [s] later by `loads`."""
     for i in range(len(v)):
-        store(v, i, 0, load(grains, i, V) + load(loads, i, F) * (part / p.mass))
-        m = load(grains, i, M) + load(loads, i, T) * (part / p.inertia)
+        store(v, i, 0, load(grains, i, V) + load(loads, i, F) * (later / p.mass))
+        m = load(grains, i, M) + load(loads, i, T) * (later / p.inertia)
         store(w, i, 0, spin(m, load(grains, i, A), p.slender))

@@ -7,7 +7,7 @@ from labbook_dem.rods import rod_on_rod
 from labbook_dem.segments import closest
 from labbook_dem.words import dot, func, wide, wide3
 
-from labbook_numba.kernels.blocks import AX, BX, DT, GAP, IX, JX, NX, OX, PX, SX, UX, VX, vector_at
+from labbook_numba.kernels.blocks import AX, BX, DEPTH, DT, IX, JX, NX, OX, PX, SX, UX, VX, vector_at
 from labbook_numba.kernels.features import GRAIN, STRIDE, A, X, kernel, uint64
 from labbook_numba.kernels.pack import eights_at, squeeze_entries, squeeze_vectors
 from labbook_numba.kernels.transfer import put_vectors
@@ -16,7 +16,8 @@ from labbook_numba.rows import columns, rows_at
 from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_numbers
 from labbook_numba.state import RODS as LAYOUT
 
-# of State.near: branch between centres, which becomes that between closest points; axes, which become levers; gap
+# of State.near: branch between centres, which becomes that between closest points; axes, which become levers;
+# overlap2, as `rod_on_rod` takes it
 (CX, CY, CZ, KX, KY, KZ, LX, LY, LZ, CLOSE) = (uint64(column * STRIDE) for column in range(LAYOUT.NEAR_COLUMNS))
 
 
@@ -35,7 +36,7 @@ def gather_rods(grains, pair_i, pair_j, near, first, count):
 
 @kernel
 def closest_points(b, count, half, reach2):
-    """Branch, levers and gap (diameter^2 - r^2) of near pairs."""
+    """Branch, levers and overlap2 (diameter^2 - r^2) of near pairs."""
     for t in range(uint64(count)):
         a = wide3(b[KX + t], b[KY + t], b[KZ + t])
         other = wide3(b[LX + t], b[LY + t], b[LZ + t])
@@ -56,7 +57,7 @@ def closest_points(b, count, half, reach2):
 def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, slot, first, last, half, reach2):
     """Bring those of the listed pairs first..last that touch into the block; how many they are.
 
-    Branches between closest points, gaps (diameter^2 - r^2) and levers go to columns, grains to `block_i` and
+    Branches between closest points, overlap2 (diameter^2 - r^2) and levers go to columns, grains to `block_i` and
     `block_j`, list entries to `slot`.
     """
     near_count = last - first
@@ -65,13 +66,13 @@ def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, sl
     count = uint64(0)
     for t in range(uint64(0), near_count, uint64(8)):
         k = first + t
-        gap = eight_at(near, CLOSE + t)
+        overlap2 = eight_at(near, CLOSE + t)
         here = first_of(near_count - t)
-        touching = both(positive(gap), here)
+        touching = both(positive(overlap2), here)
         squeeze_vectors(b, NX + count, eights_at(near, CX + t), touching)
         squeeze_vectors(b, IX + count, eights_at(near, KX + t), touching)
         squeeze_vectors(b, JX + count, eights_at(near, LX + t), touching)
-        squeeze_entries(b, slot, count, gap, held, k, touching, here)
+        squeeze_entries(b, slot, count, overlap2, held, k, touching, here)
         squeeze_numbers(block_i, count, pair_i, k, touching)
         squeeze_numbers(block_j, count, pair_j, k, touching)
         count += how_many(touching)
@@ -82,7 +83,7 @@ def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, sl
 def pair_contact(b, t, c, radius, mass, rate, dt):
     """Force and torque on i, torque on j, spring and overlap [m] of contact t; see `pair_law`."""
     return rod_on_rod(
-        c, radius, mass, vector_at(b, NX + t), b[GAP + t], vector_at(b, IX + t), vector_at(b, JX + t),
+        c, radius, mass, vector_at(b, NX + t), b[DEPTH + t], vector_at(b, IX + t), vector_at(b, JX + t),
         vector_at(b, UX + t), vector_at(b, VX + t), vector_at(b, PX + t), vector_at(b, OX + t), vector_at(b, AX + t),
         vector_at(b, BX + t), vector_at(b, SX + t), b[DT + t], rate,
     )  # fmt: skip

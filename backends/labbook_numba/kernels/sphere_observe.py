@@ -24,11 +24,11 @@ def contact_rows(st: State, p: Params, out):
         away = load(st.grains, i, X) - load(st.grains, j, X)
         ri, rj = radius_of(st.body, i, p.radius), radius_of(st.body, j, p.radius)
         mi, mj = mass_of(st.body, i, p.mass), mass_of(st.body, j, p.mass)
-        gap = (ri + rj) * (ri + rj) - dot(away, away)
-        if gap > wide(0.0):
+        overlap2 = (ri + rj) * (ri + rj) - dot(away, away)
+        if overlap2 > wide(0.0):
             force, _, _, _, _ = sphere_on_sphere(
                 reals(row_of(p.pair_c, kind_of(st.body, i) * KINDS + kind_of(st.body, j))),
-                real(ri), real(rj), real(mi), real(mj), narrow(away), real(gap),
+                real(ri), real(rj), real(mi), real(mj), narrow(away), real(overlap2),
                 narrow(load(st.grains, i, U) - load(st.grains, j, U)),
                 narrow(load(st.grains, i, V) - load(st.grains, j, V)),
                 narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
@@ -72,9 +72,9 @@ def rate_of(body, i, p):
 
 
 @entry
-def whole_step(grains, loads, body, part, p: Params, v, w):
-    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `part` [s] later by `loads`."""
+def whole_step(grains, loads, body, later, p: Params, v, w):
+    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `later` [s] later by `loads`."""
     for i in range(len(v)):
         for c in range(3):
-            v[i, c] = grains[i, V + c] + loads[i, F + c] * (part / mass_of(body, i, p.mass))
-            w[i, c] = grains[i, W + c] + loads[i, T + c] * (part / inertia_of(body, i, p.inertia))
+            v[i, c] = grains[i, V + c] + loads[i, F + c] * (later / mass_of(body, i, p.mass))
+            w[i, c] = grains[i, W + c] + loads[i, T + c] * (later / inertia_of(body, i, p.inertia))

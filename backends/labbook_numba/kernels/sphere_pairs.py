@@ -7,8 +7,8 @@ from labbook_dem.words import VARIED, func
 from labbook_numba.kernels.blocks import (
     AX,
     BX,
+    DEPTH,
     DT,
-    GAP,
     MI,
     MJ,
     NX,
@@ -33,17 +33,17 @@ from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_nu
 def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, slot, first, last, half, reach2):
     """Bring those of the listed pairs first..last that touch into the block; how many they are.
 
-    Branch and gap ((r_i + r_j)^2 - r^2) go to columns, grains to `block_i` and `block_j`, list entries to `slot`. Gaps
-    are small differences: they are taken in double, whatever the block holds.
+    Branch and overlap2 ((r_i + r_j)^2 - r^2) go to columns, grains to `block_i` and `block_j`, list entries to `slot`.
+    overlap2 is a small difference: it is taken in double, whatever the block holds.
     """
     count = uint64(0)
     for k in range(first, last, uint64(8)):
         x, y, z, _ = columns(rows_at(grains, pair_i, k, GRAIN, X) - rows_at(grains, pair_j, k, GRAIN, X))
-        gap = eight_reaches(body, pair_i, pair_j, k, reach2) - (x * x + y * y + z * z)
+        overlap2 = eight_reaches(body, pair_i, pair_j, k, reach2) - (x * x + y * y + z * z)
         here = first_of(last - k)
-        touching = both(positive(gap), here)
+        touching = both(positive(overlap2), here)
         squeeze_vectors(b, NX + count, (x, y, z), touching)
-        squeeze_entries(b, slot, count, gap, held, k, touching, here)
+        squeeze_entries(b, slot, count, overlap2, held, k, touching, here)
         squeeze_numbers(block_i, count, pair_i, k, touching)
         squeeze_numbers(block_j, count, pair_j, k, touching)
         count += how_many(touching)
@@ -61,7 +61,7 @@ def pair_contact(b, t, c, radius, mass, rate, dt):
         mi, mj = b[MI + t], b[MJ + t]
         rate_i, rate_j = rolling_rate(b[TI + t], dt), rolling_rate(b[TJ + t], dt)
     return sphere_on_sphere(
-        coefficients_at(b, t, c), ri, rj, mi, mj, vector_at(b, NX + t), b[GAP + t], vector_at(b, UX + t),
+        coefficients_at(b, t, c), ri, rj, mi, mj, vector_at(b, NX + t), b[DEPTH + t], vector_at(b, UX + t),
         vector_at(b, VX + t), vector_at(b, AX + t), vector_at(b, BX + t), vector_at(b, SX + t), b[DT + t],
         rate_i, rate_j,
     )  # fmt: skip

@@ -6,8 +6,8 @@ from labbook_dem.words import VARIED, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import (
     AX,
+    DEPTH,
     DT,
-    GAP,
     MI,
     NX,
     RI,
@@ -16,12 +16,12 @@ from labbook_numba.kernels.blocks import (
     UX,
     VX,
     coefficients_at,
-    largest_gap,
+    largest_depth,
     put_forces,
     reals,
     row_of,
     vector_at,
-    where_gap,
+    where_depth,
     whole,
 )
 from labbook_numba.kernels.bodies import gather_bodies, gather_coefficients, radius_of
@@ -45,7 +45,6 @@ from labbook_numba.kernels.features import (
     uint64,
 )
 from labbook_numba.kernels.pack import eights_at, squeeze_entries, squeeze_vectors
-from labbook_numba.kernels.search import first_at_least
 from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
 from labbook_numba.kernels.transfer import (
     fill_up,
@@ -60,8 +59,8 @@ from labbook_numba.rows import columns, rows_at
 from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_numbers
 from labbook_numba.state import SPHERES, Params, State
 
-# columns of State.near: position, which becomes the unit normal; gap; velocity of the surface
-XX, XY, XZ, NEAR_GAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(SPHERES.NEAR_COLUMNS))
+# columns of State.near: position, which becomes the unit normal; overlap; velocity of the surface
+XX, XY, XZ, NEAR_OVERLAP, QX, QY, QZ = (uint64(column * STRIDE) for column in range(SPHERES.NEAR_COLUMNS))
 
 
 @kernel
@@ -81,7 +80,7 @@ def measure_walls(grains, body, wall_grain, near, shape, kind, motion, w, k, cou
         near[XX + t] = normal.x
         near[XY + t] = normal.y
         near[XZ + t] = normal.z
-        near[NEAR_GAP + t] = radius_of(body, wall_grain[k + t], radius) - distance
+        near[NEAR_OVERLAP + t] = radius_of(body, wall_grain[k + t], radius) - distance
 
 
 @kernel
@@ -89,13 +88,13 @@ def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
     """Bring those of the measured near grains that touch into the block; how many they are."""
     count = uint64(0)
     for t in range(uint64(0), near_count, uint64(8)):
-        gap = eight_at(near, NEAR_GAP + t)
+        overlap = eight_at(near, NEAR_OVERLAP + t)
         here = first_of(near_count - t)
-        touching = both(positive(gap), here)
+        touching = both(positive(overlap), here)
         squeeze_vectors(b, NX + count, eights_at(near, XX + t), touching)
         if MOVING:
             squeeze_vectors(b, UX + count, eights_at(near, QX + t), touching)
-        squeeze_entries(b, slot, count, gap, held, k + t, touching, here)
+        squeeze_entries(b, slot, count, overlap, held, k + t, touching, here)
         squeeze_numbers(i, count, wall_grain, k + t, touching)
         count += how_many(touching)
     return count
@@ -103,7 +102,7 @@ def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
 
 @kernel
 def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin):
-    """Law stage of grain on wall. Unit normal in NX.., overlap in GAP; the wall turns with `spin` [rad/s] about z.
+    """Law stage of grain on wall. Unit normal in NX.., overlap in DEPTH; the wall turns with `spin` [rad/s] about z.
 
     radius, mass, inertia: of all, if they are alike. dt: step [s].
     """
@@ -114,10 +113,22 @@ def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin):
         if VARIED:
             radius, mass, rate = b[RI + t], b[MI + t], rolling_rate(b[TI + t], dt)
         force, torque, kept = sphere_on_wall(
-            coefficients_at(b, t, c), radius, mass, b[GAP + t], vector_at(b, NX + t), vector_at(b, UX + t),
+            coefficients_at(b, t, c), radius, mass, b[DEPTH + t], vector_at(b, NX + t), vector_at(b, UX + t),
             vector_at(b, VX + t), vector_at(b, AX + t), vec3(zero, zero, spin), vector_at(b, SX + t), b[DT + t], rate,
         )  # fmt: skip
         put_forces(b, t, force, torque, kept)
+
+
+@kernel
+def first_at_least(ascending, first, last, value):
+    """Where in ascending[first:last] the first number is that is not below `value`; `last` if there is none."""
+    while first < last:
+        middle = (first + last) // 2
+        if ascending[middle] < value:
+            first = middle + 1
+        else:
+            last = middle
+    return first
 
 
 @kernel
@@ -137,8 +148,8 @@ def wall_forces(st: State, p: Params):
         spin = real(p.wall_motion[w, 3])
         start = st.wall_first[w]
         end = st.wall_first[w + uint64(1)]
-        start = first_at_least(st.wall_grain, start, end, st.part[FIRST])
-        last = uint64(first_at_least(st.wall_grain, start, end, st.part[LAST]))
+        start = first_at_least(st.wall_grain, start, end, st.domain[FIRST])
+        last = uint64(first_at_least(st.wall_grain, start, end, st.domain[LAST]))
         for k in range(uint64(start), last, BLOCK):
             near = min(last - k, BLOCK)
             measure_walls(
@@ -159,11 +170,11 @@ def wall_forces(st: State, p: Params):
             if FRICTION:
                 scatter_springs(st.wall_spring, slot, b, count)
             touching += count
-            overlap = largest_gap(b, st.bits, count)
+            overlap = largest_depth(b, st.bits, count)
             if not overlap <= deepest:
                 deepest = overlap
                 if not deepest <= p.overlap_limit:
-                    st.count[FAIL_GRAIN] = st.ids[i[where_gap(b, count, overlap)]]
+                    st.count[FAIL_GRAIN] = st.ids[i[where_depth(b, count, overlap)]]
     st.sums[MAX_OVERLAP] = deepest
     if LEDGER:
         st.count[TOUCHING] += touching

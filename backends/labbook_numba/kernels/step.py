@@ -37,8 +37,8 @@ from labbook_numba.kernels.features import (
 from labbook_numba.kernels.meet import agree
 from labbook_numba.kernels.move import move
 from labbook_numba.kernels.pairs import pair_forces
-from labbook_numba.kernels.sphere_move import contact_work
 from labbook_numba.kernels.sphere_walls import wall_forces
+from labbook_numba.kernels.spheres import contact_work
 from labbook_numba.state import Params, State
 
 
@@ -48,7 +48,7 @@ def largest(first, last, speed2, bits):
     most = bits[0] - bits[0]
     for i in range(uint64(first), uint64(last)):
         most = max(most, bits[i] & 0x7FFFFFFFFFFFFFFF)
-    bits[last] = most  # one behind the rows of a part is its own: so is the array
+    bits[last] = most  # one behind the rows of a domain is its own: so is the array
     return speed2[last]
 
 
@@ -58,25 +58,25 @@ def leave(st: State, p: Params, dt):
     step = st.count[STEP]
     leaving = 0
     g = st.grains
-    for i in range(uint64(st.part[FIRST]), uint64(st.part[LAST])):
+    for i in range(uint64(st.domain[FIRST]), uint64(st.domain[LAST])):
         z = g[i, X + 2]
         if CROSSING and z < p.plane and st.gone[i] == 0:
             st.gone[i] = 1
             row = st.count[CROSSED]
             st.count[CROSSED] += 1
             before = z - g[i, V + 2] * dt
-            part = (before - p.plane) / (before - z) if before > z else wide(0.0)
+            fraction = (before - p.plane) / (before - z) if before > z else wide(0.0)
             c = st.cross
             c[row, 0] = st.ids[i]
             c[row, 1] = step + 1
-            c[row, 2] = (step + min(max(part, wide(0.0)), wide(1.0))) * dt
+            c[row, 2] = (step + min(max(fraction, wide(0.0)), wide(1.0))) * dt
             for axis in range(3):
                 c[row, 3 + axis] = g[i, X + axis]
                 c[row, 6 + axis] = g[i, V + axis]
                 c[row, 9 + axis] = g[i, W + axis]
             if RODS:
-                for part in range(4):
-                    c[row, 12 + part] = g[i, Q + part]
+                for column in range(4):
+                    c[row, 12 + column] = g[i, Q + column]
         if OUTLET and z < p.drop:
             leaving += 1
     st.count[LEAVING] = leaving
@@ -84,7 +84,7 @@ def leave(st: State, p: Params, dt):
 
 @kernel
 def integrate(st: State, p: Params):
-    """Advance the part's grains by one step. Gives the square of the largest speed, or a NaN."""
+    """Advance the domain's grains by one step. Gives the square of the largest speed, or a NaN."""
     dt = wide(p.dt)
     # the first kick brings velocities from a whole to a half step
     kick_dt = dt if st.count[STEP] > 0 else wide(0.5) * dt
@@ -94,7 +94,7 @@ def integrate(st: State, p: Params):
     if CROSSING or OUTLET:
         leave(st, p, dt)
     st.count[STEP] += 1
-    return largest(st.part[FIRST], st.part[LAST], st.speed2, st.speed_bits)
+    return largest(st.domain[FIRST], st.domain[LAST], st.speed2, st.speed_bits)
 
 
 @entry
@@ -102,7 +102,7 @@ def advance(st: State, p: Params, target):
     """Take steps up to step `target`; DONE, or why not. After REBUILD and a rebuild it is called again.
 
     If that is the present step, forces and torques of now are left in loads, and the springs advanced: on a copy of
-    the state, this is how they are read. The threads of all parts of a scene call it together and end alike.
+    the state, this is how they are read. The threads of all domains of a scene call it together and end alike.
     """
     limit2 = p.speed_limit * p.speed_limit
     reading = st.count[STEP] == target
@@ -121,7 +121,7 @@ def advance(st: State, p: Params, target):
         fastest2 = agree(st, SPEED, integrate(st, p))
         if not fastest2 <= limit2:
             st.sums[FAIL_VALUE] = sqrt(fastest2)
-            for i in range(st.part[FIRST], st.part[LAST]):
+            for i in range(st.domain[FIRST], st.domain[LAST]):
                 if not st.speed2[i] <= limit2:
                     st.count[FAIL_GRAIN] = st.ids[i]
             return BAD_SPEED if fastest2 > limit2 else BAD_STATE

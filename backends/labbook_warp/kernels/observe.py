@@ -12,7 +12,7 @@ from labbook_warp.kernels.words import (
     ANY_WALLS,
     LANES,
     PARKED,
-    PARTS,
+    WALL_PARTS,
     Ints,
     Wides,
     Wides3,
@@ -41,34 +41,34 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
         g = grain(p, m, i)
         if g.x[2] > wide(0.5) * wide(PARKED):
             f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, near, False)
-            part = wide(0.5) * m.dt
+            later = wide(0.5) * m.dt
             if a.step[s] == wp.int64(0):
-                part = wide(0.0)
+                later = wide(0.0)
             if lane == 0:
                 gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-                v_out[i] = widen(narrow(widen(g.v) + (f * per_mass(a, m, i) + gravity) * part))
-                w_out[i] = widen(narrow(widen(whole(g, own(a, p, i)).w) + t * (per_inertia(a, m, i) * part)))
+                v_out[i] = widen(narrow(widen(g.v) + (f * per_mass(a, m, i) + gravity) * later))
+                w_out[i] = widen(narrow(widen(whole(g, own(a, p, i)).w) + t * (per_inertia(a, m, i) * later)))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
 
 
 @kernel
-def kinetic(a: System, p: Words, v: Wides3, w: Wides3, parts: int, out: Wides):
-    """Kinetic energy [J] of every `parts`-th grain of each member, to be added up: in quanta, and the rest.
+def kinetic(a: System, p: Words, v: Wides3, w: Wides3, adders: int, out: Wides):
+    """Kinetic energy [J] of every `adders`-th grain of each member, to be added up: in quanta, and the rest.
 
     Exact, multiples of a quantum in double: which row a grain has decides no bit. A quantum is 2^-48 of the energy of
     2^20 grains at the guard on speeds; what it leaves over is counted in quanta finer by 2^48.
     """
     thread = wp.tid()
-    s = thread // parts
-    first = thread - s * parts
+    s = thread // adders
+    first = thread - s * adders
     m = material(a, s)
     magic = wide(24.0 * 2.0**20.0) * wide(m.speed2) / m.per_mass
     small = magic * wide(2.0**-48.0)
     coarse = wide(0.0)
     fine = wide(0.0)
-    for r in range(first, a.rows[s], parts):
+    for r in range(first, a.rows[s], adders):
         i = s * a.cap + r
         turning = dot(w[i], spinning(m, grain(p, m, i), w[i]))
         energy = wide(0.5) * (dot(v[i], v[i]) / per_mass(a, m, i) + turning / per_inertia(a, m, i))
@@ -109,8 +109,17 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                     if c.touches:
                         row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
             if ANY_WALLS:
-                for k in range(a.walls * PARTS):
+                for k in range(a.walls * WALL_PARTS):
                     if has_bit(a.wall_near[i], k):
                         c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                         if c.touches:
-                            row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], -1, k // PARTS, c.force, c.branch)
+                            row(
+                                out,
+                                10 * wp.atomic_add(counter, 0, 1),
+                                s,
+                                a.ids[i],
+                                -1,
+                                k // WALL_PARTS,
+                                c.force,
+                                c.branch,
+                            )

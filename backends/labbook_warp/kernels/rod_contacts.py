@@ -1,4 +1,4 @@
-"""What a rod meets: the contact with one of its neighbours, and up to PARTS contacts with each of the walls near it."""
+"""What a rod meets: the contact with one of its neighbours, and up to WALL_PARTS contacts with each wall near it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from labbook_warp.kernels.rods import Grain
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry
 from labbook_warp.kernels.walls import wall_distance, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, PARTS, SHARED, Words, first_bit, or_lanes, uint32, wp
+from labbook_warp.kernels.words import LANES, MOVING, SHARED, WALL_PARTS, Words, first_bit, or_lanes, uint32, wp
 
 
 @func
@@ -37,14 +37,14 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     along = away[0] if away[0] != wide(0.0) else (away[1] if away[1] != wide(0.0) else away[2])
     mine, yours = closest_from(away, g.axis, there.axis, m.half, along > wide(0.0))
     branch = (g.x + g.axis * wide(mine)) - (there.x + there.axis * wide(yours))
-    gap = m.reach2 - dot(branch, branch)
-    c.touches = gap > wide(0.0)
+    overlap2 = m.reach2 - dot(branch, branch)
+    c.touches = overlap2 > wide(0.0)
     if c.touches:
         if not held:
             v, w, u, y = motion(p, j, there)
         b = narrow(there.axis)
         f, t, _t, kept, delta = rod_on_rod(
-            m.c, m.radius, m.mass, narrow(branch), rounded(gap), narrow(g.axis) * mine, b * yours,
+            m.c, m.radius, m.mass, narrow(branch), rounded(overlap2), narrow(g.axis) * mine, b * yours,
             g.u - u, g.v - v, g.soon, y, g.spin, w, last, advance, m.inertia_rate,
         )  # fmt: skip
         c.overlap = delta
@@ -91,7 +91,7 @@ def meet(
     advanced in memory.
     """
     source = heir(part, was, now)
-    first = entry(a, s, a.walls * PARTS, q * PARTS, r)
+    first = entry(a, s, a.walls * WALL_PARTS, q * WALL_PARTS, r)
     c = with_wall(a, m, s * a.walls + q, first + source * a.cap, source >= 0, g, distance, normal, at)
     if FRICTION:
         if keep:
@@ -102,18 +102,18 @@ def meet(
 @func
 def parts_of(mask: uint32, q: int):
     """The bits of wall q."""
-    return int((mask >> wp.uint32(q * PARTS)) & wp.uint32((1 << PARTS) - 1))
+    return int((mask >> wp.uint32(q * WALL_PARTS)) & wp.uint32((1 << WALL_PARTS) - 1))
 
 
 @func
 def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain):
-    """The contact of row r with part and wall number k = wall PARTS + part; old: at which parts springs are held."""
-    q = k // PARTS
-    part = k - q * PARTS
+    """The contact of row r at k = wall WALL_PARTS + part; old: at which parts springs are held."""
+    q = k // WALL_PARTS
+    part = k - q * WALL_PARTS
     now = int(0)
     wall = s * a.walls + q
     met, on, twin, back = edges(a, wall, g.x, g.axis, m.half, m.reach, parts_of(near, q))
-    for other in range(PARTS):
+    for other in range(WALL_PARTS):
         if has(parts_of(near, q), other):
             distance, normal, at = part_distance(
                 a, wall, g.x, g.axis, m.half, m.reach, other, met, on, twin, back
@@ -132,7 +132,7 @@ def without_walls(near: uint32, n: int):
     """The walls that are near, but for the first n of them."""
     for _k in range(n):
         if near != wp.uint32(0):
-            near = near & ~(wp.uint32((1 << PARTS) - 1) << wp.uint32(first_bit(near) // PARTS * PARTS))
+            near = near & ~(wp.uint32((1 << WALL_PARTS) - 1) << wp.uint32(first_bit(near) // WALL_PARTS * WALL_PARTS))
     return near
 
 
@@ -158,23 +158,23 @@ def abreast(
 ):  # fmt: skip
     """Each thread takes one part of one wall at a time. No spring is read that another writes: see `heir`."""
     held = wp.uint32(0)
-    part = lane % PARTS
-    near = without_walls(near, lane // PARTS)
+    part = lane % WALL_PARTS
+    near = without_walls(near, lane // WALL_PARTS)
     while near != wp.uint32(0):
-        q = first_bit(near) // PARTS
+        q = first_bit(near) // WALL_PARTS
         parts = parts_of(near, q)
-        near = without_walls(near, LANES // PARTS)
+        near = without_walls(near, LANES // WALL_PARTS)
         wall = s * a.walls + q
         met, on = edge_of_two(a, wall, g.x, g.axis, m.half, m.reach, parts, part)
         distance, normal, at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part, met, on, met, on)
         touches = wp.uint32(0)
         if has(parts, part) and distance < m.reach:
             touches = wp.uint32(1) << wp.uint32(part)
-        now = int(or_lanes(touches, PARTS))
+        now = int(or_lanes(touches, WALL_PARTS))
         if has(now, part):
             c = meet(a, m, s, r, q, part, parts_of(old, q), now, g, distance, normal, at, keep)
             sums = plus(sums, c, m)
-            held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+            held = held | (wp.uint32(1) << wp.uint32(q * WALL_PARTS + part))
     return sums, held
 
 
@@ -185,7 +185,7 @@ def one_by_one(
     """One thread takes all parts of all walls."""
     held = wp.uint32(0)
     while near != wp.uint32(0):
-        q = first_bit(near) // PARTS
+        q = first_bit(near) // WALL_PARTS
         left = parts_of(near, q)
         near = without_walls(near, 1)
         # once to see which parts touch, and once more for their forces: who inherits a spring depends on all
@@ -207,7 +207,7 @@ def one_by_one(
             else:
                 c = meet(a, m, s, r, q, part, parts_of(old, q), now, g, distance, normal, at, keep)
                 sums = plus(sums, c, m)
-                held = held | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+                held = held | (wp.uint32(1) << wp.uint32(q * WALL_PARTS + part))
     return sums, held
 
 
@@ -220,13 +220,13 @@ def near_walls(a: System, m: Material, s: int, g: Grain):
     near = wp.uint32(0)
     for q in range(a.place[s].walls):
         wall = s * a.walls + q
-        for part in range(PARTS):
+        for part in range(WALL_PARTS):
             if part < 2:
                 end = m.half if part == 1 else -m.half
                 distance, _normal = wall_distance(a, wall, g.x + g.axis * end)
                 if distance < m.reach + m.half_skin:
-                    near = near | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+                    near = near | (wp.uint32(1) << wp.uint32(q * WALL_PARTS + part))
             else:
                 if edge_near(a, wall, part, g.x, g.axis, m.half, m.reach + m.half_skin):
-                    near = near | (wp.uint32(1) << wp.uint32(q * PARTS + part))
+                    near = near | (wp.uint32(1) << wp.uint32(q * WALL_PARTS + part))
     return near

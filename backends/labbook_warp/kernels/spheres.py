@@ -120,14 +120,14 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
     u = vec3(real(0.0), real(0.0), real(0.0))
     if held:
         v, w, u = motion(p, j, there)
-    gap = touching2(m, one, other) - dot(away, away)
-    c.touches = gap > wide(0.0)
+    overlap2 = touching2(m, one, other) - dot(away, away)
+    c.touches = overlap2 > wide(0.0)
     if c.touches:
         if not held:
             v, w, u = motion(p, j, there)
         f, t, _t, kept, delta = sphere_on_sphere(
             between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
-            rounded(gap), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
+            rounded(overlap2), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
             other.rolling_rate,
         )  # fmt: skip
         c.overlap = delta

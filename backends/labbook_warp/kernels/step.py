@@ -23,9 +23,9 @@ from labbook_warp.kernels.words import (
     NO_NUMBER,
     OUTLET,
     PARKED,
+    REPORTED,
     RODS,
     SHARED,
-    TOLD,
     WORDS,
     Bits,
     Longs,
@@ -59,13 +59,13 @@ def crosses(a: System, plane: wide, dt: wide, s: int, i: int, now: int64, before
     """Record the first passage of grain i through the member's plane. before: z [m] a step ago."""
     a.gone[i] = 1
     row = COLUMNS * wp.atomic_add(a.crossed, 0, 1)
-    part = wide(0.0)
+    fraction = wide(0.0)
     if before > g.x[2]:
-        part = min(max((before - plane) / (before - g.x[2]), wide(0.0)), wide(1.0))
+        fraction = min(max((before - plane) / (before - g.x[2]), wide(0.0)), wide(1.0))
     a.cross[row] = wide(s)
     a.cross[row + 1] = wide(a.ids[i])
     a.cross[row + 2] = wide(now + wp.int64(1))
-    a.cross[row + 3] = (wide(now) + part) * dt
+    a.cross[row + 3] = (wide(now) + fraction) * dt
     for c in range(3):
         a.cross[row + 4 + c] = g.x[c]
         a.cross[row + 7 + c] = wide(g.v[c])
@@ -194,7 +194,7 @@ def end(a: System, steps: int, told: Longs):
     s = wp.tid()
     if a.rows[s] > 0:
         a.step[s] = a.step[s] + wp.int64(steps)
-    at = 1 + TOLD * s
+    at = 1 + REPORTED * s
     told[at] = a.fail[s]
     told[at + 1] = wp.int64(a.late[s])
     told[at + 2] = wp.int64(a.overflow[2 * s])

@@ -2,8 +2,8 @@
 
 Slot s holds one member in rows s * CAP .. s * CAP + rows[s] - 1 of the arrays of grains. Arrays of several entries a
 grain (near neighbours, walls) are blocks of one slot each, entry by entry: entry k of row r of slot s stands at
-(s * ENTRIES + k) * CAP + r. Each wall has PARTS entries. Neighbours are named by their row in the slot: nothing depends
-on which slot it is.
+(s * ENTRIES + k) * CAP + r. Each wall has WALL_PARTS entries. Neighbours are named by their row in the slot: nothing
+depends on which slot it is.
 """
 
 from __future__ import annotations

@@ -95,14 +95,14 @@ FINE = False  # whether forces are computed in double, and summed as precisely
 UNIFORM = False  # whether all members have the same material
 SHARED = False  # whether several threads share a grain
 WORDS = 4  # that a grain shows to others
-PARTS = 1  # contacts that a grain may have with one wall
+WALL_PARTS = 1  # points, the parts of a rod, at which a grain may touch one wall
 ASKED = 0  # entries of lists that are asked for beforehand
 EDGES = 0  # bits of the parts that lie across an edge
 LOOKS = 16  # gaps between points of a rod that are looked at to tell how near an edge is
 TORQUES = True  # whether contacts turn grains
 REACH = 1  # how many cells away a neighbour may be
 COLUMNS = 13  # of a row of crossings
-TOLD = 5  # numbers that a beat leaves behind for each slot
+REPORTED = 5  # numbers that a beat leaves behind for each slot
 PARKED = -1.0e9
 """z [m] at which grains are kept that have left."""
 BAD_STATE, BAD_SPEED, BAD_FORCE, BAD_OVERLAP = 0, 1, 2, 3

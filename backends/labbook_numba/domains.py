@@ -1,9 +1,9 @@
-"""Threads within one scene: large scenes are split into parts, where members are fewer than cores.
+"""Threads within one scene: large scenes are split into domains, where members are fewer than cores.
 
-A *part* is a range of rows. Its thread moves these grains and adds up all forces on them, also those of pairs whose
-other grain is another part's: such a pair is computed by both. A part keeps its own copy of the springs of those pairs
-whose first grain is another's (`borrowed`); as both compute the same, both stay the same. Sums so have the order that
-they have in one thread: how many parts there are is decided beat by beat, and no bit depends on it.
+A *domain* is a range of rows. Its thread moves these grains and adds up all forces on them, also those of pairs whose
+other grain is another domain's: such a pair is computed by both. A domain keeps its own copy of the springs of those
+pairs whose first grain is another's (`borrowed`); as both compute the same, both stay the same. Sums so have the order
+that they have in one thread: how many domains there are is decided beat by beat, and no bit depends on it.
 """
 
 import os
@@ -21,10 +21,10 @@ from labbook.scene.packing import Packing
 from labbook_numba import state as S
 from labbook_numba.state import Params, State
 
-NEAR_WORK = 2  # work of a near pair, in grains; so that parts take equally long
+NEAR_WORK = 2  # work of a near pair, in grains; so that domains take equally long
 STEP = CROSSING_COLUMNS.index("step")
 LARGE = 50_000
-"""Grains from which on a scene may be split; parts have a quarter of that at least."""
+"""Grains from which on a scene may be split; domains have a quarter of that at least."""
 
 
 def cores() -> int:
@@ -35,7 +35,7 @@ def cores() -> int:
 def in_layers(packing: Packing, d: float) -> Packing:
     """A large packing, its grains in the order of cells of size d [m], layer by layer; a smaller one as it is.
 
-    Grains that touch then stand close together in memory, and most in the same part.
+    Grains that touch then stand close together in memory, and most in the same domain.
     """
     if len(packing) < LARGE:
         return packing
@@ -64,35 +64,35 @@ def threads_for(grains: int, most: int) -> Iterator[int]:
 def advance(kernels: ModuleType, state: State, params: Params, target: int, threads: int = 1) -> int:
     """Take steps up to `target` with so many threads; the code that `advance` of the kernels gives.
 
-    If a part raises, the others stop waiting for it, and what it raised is raised here; the state is then of no step.
+    If a domain raises, the others stop waiting for it, and what it raised is raised here; the state is then of no step.
     """
     if threads == 1:
-        state.part[:] = 0, 1, 0, state.count[S.GRAINS], 0, state.count[S.PAIRS], 0
+        state.domain[:] = 0, 1, 0, state.count[S.GRAINS], 0, state.count[S.PAIRS], 0
         return kernels.advance(state, params, target)
-    parts = _split(state, params, threads)
-    with ThreadPoolExecutor(threads, thread_name_prefix="labbook-part") as pool:
-        codes = list(pool.map(lambda part: _advance(kernels, part, params, target), parts))
-    _join(state, parts, codes[0] == kernels.BAD_OVERLAP)
+    domains = _split(state, params, threads)
+    with ThreadPoolExecutor(threads, thread_name_prefix="labbook-domain") as pool:
+        codes = list(pool.map(lambda domain: _advance(kernels, domain, params, target), domains))
+    _join(state, domains, codes[0] == kernels.BAD_OVERLAP)
     return codes[0]
 
 
-def _advance(kernels: ModuleType, part: State, params: Params, target: int) -> int:
+def _advance(kernels: ModuleType, domain: State, params: Params, target: int) -> int:
     try:
-        return kernels.advance(part, params, target)
+        return kernels.advance(domain, params, target)
     except BaseException:
-        part.meetings[0] = S.BROKEN
+        domain.meetings[0] = S.BROKEN
         raise
 
 
 def _split(state: State, params: Params, threads: int) -> list[State]:
-    """States that share grains and lists, and have their own of all that a thread writes elsewhere than in its part."""
+    """States that share grains and lists, each with its own of all that a thread writes outside its domain."""
     n, pairs = int(state.count[S.GRAINS]), int(state.count[S.PAIRS])
     i, j = state.pair_i[:pairs], state.pair_j[:pairs]
     work = np.cumsum(1 + NEAR_WORK * np.bincount(i, minlength=n))
     bounds = [0, *(int(row) for row in np.searchsorted(work, work[-1] * np.arange(1, threads) / threads)), n]
-    told, meetings = np.zeros((threads, S.TOLD)), np.zeros(1, np.int64)
+    told, meetings = np.zeros((threads, S.CACHE_LINE)), np.zeros(1, np.int64)
     precision = "mixed" if state.block.dtype == np.float32 else "double"
-    parts = []
+    domains = []
     for number, (first, last) in enumerate(pairwise(bounds)):
         first_pair, last_pair = (int(k) for k in np.searchsorted(i, (first, last)))
         before = np.flatnonzero((j[:first_pair] >= first) & (j[:first_pair] < last))
@@ -100,33 +100,33 @@ def _split(state: State, params: Params, threads: int) -> list[State]:
         count[S.CROSSED], count[S.FAIL_GRAIN] = 0, -1
         mass = state.body[first:last, 1] if len(state.body) else params.mass
         loads[first:last, S.F + 2] = -mass * params.gravity
-        part = state._replace(
+        domain = state._replace(
             loads=loads,
             cross=np.zeros_like(state.cross),
             count=count,
             sums=state.sums.copy(),
-            part=np.array([number, threads, first, last, first_pair, last_pair, len(before)]),
+            domain=np.array([number, threads, first, last, first_pair, last_pair, len(before)]),
             **S.borrowed(state, before),
             told=told,
             meetings=meetings,
             **S.scratch(len(state.ids), precision, S.MIXTURES if len(state.body) else S.SPHERES),
         )
-        parts.append(part)
-    return parts
+        domains.append(domain)
+    return domains
 
 
-def _join(state: State, parts: list[State], deep: bool) -> None:
-    """Bring together what the parts counted, as one thread would have; `deep`: an overlap was too large."""
+def _join(state: State, domains: list[State], deep: bool) -> None:
+    """Bring together what the domains counted, as one thread would have; `deep`: an overlap was too large."""
     crossed, failed = int(state.count[S.CROSSED]), int(state.count[S.FAIL_GRAIN])
-    state.count[:], state.sums[:] = parts[0].count, parts[0].sums
-    rows = np.concatenate([part.cross[: part.count[S.CROSSED]] for part in parts])
+    state.count[:], state.sums[:] = domains[0].count, domains[0].sums
+    rows = np.concatenate([domain.cross[: domain.count[S.CROSSED]] for domain in domains])
     state.count[S.CROSSED] = crossed + len(rows)
     state.cross[crossed : crossed + len(rows)] = rows[np.argsort(rows[:, STEP], kind="stable")]
-    state.count[S.LEAVING] = sum(part.count[S.LEAVING] for part in parts)
-    state.sums[S.MAX_OVERLAP] = max(part.sums[S.MAX_OVERLAP] for part in parts)
+    state.count[S.LEAVING] = sum(domain.count[S.LEAVING] for domain in domains)
+    state.sums[S.MAX_OVERLAP] = max(domain.sums[S.MAX_OVERLAP] for domain in domains)
     state.count[S.FAIL_GRAIN] = failed
-    blamed = [part for part in parts if part.count[S.FAIL_GRAIN] >= 0]
+    blamed = [domain for domain in domains if domain.count[S.FAIL_GRAIN] >= 0]
     if deep:  # of the deepest overlap, and in one thread the first of them; else the last grain
-        blamed = [max(blamed, key=lambda part: part.sums[S.MAX_OVERLAP])]
+        blamed = [max(blamed, key=lambda domain: domain.sums[S.MAX_OVERLAP])]
     if blamed:
         state.count[S.FAIL_GRAIN] = blamed[-1].count[S.FAIL_GRAIN]

@@ -1,0 +1,53 @@
+"""A sphere: when it is near another or a wall, how it turns, and the work of contacts on it; of rods see `rods`."""
+
+from labbook_dem.motion import kick
+from labbook_dem.words import VARIED, dot, func, wide
+
+from labbook_numba.kernels.bodies import inertia_of, mass_of, radius_of
+from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, X, kernel, uint64
+from labbook_numba.kernels.single import load
+from labbook_numba.kernels.surfaces import wall_distance
+from labbook_numba.lanes import put_row, row_at, square
+from labbook_numba.state import Params, State
+
+
+@func
+def near_grain(grains, body, i, j, reach, half, skin):
+    """Whether two spheres are closer than their radii and a skin; `reach`: that of the largest [m]."""
+    away = load(grains, i, X) - load(grains, j, X)
+    far = body[i, 0] + body[j, 0] + skin if VARIED else reach
+    return dot(away, away) < far * far
+
+
+@func
+def near_wall(grains, body, i, shape, kind, w, radius, half, skin):
+    """Whether sphere i is closer than its radius and a skin to wall w; `radius`: of all, if they are alike."""
+    distance, _ = wall_distance(shape, kind, w, load(grains, i, X))
+    return distance < radius_of(body, i, radius) + skin
+
+
+@func
+def turn_grain(g, i, turns, v, slender, half, kick_dt, dt):
+    """Kick the spin of sphere i by `turns` [rad/s^2]. The square of its speed."""
+    at = i * GRAIN
+    put_row(g, at + W, kick(row_at(g, at + W), turns, kick_dt))
+    return square(v)
+
+
+@kernel
+def contact_work(st: State, p: Params, kick_dt):
+    """Work [J] that the contact forces in f and t are about to do: force times mean velocity of the kick."""
+    g = st.grains
+    loads = st.loads
+    work = wide(0.0)
+    for i in range(uint64(st.domain[FIRST]), uint64(st.domain[LAST])):
+        mass = mass_of(st.body, i, p.mass)
+        inertia = inertia_of(st.body, i, p.inertia)
+        for c in range(3):
+            gravity = -p.gravity if c == 2 else wide(0.0)
+            force = loads[i, F + c]
+            torque = loads[i, T + c]
+            v = g[i, V + c] + wide(0.5) * kick_dt * force / mass
+            w = g[i, W + c] + wide(0.5) * kick_dt * torque / inertia
+            work += ((force - mass * gravity) * v + torque * w) * kick_dt
+    return work
