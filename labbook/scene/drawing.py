@@ -127,7 +127,7 @@ def _placed(grains: Grains, container: Container) -> Iterator[tuple[float, float
 
 
 def _one(grains: Grains, rng: np.random.Generator, x: float, z: float) -> tuple[float, float, float, int, float]:
-    parts = grains.parts
+    parts = grains.species
     kind = int(rng.choice(len(parts), p=[part.share / sum(p.share for p in parts) for part in parts]))
     radius = float(parts[kind].sizes.draw(rng, 1, grains.diameter)[0]) / 2
     shake = 0.06 * grains.diameter
