@@ -24,11 +24,11 @@ Draw = Callable[[], "Figure"]
 def of_results(results: Results) -> dict[str, Draw]:
     """Figures that show several series at once, by name, as functions that draw them."""
     found: dict[str, Draw] = {}
-    for one in found_against(results):
-        found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
     fitted = [one for one in results.series if one.used]
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
         found["overview"] = lambda: figures.overview(fitted)
+    for one in found_against(results):
+        found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
     if results.turning:
         found["rotation"] = lambda: figures.flow_against_rotation(results.turning)
     scaled = [one for one in results.series if {"power", "exponential"} & set(one.fits)]
