@@ -29,7 +29,7 @@ class NotebookBar:
         self._view: View | None = None
 
     def __enter__(self) -> "NotebookBar":
-        from IPython.display import HTML, display
+        from IPython.display import HTML, display  # pyright: ignore[reportMissingImports]
 
         self._handle = display(HTML(self.html()), display_id=True)
         return self
@@ -62,7 +62,7 @@ class NotebookBar:
 
     def _draw(self) -> None:
         if self._handle is not None:
-            from IPython.display import HTML
+            from IPython.display import HTML  # pyright: ignore[reportMissingImports]
 
             self._handle.update(HTML(self.html()))
 
@@ -70,7 +70,7 @@ class NotebookBar:
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[int], None]]:
     """A function to call with how many are done; shown below the cell meanwhile."""
-    from IPython.display import HTML, display
+    from IPython.display import HTML, display  # pyright: ignore[reportMissingImports]
 
     handle: Any = display(HTML(f"<div>{escape(what)} ...</div>"), display_id=True)
     yield lambda done: handle.update(HTML(f"<div>{escape(what)}: {done}</div>"))
