@@ -62,6 +62,7 @@ def kept(lab: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in lab.glob(f"runs/*/{EVALUATION}*")}
 
 
+@pytest.mark.slow
 def test_over_all_verbs_a_run_is_measured_once(tmp_path, counted):
     path = asked(tmp_path)
     there = ("--lab", tmp_path / "lab", "--backend", "toy")

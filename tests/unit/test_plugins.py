@@ -38,6 +38,7 @@ def study(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_they_go_through_every_verb(study):
     there = ("--lab", study.parent / "lab", "--backend", "hourglass")
     for verb in (("run",), ("report",), ("export",)):

@@ -3,6 +3,7 @@
 import time
 from dataclasses import replace
 
+import pytest
 from labbook_toy import Backend, Ensemble
 from toy_lab import arrays, carry_out, study, study_file
 from toy_records import outcomes
@@ -53,6 +54,7 @@ def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, mon
         index.close()
 
 
+@pytest.mark.slow
 def test_progress_tells_runs_from_packings(tmp_path):
     seen = []
 

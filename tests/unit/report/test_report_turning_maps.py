@@ -17,6 +17,7 @@ def analysis(synthetic):
     return analyse(synthetic.study_of(points, fit=(), reference=None), runs)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
 def test_maps_are_of_three_instants_of_the_window(analysis, tmp_path):
     result = analysis.points[1]
