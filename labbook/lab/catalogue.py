@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from sqlalchemy import Connection, Engine, func, select
 from sqlalchemy.exc import DatabaseError
 
-from labbook.lab.connect import CHUNK, DAMAGED, NoCatalogue, connect, empty, schema_version, unusable
+from labbook.lab.connect import CHUNK, DAMAGED, NoCatalogue, asking, connect, empty, schema_version, unusable
 from labbook.lab.folder import Lab, LabError, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Coverage, Unreadable
@@ -67,10 +67,8 @@ class Catalogue:
     def _asking(self) -> Iterator[Connection]:
         """A connection for a question. Raises LabError."""
         try:
-            with self._engine.connect() as connection:
+            with asking(self._engine, self.lab) as connection:
                 yield connection
-        except DatabaseError as error:
-            raise unusable(self.lab, error) from error
         except ValidationError as error:  # a damaged page may hold other text than was written
             raise NoCatalogue(
                 f"{self.lab.catalogue} is damaged; make it again: labbook reindex --lab {self.lab.folder}"

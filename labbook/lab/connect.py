@@ -2,10 +2,12 @@
 
 import os
 import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
-from sqlalchemy import Engine, create_engine, event, text
+from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.exc import DatabaseError
 
 from labbook.lab.folder import DiskFull, Lab, LabError
@@ -87,6 +89,25 @@ def unusable(lab: Lab, error: DatabaseError) -> LabError:
     return LabError(
         f"{path}: {why}; see to it that you may read and write the files in {lab.folder}, or use a copy of the folder"
     )
+
+
+@contextmanager
+def asking(engine: Engine, lab: Lab) -> Iterator[Connection]:
+    """A connection to the index of a lab. Raises LabError."""
+    try:
+        with engine.connect() as connection:
+            yield connection
+    except DatabaseError as error:
+        raise unusable(lab, error) from error
+
+
+@contextmanager
+def writing(engine: Engine, lab: Lab) -> Iterator[Connection]:
+    """A transaction that is done as a whole or not at all. Raises LabError."""
+    with asking(engine, lab) as connection:
+        connection.execute(text("BEGIN IMMEDIATE"))
+        yield connection
+        connection.commit()
 
 
 def empty() -> Engine:

@@ -1,8 +1,8 @@
 """Writing the index: short transactions by the one process that coordinates; and making it again from the folders."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Table, delete, inspect, select, text
 from sqlalchemy.dialects.sqlite import insert
 from sqlalchemy.exc import DatabaseError
 
-from labbook.lab.connect import CHUNK, DAMAGED, connect, schema_version, unusable, whole
+from labbook.lab.connect import CHUNK, DAMAGED, asking, connect, schema_version, unusable, whole, writing
 from labbook.lab.derive import derive, expected
 from labbook.lab.folder import EVALUATION, Lab, LabError, folders, remove, stamp
 from labbook.lab.packings import read_packing
@@ -220,20 +220,11 @@ class Index:
             metadata.create_all(connection)
             connection.execute(about.insert().values(schema_version=SCHEMA_VERSION))
 
-    @contextmanager
-    def _asking(self) -> Iterator[Connection]:
-        try:
-            with self._engine.connect() as connection:
-                yield connection
-        except DatabaseError as error:
-            raise unusable(self.lab, error) from error
+    def _asking(self) -> AbstractContextManager[Connection]:
+        return asking(self._engine, self.lab)
 
-    @contextmanager
-    def _transaction(self) -> Iterator[Connection]:
-        with self._asking() as connection:
-            connection.execute(text("BEGIN IMMEDIATE"))
-            yield connection
-            connection.commit()
+    def _transaction(self) -> AbstractContextManager[Connection]:
+        return writing(self._engine, self.lab)
 
 
 def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
@@ -243,12 +234,8 @@ def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
         return
     engine = connect(lab.catalogue, read_only=False)
     try:
-        with engine.connect() as connection:
-            connection.execute(text("BEGIN IMMEDIATE"))
+        with writing(engine, lab) as connection:
             _upsert(connection, measurements, rows)
-            connection.commit()
-    except DatabaseError as error:
-        raise unusable(lab, error) from error
     finally:
         engine.dispose()
 

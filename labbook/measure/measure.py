@@ -69,13 +69,6 @@ class Evaluation:
     numbers: tuple[Measured, ...] = ()
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
 
-    def __getitem__(self, quantity: str) -> Measured:
-        """The number of that name. Raises KeyError."""
-        for one in self.numbers:
-            if one.quantity == quantity:
-                return one
-        raise KeyError(quantity)
-
 
 def packed(record: Any) -> dict[str, np.ndarray]:
     """The attributes of a record of numbers and arrays, as arrays by name."""

@@ -4,6 +4,7 @@ These are no measures that a study asks for: they are evaluated of runs that wer
 """
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -75,13 +76,16 @@ class OfRecording(Measure):
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         return ()
 
-    def _seen(self, run: RunData, window: Window) -> tuple[Mapping[str, np.ndarray], tuple[float, float]] | None:
-        """Recorded frames, and begin and end [s] of the window; None without either."""
+    def evaluate(self, run: RunData, window: Window) -> Evaluation:
         self.check(run.scene)
         times, weights = crossings(run)
         flow = steady_flow(times, len(run.start), window, weights)
         frames = run.frames() if flow is not None else None
-        return None if flow is None or frames is None else (frames, (flow.begin, flow.end))
+        return Evaluation() if flow is None or frames is None else self.of(run.scene, frames, (flow.begin, flow.end))
+
+    @abstractmethod
+    def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
+        """What recorded frames give within the window [s]; nothing of too few frames."""
 
 
 class FlowPattern(OfRecording):
@@ -99,12 +103,11 @@ class FlowPattern(OfRecording):
         ),
     )
 
-    def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        seen = self._seen(run, window)
-        bed = bed_between(run.scene, *seen) if seen else None
+    def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
+        bed = bed_between(scene, frames, window)
         if bed is None:
             return Evaluation()
-        container = run.scene.container
+        container = scene.container
         middle = container.eccentricity if isinstance(container, WedgeHopper) else 0.0
         width = float(getattr(container, "orifice", math.nan))
         means = {**orifice_means(bed.fields, width, centre=middle), "stagnant_fraction": bed.pattern.fraction}
@@ -125,17 +128,14 @@ class FlowMoments(OfRecording):
     version = 1
     declared = ()
 
-    def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        seen = self._seen(run, window)
-        if seen is None:
-            return Evaluation()
-        frames, (begin, end) = seen
+    def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
+        begin, end = window
         part = (end - begin) / _MOMENTS
         half = min(_MOMENT, part) / 2
         arrays = {}
         for number in range(_MOMENTS):
             middle = begin + part * (number + 0.5)
-            bed = bed_between(run.scene, frames, (middle - half, middle + half), _FEWEST_ABOUT_AN_INSTANT)
+            bed = bed_between(scene, frames, (middle - half, middle + half), _FEWEST_ABOUT_AN_INSTANT)
             arrays |= bed.arrays(f"moment-{number + 1}") if bed is not None else {}
         return Evaluation(arrays=arrays)
 
@@ -154,11 +154,7 @@ class FreeFall(OfRecording):
     version = 1
     declared = ()
 
-    def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        seen = self._seen(run, window)
-        if seen is None:
-            return Evaluation()
-        scene, (frames, (begin, end)) = run.scene, seen
+    def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
         hopper = scene.container if isinstance(scene.container, WedgeHopper) else None
         D = float(getattr(scene.container, "orifice", math.nan))
         try:
@@ -168,8 +164,8 @@ class FreeFall(OfRecording):
                 radius=D / 4,
                 edges=np.linspace(0.0, UP_TO * D, BINS + 1),
                 gravity=scene.gravity,
-                begin=begin,
-                end=end,
+                begin=window[0],
+                end=window[1],
                 centre=hopper.eccentricity if hopper else 0.0,
                 planar=hopper is not None,
             )

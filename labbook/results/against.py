@@ -153,7 +153,8 @@ def _over(place: Place, first: Place | None, quantity: str) -> Place:
     if len(shared) > 1 and 2 * len(shared) >= min(len(above), len(below)):
         ratio = paired_ratio([above[s] for s in shared], [below[s] for s in shared])
         return Place(place.result, place.value, ratio, len(shared))
-    return Place(place.result, place.value, independent_ratio(list(above.values()), list(below.values())))
+    ratio = independent_ratio(place.result.pooled[quantity], first.result.pooled[quantity])
+    return Place(place.result, place.value, ratio)
 
 
 def _shared(one: PointResult, other: PointResult, seeds: Sequence[int]) -> list[int]:

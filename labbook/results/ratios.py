@@ -8,7 +8,7 @@ from labbook.fit.angle import brown, rose_tanaka
 from labbook.measure import FLOW_RATIOS
 from labbook.results.points import PointResult
 from labbook.scene import WedgeHopper
-from labbook.stats.pooling import student
+from labbook.stats.ratio import independent_ratio
 
 ANGLE, GAP = "container.angle", "container.gap"
 
@@ -98,12 +98,8 @@ def _hopper(result: PointResult) -> WedgeHopper:
 def _over(one: PointResult, reference: PointResult, at: float) -> Ratio:
     if one is reference:
         return Ratio(one, at, 1.0, 0.0, 1.0, 1.0)
-    flows = [result.flow_rate for result in (one, reference) if result.flow_rate is not None]
-    value = flows[0].value / flows[1].value
-    squares = [(flow.error / flow.value) ** 2 for flow in flows]
-    relative = math.sqrt(sum(squares))
-    if not relative > 0:  # one replicate somewhere: no error; or no scatter at all
-        return Ratio(one, at, value, relative * value, -math.inf, math.inf)
-    freedom = sum(squares) ** 2 / sum(s**2 / (flow.n - 1) for s, flow in zip(squares, flows, strict=True))
-    half = student(0.95, freedom) * relative * value
-    return Ratio(one, at, value, value * relative, value - half, value + half)
+    above, below = one.flow_rate, reference.flow_rate
+    assert above is not None
+    assert below is not None
+    found = independent_ratio(above, below)
+    return Ratio(one, at, found.value, found.error, found.low, found.high)

@@ -123,8 +123,9 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
         except FitError as failure:
             problems.append(str(failure))
     profiles = {}
-    profiled = [result for result in points if result.outlets(COVERAGE)]
-    for name in (law for law in laws if law in DEFINITIONS):
+    along_outlets = [law for law in laws if law in DEFINITIONS]
+    profiled = [result for result in points if along_outlets and result.outlets(COVERAGE)]
+    for name in along_outlets:
         try:
             along = fit_profiles([result.outlets(name) for result in profiled], context(points))
             profiles[name] = replace(along, notes=(*along.notes, *_lacking(profiled)))

@@ -31,24 +31,18 @@ def paired_ratio(
     return Pooled(ratio, error, student(confidence, n - 1) * error, n, confidence)
 
 
-def independent_ratio(
-    above: Sequence[float] | np.ndarray, below: Sequence[float] | np.ndarray, confidence: float = 0.95
-) -> Pooled:
-    """R = mean(above) / mean(below) of replicates that are independent of one another; `n` is the smaller number.
+def independent_ratio(above: Pooled, below: Pooled, confidence: float = 0.95) -> Pooled:
+    """R = above / below of means that are independent of one another; `n` is the smaller number of replicates.
 
-    The error is that of mean(above) - R mean(below), over mean(below), with Student's t on the degrees of freedom of
-    Welch and Satterthwaite. Where one sample has a single value the error is NaN and the interval has no ends. Raises
-    ValueError for a sample without any value, or a denominator of zero.
+    The error is that of above - R below, over below, with Student's t on the degrees of freedom of Welch and
+    Satterthwaite. Of a single replicate the error is NaN and the interval has no ends. Raises ValueError for a
+    denominator of zero.
     """
-    x, y = np.asarray(above, float), np.asarray(below, float)
-    if not len(x) or not len(y):
-        raise ValueError("a ratio needs at least one value above and one below")
-    middle = float(y.mean())
-    if middle == 0:
+    if below.value == 0:
         raise ValueError("a ratio needs a denominator that is not zero")
-    ratio, n, m = float(x.mean()) / middle, len(x), len(y)
-    if min(n, m) == 1:
+    ratio, n = above.value / below.value, min(above.n, below.n)
+    if n == 1:
         return Pooled(ratio, math.nan, math.inf, 1, confidence)
-    a, b = float(x.var(ddof=1)) / n, ratio**2 * float(y.var(ddof=1)) / m
-    error = math.sqrt(a + b) / abs(middle)
-    return Pooled(ratio, error, student(confidence, welch(a, n, b, m)) * error, min(n, m), confidence)
+    a, b = above.error**2, (ratio * below.error) ** 2
+    error = math.sqrt(a + b) / abs(below.value)
+    return Pooled(ratio, error, student(confidence, welch(a, above.n, b, below.n)) * error, n, confidence)

@@ -147,7 +147,7 @@ def test_two_at_once_evaluate_once(made, counted):
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(lambda _: evaluated(folder, MEASURES["flow_rate"], window, lambda: data), range(8)))
     assert counted["flow_rate"] == 1
-    assert len({one.evaluation["flow_rate"].value for one in found}) == 1
+    assert len({one.evaluation.numbers[0].value for one in found}) == 1
     assert not list((lab / "work").glob("*.look"))
 
 
