@@ -30,8 +30,8 @@ from labbook.results.points import RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
 from labbook.results.study import find
+from labbook.run.advice import foresee
 from labbook.run.demand import Conflict
-from labbook.run.foresee import foresee
 from labbook.run.notebook import NotebookBar, counting, in_notebook
 from labbook.run.plan import Plan, Planner
 from labbook.run.progress import Bar

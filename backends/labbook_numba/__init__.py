@@ -44,9 +44,9 @@ class Backend:
 
         Raises Unsupported for a device other than `cpu`.
         """
+        from labbook.backend.machine import cores
         from labbook_numba import compiling
         from labbook_numba.build import SWITCHES, kernels
-        from labbook_numba.domains import cores
         from labbook_numba.ensemble import Ensemble
 
         if device != "cpu":

@@ -35,8 +35,8 @@ def register(app: typer.Typer) -> None:
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
         from labbook.measure import MeasureError
+        from labbook.run.advice import TooLarge
         from labbook.run.demand import Conflict
-        from labbook.run.foresee import TooLarge
 
         asked = read_study(study)
         try:

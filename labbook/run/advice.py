@@ -1,16 +1,25 @@
-"""What a study may well want otherwise, told before it runs: warnings with key and remedy, never refusals."""
+"""A plan with what it will cost, and what the study may well want otherwise: warnings with key and remedy. Refused is
+only what does not fit into memory."""
 
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from labbook.backend import Backend
+from labbook.backend.machine import cores, memory
 from labbook.fit import LAWS
+from labbook.lab.catalogue import Catalogue
 from labbook.run.demand import PointDemand
+from labbook.run.forecast import forecast
+from labbook.run.lane import slots
 from labbook.run.outline import Outline, outline
-from labbook.run.plan import Plan
-from labbook.run.reach import PACKED
+from labbook.run.plan import Plan, Planner, check
+from labbook.run.provenance import provenance
+from labbook.run.reach import PACKED, cut_short
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
+from labbook.study import Study
 
 NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
 """Outlets below so many largest dimensions of a grain often clog."""
@@ -19,6 +28,27 @@ SOFT = 3e-3
 _SLOWER, _LONG = 3.0, 600.0
 """Steps as many times smaller than need be, of a plan as long [s], are worth a hint."""
 _NAMED = 3
+
+
+class TooLarge(Exception):
+    """The runs do not fit into the memory of this machine; the message has file, key and remedy."""
+
+
+def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> Plan:
+    """What `study` still needs in a lab, with time and disk on `device`, and warnings.
+
+    Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, ImportError where a package of the
+    backend is missing.
+    """
+    plan = Planner(study, catalogue, backend.capabilities).plan()
+    check(backend, device, plan.points)
+    lanes = cores() if device == "cpu" else 1
+    machine = provenance(device)["machine"]
+    ahead = forecast(plan, catalogue, machine, device, lanes, backend, slots(backend, device, plan.points))
+    if device == "cpu" and (told := too_large(plan, lanes, memory())):
+        raise TooLarge(told)
+    warnings = (*cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))
+    return replace(plan, forecast=ahead, warnings=warnings)
 
 
 def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:

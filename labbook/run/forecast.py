@@ -1,15 +1,13 @@
 """How long a plan will take and how much disk it needs: estimates, and what they rest on."""
 
 import math
-import platform
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
-from pathlib import Path
 from statistics import median
 
 from labbook.backend import Backend, Spec
+from labbook.backend.machine import wide_vectors
 from labbook.backend.probes import Contacts, Probe, Sample, Zone
 from labbook.filling import placing
 from labbook.lab.catalogue import Catalogue
@@ -77,17 +75,6 @@ def rate_of(backend: str, device: str, shape: str, precision: str) -> Rate:
     kind = device.partition(":")[0]
     wide = wide_vectors() if kind == "cpu" else None
     return MEASURED.get((backend, kind, shape, precision, wide)) or Rate(0, 1 / DEFAULT_SPEED, 0, "")
-
-
-@lru_cache(maxsize=1)
-def wide_vectors() -> bool:
-    """Whether this processor computes with vectors of 512 bits, which the CPU backend gains most from."""
-    if platform.machine().lower() not in ("x86_64", "amd64"):
-        return False
-    try:
-        return " avx512f" in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return False
 
 
 SETTLING = 2.0
