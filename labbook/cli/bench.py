@@ -21,9 +21,9 @@ def register(app: typer.Typer) -> None:
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Measure grain-steps per second on Fan's hopper, in three dimensions and of rods, one member a core.
+        """Measure grain-steps per second on Fan's hopper, in three dimensions and of rods.
 
-        Takes some five minutes on a slow machine, most of them compiling.
+        One member runs on one core. Takes some five minutes on a slow machine, most of them compiling.
         """
         from labbook.backend import BackendMissing, Unsupported
         from labbook.bench import run
