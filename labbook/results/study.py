@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from labbook.backend import BackendMissing, load
 from labbook.lab import Catalogue
-from labbook.lab.numbers import numbers
+from labbook.lab.evaluations import numbers
 from labbook.lab.records import Observe
 from labbook.results.numerical import Numerical, numerical
 from labbook.results.points import Finished, PointResult, RunResult, pooled_point, redundant, swept

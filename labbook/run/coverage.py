@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from labbook.lab.catalogue import Catalogue, Entry
+from labbook.lab.evaluations import FinishedRun
 from labbook.lab.records import Coverage, StopRule
-from labbook.lab.runs import FinishedRun
 from labbook.run.demand import Demand, demands, stopping_rule
 from labbook.study import Study
 
