@@ -251,14 +251,14 @@ def _quicker(one: Backend, other: Backend, bed: tuple[Scene, Numerics, Packing],
 # scenes
 
 
-def fan(orifice: float = 0.03, grains: int = 3000) -> Scene:
-    """Flat-bottomed quasi-2D hopper of Fan et al. 2023: 3 mm spheres, Hertz-Mindlin, `orifice` [m]."""
+def fan(grains: int = 3000) -> Scene:
+    """Flat-bottomed quasi-2D hopper of Fan et al. 2023: 3 mm spheres, Hertz-Mindlin, an orifice of 30 mm."""
     return Scene(
         grains=Spheres(diameter=3e-3, density=2500, count=grains),
         contact=HertzMindlin(
             shear_modulus=1e8, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.2
         ),
-        container=WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=orifice),
+        container=WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=0.03),
     )
 
 

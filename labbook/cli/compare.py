@@ -141,7 +141,7 @@ def _made(asked, lab: Path, sides, margin: float, replicates: int | None, points
 def _tell(verdict: "Verdict", asked, lab: Path, as_json: bool) -> None:
     import json
 
-    from labbook.cli.tables import print_table
+    from labbook.cli.screen import print_table
     from labbook.compare import tables
     from labbook.compare.stale import stale
     from labbook.compare.verdict import folder_of

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from labbook.cli.lab import Device
-from labbook.cli.options import BACKEND, LAB, AsJson, Lab, RunsOn, StudyFile, fail, read_study
+from labbook.cli.options import BACKEND, LAB, AsJson, Device, Lab, RunsOn, StudyFile, fail, read_study
 from labbook.cli.screen import screen
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ def register(app: typer.Typer) -> None:
             shown = {**plain(made, made.forecast), "warnings": list(made.warnings)}
             typer.echo(json.dumps(shown, indent=2, allow_nan=False))
         else:
-            _show(made, made.forecast)
+            _show(made)
 
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
@@ -105,7 +104,7 @@ def spans(seeds: Iterable[int]) -> str:
     return ", ".join("-".join(map(str, span)) for span in found)
 
 
-def _show(plan: "Plan", ahead: "Forecast") -> None:
+def _show(plan: "Plan") -> None:
     from collections import defaultdict
 
     from rich import box

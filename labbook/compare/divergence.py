@@ -17,7 +17,7 @@ from labbook.filling import opened
 from labbook.lab.folder import Lab
 from labbook.lab.packings import load_packing
 from labbook.run.demand import Demand
-from labbook.scene.canonical import digest
+from labbook.scene.model import digest
 
 AGREE = 1e-3
 """Largest difference of a position [d] up to which backends agree."""

@@ -3,6 +3,7 @@
 from contextlib import closing
 
 import pytest
+from stands import identical
 
 pytest.importorskip("warp")
 
@@ -14,7 +15,6 @@ from labbook_warp.layout import memory
 from labbook.backend.probes import Contacts, Crossing
 from labbook.bench import FAN_STEP, cylinder, fan
 from labbook.filling.placing import place
-from labbook.verify.stand import identical
 
 pytestmark = pytest.mark.compiles
 
