@@ -54,7 +54,7 @@ def register(app: typer.Typer) -> None:
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
     """The plan as plain values."""
-    from labbook.run.outline import outline
+    from labbook.run.forecast import outline
 
     return {
         "study": plan.study.name,
@@ -111,7 +111,7 @@ def _show(plan: "Plan") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.run.outline import outline
+    from labbook.run.forecast import outline
     from labbook.run.progress import size
 
     console = screen(highlight=False)
@@ -147,7 +147,7 @@ def _physics(plan: "Plan") -> "Table":
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.run.outline import outline
+    from labbook.run.forecast import outline
 
     rods = any(point.shared.scene.grains.half_length > 0 for point in plan.points)
     ratio = "D/L" if rods else "D/d"

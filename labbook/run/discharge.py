@@ -33,7 +33,6 @@ from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.run.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, failure
 from labbook.run.provenance import now
-from labbook.run.reach import reach
 from labbook.scene import Packing, Silo
 
 MOST_FRAMES = 200
@@ -237,7 +236,7 @@ class DischargeJob(Job):
     def _enough(self) -> float:
         """Discharged fraction at which the run has come far enough."""
         shared = self.demand.shared
-        return reach(shared, self._bed_height) if shared.stop.fill_height is not None else shared.stop.discharged
+        return shared.reach(self._bed_height) if shared.stop.fill_height is not None else shared.stop.discharged
 
     # end
 
