@@ -63,7 +63,7 @@ class Catalogue:
             raise LabError(f"{folder} is a file, and no lab folder; give another one with --lab")
         if not path.exists():
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
-                raise NoCatalogue(f"{path} is missing; make it again: labbook reindex --lab {folder}")
+                raise NoCatalogue(self.lab, "is missing")
             return empty()
         engine = connect(path, read_only=True)
         try:
@@ -71,8 +71,8 @@ class Catalogue:
         except DatabaseError as error:
             raise unusable(self.lab, error) from error
         if version != SCHEMA_VERSION:
-            what = "is damaged" if version == DAMAGED else "is of another version of labbook, or damaged"
-            raise NoCatalogue(f"{path} {what}; make it again: labbook reindex --lab {folder}")
+            old = "is of another version of labbook, or damaged"
+            raise NoCatalogue(self.lab, "is damaged" if version == DAMAGED else old)
         return engine
 
     @contextmanager
@@ -82,9 +82,7 @@ class Catalogue:
             with asking(self._engine, self.lab) as connection:
                 yield connection
         except ValidationError as error:  # a damaged page may hold other text than was written
-            raise NoCatalogue(
-                f"{self.lab.catalogue} is damaged; make it again: labbook reindex --lab {self.lab.folder}"
-            ) from error
+            raise NoCatalogue(self.lab, "is damaged") from error
 
     def runs(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
         """Runs, the latest first: key, study, point, seed, backend, outcome, how far, speed, size.

@@ -124,6 +124,9 @@ _OUT_OF_REACH = ("locked", "full", "readonly", "unable to open", "disk I/O", "no
 class NoCatalogue(LabError):
     """There is no catalogue, it is damaged, or of another version of labbook; the message says what to do."""
 
+    def __init__(self, lab: Lab, what: str):
+        super().__init__(f"{lab.catalogue} {what}; make it again: labbook reindex --lab {lab.folder}")
+
 
 def connect(path: Path, *, read_only: bool) -> Engine:
     """An SQLAlchemy engine on an SQLite file.
@@ -181,7 +184,7 @@ def unusable(lab: Lab, error: DatabaseError) -> LabError:
     """What an error of the database of `lab` means to its user."""
     why, path = str(error.orig), lab.catalogue
     if damaged(error):
-        return NoCatalogue(f"{path} is damaged ({why}); make it again: labbook reindex --lab {lab.folder}")
+        return NoCatalogue(lab, f"is damaged ({why})")
     if "full" in why:
         return DiskFull(path)
     if "locked" in why:

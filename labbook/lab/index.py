@@ -254,6 +254,12 @@ UNREADABLE = "unreadable"
 """Outcome, in the index, of a run whose folder cannot be read."""
 
 
+_KNOWN = ("study", "label", "seed", "backend", "cache_version", "packing_key", "lineage_key")
+_KEYS = ("run_key", "experiment_key", "scene_key")
+_OF_RECORD = (*_KNOWN, *_KEYS, "outcome", "wall_time", "finished", "device", "machine")
+"""What of a run's record is in its row; of a damaged run only what is known by the first names."""
+
+
 def stamps(folder: Path) -> dict[str, int]:
     """Folders in `folder`, each with its stamp."""
     return {name: stamp(folder / name) for name in folders(folder)}
@@ -274,26 +280,10 @@ def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], lis
     rows = derive(folder, observe or record.observe, lambda: data)
     coverage = record.coverage
     row = {
-        "run_key": record.run_key,
-        "study": record.study,
-        "label": record.label,
-        "seed": record.seed,
-        "backend": record.backend,
-        "cache_version": record.cache_version,
-        "outcome": record.outcome,
-        "grains": coverage.grains,
-        "discharged": coverage.discharged,
-        "duration": coverage.duration,
-        "wall_time": record.wall_time,
+        **{name: getattr(record, name) for name in _OF_RECORD},
+        **{name: getattr(coverage, name) for name in ("grains", "discharged", "duration")},
         "rate": finite(record.rate),
-        "finished": record.finished,
-        "device": record.device,
-        "machine": record.sessions[-1].provenance.get("machine"),
         "bytes": _size(folder),
-        "experiment_key": record.experiment_key,
-        "scene_key": record.scene_key,
-        "packing_key": record.packing_key,
-        "lineage_key": record.lineage_key,
         "coverage": coverage.model_dump_json(),
         "stamp": seen,
         "problem": None,
@@ -309,8 +299,7 @@ def unreadable_row(folder: Path, seen: int, problem: Unreadable) -> dict[str, An
     except Unreadable:
         row |= {"study": "", "label": ""}
     else:
-        known = ("study", "label", "seed", "backend", "cache_version", "packing_key", "lineage_key")
-        row |= {name: getattr(record, name) for name in known}
+        row |= {name: getattr(record, name) for name in _KNOWN}
     return {**row, "run_key": folder.name, "outcome": UNREADABLE, "stamp": seen, "problem": str(problem)}
 
 
@@ -322,15 +311,6 @@ def packing_row(folder: Path) -> dict[str, Any]:
         record, _ = read_packing(folder)
     except Unreadable as problem:
         return {**row, "problem": str(problem)}
-    return {
-        **row,
-        "closed_key": record.closed_key,
-        "backend": record.backend,
-        "seed": record.filling.seed,
-        "grains": record.grains,
-        "duration": record.duration,
-        "wall_time": record.wall_time,
-        "rate": finite(record.rate),
-        "machine": record.sessions[-1].provenance.get("machine"),
-        "bytes": _size(folder),
-    }
+    known = ("closed_key", "backend", "grains", "duration", "wall_time", "machine")
+    told = {name: getattr(record, name) for name in known}
+    return {**row, **told, "seed": record.filling.seed, "rate": finite(record.rate), "bytes": _size(folder)}
