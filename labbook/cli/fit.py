@@ -30,6 +30,7 @@ def _show(found) -> None:
     from labbook.report.paper import papers
     from labbook.report.statement_tables import statement_digest, statement_table
     from labbook.report.tables import numerical_table
+    from labbook.results import display
     from labbook.results.reference import at_series
 
     console = screen(highlight=False, width=None if sys.stdout.isatty() else 120)
@@ -48,7 +49,7 @@ def _show(found) -> None:
             print_table(
                 console,
                 fit_table(law, fitted, at_series(found.comparisons, law, series), found.source),
-                f"{law.capitalize()}{where}: {fitted.law.formula}",
+                f"{display.law(law)}{where}: {fitted.law.formula}",
             )
         for paper in papers():
             for title, table in paper.tables(found, series, where):

@@ -10,6 +10,7 @@ from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Sectio
 from labbook.report.fitted_tables import fit_table
 from labbook.report.paper import papers
 from labbook.report.tables import orifice_table
+from labbook.results import display
 from labbook.results.points import PointResult
 from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.results.reference import at_series
@@ -36,7 +37,7 @@ def _series(results: Results, index: int, folder: Path) -> Section:
     laws: list[Block] = []
     for law, found in series.fits.items():
         table = fit_table(law, found, at_series(results.comparisons, law, series), results.source)
-        laws.append(Section(law.capitalize(), (Formula(found.law.formula, found.law.source), table)))
+        laws.append(Section(display.law(law), (Formula(found.law.formula, found.law.source), table)))
     laws += [Prose(series.verdict)] if series.verdict else []
     blocks: list[Block] = laws
     if series.fits or len(series.used) > 1:  # a single point shows nothing

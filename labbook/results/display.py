@@ -91,6 +91,11 @@ def spoken(name: str) -> str:
     return _WORDS.get(name, key(name).name)
 
 
+def law(name: str) -> str:
+    """What a law or another fit is called: `Beverloo 3d`."""
+    return name.replace("_", " ").capitalize()
+
+
 def percentage(part: float) -> str:
     """`±2.4 %` of a relative half-width, to two digits; `unknown` where it has no end."""
     if not math.isfinite(part):

@@ -166,7 +166,7 @@ def _series(
 
 
 def _named(laws: Iterable[str]) -> str:
-    return " and ".join(law.capitalize() for law in laws)
+    return " and ".join(display.law(law) for law in laws)
 
 
 def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
