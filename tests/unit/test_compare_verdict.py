@@ -7,10 +7,9 @@ from labbook_toy import Backend, Twin
 from toy_pair import compared, study
 
 from labbook.backend import Unsupported
-from labbook.compare.compare import CannotCompare, compare, narrowed
-from labbook.compare.pair import Contestant, WrongPair, pair
-from labbook.compare.stale import stale
-from labbook.compare.verdict import NoVerdict, Verdict, folder_of
+from labbook.compare.compare import compare, narrowed, stale
+from labbook.compare.sides import CannotCompare, Side, parse
+from labbook.compare.verdict import NoVerdict, Verdict, path_of
 from labbook.lab import Lab
 from labbook.measure import MEASURES
 
@@ -80,12 +79,12 @@ def test_what_cannot_be_compared_is_refused(tmp_path):
     with pytest.raises(CannotCompare, match="--point 3"):
         narrowed(asked, (2,), 2)
     for backends, devices in (("toy", "cpu,cpu"), ("toy,toy", "cpu,cpu"), ("toy,twin", "cpu")):
-        with pytest.raises(WrongPair):
-            pair(backends, devices)
+        with pytest.raises(CannotCompare):
+            parse(backends, devices)
 
 
 def test_a_device_that_is_not_there_is_said_before_anything_runs(tmp_path):
-    two = (Contestant(Backend(), "cpu"), Contestant(Twin(), "cuda:0"))
+    two = (Side(Backend(), "cpu"), Side(Twin(), "cuda:0"))
     with pytest.raises(Unsupported, match="cpu only"):
         compare(study(tmp_path), Lab(tmp_path / "lab"), two, 0.03)
     assert not (tmp_path / "lab").exists()
@@ -114,7 +113,7 @@ def test_a_verdict_is_stale_when_what_it_rests_on_has_changed(equals, tmp_path, 
 def test_a_verdict_is_read_as_it_was_written(equals, tmp_path):
     asked, there, verdict = equals
     lab = shutil.copytree(there, tmp_path / "lab")
-    path = folder_of(Lab(lab), asked.name) / "toy-twin.json"
+    path = path_of(Lab(lab), asked.name, "toy", "twin")
     assert Verdict.read(path) == verdict
     path.write_text("{}")
     with pytest.raises(NoVerdict, match="cannot be read"):
