@@ -82,7 +82,7 @@ def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: flo
     """The verdict and what failed; everything that is missing is made."""
     from labbook.backend import BackendMissing, Unsupported
     from labbook.compare.compare import Stopped, compare, narrowed
-    from labbook.compare.recording import record
+    from labbook.compare.lockstep import record
     from labbook.compare.shown import figure
     from labbook.compare.sides import parse
     from labbook.export.recording import ViewerMissing

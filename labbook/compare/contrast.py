@@ -41,10 +41,10 @@ def of_packings(point: PointPlan, catalogue: Catalogue) -> Found:
     found = {}
     for item in point.items:
         key, seed = item.keys.packing, item.demand.seed
-        if problem := catalogue.packing_problem(key):
-            found[seed] = problem
-            continue
         folder = catalogue.lab.packing(key)
+        if problem := catalogue.packing_problem(key):
+            found[seed] = problem if folder.is_dir() else "its packing was not made"
+            continue
         kept = evaluated_packing(folder, point.shared.scene, lambda at=folder: load_packing(at))
         found[seed] = _number(kept.evaluation.numbers, "packing_fraction", kept.problem)
     return found

@@ -1,4 +1,4 @@
-"""Two backends that start from the same packing, stepped side by side: how long they agree on where the grains are.
+"""Two backends that start from the same packing, stepped side by side: how long they agree, and a recording of both.
 
 Backends add up forces in different orders. Their rounding errors, some 1e-16 of a diameter at first, grow exponentially
 in flowing grains, as any difference does; when they reach a diameter the two discharges are different replicates.
@@ -9,20 +9,23 @@ import time
 from collections.abc import Generator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Sample, Table
-from labbook.compare.sides import Pair, Side
+from labbook.backend.probes import Sample, Table, film_probe
+from labbook.compare.sides import Pair, Side, from_shared
 from labbook.compare.verdict import Divergence
+from labbook.export.recording import FRAMES, frames_of, front_view, log_bar, log_grains, need_rerun, top_speed, written
 from labbook.filling import opened
 from labbook.lab.folder import Lab
 from labbook.lab.packings import load_packing
 from labbook.run.demand import Demand
 from labbook.scene import Packing, Scene
 from labbook.scene.canonical import digest
+from labbook.study import Point, Study
 
 AGREE = 1e-3
 """Largest difference of a position [d] up to which backends agree."""
@@ -30,6 +33,8 @@ APART = 1.0
 """Largest difference [d] at which there is nothing left to compare."""
 LONGEST = 50.0
 """Time after which looking ends [sqrt(d/g)]."""
+SEED = 1
+"""Of the packing that is recorded."""
 _INTERVAL = 0.05  # between frames [sqrt(d/g)]
 
 
@@ -137,3 +142,30 @@ def distances(frame: Frame) -> np.ndarray:
     _, here, there = np.intersect1d(a["id"], b["id"], assume_unique=True, return_indices=True)
     apart = [np.asarray(a[axis])[here] - np.asarray(b[axis])[there] for axis in "xyz"]
     return np.sqrt(sum(part**2 for part in apart))
+
+
+def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, path: Path) -> Path:
+    """Step both backends for `seconds` from the first one's packing at `point`, and write both side by side to `path`
+    (.rrd), on one clock, in place by one rename. Raises ViewerMissing, Unreadable or Unsupported."""
+    need_rerun()
+    import rerun.blueprint as rrb
+
+    demands = [shared.run(SEED) for shared in from_shared(study, point, pair)]
+    keys = [demand.keys(one.can) for demand, one in zip(demands, pair, strict=True)]
+    scene, names = point.scene, [one.entrant.called for one in pair]
+    fields = film_probe(seconds / FRAMES, point.numerics, scene.grains).fields
+    frames = [one for one in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not one.over]
+    films = []
+    for tables in zip(*(frame.tables for frame in frames), strict=True):
+        films.append(frames_of({name: np.concatenate([table[name] for table in tables]) for name in tables[0]}))
+    fastest = max(top_speed(scene, film) for film in films)
+    views = rrb.Horizontal(
+        *(front_view(scene, film, origin=name, name=name) for name, film in zip(names, films, strict=True))
+    )
+    title = f"{study.name}: {point.label}, seed {SEED}, {names[0]} beside {names[1]}"
+    start = load_packing(lab.packing(keys[0].packing))
+    with written(path, title, "-".join(one.run for one in keys), scene, views) as stream:
+        for name, film in zip(names, films, strict=True):
+            log_grains(stream, name, scene, start, film, fastest)
+        log_bar(stream, scene, fastest)
+    return path

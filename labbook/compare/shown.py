@@ -145,17 +145,13 @@ def _means(ax: "Axes", verdict: Verdict) -> None:
     first, second = (entrant.called for entrant in verdict.entrants)
     ax.axvspan(-percent, percent, color=FAINT, alpha=0.18, linewidth=0)
     ax.axvline(0, color=FAINT, linewidth=0.6)
-    for point, one in _tests(verdict):
-        _mean(ax, len(labels), one)
+    for row, (point, one) in enumerate(_tests(verdict)):
         labels.append(f"{display.quantity(one.quantity).name}, {point.label}" if point.label else one.quantity)
+        if one.difference is None or one.low is None or one.high is None:
+            continue
+        colour = {"equivalent": COLOURS[2], "different": COLOURS[1]}.get(one.finding, COLOURS[4])
+        reach = [[100 * (one.difference - one.low)], [100 * (one.high - one.difference)]]
+        ax.errorbar([100 * one.difference], [row], xerr=reach, fmt="o" if one.paired else "s", color=colour)
     ax.set_yticks(range(len(labels)), labels)
     ax.set(ylim=(len(labels) - 0.5, -0.5), xlabel=f"{second} less {first} [% of {first}]")
     ax.set_title(f"90 % intervals; grey: the margin, ±{percent:.3g} %")
-
-
-def _mean(ax: "Axes", row: int, one: Contrast) -> None:
-    if one.difference is None or one.low is None or one.high is None:
-        return
-    colour = {"equivalent": COLOURS[2], "different": COLOURS[1]}.get(one.finding, COLOURS[4])
-    reach = [[100 * (one.difference - one.low)], [100 * (one.high - one.difference)]]
-    ax.errorbar([100 * one.difference], [row], xerr=reach, fmt="o" if one.paired else "s", color=colour)

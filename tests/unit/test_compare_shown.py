@@ -8,7 +8,7 @@ import pytest
 from labbook_toy import Backend, Twin
 from toy_lab import carry_out, study
 
-from labbook.compare.recording import record
+from labbook.compare.lockstep import record
 from labbook.compare.shown import contrast_table, cost_table, divergence_table, figure, summary
 from labbook.compare.sides import Side
 from labbook.compare.verdict import Contrast, Cost, Divergence, Entrant, PointVerdict, Verdict

@@ -3,8 +3,8 @@
 import shutil
 
 import pytest
-from labbook_toy import Backend, Twin
-from toy_pair import compared, study
+from labbook_toy import Backend, Ensemble, Twin
+from toy_pair import compared, contestants, study
 
 from labbook.backend import Unsupported
 from labbook.compare.compare import compare, narrowed, stale
@@ -67,6 +67,39 @@ def test_runs_that_a_guard_stopped_have_no_number(tmp_path):
     flow, packing = compared(asked, tmp_path / "lab", Twin(fails=24)).points[0].contrasts
     assert (flow.finding, flow.note) == ("untested", "3 without a number: diverged")
     assert packing.seeds == (1, 2, 3)
+
+
+class Unfilled(Twin):
+    """Can start no filling."""
+
+    def open(self, spec, slots=None, device="cpu"):
+        return Refusing(self, spec, slots)
+
+
+class Refusing(Ensemble):
+    def admit(self, scene, numerics, start, *, settled_below=None):
+        if settled_below is not None:
+            raise ValueError("no room")
+        return super().admit(scene, numerics, start, settled_below=settled_below)
+
+
+def test_packings_that_cannot_be_made_have_no_number(tmp_path):
+    asked = study(tmp_path, orifices="[24]")
+    ends = [f"packing, seed {seed}: no room" for seed in (1, 2)]
+    first, second = contestants(second=Unfilled())
+    verdict, failed = compare(asked, Lab(tmp_path / "lab"), (first, second), 0.03)
+    assert failed == ends
+    flow, packing = verdict.points[0].contrasts
+    assert flow.finding == "equivalent", "those of the first backend are there"
+    assert (packing.finding, packing.note) == ("untested", "2 without a number: its packing was not made")
+    assert len(packing.first) == 2
+    verdict, failed = compare(asked, Lab(tmp_path / "other"), (second, first), 0.03)
+    assert failed[:2] == ends
+    flow, packing = verdict.points[0].contrasts
+    assert (flow.finding, flow.note) == ("untested", "4 without a number: not run yet")
+    assert packing.note == "2 without a number: its packing was not made"
+    assert verdict.points[0].divergence is None
+    assert [(cost.runs, cost.rate) for cost in verdict.costs] == [(0, None), (0, None)]
 
 
 # what is refused
