@@ -25,11 +25,12 @@ from labbook.lab.folder import DEFAULT
 from labbook.measure.trajectories import Trajectories
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
+from labbook.results.find import find
 from labbook.results.frames import frames
+from labbook.results.paper import analyses
 from labbook.results.points import RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
-from labbook.results.study import find
 from labbook.run.demand import Conflict
 from labbook.run.foresee import foresee
 from labbook.run.notebook import NotebookBar, counting, in_notebook
@@ -178,7 +179,8 @@ class Results(Found):
         """
         made = frames(self)
         for name, frame in made.items():
-            known = {**self.study.units, **_COLUMNS.get(name, {})}
+            columns = {**_COLUMNS, **{table: of for paper in analyses() for table, of in paper.columns.items()}}
+            known = {**self.study.units, **columns.get(name, {})}
             frame.attrs = {"study": self.study.name, "units": {one: known[one] for one in frame if one in known}}
         return made
 
@@ -360,12 +362,9 @@ _COLUMNS: dict[str, dict[str, str]] = {
     "flow": {"time": "s", "flow_rate": "kg/s"},
     "profiles": {"x_star": "", "x": "m", "velocity": "m/s", "velocity_error": "m/s"}
     | dict.fromkeys(("area_fraction", "area_fraction_error"), ""),
-    "outlets": {"R": "m"},
     "accelerations": dict.fromkeys(("bottom", "top"), "m")
     | dict.fromkeys(("acceleration", "error"), "m/s^2")
     | {"interval": "s"},
-    "ratios": dict.fromkeys(("value", "error", "low", "high", "s_star"), ""),
-    "rotation": dict.fromkeys(("ratio", "error", "low", "high"), ""),
 }
 """SI units of columns that mean the same in every row, by table."""
 

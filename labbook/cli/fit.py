@@ -25,12 +25,13 @@ def register(app: typer.Typer) -> None:
 
 
 def _show(found) -> None:
-    from labbook.fit.outlet import DEFINITIONS, FORMULA
-    from labbook.report import outlet_tables, tables
+    from labbook.report import tables
     from labbook.report.fitted_tables import fit_table
     from labbook.report.page import summary
+    from labbook.report.paper import papers
     from labbook.report.statement_tables import statement_digest, statement_table
     from labbook.report.tables import numerical_table
+    from labbook.results import display
     from labbook.results.reference import at_series
 
     console = screen(highlight=False, width=None if sys.stdout.isatty() else 120)
@@ -49,13 +50,11 @@ def _show(found) -> None:
             print_table(
                 console,
                 fit_table(law, fitted, at_series(found.comparisons, law, series), found.source),
-                f"{law.capitalize()}{where}: {fitted.law.formula}",
+                f"{display.law(law)}{where}: {fitted.law.formula}",
             )
-        for name in series.profiles:
-            title = f"Profiles along the outlets{where} ({DEFINITIONS[name]}): {FORMULA}"
-            shown = outlet_tables.profile_table(series, name, found.comparisons, found.source)
-            print_table(console, shown, title)
-            print_table(console, outlet_tables.outlet_table(series, name), f"Outlets{where}")
+        for paper in papers():
+            for title, table in paper.tables(found, series, where):
+                print_table(console, table, title)
         for problem in series.problems:
             console.print(f"Not fitted{where}: {problem}.", markup=False)
         if series.verdict:

@@ -5,7 +5,6 @@ from labbook.fit.exponential import Exponential
 from labbook.fit.fitting import contenders, fit
 from labbook.fit.janda import Janda2D, Janda3D
 from labbook.fit.law import Context, Law
-from labbook.fit.outlet import COVERAGE, CROSSINGS, DEFINITIONS
 from labbook.fit.power import Power
 from labbook.fit.result import FitError, FitResult, Parameter
 from labbook.plugins import Registry
@@ -17,14 +16,7 @@ LAWS: Registry[Law] = Registry[Law](
 )
 """Laws of the flow rate against the orifice: those built in, and those of other packages."""
 
-FITS = frozenset({*LAWS, *DEFINITIONS})
-"""All that a study can name under `fit`."""
-
 __all__ = [
-    "COVERAGE",
-    "CROSSINGS",
-    "DEFINITIONS",
-    "FITS",
     "LAWS",
     "Context",
     "FitError",

@@ -16,14 +16,7 @@ MEASURES: Registry[Measure] = Registry[Measure](
 )
 """The measures that a study can name under `measure`: those built in, and those of other packages."""
 
-FLOW_RATIO = "flow_ratio"
-"""What a report makes of the flow rates of two points; a reference can name it as it names a measurement."""
-FLOW_RATIOS = (f"{FLOW_RATIO}.angle", f"{FLOW_RATIO}.position")
-"""What it can be: over a flat bottom, and over an outlet in the middle."""
-
 __all__ = [
-    "FLOW_RATIO",
-    "FLOW_RATIOS",
     "MEASURES",
     "Evaluation",
     "Measure",

@@ -40,7 +40,8 @@ class Quantity:
 
     `symbol` stands on axes and in headings (superscripts as ^(...)); `unit` is SI, as numbers are stored; `shown` is
     the unit that people read, if it is another, and `scale` the factor from SI to it. `pooled`: whether a mean over
-    replicates means anything; that of a censored time would not.
+    replicates means anything; that of a censored time would not. `about_zero`: whether a value that cannot be told from
+    zero is a finding, and not a failure to determine it.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Quantity:
     shown: str = ""
     scale: float = 1.0
     pooled: bool = True
+    about_zero: bool = False
 
 
 def while_flowing(quantity: Quantity) -> Quantity:

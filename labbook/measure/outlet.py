@@ -13,6 +13,7 @@ passages are what some papers take all the same: v the mean over the grains that
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,12 @@ BINS = 24
 """Bins of x* = (x - e)/R from -1 to 1: as many for every outlet, so that profiles can be laid over each other."""
 _FEWEST = 12
 """Frames below which there is no profile."""
+COVERAGE, CROSSINGS = "outlet_profiles", "outlet_crossings"
+DEFINITIONS = {
+    COVERAGE: "phi: the part of the time during which a place is covered; v: the mean speed while it is",
+    CROSSINGS: "v: the mean speed of the grains that cross; phi: what then makes up their flow",
+}
+"""What profiles are. Fast grains weigh more in the second: one flow, another v and phi."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +81,65 @@ class OutletProfile:
         seen = self.crossing_velocity > 0
         return np.divide(self.crossing_flux, self.crossing_velocity, out=np.zeros_like(self.flux), where=seen)
 
+    def outlets(self, radius: float) -> Mapping[str, "Outlet"]:
+        """The profiles by each of DEFINITIONS, of grains of that radius [m]."""
+        return {
+            COVERAGE: Outlet(self.R, self.edges, self.area_fraction, self.flux, 1 - radius / self.R, self.counted),
+            CROSSINGS: Outlet(self.R, self.edges, self.crossing_fraction, self.crossing_flux, 1.0, self.counted),
+        }
+
     @property
     def closure(self) -> float:
         """Flow rate of the profiles over that of the grains counted; 1 but for the error."""
         return self.flow / self.counted
+
+
+@dataclass(frozen=True, eq=False)
+class Outlet:
+    """Profiles along one outlet, of one run or the mean of several.
+
+    `R`: half width of the outlet [m]; `edges`: of the bins, in x* = (x - e)/R from -1 to 1, shape [m + 1];
+    `area_fraction` phi and `flux` phi v [m/s], shape [m]; `reach`: x* up to which bins are fitted. `counted`: flow rate
+    counted [kg/s].
+    """
+
+    R: float
+    edges: np.ndarray
+    area_fraction: np.ndarray
+    flux: np.ndarray
+    reach: float
+    counted: float
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """v = phi v / phi [m/s], shape [m]; NaN where no grain ever was."""
+        empty = np.full_like(self.flux, np.nan)
+        return np.divide(self.flux, self.area_fraction, out=empty, where=self.area_fraction > 0)
+
+    @property
+    def inside(self) -> np.ndarray:
+        """Which bins lie within `reach`, shape [m]."""
+        return np.maximum(abs(self.edges[1:]), abs(self.edges[:-1])) <= self.reach * (1 + 1e-9)
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is a shape to fit: grains that move, in bins within `reach` on both sides of the middle."""
+        known = np.isfinite(self.velocity)
+        pairs = self.inside & known & known[::-1]
+        return bool((np.abs(self.flux[pairs]) > 0).any())
+
+
+def mean_of(outlets: Sequence[Outlet]) -> Outlet:
+    """The mean of several runs through equal outlets; velocities weigh by the time that grains were there."""
+    first = outlets[0]
+    return Outlet(
+        first.R,
+        first.edges,
+        np.mean([one.area_fraction for one in outlets], axis=0),
+        np.mean([one.flux for one in outlets], axis=0),
+        first.reach,
+        float(np.mean([one.counted for one in outlets])),
+    )
 
 
 def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProfile | None:

@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from labbook.fit import DEFINITIONS, FitResult, Parameter
-from labbook.fit.outlet import TERMS
+from labbook.fit import FitResult, Parameter
 from labbook.report.tables import Table, in_errors
 from labbook.results import display
 from labbook.results.reference import CLOSE, Comparison
@@ -53,21 +52,13 @@ def _beside(one: Comparison | None) -> tuple[str, str]:
     return display.with_error(one.reference, one.reference_error or math.nan, scale), in_errors(one)
 
 
-_MAY_VANISH = frozenset(
-    f"{name}.{shape}"
-    for name in DEFINITIONS
-    for shape in ("delta1", "delta2", *(f"{tilt}.{term}" for tilt in ("delta1", "delta2") for term in TERMS))
-)
-"""A tilt of zero is a finding."""
-
-
 def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:
     """A parameter with its interval; one without an end, or far wider than the value, leaves no value to quote."""
     shown = display.quantity(quantity, parameter.unit)
     width = parameter.high - parameter.low
     digits = width / 4  # about a standard error, also where the linearised one means nothing
     ends = (display.number(end, digits, shown.scale) for end in (parameter.low, parameter.high))
-    if not math.isfinite(width) or (width > 10 * abs(parameter.value) and quantity not in _MAY_VANISH):
+    if not math.isfinite(width) or (width > 10 * abs(parameter.value) and not shown.about_zero):
         value = NOT_DETERMINED
     elif parameter.error > width:
         value = display.number(parameter.value, digits, shown.scale)

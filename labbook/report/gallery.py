@@ -1,11 +1,11 @@
 """The figures of a report by name, for whoever wants one of them and not the page."""
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from labbook.report import figures
 from labbook.report.against import found_against
 from labbook.report.blocks import slug
+from labbook.report.paper import Draw, papers
 from labbook.results.recorded import acceleration, flow_patterns
 from labbook.results.series import Series
 from labbook.results.study import Results
@@ -18,9 +18,6 @@ class NothingToShow(LookupError):
     """There is no such figure of these results; the message says why and what to do."""
 
 
-Draw = Callable[[], "Figure"]
-
-
 def of_results(results: Results) -> dict[str, Draw]:
     """Figures that show several series at once, by name, as functions that draw them."""
     found: dict[str, Draw] = {}
@@ -29,11 +26,8 @@ def of_results(results: Results) -> dict[str, Draw]:
         found["overview"] = lambda: figures.overview(fitted)
     for one in found_against(results):
         found[f"against_{slug(one.key)}"] = lambda one=one: figures.against_key(one)
-    if results.turning:
-        found["rotation"] = lambda: figures.flow_against_rotation(results.turning)
-    scaled = [one for one in results.series if {"power", "exponential"} & set(one.fits)]
-    if scaled:
-        found["scaling"] = lambda: figures.flow_scaling(scaled)
+    for paper in papers():
+        found |= paper.figures(results)
     return found
 
 
@@ -48,9 +42,8 @@ def of_series(results: Results, series: Series) -> dict[str, Draw]:
     if any(run.recorded for result in series.points for run in result.runs):
         found["patterns"] = lambda: _patterns(series)
         found["acceleration"] = lambda: _acceleration(series)
-    for name in series.profiles:
-        found[name] = lambda name=name: figures.outlet_profiles(series, name, beside, source)
-        found[f"{name}_middles"] = lambda name=name: figures.outlet_middles(series, name, beside, source)
+    for paper in papers():
+        found |= paper.figures_of(results, series)
     return found
 
 

@@ -11,18 +11,16 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 
 from labbook import __version__
-from labbook.fit import DEFINITIONS
 from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
-from labbook.report.across import outlet_pictures, ratio_sections
 from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
 from labbook.report.formulas import mathml
+from labbook.report.paper import papers
 from labbook.report.result_box import concerns, result_box, summary
 from labbook.report.sections import series_sections
 from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
-from labbook.report.turning import scaling, turning_sections
 from labbook.results import display
 from labbook.results.study import Results
 
@@ -75,13 +73,9 @@ def _overview(results: Results, folder: Path) -> list[Section]:
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
         figure = figures.overview(fitted)  # against one orifice there is nothing to see
         pictures.append(picture(figure, folder / "overview", "a power of W against orifice, all series", _OVERVIEW))
-    if not results.turning and (scaled := scaling(results, folder)) is not None:
-        pictures.append(scaled)
     sections = [Section("Flow rate against orifice, all series", tuple(pictures))] if pictures else []
     if trends := _trends(results, folder):
         sections.append(Section("Fitted parameters against what was swept", tuple(trends)))
-    if outlets := outlet_pictures(results, folder):
-        sections.append(Section("Outlets of all series", tuple(outlets)))
     return sections
 
 
@@ -93,7 +87,7 @@ def _trends(results: Results, folder: Path) -> list[Picture]:
     numbers = {name: len(found) for name, found in values.items() if not any(isinstance(v, str) for v in found)}
     key = max(numbers, key=lambda name: numbers[name], default="")
     pictures = []
-    for law in (*dict.fromkeys(law for one in results.series for law in one.fits), *DEFINITIONS):
+    for law in dict.fromkeys(law for one in results.series for law in (*one.fits, *one.further)):
         places = {one.at[key] for one in results.series if one.parameters(law) and key in one.at}
         if len(places) > 1:
             figure = figures.parameters_against(key, law, results.series, results.comparisons)
@@ -120,6 +114,10 @@ def _statements(results: Results, folder: Path) -> list[Section]:
     folded = Folded("Every place that they speak of", (every,))
     blocks: tuple[Block, ...] = (every,) if digest is None else (digest, folded)
     return [Section(f"What {results.source} state", blocks)]
+
+
+def _of_papers(results: Results, folder: Path) -> list[Section]:
+    return [section for paper in papers() for section in paper.sections(results, folder)]
 
 
 def _numerics(results: Results, folder: Path) -> list[Section]:
@@ -149,8 +147,7 @@ PARTS: tuple[Part, ...] = (
     _overview,
     _reference,
     _statements,
-    turning_sections,
-    ratio_sections,
+    _of_papers,
     _flow_rates,
     _numerics,
     _further,

@@ -108,7 +108,7 @@ def _fits(results: Results) -> list[Row]:
     fitted = [one for one in results.series if one.fits]
     for law in dict.fromkeys(law for one in fitted for law in one.fits):
         mine = [one for one in fitted if law in one.fits]
-        rows.append((law.replace("_", " ").capitalize(), _parameters(law, mine)))
+        rows.append((display.law(law), _parameters(law, mine)))
     verdicts = {one.label: one.verdict for one in fitted if one.verdict}
     if len(set(verdicts.values())) == 1:
         rows.append(("Law", next(iter(verdicts.values()))))

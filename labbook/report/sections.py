@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labbook.fields.pattern import FUNNEL, SLOW
-from labbook.fit.outlet import DEFINITIONS, FORMULA, SOURCE
 from labbook.measure.orifice import INTERVAL
-from labbook.report import figures, outlet_tables
+from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
 from labbook.report.fitted_tables import fit_table
+from labbook.report.paper import papers
+from labbook.report.tables import orifice_table
+from labbook.results import display
 from labbook.results.points import PointResult
 from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.results.reference import at_series
@@ -18,7 +20,7 @@ from labbook.results.study import Results
 
 def series_sections(results: Results, folder: Path) -> list[Section]:
     """Figures, tables and remarks of every series. Single points to which no law is fitted share theirs."""
-    alone = [one for one in results.series if len(one.points) == 1 and not one.fits and not one.profiles]
+    alone = [one for one in results.series if len(one.points) == 1 and not one.fits and not one.further]
     merged = alone if len(alone) > 1 else []
     found = [_series(results, k, folder) for k, one in enumerate(results.series) if one not in merged]
     if merged:
@@ -35,7 +37,7 @@ def _series(results: Results, index: int, folder: Path) -> Section:
     laws: list[Block] = []
     for law, found in series.fits.items():
         table = fit_table(law, found, at_series(results.comparisons, law, series), results.source)
-        laws.append(Section(law.capitalize(), (Formula(found.law.formula, found.law.source), table)))
+        laws.append(Section(display.law(law), (Formula(found.law.formula, found.law.source), table)))
     laws += [Prose(series.verdict)] if series.verdict else []
     blocks: list[Block] = laws
     if series.fits or len(series.used) > 1:  # a single point shows nothing
@@ -47,8 +49,8 @@ def _series(results: Results, index: int, folder: Path) -> Section:
     blocks += [Prose(text, note=True) for text in lacking]
     blocks.append(_flow(series, folder, suffix, where))
     blocks += patterns
-    for name in series.profiles:
-        blocks.append(_profiles(results, series, name, folder, suffix, where))
+    for paper in papers():
+        blocks += paper.of_series(results, series, folder, suffix, where)
     return Section(series.label or "Flow rate against orifice", tuple(blocks))
 
 
@@ -71,9 +73,9 @@ def _flow(series: Series, folder: Path, suffix: str, where: str) -> Picture:
 def _patterns_if_they_can_be(
     results: Results, series: Series, folder: Path, suffix: str, where: str
 ) -> tuple[list[Block], list[str]]:
-    """How the beds flow, of points without a turning bottom, which have a section of their own; and what is lacking."""
-    turning = {id(one) for curve in results.turning for one in curve.points}
-    points = [one for one in series.points if id(one) not in turning]
+    """How the beds flow, of points that no paper shows in a section of its own; and what is lacking."""
+    elsewhere = {id(one) for paper in papers() for one in paper.shows_beds_of(results)}
+    points = [one for one in series.points if id(one) not in elsewhere]
     blocks, lacking = [], []
     try:
         blocks += _patterns(points, folder, suffix, where)
@@ -88,7 +90,7 @@ def _patterns(points: Sequence[PointResult], folder: Path, suffix: str, where: s
         return []
     figure = figures.flow_patterns([one[0] for one in found])
     shown = picture(figure, folder / f"patterns{suffix}", f"how the beds flow{where}", PATTERNS)
-    table = outlet_tables.orifice_table([(one[0].result, pooled_means(one)) for one in found])
+    table = orifice_table([(one[0].result, pooled_means(one)) for one in found])
     return [Section("How the beds flow", (shown, table))]
 
 
@@ -99,22 +101,6 @@ def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, wher
     figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
     alt = f"acceleration against height{where}"
     return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION)]
-
-
-def _profiles(results: Results, series: Series, definition: str, folder: Path, suffix: str, where: str) -> Section:
-    name = definition.removeprefix("outlet_")
-    along = figures.outlet_profiles(series, definition, results.comparisons, results.source)
-    middles = figures.outlet_middles(series, definition, results.comparisons, results.source)
-    return Section(
-        f"Profiles along the outlets: {DEFINITIONS[definition]}",
-        (
-            Formula(FORMULA, SOURCE),
-            picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", _ALONG),
-            outlet_tables.profile_table(series, definition, results.comparisons, results.source),
-            picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", _MIDDLES),
-            outlet_tables.outlet_table(series, definition),
-        ),
-    )
 
 
 _FIT = (
@@ -137,15 +123,4 @@ _ACCELERATION = (
     f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms (whole frames), of grains that start at this "
     "height within a quarter of the outlet’s width from its middle, in the window; 1 is free fall. Grains that leave "
     "meanwhile are continued by free fall. Bars: standard errors over grains, a lower bound."
-)
-_ALONG = (
-    "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "
-    "middle. Points are fitted; bins without points are not. Bands about points: one standard error over seeds; about "
-    "the law: 95 %, of the law and, fainter, of a bin of one more outlet. Dashed: the tilted curves of eqs 16 and 17, "
-    "where the tilt is significant; the bands are then theirs."
-)
-_MIDDLES = (
-    "Velocity and area fraction in the middle of the outlets, and the flow that the profiles come to, over the flow "
-    "counted. Bars: one standard error over seeds; bands: 95 %, of the law and, fainter, of one more outlet; dots: the "
-    "law with the parameters of the reference, its φ_∞ being ours where it has only τ₁ and τ₂."
 )

@@ -7,14 +7,13 @@ from labbook.report.tables import Table
 from labbook.results import display
 from labbook.results.statements import Judged, at_all, by_statement
 from labbook.study import Statement
-from labbook.study.schema import TURNING
 
 
 def statement_table(judged: Sequence[Judged]) -> Table:
     """Every statement with ours, its interval, what it asks, and the verdict; those that do not hold are marked."""
     rows, marked, reasons = [], set(), []
     for place, one in enumerate(judged):
-        stated, (scale, _) = one.statement, _shown(one.statement.quantity)
+        stated, (scale, _) = one.statement, _shown(one.statement)
         asked = _asked(stated)
         if one.ours is None:
             rows.append((stated.says, one.label, asked, "–", "–", one.verdict))
@@ -29,13 +28,11 @@ def statement_table(judged: Sequence[Judged]) -> Table:
             marked.add(place)
     note = (
         "A statement holds if our interval lies within what it says, does not hold if it lies outside (bold), and is "
-        "undecided otherwise or where nothing was measured. Ratios to the bottom at rest are of means over the seeds "
-        "that both have, with 90 % intervals; so is the frequency of a minimum, from curves drawn from the scatter "
-        "between seeds; other numbers have 95 % intervals. The smallest of several means is a little too small by "
-        "being chosen."
+        "undecided otherwise or where nothing was measured. Intervals are 95 % where nothing else is said."
     )
+    made = dict.fromkeys(one.how for one in judged if one.how)
     headings = ("statement", "at", "asks for", "ours", "interval", "verdict")
-    return Table(headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *dict.fromkeys(reasons)))
+    return Table(headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *made, *dict.fromkeys(reasons)))
 
 
 def statement_digest(judged: Sequence[Judged]) -> Table | None:
@@ -61,20 +58,18 @@ def statement_digest(judged: Sequence[Judged]) -> Table | None:
 
 def _number(one: Judged) -> str:
     assert one.ours is not None
-    return display.number(one.ours, None if math.isnan(one.error) else one.error, _shown(one.statement.quantity)[0])
+    return display.number(one.ours, None if math.isnan(one.error) else one.error, _shown(one.statement)[0])
 
 
 def _asked(stated: Statement) -> str:
-    scale, unit = _shown(stated.quantity)
+    scale, unit = _shown(stated)
     low, high = (display.number(end, None, scale) for end in (stated.low, stated.high))
     if math.isinf(stated.low):
         return f"at most {high}{unit}"
     return f"at least {low}{unit}" if math.isinf(stated.high) else f"{low} to {high}{unit}"
 
 
-def _shown(quantity: str) -> tuple[float, str]:
+def _shown(stated: Statement) -> tuple[float, str]:
     """Factor from SI to the unit that is shown, and that unit after a space; ratios have none."""
-    if quantity.partition(".")[0] == TURNING:
-        return 1.0, " Hz" if quantity.endswith(".minimum") else ""
-    shown = display.quantity(quantity)
+    shown = display.quantity(stated.quantity, stated.unit)
     return shown.scale, f" {shown.unit}" if shown.unit else ""

@@ -3,7 +3,7 @@
 import math
 import statistics
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ from labbook.results.numerical import Numerical
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import CLOSE, Comparison
 from labbook.results.study import Results
-from labbook.stats import Measured
+from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
 
 CONVENTIONS = (
@@ -266,3 +266,23 @@ _NUMERICS_TESTED = (
     "Two one-sided tests at 5 % with a margin of ±{margin:.3g} %: equivalent if the interval lies within the margin, "
     "different if it lies beyond, undecided otherwise. Power: the chance to show equivalence, were W the same."
 )
+
+
+def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> Table:
+    """Means of fields above the orifice of each point, over its recorded runs."""
+    names = list(dict.fromkeys(name for _, means in rows for name in means))
+    cells = []
+    for result, means in rows:
+        shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
+        cells.append((result.label, *shown, str(means["stagnant_fraction"].n)))
+    headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
+    note = (
+        "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window; p_k is "
+        "the trace of the kinetic stress, S the largest eigenvalue of the mean orientation tensor. Errors need two "
+        "recorded runs (record.replicates)."
+    )
+    return Table(headings, tuple(cells), notes=(note,))
+
+
+def _mean(name: str, pooled: Pooled) -> str:
+    return display.with_error(pooled.value, pooled.error, display.quantity(f"orifice.{name}").scale)

@@ -8,15 +8,18 @@ from functools import cache
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.measure.recorded import FlowPattern
+from labbook.study.paper import PAPERS
 
 
 @dataclass(frozen=True)
 class Shown:
-    """How a quantity is shown: its name, the unit shown, and the factor from SI to it."""
+    """How a quantity is shown: its name, the unit shown, and the factor from SI to it; and whether a value about zero
+    is a finding."""
 
     name: str
     unit: str = ""
     scale: float = 1.0
+    about_zero: bool = False
 
     @property
     def heading(self) -> str:
@@ -45,33 +48,6 @@ KEYS = {
     "fill.max_time": Shown("longest filling", "s"),
 }
 
-QUANTITIES = {
-    "flow_ratio.angle": Shown("W/W of the flat bottom"),
-    "flow_ratio.position": Shown("W/W in the middle"),
-    "outlet_profiles.a": Shown("a"),
-    "outlet_profiles.gamma": Shown("γ"),
-    "outlet_profiles.b": Shown("b"),
-    "outlet_profiles.phi_inf": Shown("φ_∞"),
-    "outlet_profiles.tau1": Shown("τ₁"),
-    "outlet_profiles.tau2": Shown("τ₂", "1/mm", 1 / _MM),
-    "outlet_profiles.delta1": Shown("δ₁"),
-    "outlet_profiles.delta2": Shown("δ₂"),
-    "outlet_profiles.epsilon1": Shown("ε₁"),
-    "outlet_profiles.epsilon2": Shown("ε₂"),
-    "outlet_profiles.sigma1": Shown("σ₁"),
-    "outlet_profiles.sigma2": Shown("σ₂"),
-}
-QUANTITIES |= {  # of its approach to what it is in the middle, limit - depth e^{-rate s*}
-    f"outlet_profiles.{name}.{term}": Shown(said.format(QUANTITIES[f"outlet_profiles.{name}"].name))
-    for name in ("delta1", "sigma1", "delta2", "sigma2")
-    for term, said in (("limit", "limit of {}(s*)"), ("depth", "depth of {}(s*)"), ("rate", "rate of {}(s*)"))
-}
-QUANTITIES |= {  # the same parameters of profiles by another definition
-    name.replace("outlet_profiles", "outlet_crossings"): replace(shown, name=f"{shown.name} (crossings)")
-    for name, shown in QUANTITIES.items()
-    if name.startswith("outlet_profiles")
-}
-
 
 def key(name: str) -> Shown:
     """How the dotted key of a study is shown; an unknown one by its last part, in SI."""
@@ -84,9 +60,10 @@ def key(name: str) -> Shown:
 
 @cache
 def _declared() -> dict[str, Shown]:
-    """How measures and laws say that their numbers are shown; a superscript is written ^(...)."""
-    measures = (*MEASURES.values(), FlowPattern())
-    found = {one.name: Shown(one.symbol, one.shown or one.unit, one.scale) for m in measures for one in m.declared}
+    """How measures, laws and papers say that their numbers are shown; a superscript is written ^(...)."""
+    declaring = (*MEASURES.values(), FlowPattern(), *PAPERS.values())
+    declared = (one for source in declaring for one in source.declared)
+    found = {one.name: Shown(one.symbol, one.shown or one.unit, one.scale, one.about_zero) for one in declared}
     for law in LAWS.values():
         for one in law.parameters.values():
             found[f"{law.name}.{one.name}"] = Shown(one.symbol or one.name, one.shown or one.unit, one.scale)
@@ -95,8 +72,7 @@ def _declared() -> dict[str, Shown]:
 
 def quantity(name: str, unit: str = "") -> Shown:
     """How a measured or fitted quantity is shown; an unknown one by its own name, in SI (`unit`)."""
-    known = QUANTITIES.get(name) or _declared().get(name)
-    return known or Shown(name.rsplit(".", 1)[-1].replace("_", " "), unit)
+    return _declared().get(name) or Shown(name.rsplit(".", 1)[-1].replace("_", " "), unit)
 
 
 _WORDS = {
@@ -113,6 +89,11 @@ _WORDS = {
 def spoken(name: str) -> str:
     """What the dotted key of a study is called in a sentence or a title: with a word where it is shown as a symbol."""
     return _WORDS.get(name, key(name).name)
+
+
+def law(name: str) -> str:
+    """What a law or another fit is called: `Beverloo 3d`."""
+    return name.replace("_", " ").capitalize()
 
 
 def percentage(part: float) -> str:

@@ -2,16 +2,16 @@
 
 import json
 import math
-from collections.abc import Collection, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labbook.fit.outlet import DEFINITIONS, FORMULA, OF_OUTLET, VERSION, Outlet
+from labbook.measure.outlet import DEFINITIONS, Outlet
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
+from labbook.results.paper import Row, analyses
 from labbook.results.points import PointResult
-from labbook.results.ratios import RATIOS, angle_laws
 from labbook.results.recorded import acceleration
 from labbook.results.series import Series
 from labbook.results.study import Results
@@ -19,11 +19,8 @@ from labbook.results.study import Results
 if TYPE_CHECKING:
     import pandas as pd
 
-
-Row = dict[str, Any]
-
-SUMMARY = ("points", "against", "series", "fits", "problems", "reference", "statements", "numerics", "outlets")
-"""Frames without a row for every run, instant or place."""
+EVERY = ("runs", "flow", "accelerations", "profiles")
+"""Frames with a row for every run, instant or place."""
 
 
 def frames(results: Results) -> dict[str, "pd.DataFrame"]:
@@ -42,14 +39,13 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
     | `statements`    | statement of the reference and where: ours, interval, verdict                             |
     | `numerics`      | pair of points that differ in numerics only: difference and test of equivalence           |
     | `accelerations` | point and bin of height above the outlet                                                  |
-    | `ratios`        | point: W over a plain hopper's, with the laws of the angle                                |
     | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
-    | `outlets`       | point and definition: what was fitted to its outlet                                       |
-    | `rotation`      | point and quantity: ratio to the bottom at rest                                           |
+
+    Papers add theirs (`labbook.papers`).
     """
     import pandas as pd
 
-    made = {
+    made: dict[str, Iterable[Row]] = {
         "points": _points(results),
         "runs": _runs(results),
         "flow": _flow(results),
@@ -61,32 +57,32 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
         "statements": _statements(results),
         "numerics": _numerics(results),
         "accelerations": _accelerations(results),
-        "ratios": _ratios(results),
         "profiles": _profiles(results),
-        "outlets": _outlets(results),
-        "rotation": _rotation(results),
     }
+    for paper in analyses():
+        made |= paper.frames(results)
     found = {name: pd.DataFrame(list(rows)) for name, rows in made.items()}
     return {name: frame for name, frame in found.items() if len(frame)}
 
 
 def to_json(results: Results, names: Collection[str] | None = None) -> str:
-    """The frames called `names` (SUMMARY, if none are given) as JSON: SI, null for what is not known or has no end."""
-    chosen = {name: frame for name, frame in frames(results).items() if name in (names or SUMMARY)}
+    """The frames called `names` (all but EVERY, if none are given) as JSON: SI, null for what is unknown or endless."""
+    chosen = {name: frame for name, frame in frames(results).items() if (name in names if names else name not in EVERY)}
     parts = {
         name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]") for name, frame in chosen.items()
     }
     return json.dumps({"study": results.study.name, **parts}, indent=2, allow_nan=False)
 
 
-def _of_point(result: PointResult) -> Row:
+def of_point(result: PointResult) -> Row:
+    """The columns that say which point it is."""
     return {"point": result.point.index + 1, **result.point.at}
 
 
 def _runs(results: Results) -> Iterator[Row]:
     for result in results.points:
         for run in result.runs:
-            head = {**_of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
+            head = {**of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
             for measured in run.measured.values():
                 yield {**head, **vars(measured), "stale": run.cache_version in results.stale}
 
@@ -97,7 +93,7 @@ def _points(results: Results) -> Iterator[Row]:
         for name, pooled in result.pooled.items():
             measured = [run.measured[name] for run in result.runs if name in run.measured]
             yield {
-                **_of_point(result),
+                **of_point(result),
                 "quantity": name,
                 "value": pooled.value,
                 "error": pooled.error,
@@ -143,36 +139,21 @@ def _numerics(results: Results) -> Iterator[Row]:
         yield told
 
 
-def _ratios(results: Results) -> Iterator[Row]:
-    for name, found in RATIOS.items():
-        for one in found(results.points):
-            numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
-            row = {**_of_point(one.result), "quantity": name, **numbers}
-            if name.endswith("angle"):
-                yield row | {_column(law.name): law.factor(one.at) for law in angle_laws(one.result)}
-            else:
-                yield row | {"s_star": one.at}
-
-
-def _column(law: str) -> str:
-    """`rose_tanaka` of a law's name."""
-    return law.partition(",")[0].lower().replace(" & ", "_")
-
-
 def _of_series(series: Series) -> Row:
     return {"series": series.label, **series.at}
 
 
 def _fits(results: Results) -> Iterator[Row]:
     for series in results.series:
-        for law in (*series.fits, *series.profiles):
+        for law in (*series.fits, *series.further):
             for name, parameter in series.parameters(law).items():
                 yield {**_of_series(series), "law": law, "parameter": name, **vars(parameter), **_goodness(series, law)}
 
 
 def _goodness(series: Series, law: str) -> Row:
     if law not in series.fits:
-        return {"version": VERSION, "formula": FORMULA, "notes": "; ".join(series.profiles[law].notes)}
+        other = series.further[law]
+        return {"version": other.version, "formula": other.formula, "notes": "; ".join(other.notes)}
     fit = series.fits[law]
     goodness = {"chi2": fit.chi2, "degrees_of_freedom": fit.dof, "p_value": fit.p_value, "aicc": fit.aicc}
     notes = "; ".join(fit.notes)
@@ -185,13 +166,13 @@ def _flow(results: Results) -> Iterator[Row]:
         for run in result.runs:
             if run.trace is not None:
                 for time, rate in zip(run.trace.time, run.trace.rate, strict=True):
-                    yield {**_of_point(result), "seed": run.seed, "time": float(time), "flow_rate": float(rate)}
+                    yield {**of_point(result), "seed": run.seed, "time": float(time), "flow_rate": float(rate)}
 
 
 def _profiles(results: Results) -> Iterator[Row]:
     for result in results.points:
         for definition in (name for name in DEFINITIONS if result.outlets(name)):
-            head = {**_of_point(result), "definition": definition}
+            head = {**of_point(result), "definition": definition}
             yield from ({**head, **row} for row in _along(result.outlets(definition)))
 
 
@@ -208,40 +189,12 @@ def _along(outlets: Sequence[Outlet]) -> Iterator[Row]:
         yield dict(zip(columns, (value.item() for value in values), strict=True))
 
 
-def _outlets(results: Results) -> Iterator[Row]:
-    for series in results.series:
-        for definition, fit in series.profiles.items():
-            for result, one in zip(series.profiled, fit.outlets, strict=True):
-                numbers = {name: getattr(one, name) for name in OF_OUTLET}
-                means = {name: pooled.value for name, pooled in numbers.items()}
-                errors = {f"{name}_error": pooled.error for name, pooled in numbers.items()}
-                yield {**_of_point(result), "definition": definition, "R": one.profile.R, **means, **errors}
-
-
 def _reference(results: Results) -> Iterator[Row]:
     for one in results.comparisons:
         theirs = {"reference": one.reference, "reference_error": one.reference_error}
         ours = {"ours": one.ours, "error": one.error, "low": one.low, "high": one.high, "unit": one.unit}
         apart = {"difference_in_errors": one.in_errors, "why": one.why}
         yield {"quantity": one.quantity, **one.at, **theirs, **ours, **apart}
-
-
-def _rotation(results: Results) -> Iterator[Row]:
-    """Every quantity over that with the bottom at rest, paired by seeds; intervals have the stated confidence."""
-    for curve in results.turning:
-        for k, result in enumerate(curve.points):
-            for quantity in result.pooled if k else ():
-                ratio = curve.ratio(quantity, k) if _positive(curve.points[0], quantity) else None
-                if ratio is not None:
-                    ends = {"low": ratio.low, "high": ratio.high, "confidence": ratio.confidence}
-                    numbers = {"ratio": ratio.value, "error": ratio.error, **ends, "pairs": ratio.n}
-                    yield {"shape": curve.shape, **result.at, "quantity": quantity, **numbers}
-
-
-def _positive(at_rest, quantity: str) -> bool:
-    """Whether a ratio to the value at rest means anything: a drift or a waiting time may be 0."""
-    pooled = at_rest.pooled.get(quantity)
-    return pooled is not None and pooled.value != 0 and not quantity.startswith("flow_rate_drift")
 
 
 def _accelerations(results: Results) -> Iterator[Row]:

@@ -10,13 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from labbook.fields import Fields
-from labbook.fit import COVERAGE, CROSSINGS
-from labbook.fit.outlet import Outlet
 from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.flow import CUT_SHORT, FlowRate, Trace
 from labbook.measure.orifice import OrificeMeans
-from labbook.measure.outlet import OutletProfile, OutletProfiles
+from labbook.measure.outlet import Outlet, OutletProfile, OutletProfiles
 from labbook.measure.stress import ContactStress
 from labbook.results import display
 from labbook.stats import Measured, Pooled, StoppingRule
@@ -152,18 +150,12 @@ class RunResult:
 
     @cached_property
     def outlets(self) -> Mapping[str, Outlet]:
-        """Profiles along its outlet by definition (`labbook.fit.DEFINITIONS`); none of a run that clogged, as for its
-        flow rate."""
-        if COVERAGE not in self.measures or self.outcome in ("clogged", "diverged"):
+        """Profiles along its outlet by definition (`labbook.measure.outlet.DEFINITIONS`); none of a run that clogged,
+        as for its flow rate."""
+        if OutletProfiles.name not in self.measures or self.outcome in ("clogged", "diverged"):
             return {}
         found = OutletProfile.of(self.evaluation(OutletProfiles()))
-        if found is None:
-            return {}
-        reach = 1 - self.run.point.scene.grains.radius / found.R
-        return {
-            COVERAGE: Outlet(found.R, found.edges, found.area_fraction, found.flux, reach, found.counted),
-            CROSSINGS: Outlet(found.R, found.edges, found.crossing_fraction, found.crossing_flux, 1.0, found.counted),
-        }
+        return found.outlets(self.run.point.scene.grains.radius) if found is not None else {}
 
 
 @dataclass(frozen=True, eq=False)

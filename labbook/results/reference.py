@@ -1,17 +1,14 @@
 """Ours beside the paper's: every number of a study's reference, and how far ours lies from it."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from labbook.fit import DEFINITIONS, LAWS
-from labbook.fit.outlet import PARAMETERS, TERMS
 from labbook.results import display
-from labbook.results.approach import FEWEST, SHAPE, approaches
 from labbook.results.points import ORIFICE, PointResult
-from labbook.results.ratios import RATIOS, Ratio, by_position
 from labbook.results.series import Series
 from labbook.study import Point, Reference
+from labbook.study.paper import of_fit
 
 CLOSE = 2.0
 """Standard errors within which two numbers are said to agree."""
@@ -51,8 +48,12 @@ class Comparison:
         return (self.ours - self.reference) / error if error > 0 else math.nan
 
 
+Own = Callable[[str, Mapping[str, float | str]], Sequence[Comparison] | None]
+"""What papers have for a quantity at the asked values, the reference being left NaN; None if it is not theirs."""
+
+
 def compare(
-    reference: Reference | None, points: Sequence[PointResult], series: Sequence[Series]
+    reference: Reference | None, points: Sequence[PointResult], series: Sequence[Series], own: Own = lambda *_: None
 ) -> tuple[Comparison, ...]:
     """One Comparison for each entry of the reference and each series (`law.parameter`) or point that it speaks of."""
     if reference is None:
@@ -60,18 +61,18 @@ def compare(
     return tuple(
         replace(found, reference=entry.value, reference_error=entry.error)
         for entry in reference.entries
-        for found in entry_of(entry.quantity, entry.at, points, series)
+        for found in entry_of(entry.quantity, entry.at, points, series, own)
     )
 
 
 def at_series(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, Comparison]:
-    """The comparisons of parameters of `law` (or profiles) at a series, by the name of the parameter."""
+    """The comparisons of parameters of `law` (or a further fit) at a series, by the name of the parameter."""
     mine = (c for c in comparisons if c.quantity.startswith(f"{law}."))
     return {c.quantity.partition(".")[2]: c for c in mine if not series.at or dict(c.at) == dict(series.at)}
 
 
 def of_reference(comparisons: Sequence[Comparison], law: str, series: Series) -> dict[str, float]:
-    """What the reference has for the parameters of `law` (or profiles) at a series, by name, in SI."""
+    """What the reference has for the parameters of `law` (or a further fit) at a series, by name, in SI."""
     return {name: one.reference for name, one in at_series(comparisons, law, series).items()}
 
 
@@ -94,24 +95,29 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     )
 
 
+def sought(quantity: str, asked: Mapping[str, float | str]) -> Comparison:
+    """A comparison without numbers: of a quantity at the asked values."""
+    return Comparison(quantity, asked, display.label(asked), math.nan, None, None)
+
+
 def entry_of(
-    name: str, asked: Mapping[str, float | str], points: Sequence[PointResult], series: Sequence[Series]
+    name: str,
+    asked: Mapping[str, float | str],
+    points: Sequence[PointResult],
+    series: Sequence[Series],
+    own: Own = lambda *_: None,
 ) -> Iterator[Comparison]:
     """Ours for each series (`law.parameter`) or point at the `asked` values; the reference is left NaN."""
     head, _, tail = name.partition(".")
-    fitted = head in LAWS or (head in DEFINITIONS and tail in PARAMETERS)
-    quantity = name if fitted else tail or head
-    base = Comparison(quantity, asked, display.label(asked), math.nan, None, None)
+    of_papers = own(name, asked)
+    base = sought(name if of_papers is not None or of_fit(name) else tail or head, asked)
     found: list[Comparison] = []
-    if fitted:
+    if of_papers is not None:
+        found += of_papers
+    elif of_fit(name):
         at = {name: value for name, value in asked.items() if name != ORIFICE}
         for one in (one for one in series if matches(at, one.points[0].point)):
             found.append(_of_fit(replace(base, at=one.at or at, label=one.label or base.label), head, tail, one))
-    elif head in DEFINITIONS and _approach_term(tail):
-        found.append(_of_approach(base, head, tail, [result for result in points if matches(asked, result.point)]))
-    elif name in RATIOS:
-        for ratio in (ratio for ratio in RATIOS[name](points) if matches(asked, ratio.result.point)):
-            found.append(_of_ratio(replace(base, quantity=name), ratio))
     else:
         for result in (result for result in points if matches(asked, result.point)):
             found.append(_of_point(replace(base, at=result.at, label=result.label), result))
@@ -145,24 +151,6 @@ def _of_fit(base: Comparison, law: str, parameter: str, series: Series) -> Compa
     return replace(base, ours=ours.value, error=ours.error, low=ours.low, high=ours.high, unit=ours.unit)
 
 
-def _approach_term(tail: str) -> bool:
-    shape, _, term = tail.partition(".")
-    return shape in SHAPE and term in TERMS
-
-
-def _of_approach(base: Comparison, definition: str, tail: str, points: Sequence[PointResult]) -> Comparison:
-    """Of limit, depth or rate with which a parameter of profiles approaches its value in the middle."""
-    base = replace(base, quantity=f"{definition}.{tail}", label=base.label or "all points")
-    shape, _, term = tail.partition(".")
-    law = approaches(by_position(points), definition)[shape].approach
-    if law is None:
-        return replace(
-            base, why=f"an approach needs profiles at {FEWEST} distances from the wall, the middle among them"
-        )
-    ours = law.parameters[term]
-    return replace(base, ours=ours.value, error=ours.error, low=ours.low, high=ours.high, unit=ours.unit)
-
-
 def _of_point(base: Comparison, result: PointResult) -> Comparison:
     pooled = result.pooled.get(base.quantity)
     if pooled is None:
@@ -170,12 +158,6 @@ def _of_point(base: Comparison, result: PointResult) -> Comparison:
         return replace(base, why=f"{base.quantity} was not measured here, but {known}")
     unit = next(run.measured[base.quantity].unit for run in result.runs if base.quantity in run.measured)
     return replace(base, ours=pooled.value, error=pooled.error, low=pooled.low, high=pooled.high, unit=unit)
-
-
-def _of_ratio(base: Comparison, ratio: Ratio) -> Comparison:
-    """Against the plain hopper itself there is nothing to compare: it is 1 without error."""
-    base = replace(base, at=ratio.result.at, label=ratio.result.label)
-    return replace(base, ours=ratio.value, error=ratio.error, low=ratio.low, high=ratio.high)
 
 
 def matches(asked: Mapping[str, float | str], point: Point) -> bool:

@@ -1,20 +1,34 @@
 """Series: points that differ only in their orifice, and the laws fitted to their flow rates."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from types import MappingProxyType
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from labbook.fit import COVERAGE, DEFINITIONS, LAWS, Context, FitError, FitResult, Parameter, contenders, fit
-from labbook.fit.outlet import ProfileFit, fit_profiles
+from labbook.fit import LAWS, Context, FitError, FitResult, Parameter, contenders, fit
 from labbook.results import display
 from labbook.results.points import ORIFICE, PointResult
 from labbook.scene import outlet_shape
 
 PACKING_FRACTION = "packing_fraction"
 UNDECIDED = "undecided"
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherFit:
+    """What a paper's own analysis fits to a series beside its flow rates: parameters by name, and what a reader must
+    know. `points`: those that it was fitted to."""
+
+    formula: ClassVar[str]
+    source: ClassVar[str]
+    version: ClassVar[int]
+    """Rises whenever fitted numbers may change."""
+    parameters: Mapping[str, Parameter]
+    notes: tuple[str, ...] = ()
+    points: tuple[PointResult, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,18 +49,13 @@ class Series:
     contenders: tuple[str, ...]
     problems: tuple[str, ...]
     unset: tuple[str, ...] = ()
-    profiles: Mapping[str, ProfileFit] = field(default_factory=dict)
-    """Profiles along the outlets of the points that have any, by definition, if the study fits them."""
+    further: Mapping[str, FurtherFit] = field(default_factory=dict)
+    """What papers fit beside the flow rates, by name, if the study asks for it."""
 
     def parameters(self, name: str) -> Mapping[str, Parameter]:
-        """Fitted parameters of the law `name`, or of the profiles; empty where it was not fitted."""
-        found = {**self.fits, **self.profiles}.get(name)
+        """Fitted parameters of the law or further fit `name`; empty where it was not fitted."""
+        found = {**self.fits, **self.further}.get(name)
         return found.parameters if found is not None else {}
-
-    @property
-    def profiled(self) -> tuple[PointResult, ...]:
-        """Points with profiles along their outlet, in the order of the outlets of `profiles`."""
-        return tuple(result for result in self.points if result.outlets(COVERAGE))
 
     @property
     def label(self) -> str:
@@ -76,7 +85,7 @@ class Series:
         return self.contenders[0] if len(self.contenders) == 1 else UNDECIDED
 
     def __repr__(self) -> str:
-        fits = ", ".join((*self.fits, *self.profiles)) or "none"
+        fits = ", ".join((*self.fits, *self.further)) or "none"
         return f"<Series of {len(self.points)} points{f' at {self.label}' if self.label else ''}; fits: {fits}>"
 
     @property
@@ -91,8 +100,15 @@ class Series:
         return f"The data do not decide between {_named(left)}{behind}."
 
 
-def series_of(points: Sequence[PointResult], laws: Sequence[str]) -> tuple[Series, ...]:
-    """Group points by what was swept beside the orifice, and fit `laws` to each group."""
+FitTo = Callable[[Sequence[PointResult]], FurtherFit]
+"""Fits the points of a series; raises FitError."""
+
+
+def series_of(
+    points: Sequence[PointResult], laws: Sequence[str], further: Mapping[str, FitTo] = MappingProxyType({})
+) -> tuple[Series, ...]:
+    """Group points by what was swept beside the orifice, and fit `laws` to each group: those of the flow rate, and of
+    others those that `further` has."""
     groups: dict[tuple[tuple[str, float | str], ...], list[PointResult]] = {}
     for result in points:
         if math.isfinite(result.orifice):
@@ -100,11 +116,13 @@ def series_of(points: Sequence[PointResult], laws: Sequence[str]) -> tuple[Serie
             groups.setdefault(key, []).append(result)
     ordered = sorted(groups.items(), key=lambda item: [(isinstance(v, str), v) for _, v in item[0]])
     names = dict.fromkeys(name for key in groups for name, _ in key)
-    found = (_series(dict(key), sorted(group, key=lambda r: r.orifice), laws) for key, group in ordered)
+    found = (_series(dict(key), sorted(group, key=lambda r: r.orifice), laws, further) for key, group in ordered)
     return tuple(replace(one, unset=tuple(name for name in names if name not in one.at)) for one in found)
 
 
-def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: Sequence[str]) -> Series:
+def _series(
+    at: Mapping[str, float | str], points: Sequence[PointResult], laws: Sequence[str], further: Mapping[str, FitTo]
+) -> Series:
     used = [(result, result.flow_rate) for result in points if result.flow_rate is not None]
     D = np.array([result.orifice for result, _ in used])
     W = np.array([pooled.value for _, pooled in used])
@@ -122,13 +140,11 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
             fits[name] = replace(found, notes=(*found.notes, *_lacking([result for result, _ in used])))
         except FitError as failure:
             problems.append(str(failure))
-    profiles = {}
-    along_outlets = [law for law in laws if law in DEFINITIONS]
-    profiled = [result for result in points if along_outlets and result.outlets(COVERAGE)]
-    for name in along_outlets:
+    others: dict[str, FurtherFit] = {}
+    for name in (law for law in laws if law in further):
         try:
-            along = fit_profiles([result.outlets(name) for result in profiled], context(points))
-            profiles[name] = replace(along, notes=(*along.notes, *_lacking(profiled)))
+            other = further[name](points)
+            others[name] = replace(other, notes=(*other.notes, *_lacking(other.points)))
         except FitError as failure:
             problems.append(f"{name}: {failure}")
     outside = np.zeros(len(used), bool)
@@ -145,12 +161,12 @@ def _series(at: Mapping[str, float | str], points: Sequence[PointResult], laws: 
         frozenset(flagged),
         left,
         tuple(problems),
-        profiles=profiles,
+        further=others,
     )
 
 
 def _named(laws: Iterable[str]) -> str:
-    return " and ".join(law.capitalize() for law in laws)
+    return " and ".join(display.law(law) for law in laws)
 
 
 def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:

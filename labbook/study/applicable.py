@@ -2,16 +2,15 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
-from labbook.fit import DEFINITIONS, LAWS
-from labbook.fit.outlet import OF_OUTLET, PARAMETERS, TERMS
-from labbook.measure import FLOW_RATIO, FLOW_RATIOS, MEASURES, MeasureError
+from labbook.fit import LAWS
+from labbook.measure import MEASURES, MeasureError
 from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
 from labbook.scene.scene import Scene
+from labbook.study.paper import PAPERS, Asked, Wrong, none_such
 from labbook.study.point import Point
-from labbook.study.problems import Problem, instead, meant, shown
-from labbook.study.schema import FEATURES, TURNING, Settings
+from labbook.study.problems import Problem
+from labbook.study.schema import Settings
 from labbook.study.source import Source
 
 
@@ -115,40 +114,27 @@ def _unfit(
             yield Problem(source.path, source.line(place), key, reason + where, remedy)
 
 
-@dataclass(frozen=True)
-class Wrong:
-    """Why a reference cannot be compared with anything, and what would help."""
-
-    reason: str
-    remedy: str
-
-
-def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene]) -> str | Wrong:
-    """SI unit of what a reference calls `quantity`, in a study with these settings and scenes."""
-
+def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], stated: bool = False) -> str | Wrong:
+    """SI unit of what a reference calls `quantity`, in a study with these settings and scenes; `stated`: of a range."""
     head, _, tail = quantity.partition(".")
-    units = _units_of(settings.measure, tuple({_kind(scene): scene for scene in scenes}.values()))
-    if head == TURNING:
-        return _of_turning(tail, units, any(hasattr(scene.container, "rotation") for scene in scenes))
-    if head == FLOW_RATIO:
-        return "" if quantity in FLOW_RATIOS else _none_such(quantity, FLOW_RATIOS)
+    kinds = tuple({_kind(scene): scene for scene in scenes}.values())
+    units = _units_of(settings.measure, kinds)
     if head in LAWS:
         known: Mapping[str, str] = {name: one.unit for name, one in LAWS[head].parameters.items()}
         if head not in settings.fit:
             return Wrong(f"{head} is not fitted in this study", f"add {head} to fit")
-        return known[tail] if tail in known else _none_such(quantity, [f"{head}.{name}" for name in known])
-    if head in DEFINITIONS and tail not in units:
-        terms = [f"{name}.{term}" for name in PARAMETERS for term in TERMS]
-        if tail in PARAMETERS or tail in terms:
-            return "1/m" if tail == "tau2" else ""
-        return _none_such(quantity, [f"{head}.{name}" for name in (*PARAMETERS, *terms) if name not in OF_OUTLET])
+        return known[tail] if tail in known else none_such(quantity, [f"{head}.{name}" for name in known])
     name = tail or head
+    if name in units and (not tail or head in settings.measure):
+        return units[name]
+    asked = Asked(kinds, units, stated)
+    for paper in PAPERS.values():
+        if (found := paper.unit(quantity, asked)) is not None:
+            return found
     if head in MEASURES and head not in settings.measure:
         return Wrong(f"{head} is not measured in this study", f"add {head} to measure")
-    if name in units and (not tail or head in MEASURES):
-        return units[name]
     prefix = f"{head}." if tail and head in MEASURES else ""
-    return _none_such(quantity, [prefix + one for one in units])
+    return none_such(quantity, [prefix + one for one in units])
 
 
 def _kind(scene: Scene) -> tuple:
@@ -159,28 +145,5 @@ def _kind(scene: Scene) -> tuple:
 
 
 def _units_of(measures: Iterable[str], scenes: Iterable[Scene]) -> dict[str, str]:
-
     named = [MEASURES[name] for name in measures if name in MEASURES]
     return {one.name: one.unit for scene in scenes for measure in named for one in measure.quantities(scene)}
-
-
-def _of_turning(tail: str, units: Mapping[str, str], turns: bool) -> str | Wrong:
-    """Statements on rotation: ratios, but for the frequency of a minimum."""
-    name, _, feature = tail.partition(".")
-    if not turns:
-        return Wrong("this container has no rotation", "leave it out, or use a cylinder-silo")
-    if name not in units:
-        return _none_such(f"{TURNING}.{tail}", [f"{TURNING}.{one}" for one in units])
-    if feature and feature not in FEATURES:
-        return Wrong(f"a curve has no {shown(feature)}", instead(feature, FEATURES))
-    return "Hz" if feature == "minimum" else ""
-
-
-def _none_such(quantity: str, known: Iterable[str]) -> Wrong:
-    """Of names that begin alike, what follows is compared."""
-    head, _, tail = quantity.partition(".")
-    names = list(known)
-    alike = bool(names) and all(name.startswith(f"{head}.") for name in names)
-    close = meant(tail, [name.partition(".")[2] for name in names]) if alike else meant(quantity, names)
-    remedy = f"did you mean {head}.{close}?" if alike and close else instead("" if alike else quantity, names)
-    return Wrong(f"{shown(quantity)} is neither measured nor fitted in this study", remedy)

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from labbook.backend.numerics import Numerics
-from labbook.fit import COVERAGE, DEFINITIONS, FITS
-from labbook.measure import FLOW_RATIO, MEASURES
+from labbook.fit import LAWS
+from labbook.measure import MEASURES
 from labbook.scene.scene import Scene
 from labbook.study.applicable import unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
 from labbook.study.keys import all_keys, find, nearest
 from labbook.study.notebook import study_html
+from labbook.study.paper import fits, words
 from labbook.study.point import Point
 from labbook.study.points import PointReader
 from labbook.study.problems import MOST, Problem, StudyError, instead, meant, shown
@@ -164,9 +165,8 @@ def _resolved(source: Source) -> Study:
 
 
 def known_names() -> set[str]:
-    """Names of all measurements and laws, and of what reports make of them."""
-
-    return {*MEASURES, *FITS, FLOW_RATIO}
+    """What the quantities of a reference begin with: measurements, laws, and words of papers."""
+    return {*MEASURES, *LAWS, *words()}
 
 
 def _unknown_keys(source: Source) -> list[Problem]:
@@ -210,17 +210,18 @@ def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[
 
 
 def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
-    """Measurements and fits that do not exist, and a fit of profiles that nothing measures."""
-
-    for key, stated, known in (("measure", settings.measure, MEASURES), ("fit", settings.fit, FITS)):
-        for index, name in enumerate(stated):
-            if name not in known:
-                line = source.line((key, index))
-                what = "measurement" if key == "measure" else "law"
-                message = f"no {what} is called {shown(name)}"
-                yield Problem(source.path, line, key, message, instead(name, known))
-    unmeasured = [name for name in settings.fit if name in DEFINITIONS and COVERAGE not in settings.measure]
-    for name in unmeasured:
-        line = source.line(("fit", settings.fit.index(name)))
-        message = f"{name} cannot be fitted: profiles are not measured"
-        yield Problem(source.path, line, "fit", message, f"add {COVERAGE} to measure")
+    """Measurements and fits that do not exist, and fits of what is not measured."""
+    for index, name in enumerate(settings.measure):
+        if name not in MEASURES:
+            message = f"no measurement is called {shown(name)}"
+            yield Problem(source.path, source.line(("measure", index)), "measure", message, instead(name, MEASURES))
+    for index, name in enumerate(settings.fit):
+        if name in LAWS:  # papers are not looked up where no study speaks of them: that takes time
+            continue
+        line, needed = source.line(("fit", index)), fits().get(name)
+        if needed is None:
+            known = [*LAWS, *fits()]
+            yield Problem(source.path, line, "fit", f"no law is called {shown(name)}", instead(name, known))
+        elif needed not in settings.measure:
+            message = f"{name} cannot be fitted: {needed} is not measured"
+            yield Problem(source.path, line, "fit", message, f"add {needed} to measure")

@@ -5,12 +5,15 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from labbook.fit import LAWS
+from labbook.measure import MEASURES
 from labbook.scene.quantities import parse
-from labbook.study.applicable import Wrong, unit_of
+from labbook.study.applicable import unit_of
 from labbook.study.keys import Key, find, nearest
+from labbook.study.paper import Wrong
 from labbook.study.point import Point
 from labbook.study.problems import Problem, instead, shown
-from labbook.study.schema import FEATURES, TURNING, Reference, ReferenceEntry, Settings, Statement
+from labbook.study.schema import Reference, ReferenceEntry, Settings, Statement
 from labbook.study.source import Location, Source, dotted
 
 _QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40}){0,2}")
@@ -62,7 +65,9 @@ class ReferenceReader:
             self._problem(place, "this does not name a quantity", "write law.parameter, for example beverloo.k")
             return False
         head = name.partition(".")[0]
-        known = {*self._known(), TURNING}
+        if head in MEASURES or head in LAWS:
+            return True
+        known = self._known()
         remedy = instead(head, known)
         if head not in known and remedy.startswith("did"):
             self._problem(place, f"no law or measurement is called {head}", remedy)
@@ -78,15 +83,6 @@ class ReferenceReader:
             if key not in _ENTRY_KEYS:
                 self._problem((*place, key), "unknown key", instead(key, _ENTRY_KEYS))
         stated = {"from", "to"} & set(raw)
-        head, *rest = name.split(".")
-        if head == TURNING and not stated:
-            self._problem(
-                place, "what turning does is stated, not given as a number", "write `from` and `to` and `says`"
-            )
-            return None
-        if head == TURNING and len(rest) > 1 and rest[1] not in FEATURES:
-            self._problem(place, f"a curve has no {shown(rest[1])}", instead(rest[1], FEATURES))
-            return None
         if "value" not in raw and not stated:
             remedy = "add the published number, with its unit, or `from` and `to` of a statement"
             self._problem((*place, "value"), "this key is missing", remedy)
@@ -97,7 +93,7 @@ class ReferenceReader:
         diameter = self._points[0].scene.grains.diameter if self._points else None
         keys = [key for key in ("value", "error", "from", "to") if key in raw]
         at = self._at(raw.get("at", {}), (*place, "at"), diameter)
-        unit = self._unit(name, at, place)
+        unit = self._unit(name, at, place, bool(stated))
         numbers = {key: self._number(raw[key], (*place, key), diameter, unit) for key in keys}
         if len(self.problems) > before:
             return None
@@ -106,11 +102,17 @@ class ReferenceReader:
             self._problem((*place, "error"), "an error is not negative", "write the standard error")
             return None
         if stated:
-            return self._statement(name, at, numbers, raw, place)
+            return self._statement(name, at, numbers, unit or "", raw, place)
         return ReferenceEntry(name, at, numbers["value"] or 0.0, error)
 
     def _statement(
-        self, name: str, at: dict[str, float | str], ends: dict[str, float | None], raw: Any, place: Location
+        self,
+        name: str,
+        at: dict[str, float | str],
+        ends: dict[str, float | None],
+        unit: str,
+        raw: Any,
+        place: Location,
     ) -> Statement | None:
         low, high, says = ends.get("from"), ends.get("to"), raw.get("says")
         low, high = (-math.inf if low is None else low), (math.inf if high is None else high)
@@ -119,15 +121,15 @@ class ReferenceReader:
         elif not isinstance(says, str) or not says.strip():
             self._problem((*place, "says"), "this key is missing", "add what the paper says, in a few words")
         else:
-            return Statement(name, at, low, high, says.strip())
+            return Statement(name, at, low, high, says.strip(), unit)
         return None
 
-    def _unit(self, name: str, at: Mapping[str, float | str], place: Location) -> str | None:
+    def _unit(self, name: str, at: Mapping[str, float | str], place: Location, stated: bool) -> str | None:
         """SI unit of the quantity; None where it cannot be told, or has one that a study cannot write."""
         if self._settings is None or not self._points:
             return None
         scenes = [point.scene for point in self._points if not at or _is_at(point, at)]
-        unit = unit_of(name, self._settings, scenes or [self._points[0].scene])
+        unit = unit_of(name, self._settings, scenes or [self._points[0].scene], stated)
         if isinstance(unit, Wrong):
             self._problem(place, unit.reason, unit.remedy)
             return None

@@ -133,24 +133,17 @@ class ReferenceEntry:
     error: float | None = None
 
 
-TURNING = "rotation"
-"""Statements on `rotation.QUANTITY` speak of the quantity over that with the bottom at rest."""
-FEATURES = ("drop", "minimum", "rise", "for_O_zz", "drop_with_length", "rise_with_length")
-"""What `rotation.QUANTITY.FEATURE` may be: 1 - smallest while turning/at rest; the frequency of the smallest; at the
-fastest over the smallest at slower ones, all in size; of O_rr, what it gains over what O_zz loses; and drop or rise
-less that of the next shorter grains, by L/d, at the same D or D/d*."""
-
-
 @dataclass(frozen=True)
 class Statement:
     """What a paper says without a number of its own: that `quantity` lies between `low` and `high` [SI] at the points
-    `at`; either end may be infinite. `says`: in its words."""
+    `at`; either end may be infinite. `says`: in its words; `unit`: SI."""
 
     quantity: str
     at: dict[str, float | str]
     low: float
     high: float
     says: str
+    unit: str = ""
 
 
 @dataclass(frozen=True)

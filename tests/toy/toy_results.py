@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 
 from labbook.lab import Unreadable
 from labbook.measure import MEASURES
+from labbook.results.find import results_of
 from labbook.results.points import Finished
-from labbook.results.study import Results, results_of
+from labbook.results.study import Results
 from labbook.stats import Measured
 from labbook.study import Study
 

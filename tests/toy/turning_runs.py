@@ -101,7 +101,8 @@ LENGTH, ROUND = {"grains.length": 20e-3}, {"grains.length": 9.9e-3}
 
 
 def state(quantity, low=-math.inf, high=math.inf, says="so it is", **at):
-    return Statement(quantity, at, low, high, says)
+    unit = "Hz" if quantity.endswith(".minimum") else ""
+    return Statement(quantity, at, low, high, says, unit)
 
 
 STATED = (

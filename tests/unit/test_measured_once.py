@@ -16,7 +16,7 @@ from labbook.lab.folder import EVALUATION
 from labbook.lab.runs import open_run
 from labbook.measure import MEASURES, Evaluation, MeasureError
 from labbook.measure.packing import PackingStructure
-from labbook.results.study import find
+from labbook.results.find import find
 from labbook.study import load
 from labbook.study.schema import Window
 

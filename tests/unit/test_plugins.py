@@ -1,4 +1,4 @@
-"""A package from outside adds a measure, a law and a backend; nothing in labbook knows of it."""
+"""A package from outside adds a measure, a law, a paper and a backend; nothing in labbook knows of it."""
 
 import json
 import os
@@ -30,8 +30,14 @@ def labbook(*words: object) -> subprocess.CompletedProcess[str]:
 def study(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("outside")
     more = (
-        "fit: [straight, beverloo]",
-        "reference: {source: a paper, half_time: {value: 200 ms}, straight.c: {value: 3 mm}}",
+        "fit: [straight, beverloo, drain]",
+        "reference:",
+        "  source: a paper",
+        "  half_time: {value: 200 ms}",
+        "  straight.c: {value: 3 mm}",
+        "  drain.p: {value: 2.5}",
+        "  drained.first: {value: 300 ms}",
+        "  drained.order: {from: 0.9, says: wide silos drain fast}",
     )
     path = study_file(folder, *more, orifices="[15, 18, 21, 24]")
     path.write_text(path.read_text().replace("[flow_rate]", "[flow_rate, half_time]"))
@@ -49,25 +55,42 @@ def test_they_go_through_every_verb(study):
     assert halves == sorted(halves, reverse=True)
     assert len(halves) == 4
     fitted = {(row["law"], row["parameter"]) for row in found["fits"]}
-    assert {("straight", "S"), ("straight", "c"), ("beverloo", "k")} <= fitted
-    assert {row["quantity"]: row["ours"] is not None for row in found["reference"]} == {
-        "half_time": True,
-        "straight.c": True,
-    }
+    assert {("straight", "S"), ("straight", "c"), ("beverloo", "k"), ("drain", "p")} <= fitted
+    ours = {row["quantity"]: row["ours"] for row in found["reference"]}
+    assert set(ours) == {"half_time", "straight.c", "drain.p", "drained.first"}
+    assert None not in ours.values()
+    assert ours["drained.first"] == pytest.approx(halves[0])
+    (stated,) = found["statements"]
+    assert (stated["quantity"], stated["ours"], stated["verdict"]) == ("drained.order", 1, "holds")
+    assert [row["half_time"] for row in found["drained"]] == pytest.approx(halves)
     shown = labbook("fit", study, *there).stdout
-    assert "t½" in shown
-    assert "S [g/(s mm)]" in shown
-    page = (study.parent / "lab/reports/toy-study/report.html").read_text(encoding="utf-8")
-    assert "t½" in page
+    for text in ("t½", "S [g/(s mm)]", "Drain", "t½ of the first [ms]", "wide silos drain fast", "Ends are those"):
+        assert text in shown
+    folder = study.parent / "lab/reports/toy-study"
+    page = (folder / "report.html").read_text(encoding="utf-8")
     assert "W = S (D - c)" in page or "straight" in page.lower()
+    for text in ("t½", "How silos drain", "These drain."):
+        assert text in page
+    assert (folder / "drain.svg").is_file()
+    assert (study.parent / "lab/exports/toy-study/drained.csv").is_file()
+
+
+def test_what_a_paper_cannot_compare_is_told_in_its_words(study):
+    wrong = study.with_name("wrong.yaml")
+    text = study.read_text(encoding="utf-8")
+    wrong.write_text(text.replace("{from: 0.9, says: wide silos drain fast}", "{value: 1}"), encoding="utf-8")
+    ended = labbook("plan", wrong, "--lab", study.parent / "none", "--backend", "hourglass")
+    assert ended.returncode == 1
+    assert "an order is no number" in ended.stderr
+    assert "write `from`, `to` and `says`" in ended.stderr
 
 
 def test_without_the_package_the_study_says_what_is_not_known(study):
     words = ("-c", "from labbook.cli import main; main()", "plan", str(study), "--lab", str(study.parent / "none"))
     ended = subprocess.run([sys.executable, *words], capture_output=True, text=True)
     assert ended.returncode == 1
-    assert "half_time" in ended.stderr
-    assert "straight" in ended.stderr
+    for name in ("half_time", "straight", "no law is called drain"):
+        assert name in ended.stderr
 
 
 @pytest.mark.parametrize(
@@ -79,9 +102,9 @@ def test_without_the_package_the_study_says_what_is_not_known(study):
     ],
 )
 def test_what_is_broken_is_named_with_a_remedy(monkeypatch, value, why):
-    entry = EntryPoint("power", value, "labbook.laws")
+    entry, laws = EntryPoint("power", value, "labbook.laws"), tuple(LAWS.values())
     monkeypatch.setattr(plugins, "entry_points", lambda group: [entry] if group == "labbook.laws" else [])
-    registry = Registry[Law]("labbook.laws", Law, LAWS.values())
+    registry = Registry[Law]("labbook.laws", Law, laws)
     with pytest.raises(BrokenPlugin, match="uninstall") as raised:
         dict(registry)
     assert why in str(raised.value)

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from toy_lab import labbook
 
-from labbook.fit import DEFINITIONS, LAWS
+from labbook.fit import LAWS
 from labbook.measure import MEASURES
+from labbook.measure.outlet import DEFINITIONS
 
 GRAINS = {
     "spheres": "{shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 300}",

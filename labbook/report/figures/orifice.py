@@ -22,6 +22,7 @@ from labbook.report.style import (
     look,
     verbatim,
 )
+from labbook.results import display
 from labbook.results.points import ORIFICE, PointResult
 from labbook.results.reference import Comparison, of_reference
 from labbook.results.series import Series
@@ -53,7 +54,7 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
         for place, (law, fit) in enumerate(series.fits.items()):
             style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
             value, _, _ = fit.predict(diameters)
-            main.plot(diameters * 1e3, _scaled(value, power), label=law.capitalize(), **style, zorder=2)
+            main.plot(diameters * 1e3, _scaled(value, power), label=display.law(law), **style, zorder=2)
             _residuals(below, series.points, fit, style["color"], MARKERS[place], place, len(series.fits))
         _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook")
         _reference(main, series, comparisons, source, power)

@@ -12,8 +12,8 @@ from toy_results import analyse
 from labbook.export.study import NoParquet, write_numbers, write_recordings
 from labbook.export.vtk import write_fields, write_grains
 from labbook.fields import Contacts, Grains, Layer, Ring, Space, coarse_grain
-from labbook.fit.angle import brown, rose_tanaka
 from labbook.lab.evaluations import evaluate
+from labbook.papers.fan2023.laws import brown, rose_tanaka
 from labbook.results.frames import frames
 from labbook.scene import Kind, Spherocylinders
 

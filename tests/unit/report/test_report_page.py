@@ -12,7 +12,7 @@ import pytest
 from toy_results import analyse
 
 from labbook.fit import LAWS
-from labbook.fit.outlet import FORMULA
+from labbook.papers.fan2023.profiles import ProfileFit
 from labbook.report import page as report_page
 from labbook.report.blocks import Beside, Folded, Prose, Section, Verbatim, anchored
 from labbook.report.fitted_tables import parameter_row
@@ -215,7 +215,7 @@ def test_points_without_a_fit_share_one_section(synthetic, tmp_path):
     assert not (tmp_path / "flow-1.svg").exists()
 
 
-@pytest.mark.parametrize("text", [*(law.formula for law in LAWS.values()), FORMULA])
+@pytest.mark.parametrize("text", [*(law.formula for law in LAWS.values()), ProfileFit.formula])
 def test_every_formula_is_typeset(text):
     """Well-formed MathML, with all letters and numbers of the plain one in their order, greek ones as such."""
     tree = ElementTree.fromstring(mathml(text))

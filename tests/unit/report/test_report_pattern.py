@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from toy_results import analyse
 
-from labbook.report import figures, outlet_tables
+from labbook.report import figures, tables
 from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 
 
@@ -53,7 +53,7 @@ def test_means_above_the_orifice_are_pooled_over_recorded_runs(synthetic):
     assert means["v_z"].n == 3
     assert means["v_z"].value == pytest.approx(np.mean(values))
     assert -0.6 < means["v_z"].value < -0.2
-    table = outlet_tables.orifice_table([(result, means)])
+    table = tables.orifice_table([(result, means)])
     assert table.headings[:5] == ("point", "φ", "v_z [m/s]", "p_k [Pa]", "stagnant [%]")
     assert table.rows[0][-1] == "3"
     assert "±" in table.rows[0][2]

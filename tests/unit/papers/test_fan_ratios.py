@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,14 +10,15 @@ import numpy as np
 import pytest
 from toy_results import analyse
 
-from labbook.fit import COVERAGE, Parameter
-from labbook.fit.angle import brown
-from labbook.fit.outlet import TERMS
-from labbook.report import figures
-from labbook.report.across import angle_table, farthest
-from labbook.report.outlet_tables import approach_table
-from labbook.results import approach, ratios, reference
-from labbook.results.ratios import by_angle, by_position
+from labbook.fit import Parameter
+from labbook.measure.outlet import COVERAGE
+from labbook.papers import fan2023
+from labbook.papers.fan2023 import figures, profiles, ratios
+from labbook.papers.fan2023.laws import TERMS, brown
+from labbook.papers.fan2023.pages import angle_table, approach_table, farthest
+from labbook.papers.fan2023.ratios import by_angle, by_position
+from labbook.results.paper import compared
+from labbook.results.reference import compare
 from labbook.stats import pool
 from labbook.study.schema import Reference, ReferenceEntry
 
@@ -136,27 +138,28 @@ def test_a_reference_can_name_how_a_shape_approaches_the_middle(monkeypatch, syn
     places = np.array([0, 0.1, 0.3, 0.6, 1.0])
     points = [synthetic.point(k, 0.03) for k in range(len(places))]
     runs = [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2)]
-    found = analyse(synthetic.study_of(points, reference=None), runs).points
+    results = analyse(synthetic.study_of(points, reference=None), runs)
+    found = results.points
     sigma = {id(r): v for r, v in zip(found, 0.39 - 0.12 * np.exp(-3.74 * places), strict=True)}
 
     def own(result, definition):
-        values = {name: sigma[id(result)] if name == "sigma1" else 0.0 for name in approach.SHAPE}
+        values = {name: sigma[id(result)] if name == "sigma1" else 0.0 for name in profiles.SHAPE}
         return SimpleNamespace(parameters={name: Parameter(v, v, v, 0.01, "") for name, v in values.items()})
 
     aside = [ratios.Ratio(r, s, 1.0, 0.1, 0.8, 1.2) for r, s in zip(found, places, strict=True)]
     monkeypatch.setattr(type(found[0]), "outlets", lambda self, definition: ("any",))
-    monkeypatch.setattr(approach, "_own", own)
-    monkeypatch.setattr(reference, "by_position", lambda points: aside)
+    monkeypatch.setattr(profiles, "_own", own)
+    monkeypatch.setattr(fan2023, "by_position", lambda points: aside)
     stated = [ReferenceEntry(f"outlet_profiles.sigma1.{term}", {}, v) for term, v in zip(TERMS, FAN, strict=True)]
-    compared = reference.compare(Reference("a paper", tuple(stated)), found, ())
-    assert [c.ours for c in compared] == pytest.approx(FAN, rel=0.01)
-    table = approach_table(aside, COVERAGE, compared, "a paper")
+    made = compare(Reference("a paper", tuple(stated)), found, (), partial(compared, results))
+    assert [c.ours for c in made] == pytest.approx(FAN, rel=0.01)
+    table = approach_table(aside, COVERAGE, made, "a paper")
     assert table is not None
     rows = {row[0]: row for row in table.rows}
     assert rows["rate of σ₁(s*)"][3] == "3.74"
     assert rows["rate of δ₁(s*)"][3] == "–"
-    monkeypatch.setattr(reference, "by_position", lambda points: aside[:3])
-    (few,) = reference.compare(Reference("a paper", tuple(stated[:1])), found, ())
+    monkeypatch.setattr(fan2023, "by_position", lambda points: aside[:3])
+    (few,) = compare(Reference("a paper", tuple(stated[:1])), found, (), partial(compared, results))
     assert few.ours is None
     assert "4 distances from the wall" in few.why
 

@@ -1,24 +1,54 @@
-"""What the page shows of all series together beside their parameters: outlets, and flow rates over a plain hopper's."""
+"""What the page shows of outlets: their profiles, what was fitted to them, and flow rates over a plain hopper's."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from labbook.fit.outlet import DEFINITIONS
-from labbook.report import figures
-from labbook.report.blocks import Block, Folded, Picture, Section, picture
-from labbook.report.outlet_tables import approach_table
+from labbook.measure.outlet import CROSSINGS, DEFINITIONS
+from labbook.papers.fan2023 import figures
+from labbook.papers.fan2023.profiles import ProfileFit, approaches, profile_fit
+from labbook.papers.fan2023.ratios import Ratio, angle_laws, by_angle, by_position
+from labbook.report.blocks import Block, Folded, Formula, Picture, Section, picture
+from labbook.report.fitted_tables import parameter_table
 from labbook.report.tables import Table
 from labbook.results import display
-from labbook.results.ratios import Ratio, angle_laws, by_angle, by_position
+from labbook.results.reference import Comparison, at_series
+from labbook.results.series import Series
 from labbook.results.study import Results
+
+
+def profile_section(
+    results: Results, series: Series, definition: str, folder: Path, suffix: str, where: str
+) -> Section:
+    """Profiles along the outlets of a series and their middles, with what was fitted to them."""
+    name = definition.removeprefix("outlet_")
+    along = figures.outlet_profiles(series, definition, results.comparisons, results.source)
+    middles = figures.outlet_middles(series, definition, results.comparisons, results.source)
+    return Section(
+        f"Profiles along the outlets: {DEFINITIONS[definition]}",
+        (
+            Formula(ProfileFit.formula, ProfileFit.source),
+            picture(along, folder / f"{name}{suffix}", f"{name} along the outlets{where}", _ALONG),
+            profile_table(series, definition, results.comparisons, results.source),
+            picture(middles, folder / f"{name}-middles{suffix}", f"middles of the {name}{where}", _MIDDLES),
+            outlet_table(series, definition),
+        ),
+    )
+
+
+def tables_of(results: Results, series: Series, definition: str, where: str) -> list[tuple[str, Table]]:
+    """Title and table of what was fitted to the profiles of a series, for the terminal."""
+    title = f"Profiles along the outlets{where} ({DEFINITIONS[definition]}): {ProfileFit.formula}"
+    fitted = profile_table(series, definition, results.comparisons, results.source)
+    return [(title, fitted), (f"Outlets{where}", outlet_table(series, definition))]
 
 
 def outlet_pictures(results: Results, folder: Path) -> list[Picture]:
     """Middles of profiles and flow rates of all series, by each definition of the profiles that was fitted."""
     pictures = []
     for definition in DEFINITIONS:
-        if sum(definition in one.profiles for one in results.series) > 1:
+        if sum(definition in one.further for one in results.series) > 1:
             figure = figures.outlets_of_all(results.series, definition, results.comparisons, results.source)
             name = definition.removeprefix("outlet_")
             alt = f"middles of the {name} of all series"
@@ -38,7 +68,7 @@ def ratio_sections(results: Results, folder: Path) -> list[Section]:
         figure = figures.flow_against_position(positions, results.comparisons, results.source)
         alt = "flow rate against position over that in the middle"
         blocks: list[Block] = [picture(figure, folder / "ratio-position", alt, _POSITIONS)]
-        fitted = (name for name in DEFINITIONS if any(name in one.profiles for one in results.series))
+        fitted = (name for name in DEFINITIONS if any(name in one.further for one in results.series))
         for name in fitted:
             called = name.removeprefix("outlet_")
             figure = figures.shape_against_position(positions, name, results.comparisons, results.source)
@@ -127,4 +157,65 @@ _OUTLETS = (
     "Left: velocity in the middle, and sqrt(2 g γ R). Middle: largest area fraction, and eq 12. Right: flow rate "
     "counted, and that of the profiles by eq 18. Bars: 95 % intervals; dots: the same laws with the parameters of the "
     "reference, its φ_∞ being ours where it has only τ₁ and τ₂."
+)
+
+
+def profile_table(series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = "") -> Table:
+    """Parameters of the profiles along the outlets of a series, beside the reference."""
+    fit = profile_fit(series, definition)
+    collapse = f"Root mean square about the domes: {fit.misfit[0]:.2g} of v_c, {fit.misfit[1]:.2g} of φ_c."
+    notes = (collapse, *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
+    return parameter_table(definition, fit.parameters, at_series(comparisons, definition, series), source, notes)
+
+
+def approach_table(
+    ratios: Sequence[Ratio], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
+) -> Table | None:
+    """Limit, depth and rate of tilts and exponents against s*, beside the reference; None of too few places."""
+    fitted = {name: one.approach for name, one in approaches(ratios, definition).items() if one.approach is not None}
+    parameters = {f"{name}.{term}": p for name, law in fitted.items() for term, p in law.parameters.items()}
+    known = {c.quantity.partition(".")[2]: c for c in comparisons if c.quantity.startswith(f"{definition}.")}
+    return parameter_table(definition, parameters, known, source) if parameters else None
+
+
+_OF_OUTLET = {
+    "v_c": "v_c [m/s]",
+    "phi_c": "φ_c",
+    "direct": "∫/W",
+    "centred": "eq 14/W",
+    "printed": "printed/W",
+    "eccentric": "eq 18/W",
+}
+
+
+def outlet_table(series: Series, definition: str) -> Table:
+    """Each outlet of a series: middle of its profiles, and the flow that they come to over the flow counted."""
+    fit = profile_fit(series, definition)
+    whole = definition == CROSSINGS  # what crosses is what is counted
+    shown = {name: heading for name, heading in _OF_OUTLET.items() if not (whole and name == "direct")}
+    rows = tuple(
+        (
+            f"{result.orifice * 1e3:g}",
+            *(display.with_error(getattr(one, name).value, getattr(one, name).error) for name in shown),
+        )
+        for result, one in zip(fit.points, fit.outlets, strict=True)
+    )
+    measured = "" if whole else "by integrating them as measured; "
+    notes = (
+        f"Flow of the profiles over the flow counted, W: {measured}by eq 14 with v_c and φ_c of each outlet; by eq 14 "
+        "as printed, with γ and φ_∞ (φ_c where φ_∞ could not be fitted); by eq 18.",
+    )
+    return Table(("D [mm]", *shown.values()), rows, frozenset(), notes=notes)
+
+
+_ALONG = (
+    "Velocity (left) and area fraction (right) along the outlets: as measured, and divided by their values in the "
+    "middle. Points are fitted; bins without points are not. Bands about points: one standard error over seeds; about "
+    "the law: 95 %, of the law and, fainter, of a bin of one more outlet. Dashed: the tilted curves of eqs 16 and 17, "
+    "where the tilt is significant; the bands are then theirs."
+)
+_MIDDLES = (
+    "Velocity and area fraction in the middle of the outlets, and the flow that the profiles come to, over the flow "
+    "counted. Bars: one standard error over seeds; bands: 95 %, of the law and, fainter, of one more outlet; dots: the "
+    "law with the parameters of the reference, its φ_∞ being ours where it has only τ₁ and τ₂."
 )

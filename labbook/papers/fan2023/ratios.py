@@ -4,8 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from labbook.fit.angle import brown, rose_tanaka
-from labbook.measure import FLOW_RATIOS
+from labbook.papers.fan2023.laws import brown, rose_tanaka
 from labbook.results.points import PointResult
 from labbook.scene import WedgeHopper
 from labbook.stats.ratio import independent_ratio
@@ -41,10 +40,11 @@ def by_position(points: Sequence[PointResult]) -> list[Ratio]:
     return _ratios(points, GAP, lambda hopper: hopper.gap is None, position)
 
 
-RATIOS: Mapping[str, Callable[[Sequence[PointResult]], list[Ratio]]] = dict(
-    zip(FLOW_RATIOS, (by_angle, by_position), strict=True)
-)
-"""Ratios that a reference can name."""
+RATIOS: Mapping[str, Callable[[Sequence[PointResult]], list[Ratio]]] = {
+    "flow_ratio.angle": by_angle,
+    "flow_ratio.position": by_position,
+}
+"""Over a flat bottom, and over an outlet in the middle; a reference can name them as it names a measurement."""
 
 
 def position(hopper: WedgeHopper) -> float:
@@ -53,20 +53,20 @@ def position(hopper: WedgeHopper) -> float:
 
 
 @dataclass(frozen=True)
-class Law:
+class AngleLaw:
     """An angle factor without free parameters: its name, and W(angle)/W(90 deg) at an angle [rad]."""
 
     name: str
     factor: Callable[[float], float]
 
 
-def angle_laws(result: PointResult) -> tuple[Law, ...]:
+def angle_laws(result: PointResult) -> tuple[AngleLaw, ...]:
     """Brown's law, and Rose and Tanaka's with the arctangent of the grains' friction for phi_d."""
     friction = math.atan(result.point.scene.contact.friction)
-    found = [Law("Brown", brown)]
+    found = [AngleLaw("Brown", brown)]
     if friction > 0:
         name = f"Rose & Tanaka, φ_d = {math.degrees(friction):.3g}°"
-        found.append(Law(name, lambda angle: rose_tanaka(angle, friction)))
+        found.append(AngleLaw(name, lambda angle: rose_tanaka(angle, friction)))
     return tuple(found)
 
 

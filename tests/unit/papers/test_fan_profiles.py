@@ -10,11 +10,13 @@ import pytest
 from toy_results import analyse
 
 from labbook.backend.numerics import Numerics
-from labbook.fit import COVERAGE, CROSSINGS
 from labbook.lab.evaluations import evaluate
-from labbook.report import figures, outlet_tables
+from labbook.measure.outlet import COVERAGE, CROSSINGS
+from labbook.papers.fan2023 import figures, pages
+from labbook.papers.fan2023.profiles import profile_fit
 from labbook.report.page import write
 from labbook.results.frames import to_json
+from labbook.results.paper import further_fits
 from labbook.results.series import series_of
 from labbook.results.study import Results
 from labbook.study.schema import Reference, ReferenceEntry
@@ -77,7 +79,7 @@ def profiled(synthetic) -> Results:
 
 def test_parameters_are_those_that_the_runs_were_made_from(profiled):
     (series,) = profiled.series
-    found = series.profiles[COVERAGE].parameters
+    found = series.further[COVERAGE].parameters
     assert found["a"].value == pytest.approx(A, abs=0.03)
     assert found["gamma"].value == pytest.approx(GAMMA, rel=0.03)
     assert found["b"].value == pytest.approx(B, abs=0.06)
@@ -90,17 +92,17 @@ def test_the_grains_that_cross_give_the_same_exponents_where_speeds_do_not_scatt
     little less, since of the last bin with grains only the inner, faster part has any.
     """
     (series,) = profiled.series
-    found, covered = (series.profiles[name].parameters for name in (CROSSINGS, COVERAGE))
+    found, covered = (series.further[name].parameters for name in (CROSSINGS, COVERAGE))
     assert A - 0.05 < found["a"].value < A
     assert found["gamma"].value == pytest.approx(GAMMA, rel=0.03)
     assert found["b"].value > covered["b"].value
-    for one in series.profiles[CROSSINGS].outlets:
+    for one in series.further[CROSSINGS].outlets:
         assert one.direct.value == pytest.approx(1, abs=0.01)
 
 
 def test_the_flow_of_the_profiles_closes(profiled):
     (series,) = profiled.series
-    for result, one in zip(series.profiled, series.profiles[COVERAGE].outlets, strict=True):
+    for result, one in zip(profile_fit(series, COVERAGE).points, profile_fit(series, COVERAGE).outlets, strict=True):
         assert result.pooled["outlet_closure"].value == pytest.approx(1, abs=0.01)
         assert one.direct.value == pytest.approx(result.pooled["outlet_closure"].value, rel=5e-3)
         assert one.centred.value == pytest.approx(1, abs=0.05)
@@ -109,7 +111,7 @@ def test_the_flow_of_the_profiles_closes(profiled):
 def test_fitted_parameters_and_measured_numbers_are_both_compared(profiled):
     fitted, measured = profiled.comparisons
     assert fitted.quantity == "outlet_profiles.a"
-    assert fitted.ours == profiled.series[0].profiles[COVERAGE].parameters["a"].value
+    assert fitted.ours == profiled.series[0].further[COVERAGE].parameters["a"].value
     assert measured.quantity == "outlet_closure"
     assert measured.ours == pytest.approx(1, abs=0.01)
 
@@ -117,41 +119,41 @@ def test_fitted_parameters_and_measured_numbers_are_both_compared(profiled):
 @pytest.mark.usefixtures("one_format")
 def test_tables_and_page_show_them(profiled, tmp_path):
     (series,) = profiled.series
-    rows = {row[0]: row[1] for row in outlet_tables.profile_table(series, COVERAGE).rows}
-    assert rows["a"].startswith(f"{series.profiles[COVERAGE].parameters['a'].value:.3f}")
+    rows = {row[0]: row[1] for row in pages.profile_table(series, COVERAGE).rows}
+    assert rows["a"].startswith(f"{series.further[COVERAGE].parameters['a'].value:.3f}")
     assert "±" in rows["δ₁"]  # a tilt of zero is a number, not one that is not determined
-    assert [row[0] for row in outlet_tables.outlet_table(series, COVERAGE).rows] == ["18", "24", "30", "42"]
+    assert [row[0] for row in pages.outlet_table(series, COVERAGE).rows] == ["18", "24", "30", "42"]
     page = write(profiled, tmp_path).read_text(encoding="utf-8")
     assert "Profiles along the outlets" in page
     for stem in ("profiles", "profiles-middles", "crossings", "crossings-middles"):
         assert (tmp_path / f"{stem}.svg").stat().st_size > 10_000
     found = json.loads(to_json(profiled))
     (a,) = (row for row in found["fits"] if (row["law"], row["parameter"]) == (COVERAGE, "a"))
-    assert a["value"] == pytest.approx(series.profiles[COVERAGE].parameters["a"].value, rel=1e-14)
+    assert a["value"] == pytest.approx(series.further[COVERAGE].parameters["a"].value, rel=1e-14)
     assert len([row for row in found["outlets"] if row["definition"] == COVERAGE]) == 4
 
 
 def test_the_reference_stands_beside_ours_where_the_law_is_shown(profiled):
     (series,) = profiled.series
-    table = outlet_tables.profile_table(series, COVERAGE, profiled.comparisons, profiled.source)
+    table = pages.profile_table(series, COVERAGE, profiled.comparisons, profiled.source)
     assert table.headings[3:] == ("Fan et al. 2023", "in standard errors")
     cells = {row[0]: row[3:] for row in table.rows}
-    ours = series.profiles[COVERAGE].parameters["a"]
+    ours = series.further[COVERAGE].parameters["a"]
     assert cells["a"][0] == "0.4"
     assert float(cells["a"][1].replace("−", "-")) == pytest.approx((ours.value - A) / ours.error, abs=0.06)
     assert cells["b"] == ("–", "–")
-    assert len(outlet_tables.profile_table(series, CROSSINGS, profiled.comparisons, profiled.source).headings) == 3
+    assert len(pages.profile_table(series, CROSSINGS, profiled.comparisons, profiled.source).headings) == 3
 
 
 def test_points_that_lack_runs_are_fitted_and_named(profiled):
     """One of three runs is missing at 24 mm: every fit that takes the point in says so, and no other does."""
     (series,) = profiled.series
     assert not any(
-        "lack runs" in note for fit in (*series.fits.values(), *series.profiles.values()) for note in fit.notes
+        "lack runs" in note for fit in (*series.fits.values(), *series.further.values()) for note in fit.notes
     )
     points = [replace(r, runs=r.runs[:2]) if r.orifice == 0.024 else r for r in series.points]
-    (again,) = series_of(points, ("beverloo", COVERAGE))
-    for fit in (again.fits["beverloo"], again.profiles[COVERAGE]):
+    (again,) = series_of(points, ("beverloo", COVERAGE), further_fits())
+    for fit in (again.fits["beverloo"], again.further[COVERAGE]):
         (said,) = [note for note in fit.notes if "lack runs" in note]
         assert "24 mm with 2 of 3 runs;" in said
 
@@ -160,7 +162,7 @@ def test_the_figures_have_bands_of_the_law_and_of_one_more_point(profiled):
     (series,) = profiled.series
     _, middle, _ = figures.outlet_middles(series, COVERAGE).axes
     R = 0.015
-    curve = series.profiles[COVERAGE].curves["phi_c"]
+    curve = series.further[COVERAGE].curves["phi_c"]
     spans = []
     for shaded in middle.collections[-2:]:
         x, y = np.asarray(shaded.get_paths()[0].vertices).T
@@ -187,5 +189,5 @@ def test_without_profiles_the_series_says_why(synthetic):
     study = synthetic.study_of(points, fit=("outlet_profiles",), reference=None)
     runs = [synthetic.FinishedDouble(points[0], seed) for seed in (1, 2)]
     (series,) = analyse(study, runs).series
-    assert not series.profiles
+    assert not series.further
     assert "measure outlet_profiles" in series.problems[0]

@@ -3,7 +3,7 @@ import math
 import pytest
 from scipy.special import beta
 
-from labbook.fit.angle import brown, rose_tanaka
+from labbook.papers.fan2023.laws import brown, rose_tanaka
 
 DEGREE = math.pi / 180
 

@@ -8,8 +8,7 @@ import pytest
 from toy_results import analyse
 from turning_runs import ROD, SPHERE, F, Run, point, state
 
-from labbook.results.elongation import WITH_LENGTH, gained, neighbours
-from labbook.results.rotation import aspect_ratio
+from labbook.papers.pongo2022.rotation import WITH_LENGTH, aspect_ratio, gained, neighbours, rotations_of
 from labbook.study.schema import Reference
 
 WIDE = (8e-3, 20e-3)
@@ -33,7 +32,7 @@ def analysis(synthetic):
 def test_each_shape_is_held_against_the_next_shorter_one(analysis):
     found = [
         (round(aspect_ratio(short.points[0]), 2), round(aspect_ratio(long.points[0]), 2), short.orifice, where)
-        for short, long, where in neighbours(analysis.turning)
+        for short, long, where in neighbours(rotations_of(analysis))
     ]
     assert found == [
         (1.0, 2.5, 0.06, "D = 60 mm"),
@@ -46,7 +45,7 @@ def test_each_shape_is_held_against_the_next_shorter_one(analysis):
 @pytest.mark.parametrize(("feature", "of_rods"), [("drop_with_length", 0.51), ("rise_with_length", 0.28)])
 def test_the_gain_is_the_difference_of_both_with_an_error_of_both(analysis, feature, of_rods):
     """Rods of both lengths drop by a half and rise by 30 %, spheres rise at once by 1 % and then by 2 % more."""
-    pairs = list(neighbours(analysis.turning))
+    pairs = list(neighbours(rotations_of(analysis)))
     for short, long, _ in pairs:
         gain = gained(short, long, "grain_rate", feature)
         below, above = (WITH_LENGTH[feature](one, "grain_rate") for one in (short, long))

@@ -4,18 +4,21 @@ import json
 import math
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
 from toy_results import analyse
 from turning_runs import ROD, RODS, ROUND, SPHERE, STATED, F, Run, point, state
 
-from labbook.report import figures, page
+from labbook.papers.pongo2022 import figures
+from labbook.papers.pongo2022.pages import sentence
+from labbook.papers.pongo2022.rotation import Rotation, rotations_of
+from labbook.papers.pongo2022.statements import judged
+from labbook.report import page
 from labbook.report.statement_tables import statement_table
-from labbook.report.turning import sentence
 from labbook.results.frames import frames, to_json
-from labbook.results.rotation import Rotation
-from labbook.results.statements import judge, summed_up
+from labbook.results.statements import summed_up
 from labbook.stats import pool
 from labbook.study.schema import Reference
 
@@ -30,12 +33,12 @@ def analysis(synthetic):
     return analyse(study, [Run(p, seed) for p in points for seed in range(1, 9)])
 
 
-def curve(analysis, shape, D):
-    return next(one for one in analysis.turning if one.shape.startswith(shape) and one.orifice == D)
+def curve(analysis, shape, D) -> Any:
+    return next(one for one in rotations_of(analysis) if one.shape.startswith(shape) and one.orifice == D)
 
 
 def test_points_are_grouped_by_shape_and_outlet_spheres_first(analysis):
-    found = [(one.shape, one.label, tuple(one.frequencies)) for one in analysis.turning]
+    found = [(one.shape, one.label, tuple(one.frequencies)) for one in rotations_of(analysis)]
     assert found == [
         (shape, label, F) for shape in ("spheres", "rods, L/d = 3.33") for label in ("D = 50 mm", "D = 60 mm")
     ]
@@ -85,8 +88,8 @@ def test_of_a_negative_quantity_the_smallest_in_size_counts(analysis):
     downwards = Rotation(tuple(made_of(one, values) for one, values in zip(rods.points, speeds, strict=True)))
     assert downwards.lowest() == rods.lowest() == 2
     assert downwards.minimum() == rods.minimum()
-    (judged,) = judge(Reference("Them", (), (state("rotation.grain_rate.drop", 0),)), (), (), (downwards,))
-    assert judged.ours == pytest.approx(0.5, abs=0.02)
+    (drop,) = judged(state("rotation.grain_rate.drop", 0), [downwards])
+    assert drop.ours == pytest.approx(0.5, abs=0.02)
 
 
 def made_of(result, values):
@@ -113,7 +116,7 @@ def test_clogged_and_diverged_runs_take_no_part(synthetic):
     points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
     how = {(1, 2): "clogged", (1, 3): "diverged"}
     runs = [Run(p, seed, how.get((p.index, seed), "finished")) for p in points for seed in (1, 2, 3, 4, 5)]
-    (found,) = analyse(synthetic.study_of(points, fit=(), reference=None), runs).turning
+    (found,) = rotations_of(analyse(synthetic.study_of(points, fit=(), reference=None), runs))
     ratio = found.ratio("grain_rate", 1)
     assert ratio is not None
     assert ratio.n == 3
@@ -181,14 +184,14 @@ def test_points_that_lack_runs_are_shown_hollow_and_judged_by_none(synthetic):
     study = synthetic.study_of(points, fit=(), reference=Reference("someone", (), stated), replicates=4)
     found = analyse(study, ended)
     assert [one.remark for one in found.points] == ["", "3 of 4 runs so far", ""]
-    assert found.turning[0].unfinished == (0.16, 0.32)
+    assert rotations_of(found)[0].unfinished == (0.16, 0.32)
     slow, fast, drop, minimum = found.judged
     assert (slow.ours, slow.verdict, fast.verdict) == (None, "undecided", "holds")
     assert (drop.ours, minimum.ours) == (None, None)
     assert drop.why.endswith("(f = 0.16, 0.32 Hz)")
-    assert "lacking at f = 0.16, 0.32 Hz" in sentence(found.turning[0])
+    assert "lacking at f = 0.16, 0.32 Hz" in sentence(rotations_of(found)[0])
     assert any("(3 of 4)" in text for text in page.summary(found))
-    for ax in figures.flow_against_rotation(found.turning).axes:
+    for ax in figures.flow_against_rotation(rotations_of(found)).axes:
         hollow = [line for line in ax.lines if line.get_markerfacecolor() == "white"]
         assert [float(np.asarray(line.get_xdata(), float)[0]) for line in hollow] == [0.16]
 
@@ -196,7 +199,7 @@ def test_points_that_lack_runs_are_shown_hollow_and_judged_by_none(synthetic):
 def test_rods_that_turn_upright_to_radial_exchange_one_for_the_other(synthetic):
     points = [point(k, f) for k, f in enumerate((0.0, 0.16))]
     study = synthetic.study_of(points, fit=(), reference=None, replicates=2)
-    (found,) = analyse(study, [Run(p, s) for p in points for s in (1, 2)]).turning
+    (found,) = rotations_of(analyse(study, [Run(p, s) for p in points for s in (1, 2)]))
 
     def oriented(result, zz, rr):
         runs = []
@@ -212,21 +215,19 @@ def test_rods_that_turn_upright_to_radial_exchange_one_for_the_other(synthetic):
         return replace(result, runs=tuple(runs), pooled=pooled)
 
     turned = replace(found, points=(oriented(found.points[0], 0.5, 0.3), oriented(found.points[1], 0.4, 0.38)))
-    from labbook.results.statements import judge
-
     stated = state("rotation.orifice_O_rr.for_O_zz", 0.5, 2)
-    (one,) = judge(Reference("", (), (stated,)), turned.points, (), (turned,))
+    (one,) = judged(stated, [turned])
     assert one.ours == pytest.approx(0.8)
     assert one.verdict == "holds"
 
 
 def test_figures_show_every_curve(analysis):
-    flow = figures.flow_against_rotation(analysis.turning)
+    flow = figures.flow_against_rotation(rotations_of(analysis))
     assert [ax.get_title(loc="left") for ax in flow.axes[:2]] == ["spheres", "rods, L/d = 3.33"]
     ratios = flow.axes[3].containers[1][0]
     np.testing.assert_allclose(np.asarray(ratios.get_xdata(), float), F)
     np.testing.assert_allclose(np.asarray(ratios.get_ydata(), float), [RODS[f] / 600 for f in F], atol=0.02)
-    shapes = figures.drop_and_rise(analysis.turning)
+    shapes = figures.drop_and_rise(rotations_of(analysis))
     assert [text.get_text() for text in shapes.legends[0].get_texts()] == ["D = 50 mm", "D = 60 mm"]
     first = shapes.axes[0].containers[1][0]
     np.testing.assert_allclose(np.asarray(first.get_xdata(), float), [1, 20 / 6])

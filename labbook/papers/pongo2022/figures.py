@@ -1,22 +1,36 @@
-"""Flow, and what happens above the orifice, against the rotation of the bottom (Pongo et al. 2022, Figs 2, 3, 8-10)."""
+"""Figures of Pongo et al. (2022): flow and what happens above the orifice against the rotation of the bottom (Figs 2, 3
+and 8 to 10), Q(D) on logarithmic axes (Figs 4 and 5), and maps in a plane through the axis of a silo (Figs 6 and 7)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook.fields import Fields, Ring, pattern_of
 from labbook.measure.acceleration import AccelerationProfile
+from labbook.measure.stress import contact_pressure
+from labbook.papers.pongo2022.rotation import (
+    CLOSE,
+    FLOW,
+    ROTATION,
+    Rotation,
+    aspect_ratio,
+    relative_orifice,
+    shape_of,
+    turning_at,
+)
+from labbook.report.figures.pattern import draw_means, draw_walls, even, row_height, speed_of, top_of
 from labbook.report.style import COLUMN, FAINT, MILLIMETRE, PAGE, from_zero, house, look
 from labbook.results import display
-from labbook.results.elongation import CLOSE
-from labbook.results.rotation import FLOW, Rotation, aspect_ratio, by_seed, relative_orifice
+from labbook.results.points import by_seed
+from labbook.results.recorded import Flowing, across, both
+from labbook.results.series import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
 
 _FREQUENCY = "rotation of the bottom, $f$ [Hz]"
 _PANELS = {
@@ -199,3 +213,185 @@ def acceleration_against_rotation(
             ax.legend(loc="best")
         axes[0, 0].set_ylabel("downward acceleration / g")
     return figure
+
+
+_LAWS = ("power", "exponential")
+
+
+def flow_scaling(series: Sequence[Series]) -> "Figure":
+    """Q against D, a column a frequency of rotation: both axes logarithmic above, only Q below; side by side, if there
+    is one column.
+
+    Lines: the fitted power and exponential; bars: one standard error; grey: the slope 5/2.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+
+    turns = list(dict.fromkeys(one.at.get(ROTATION) for one in series))
+    names = list(dict.fromkeys(map(_name, series)))
+    with house():
+        alone = len(turns) == 1
+        figure = Figure(figsize=(PAGE, (74 if alone else 116) * MILLIMETRE))
+        axes = figure.subplots(*((1, 2) if alone else (2, len(turns))), sharey=True, squeeze=False).reshape(2, -1)
+        for column, turn in enumerate(turns):
+            if turn is not None:
+                axes[0, column].set_title(display.setting(ROTATION, turn))
+            for one in (one for one in series if one.at.get(ROTATION) == turn):
+                for ax, law in zip(axes[:, column], _LAWS, strict=True):
+                    _draw(ax, one, law, names.index(_name(one)))
+            _slope(axes[0, column])
+            axes[0, column].set_xscale("log")
+            axes[0, column].xaxis.set_major_locator(LogLocator(subs=(2, 3, 4, 5, 6, 7, 8)))
+            axes[0, column].xaxis.set_major_formatter(ScalarFormatter())
+            axes[0, column].xaxis.set_minor_formatter(NullFormatter())
+            for ax in axes[:, column] if alone else axes[1:, column]:
+                ax.set_xlabel("$D$ [mm]")
+        for ax in axes[:, 0]:
+            ax.set_ylabel("$Q$ [grains/s]" if ax.get_subplotspec().is_first_col() else "")
+            ax.set_yscale("log")
+            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.yaxis.set_major_formatter(ScalarFormatter())
+            ax.yaxis.set_minor_formatter(NullFormatter())
+        lines = {text: line for ax in axes[0] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
+        shown = [name for name in (*names, _SLOPE) if name in lines]
+        figure.legend([lines[name] for name in shown], shown, loc="outside upper right", ncols=min(4, len(shown)))
+    return figure
+
+
+_SLOPE = "slope 5/2"
+
+
+def _name(one: Series) -> str:
+    rest = display.label({k: v for k, v in one.at.items() if k != ROTATION and not k.startswith("grains.")})
+    return ", ".join(filter(None, (shape_of(one.points[0]), rest)))
+
+
+def _draw(ax: "Axes", one: Series, law: str, index: int) -> None:
+    known = [result for result in one.points if FLOW in result.pooled]
+    D = np.array([result.orifice for result in known])
+    pooled = [result.pooled[FLOW] for result in known]
+    errors = [min(np.nan_to_num(p.error), 0.95 * p.value) for p in pooled]
+    style = look(index)
+    points = {**style, "linestyle": "none", "markersize": 3}
+    ax.errorbar(D * 1e3, [p.value for p in pooled], yerr=errors, label=_name(one), **points)
+    if law in one.fits:
+        fine = np.geomspace(D.min(), D.max(), 60)
+        value, _, _ = one.fits[law].predict(fine)
+        mass = one.points[0].point.scene.grains.mass
+        ax.plot(fine * 1e3, value / mass, color=style["color"], linestyle=style["linestyle"], linewidth=0.8)
+
+
+def _slope(ax: "Axes") -> None:
+    """A line of slope 5/2 through the largest value."""
+    D, Q = (np.concatenate([np.asarray(line[0].get_data()[k], float) for line in ax.containers]) for k in (0, 1))
+    ends, top = np.array([D.min(), D.max()]), int(Q.argmax())
+    ax.plot(ends, Q[top] * (ends / D[top]) ** 2.5, color=FAINT, linewidth=0.9, label=_SLOPE, zorder=0)
+
+
+_COLUMNS = 4
+Map = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""x and z [mm], and values, shape [z, x]."""
+
+
+def packing_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
+    """Packing fraction, a row a point, a column an instant."""
+    from matplotlib.colors import Normalize
+
+    maps = {id(one): _mirrored(one.fields, one.fields.packing_fraction, one.pattern.bed) for row in rows for one in row}
+    norm = Normalize(*_range(maps.values()))
+
+    def draw(ax: "Axes", one: Flowing) -> None:
+        _mesh(ax, maps[id(one)], norm)
+
+    return _instants(rows, draw, norm, r"packing fraction $\phi$")
+
+
+def speed_maps(rows: Sequence[Sequence[Flowing]]) -> "Figure":
+    """Speed in the plane with streamlines, a row a point, a column an instant; hatched: what stands."""
+    from matplotlib.colors import PowerNorm
+
+    sections = {id(one): one.section() for row in rows for one in row}
+    highest = max(float(np.nanpercentile(speed_of(section), 99.5)) for section in sections.values())
+    norm = PowerNorm(0.5, 0.0, highest)
+
+    def draw(ax: "Axes", one: Flowing) -> None:
+        draw_means(ax, sections[id(one)], norm)
+
+    return _instants(rows, draw, norm, "speed [m/s]")
+
+
+def pressure_maps(found: Sequence[tuple[Flowing, Fields]]) -> "Figure":
+    """A third of the trace of the contact stress, a column a point."""
+    maps = [_mirrored(stress, contact_pressure(stress), pattern_of(stress).bed) for _, stress in found]
+    return _points([one for one, _ in found], [("contact pressure [Pa]", maps)])
+
+
+def order_maps(patterns: Sequence[Flowing]) -> "Figure":
+    """Of rods O_zz and, below, the order S: the largest eigenvalue of the orientation tensor; a column a point."""
+
+    def maps(of: Callable[[Fields], np.ndarray]) -> list[Map]:
+        return [_mirrored(one.fields, of(one.fields), one.pattern.bed) for one in patterns]
+
+    upright = maps(lambda fields: fields.orientation[2, 2])
+    return _points(patterns, [("$O_{zz}$", upright), ("order $S$", maps(lambda fields: fields.nematic_order))])
+
+
+def _points(patterns: Sequence[Flowing], rows: Sequence[tuple[str, Sequence[Map]]]) -> "Figure":
+    """Means over the window: a column a point; a row, with a scale of its own, a quantity."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    patterns = patterns[:_COLUMNS]
+    top = top_of(patterns)
+    with house():
+        height = 8 + len(rows) * row_height(patterns, top)
+        figure = Figure(figsize=(PAGE * min(1, (len(patterns) + 0.5) / _COLUMNS), height * MILLIMETRE))
+        axes = figure.subplots(len(rows), len(patterns), squeeze=False)
+        for line, (text, maps) in zip(axes, rows, strict=True):
+            norm = Normalize(*_range(maps[:_COLUMNS]))
+            for ax, one, each in zip(line, patterns, maps, strict=False):
+                ax.set_title(turning_at(one.result))
+                _mesh(ax, each, norm)
+                draw_walls(ax, one, top)
+            figure.colorbar(ScalarMappable(norm, "viridis"), ax=line, shrink=0.9).set_label(text)
+    return figure
+
+
+def _instants(rows: Sequence[Sequence[Flowing]], draw: Callable[["Axes", Flowing], None], norm, text: str) -> "Figure":
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+
+    patterns = [one for row in rows for one in row]
+    top, columns = top_of(patterns), max(map(len, rows))
+    with house():
+        height = 8 + len(rows) * row_height(patterns, top)
+        figure = Figure(figsize=(PAGE * (columns + 0.4) / _COLUMNS, height * MILLIMETRE))
+        axes = figure.subplots(len(rows), columns, squeeze=False)
+        for ax in axes.flat:
+            ax.set_axis_off()
+        for line, row in zip(axes, rows, strict=True):
+            for ax, one in zip(line, row, strict=False):
+                draw(ax, one)
+                draw_walls(ax, one, top)
+                begin, end = one.window
+                ax.set_title(f"{turning_at(one.result)}, t = {begin:.3g} to {end:.3g} s", fontsize=6)
+        bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.6, aspect=40)
+        bar.set_label(text)
+    return figure
+
+
+def _mirrored(fields: Fields, values: np.ndarray, bed: np.ndarray) -> Map:
+    assert isinstance(fields.grid, Ring)
+    x, z = across(fields.grid)
+    return even(x) * 1e3, even(z) * 1e3, both(np.where(bed, values, np.nan))
+
+
+def _range(maps) -> tuple[float, float]:
+    known = np.concatenate([values[np.isfinite(values)] for _, _, values in maps])
+    low, high = np.quantile(known, [0.005, 0.995])
+    return float(low), float(high)
+
+
+def _mesh(ax: "Axes", each: Map, norm) -> None:
+    ax.pcolormesh(*each, cmap="viridis", norm=norm, shading="nearest", rasterized=True)

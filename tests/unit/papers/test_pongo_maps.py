@@ -5,7 +5,8 @@ import pytest
 from toy_results import analyse
 from turning_runs import SINKING, Run, point
 
-from labbook.report import figures, page
+from labbook.papers.pongo2022 import figures
+from labbook.report import page
 from labbook.results.recorded import flow_patterns, moments
 
 

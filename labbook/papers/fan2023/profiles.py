@@ -1,29 +1,56 @@
-"""Fan's parameters of the profiles along outlets that differ in their width, with intervals over seeds."""
+"""Fan's parameters of the profiles along outlets, with intervals over seeds and the bands of the laws, and how the
+shape of profiles approaches that in the middle of a hopper."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
-from labbook.fit.law import Context
-from labbook.fit.outlet.curves import Curve, curves, laws
-from labbook.fit.outlet.flow import centred_flow, eccentric_flow
-from labbook.fit.outlet.saturation import FEWEST, fit_saturation
-from labbook.fit.outlet.shape import Outlet, dome, fit_dome, mean_of, tilted
-from labbook.fit.result import FitError, Parameter
+from labbook.fit import Context, FitError, Parameter
+from labbook.fit.band import half_width, scatter
+from labbook.measure.outlet import COVERAGE, Outlet, mean_of
+from labbook.papers.fan2023.laws import (
+    FEWEST,
+    Approach,
+    Saturation,
+    centred_flow,
+    dome,
+    eccentric_flow,
+    fit_approach,
+    fit_dome,
+    fit_saturation,
+    middle_speed,
+    tilted,
+)
+from labbook.papers.fan2023.ratios import Ratio
+from labbook.results.points import PointResult
+from labbook.results.series import FurtherFit, Series, context
 from labbook.stats.bootstrap import bootstrap_all
 from labbook.stats.pooling import Pooled
 
-COVERAGE, CROSSINGS = "outlet_profiles", "outlet_crossings"
-DEFINITIONS = {
-    COVERAGE: "phi: the part of the time during which a place is covered; v: the mean speed while it is",
-    CROSSINGS: "v: the mean speed of the grains that cross; phi: what then makes up their flow",
-}
-"""What profiles are, by the name of their fit. Fast grains weigh more in the second: one flow, another v and phi."""
-VERSION = 2
-FORMULA = "v = v_c (1 - (x/R)^2)^a, v_c = sqrt(2 g gamma R); phi = phi_c (1 - (x/R)^2)^b"
-SOURCE = "Fan et al. 2023, eqs 10-12 and 15-17"
+PLACES = np.linspace(-1, 1, 201)
+"""x* of the domes."""
+_WIDTHS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A law at places `at`: `value`, half widths of its 95 % interval, `law`, and of that of one more point, `point`,
+    of shape [n]. Both are infinite with one replicate.
+
+    A point is the mean over as many seeds as the outlets have: of a profile a bin of one more outlet, of the middles
+    against the width that of one more outlet.
+    """
+
+    at: np.ndarray
+    value: np.ndarray
+    law: np.ndarray
+    point: np.ndarray
+
+
 _DRAWS = 400
 _SHARED = ("a", "gamma", "b", "delta1", "epsilon1", "sigma1", "delta2", "epsilon2", "sigma2")
 _SATURATION = ("phi_inf", "tau1", "tau2")
@@ -55,25 +82,41 @@ class FittedOutlet:
 
 
 @dataclass(frozen=True, eq=False)
-class ProfileFit:
+class ProfileFit(FurtherFit):
     """Parameters shared by all outlets of a series, by name.
 
     a, gamma, b (centred: eqs 10, 11), phi_inf, tau1, tau2 [1/m] (eq 12; for four outlets or more), delta1, epsilon1,
     sigma1, delta2, epsilon2, sigma2 (eqs 16, 17). `misfit`: root mean square of v/v_c and phi/phi_c about the domes,
     which says how well the profiles collapse. `curves`: the laws with their bands, by the names that
-    `labbook.fit.outlet.curves.laws` gives them. `notes`: what a reader must know.
+    `laws` gives them.
     """
 
-    parameters: Mapping[str, Parameter]
-    outlets: tuple[FittedOutlet, ...]
-    misfit: tuple[float, float]
-    curves: Mapping[str, Curve]
-    notes: tuple[str, ...]
+    formula: ClassVar[str] = "v = v_c (1 - (x/R)^2)^a, v_c = sqrt(2 g gamma R); phi = phi_c (1 - (x/R)^2)^b"
+    source: ClassVar[str] = "Fan et al. 2023, eqs 10-12 and 15-17"
+    version: ClassVar[int] = 2
+    outlets: tuple[FittedOutlet, ...] = ()
+    """In the order of `points`."""
+    misfit: tuple[float, float] = (math.nan, math.nan)
+    curves: Mapping[str, Curve] = field(default_factory=dict)
 
     @property
     def exponents(self) -> tuple[float, float]:
         """a and b."""
         return self.parameters["a"].value, self.parameters["b"].value
+
+
+def fit_along(definition: str, points: Sequence[PointResult]) -> ProfileFit:
+    """Fit the profiles along the outlets of those points of a series that have any. Raises FitError."""
+    profiled = tuple(result for result in points if result.outlets(definition))
+    found = fit_profiles([result.outlets(definition) for result in profiled], context(points))
+    return replace(found, points=profiled)
+
+
+def profile_fit(series: Series, definition: str) -> ProfileFit:
+    """The fit to the profiles of a series. Raises KeyError where there is none."""
+    found = series.further[definition]
+    assert isinstance(found, ProfileFit)
+    return found
 
 
 def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> ProfileFit:
@@ -116,7 +159,8 @@ def fit_profiles(seeds: Sequence[Sequence[Outlet]], context: Context) -> Profile
     middles = {"v_c": [one.v_c for one in outlets], "phi_c": [one.phi_c for one in outlets]}
     freedom = sum(map(len, seeds)) - len(seeds)
     drawn = curves(pooled[last:], parameters, R, context.g, middles, misfits, freedom)
-    return ProfileFit(parameters, outlets, misfit, drawn, tuple(_notes(seeds, means, several, saturates)))
+    notes = tuple(_notes(seeds, means, several, saturates))
+    return ProfileFit(parameters, notes, outlets=outlets, misfit=misfit, curves=drawn)
 
 
 def _numbers(outlets: Sequence[Outlet], context: Context, saturates: bool) -> list[float]:
@@ -193,3 +237,105 @@ def _notes(seeds: Sequence[Sequence[Outlet]], means: Sequence[Outlet], several: 
     if not saturates:
         widths = len({one[0].R for one in seeds})
         yield f"eq 12 needs {FEWEST} outlets of different widths, and there are {widths}: no phi_inf, tau1, tau2"
+
+
+def laws(parameters: Mapping[str, float], R: np.ndarray, g: float) -> dict[str, np.ndarray]:
+    """v/v_c and phi/phi_c at PLACES, by domes and tilted (eqs 16 and 17 over their epsilon); at `widths(R)` v_c [m/s]
+    and, where eq 12 was fitted, phi_c.
+    """
+    delta = parameters["delta1"] / parameters["epsilon1"], parameters["delta2"] / parameters["epsilon2"]
+    found = {
+        "velocity": tilted(PLACES, parameters["a"]),
+        "area_fraction": tilted(PLACES, parameters["b"]),
+        "tilted_velocity": tilted(PLACES, parameters["sigma1"], delta[0]),
+        "tilted_area_fraction": tilted(PLACES, parameters["sigma2"], delta[1]),
+        "v_c": middle_speed(parameters["gamma"], widths(R), g),
+    }
+    if "phi_inf" in parameters:
+        found["phi_c"] = _saturation(parameters).at(widths(R))
+    return found
+
+
+def widths(R: np.ndarray) -> np.ndarray:
+    """Half widths [m] at which the middles of outlets of half widths R are drawn."""
+    return np.linspace(0.9 * R.min(), 1.05 * R.max(), _WIDTHS)
+
+
+def curves(
+    pooled: Sequence[Pooled],
+    parameters: Mapping[str, Parameter],
+    R: np.ndarray,
+    g: float,
+    middles: Mapping[str, Sequence[Pooled]],
+    misfits: Mapping[str, float],
+    degrees_of_freedom: int,
+) -> dict[str, Curve]:
+    """The laws with their bands, by name; `pooled`: their values and errors one after another, in the order of `laws`.
+
+    `middles`: v_c and phi_c of the outlets; `misfits`: what bins lie off the laws at PLACES, root mean square.
+    """
+    values = {name: parameter.value for name, parameter in parameters.items()}
+    off = dict(misfits)
+    at_outlets = {"v_c": (middle_speed(values["gamma"], R, g), 1)}
+    if "phi_inf" in values:
+        at_outlets["phi_c"] = (_saturation(values).at(R), 3)
+    for name, (expected, used) in at_outlets.items():
+        errors = np.array([one.error for one in middles[name]])
+        off[name] = scatter(errors, np.array([one.value for one in middles[name]]) - expected, len(R) - used)
+    found, first = {}, 0
+    for name, value in laws(values, R, g).items():
+        error = np.array([one.error for one in pooled[first : first + len(value)]])
+        first += len(value)
+        at = PLACES if name in misfits else widths(R)
+        bands = (half_width(error, 0.95, degrees_of_freedom, point) for point in (0.0, off[name]))
+        found[name] = Curve(at, value, *(np.where(np.isnan(band), np.inf, band) for band in bands))
+    return found
+
+
+def _saturation(parameters: Mapping[str, float]) -> Saturation:
+    return Saturation(parameters["phi_inf"], parameters["tau1"], parameters["tau2"])
+
+
+SHAPE = ("delta1", "sigma1", "delta2", "sigma2")
+"""What is followed: tilts and exponents of eqs 16 and 17."""
+
+
+@dataclass(frozen=True, eq=False)
+class Approached:
+    """One of SHAPE: `parameters` of the points `of`, at s* `places`; and how they approach, None for few places."""
+
+    of: tuple[PointResult, ...]
+    places: tuple[float, ...]
+    parameters: tuple[Parameter, ...]
+    approach: Approach | None
+
+
+def approaches(ratios: Sequence[Ratio], definition: str) -> Mapping[str, Approached]:
+    """The parameters of SHAPE against s*, by name, of those points that have profiles along their outlet.
+
+    Every point counts alike, whatever its outlet and the width of its hopper: s* is what they are said to depend on.
+    """
+    shown = [one for one in ratios if one.result.outlets(definition) and _fitted(one.result, definition)]
+    found = {}
+    for name in SHAPE:
+        parameters = tuple(_own(one.result, definition).parameters[name] for one in shown)
+        places = tuple(one.at for one in shown)
+        several = len(set(places)) >= FEWEST
+        law = fit_approach(places, [one.value for one in parameters]) if several else None
+        found[name] = Approached(tuple(one.result for one in shown), places, parameters, law)
+    return found
+
+
+def _fitted(result: PointResult, definition: str) -> bool:
+    """Whether its profiles can be fitted: some grains must have moved across the outlet."""
+    try:
+        _own(result, definition)
+    except FitError:
+        return False
+    return True
+
+
+@lru_cache(maxsize=4096)
+def _own(result: PointResult, definition: str) -> ProfileFit:
+    """The fit to one point alone; its bootstrap is worth keeping: page and comparison both want it."""
+    return fit_profiles([result.outlets(definition)], context([result]))

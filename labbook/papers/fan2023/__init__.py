@@ -1,0 +1,143 @@
+"""The quasi-2D hopper of Fan et al., Powder Technology 429 (2023) 118964: angle of the bottom, position of the outlet.
+
+Profiles along outlets and the flow that they come to (eqs 10 to 18), and flow rates over that of a plain hopper.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+
+from labbook.measure import Quantity
+from labbook.measure.outlet import COVERAGE, CROSSINGS, DEFINITIONS
+from labbook.papers import Draw, Paper
+from labbook.papers.fan2023 import figures, pages
+from labbook.papers.fan2023.laws import FEWEST, TERMS
+from labbook.papers.fan2023.profiles import OF_OUTLET, SHAPE, approaches, fit_along, profile_fit
+from labbook.papers.fan2023.ratios import RATIOS, Ratio, angle_laws, by_position
+from labbook.report.blocks import Block, Section
+from labbook.report.tables import Table
+from labbook.results.frames import of_point
+from labbook.results.paper import Row
+from labbook.results.points import PointResult
+from labbook.results.reference import Comparison, matches, sought
+from labbook.results.series import FurtherFit, Series
+from labbook.results.study import Results
+
+
+def _declared() -> Iterator[Quantity]:
+    yield Quantity("flow_ratio.angle", "W/W of the flat bottom", meaning="flow rate over that of a flat bottom")
+    yield Quantity("flow_ratio.position", "W/W in the middle", meaning="flow rate over that of an outlet in the middle")
+    symbols = {"a": "a", "gamma": "γ", "b": "b", "phi_inf": "φ_∞", "tau1": "τ₁", "tau2": "τ₂"}
+    symbols |= {"delta1": "δ₁", "delta2": "δ₂", "epsilon1": "ε₁", "epsilon2": "ε₂", "sigma1": "σ₁", "sigma2": "σ₂"}
+    for fit, which in ((COVERAGE, ""), (CROSSINGS, " (crossings)")):
+        for name, symbol in symbols.items():
+            made = Quantity(f"{fit}.{name}", symbol + which, about_zero=name.startswith("delta"))  # no tilt: a finding
+            yield replace(made, unit="1/m", shown="1/mm", scale=1e-3) if name == "tau2" else made
+        for name in SHAPE:  # of its approach to what it is in the middle, limit - depth e^{-rate s*}
+            for term in TERMS:
+                said = f"{term} of {symbols[name]}(s*){which}"
+                yield Quantity(f"{fit}.{name}.{term}", said, about_zero=name.startswith("delta"))
+
+
+class Fan2023(Paper):
+    """Fits `outlet_profiles` and `outlet_crossings`, their approach to the middle, and `flow_ratio.*`."""
+
+    name = "fan2023"
+    fits = dict.fromkeys(DEFINITIONS, COVERAGE)
+    declared = tuple(_declared())
+    columns: ClassVar = {
+        "outlets": {"R": "m"},
+        "ratios": dict.fromkeys(("value", "error", "low", "high", "s_star"), ""),
+    }
+
+    def fit(self, name: str, points: Sequence[PointResult]) -> FurtherFit:
+        return fit_along(name, points)
+
+    def compared(self, results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
+        head, _, tail = quantity.partition(".")
+        shape, _, term = tail.partition(".")
+        points = [result for result in results.points if matches(at, result.point)]
+        if quantity in RATIOS:
+            # of all points: the plain hopper lies elsewhere than at what is asked
+            return [_of_ratio(quantity, one) for one in RATIOS[quantity](results.points) if one.result in points]
+        if head in DEFINITIONS and shape in SHAPE and term in TERMS:
+            return [_of_approach(sought(quantity, at), head, shape, term, points)]
+        return None
+
+    def frames(self, results: Results) -> Mapping[str, Iterable[Row]]:
+        """`ratios`: a row a point, W over a plain hopper's, with the laws of the angle; `outlets`: a row a point and
+        definition of profiles, what was fitted to its outlet."""
+        return {"ratios": _ratios(results), "outlets": _outlets(results)}
+
+    def sections(self, results: Results, folder: Path) -> Sequence[Section]:
+        outlets = pages.outlet_pictures(results, folder)
+        first = [Section("Outlets of all series", tuple(outlets))] if outlets else []
+        return [*first, *pages.ratio_sections(results, folder)]
+
+    def of_series(self, results: Results, series: Series, folder: Path, suffix: str, where: str) -> Sequence[Block]:
+        return [
+            pages.profile_section(results, series, name, folder, suffix, where)
+            for name in series.further
+            if name in DEFINITIONS
+        ]
+
+    def tables(self, results: Results, series: Series, where: str) -> Sequence[tuple[str, Table]]:
+        return [
+            table
+            for name in series.further
+            if name in DEFINITIONS
+            for table in pages.tables_of(results, series, name, where)
+        ]
+
+    def figures_of(self, results: Results, series: Series) -> Mapping[str, Draw]:
+        beside, found = (results.comparisons, results.source), dict[str, Draw]()
+        for name in (name for name in series.further if name in DEFINITIONS):
+            found[name] = partial(figures.outlet_profiles, series, name, *beside)
+            found[f"{name}_middles"] = partial(figures.outlet_middles, series, name, *beside)
+        return found
+
+
+def _of_ratio(quantity: str, ratio: Ratio) -> Comparison:
+    """The plain hopper over itself is 1 without error: there is nothing to compare."""
+    base = replace(sought(quantity, ratio.result.at), label=ratio.result.label)
+    return replace(base, ours=ratio.value, error=ratio.error, low=ratio.low, high=ratio.high)
+
+
+def _of_approach(base: Comparison, definition: str, shape: str, term: str, points: Sequence[PointResult]) -> Comparison:
+    """Limit, depth or rate with which a parameter of profiles approaches its value in the middle."""
+    base = replace(base, label=base.label or "all points")
+    law = approaches(by_position(points), definition)[shape].approach
+    if law is None:
+        why = f"an approach needs profiles at {FEWEST} distances from the wall, the middle among them"
+        return replace(base, why=why)
+    ours = law.parameters[term]
+    return replace(base, ours=ours.value, error=ours.error, low=ours.low, high=ours.high, unit=ours.unit)
+
+
+def _ratios(results: Results) -> Iterator[Row]:
+    for name, found in RATIOS.items():
+        for one in found(results.points):
+            numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
+            row = {**of_point(one.result), "quantity": name, **numbers}
+            if name.endswith("angle"):
+                yield row | {_column(law.name): law.factor(one.at) for law in angle_laws(one.result)}
+            else:
+                yield row | {"s_star": one.at}
+
+
+def _column(law: str) -> str:
+    """`rose_tanaka` of a law's name."""
+    return law.partition(",")[0].lower().replace(" & ", "_")
+
+
+def _outlets(results: Results) -> Iterator[Row]:
+    for series in results.series:
+        for definition in (name for name in DEFINITIONS if name in series.further):
+            fit = profile_fit(series, definition)
+            for result, one in zip(fit.points, fit.outlets, strict=True):
+                numbers = {name: getattr(one, name) for name in OF_OUTLET}
+                means = {name: pooled.value for name, pooled in numbers.items()}
+                errors = {f"{name}_error": pooled.error for name, pooled in numbers.items()}
+                yield {**of_point(result), "definition": definition, "R": one.profile.R, **means, **errors}

@@ -1,0 +1,485 @@
+"""Figures of Fan et al. (2023): profiles along outlets, their middles, their shape against the position of the outlet
+(Figs 4, 7, 8a, 11 and 13 to 15a), and flow rates over that of a plain hopper."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from labbook.papers.fan2023.laws import (
+    TERMS,
+    Approach,
+    Saturation,
+    approach_at,
+    centred_flow,
+    eccentric_flow,
+    middle_speed,
+    tilted,
+)
+from labbook.papers.fan2023.profiles import Curve, FittedOutlet, ProfileFit, approaches, profile_fit
+from labbook.papers.fan2023.ratios import ANGLE, GAP, RATIOS, Ratio, angle_laws
+from labbook.report.style import (
+    COLOURS,
+    COLUMN,
+    DASHES,
+    FAINT,
+    INK,
+    MILLIMETRE,
+    PAGE,
+    band,
+    beside_title,
+    from_zero,
+    house,
+    look,
+    mathtext,
+    verbatim,
+)
+from labbook.results import display
+from labbook.results.reference import Comparison, of_reference
+from labbook.results.series import Series
+from labbook.stats import Pooled
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ACROSS = np.linspace(-1, 1, 401)
+_SHOWN = {"velocity": "v_c", "area_fraction": "phi_c"}
+
+
+def outlet_profiles(
+    series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
+) -> "Figure":
+    """v(x) and phi(x) above, v/v_c and phi/phi_c below with the fitted dome; an outlet a colour, bands of one standard
+    error over seeds. Faint: bins that are not fitted. Dots: the reference's curves.
+    """
+    from matplotlib.figure import Figure
+
+    fit = profile_fit(series, definition)
+    with house():
+        figure = Figure(figsize=(PAGE, 118 * MILLIMETRE))
+        axes = figure.subplots(2, 2, sharex="row")
+        for index, (result, one) in enumerate(zip(fit.points, fit.outlets, strict=True)):
+            label = f"D = {result.orifice * 1e3:g} mm"
+            for column, name in enumerate(_SHOWN):
+                runs = np.array([getattr(outlet, name) for outlet in result.outlets(definition)])
+                _draw_profile(axes[0, column], one, name, runs, 1.0, one.profile.R * 1e3, index, label)
+                centre = getattr(one, _SHOWN[name]).value
+                _draw_profile(axes[1, column], one, name, runs, centre, 1.0, index, label)
+        for column, exponent in enumerate(fit.exponents):
+            name = "ab"[column]
+            shape = f"$(1-x^{{*2}})^{{{name}}}$, {name} = {exponent:.3g}"
+            axes[1, column].plot(_ACROSS, tilted(_ACROSS, exponent), color=INK, linewidth=0.9, zorder=1, label=shape)
+            curve = fit.curves[("tilted_" if _tilts(fit) else "") + list(_SHOWN)[column]]
+            _bands(axes[1, column], curve, curve.at, INK)
+            axes[1, column].set_xlabel(r"$x^* = (x-e)/R$")
+            axes[0, column].set_xlabel(r"$x-e$ [mm]")
+            known = of_reference(comparisons, definition, series)
+            curves = axes[1, column].lines[-1:] + _tilted(axes[1, column], column, fit)
+            curves += _their_profile(axes[1, column], column, known, source)
+            axes[1, column].legend(handles=curves, loc="lower center")
+        for ax, text in zip(axes.flat, ("$v$ [m/s]", r"$\phi$", "$v/v_c$", r"$\phi/\phi_c$"), strict=True):
+            ax.set_ylabel(text)
+            from_zero(ax)
+        figure.legend(
+            *axes[0, 0].get_legend_handles_labels(), loc=beside_title(series.label), ncols=min(8, len(fit.outlets))
+        )
+        if series.label:
+            figure.suptitle(series.label, x=0.01, ha="left", fontsize=7.5)
+        figure.align_ylabels()
+    return figure
+
+
+_TILTED = (("delta1", "epsilon1", "sigma1"), ("delta2", "epsilon2", "sigma2"))
+
+
+def _tilts(fit: ProfileFit) -> bool:
+    """Whether the velocity is tilted by more than chance."""
+    return abs(fit.parameters["delta1"].value) > 2 * fit.parameters["delta1"].error
+
+
+def _tilted(ax: "Axes", column: int, fit: ProfileFit) -> list:
+    """The tilted curve of eqs 16 and 17, where the tilt of the velocity is significant."""
+    if not _tilts(fit):
+        return []
+    curve = fit.curves["tilted_" + list(_SHOWN)[column]]
+    delta = display.number(fit.parameters[_TILTED[column][0]].value, fit.parameters[_TILTED[column][0]].error)
+    label = f"eq {16 + column}, {'δ₁' if column == 0 else 'δ₂'} = {delta}"
+    return ax.plot(curve.at, curve.value, color=INK, linestyle=(0, (6, 2)), linewidth=0.9, zorder=1, label=label)
+
+
+def _their_profile(ax: "Axes", column: int, known: Mapping[str, float], source: str) -> list:
+    """The reference's dome, or its tilted curve."""
+    style = {**_DOTS, "label": verbatim(source)}
+    exponent = "ab"[column]
+    if exponent in known:
+        return ax.plot(_ACROSS, tilted(_ACROSS, known[exponent]), **style)
+    if known.keys() >= set(_TILTED[column]):
+        delta, epsilon, sigma = (known[name] for name in _TILTED[column])
+        return ax.plot(_ACROSS, tilted(_ACROSS, sigma, delta / epsilon), **style)
+    return []
+
+
+def _draw_profile(
+    ax: "Axes", one: FittedOutlet, name: str, runs: np.ndarray, over: float, scale: float, index: int, label: str
+) -> None:
+    profile, style = one.profile, look(index)
+    x = (profile.edges[1:] + profile.edges[:-1]) / 2 * scale
+    y = getattr(profile, name) / over
+    inside = profile.inside & np.isfinite(y)
+    ax.plot(x, y, color=style["color"], alpha=0.3, linewidth=0.7, zorder=1)
+    if len(runs) > 1:
+        error = runs.std(axis=0, ddof=1) / math.sqrt(len(runs)) / over
+        ax.fill_between(x, y - error, y + error, where=inside, color=style["color"], alpha=0.2, linewidth=0)
+    style = {**style, "linestyle": "none", "markersize": 3}
+    ax.plot(x[inside], y[inside], **style, label=label, zorder=2)
+
+
+def outlet_middles(
+    series: Series, definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
+) -> "Figure":
+    """v_c against sqrt(R) with sqrt(2 g gamma R), phi_c against R with eq 12, and the flow that profiles come to.
+
+    Bands: 95 %, of the law and of one more outlet; dots: the law with the reference's parameters.
+    """
+    from matplotlib.figure import Figure
+
+    fit = profile_fit(series, definition)
+    R = np.array([one.profile.R for one in fit.outlets])
+    with house():
+        figure = Figure(figsize=(PAGE, 60 * MILLIMETRE))
+        left, middle, right = figure.subplots(1, 3)
+        known = of_reference(comparisons, definition, series)
+        _speeds(left, fit, R, series.points[0].point.scene.gravity, known, source)
+        _middles(middle, fit, R, known, source)
+        for place, (name, label) in enumerate(_FLOWS.items()):
+            style = {**look(place), "linestyle": "none"}
+            flows = [getattr(one, name) for one in fit.outlets]
+            offset = 0.4 * (place - (len(_FLOWS) - 1) / 2)
+            values, errors = [one.value for one in flows], [np.nan_to_num(one.error) for one in flows]
+            right.errorbar(2e3 * R + offset, values, yerr=errors, label=label, **style)
+        right.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
+        right.set_xlabel("orifice, $D$ [mm]")
+        right.set_ylabel("flow of the profiles / $W$ counted")
+        right.legend(loc="best")
+        if series.label:
+            figure.suptitle(series.label, x=0.01, ha="left", fontsize=7.5)
+    return figure
+
+
+_FLOWS = {"direct": "integral", "centred": "eq 14, own φ", "printed": "eq 14 as printed", "eccentric": "eq 18"}
+
+
+def _speeds(ax: "Axes", fit: ProfileFit, R: np.ndarray, g: float, known: Mapping[str, float], source: str) -> None:
+    curve = fit.curves["v_c"]
+    x = np.sqrt(curve.at * 1e3)
+    ax.plot(x, curve.value, color=COLOURS[1], label=f"γ = {fit.parameters['gamma'].value:.3g}")
+    _bands(ax, curve, x, COLOURS[1])
+    if "gamma" in known:
+        ax.plot(
+            x, middle_speed(known["gamma"], curve.at, g), label=f"{verbatim(source)}, γ = {known['gamma']:.3g}", **_DOTS
+        )
+    values, errors = [one.v_c.value for one in fit.outlets], [np.nan_to_num(one.v_c.error) for one in fit.outlets]
+    ax.errorbar(np.sqrt(R * 1e3), values, yerr=errors, color=INK, marker="o", linestyle="none")
+    from_zero(ax)
+    ax.set_xlabel(r"$\sqrt{R}$ [mm$^{1/2}$]")
+    ax.set_ylabel("$v_c$ [m/s]")
+    ax.legend(loc="upper left")
+
+
+def _middles(ax: "Axes", fit: ProfileFit, R: np.ndarray, known: Mapping[str, float], source: str) -> None:
+    values, errors = [one.phi_c.value for one in fit.outlets], [np.nan_to_num(one.phi_c.error) for one in fit.outlets]
+    ax.errorbar(R * 1e3, values, yerr=errors, color=INK, marker="o", linestyle="none")
+    if "phi_c" in fit.curves:
+        curve, limit = fit.curves["phi_c"], fit.parameters["phi_inf"].value
+        x = curve.at * 1e3
+        ax.plot(x, curve.value, color=COLOURS[1], label=f"eq 12, $φ_∞$ = {limit:.3g}")
+        _bands(ax, curve, x, COLOURS[1])
+        if known.keys() & {"phi_inf", "tau1"}:
+            law = Saturation(known.get("phi_inf", limit), known.get("tau1", 0.0), known.get("tau2", 0.0))
+            ax.plot(
+                x,
+                law.at(curve.at),
+                label=verbatim(source) if "tau1" in known else f"{verbatim(source)}, $φ_∞$",
+                **_DOTS,
+            )
+        ax.legend(loc="lower right")
+    ax.set_xlabel("$R$ [mm]")
+    ax.set_ylabel(r"$\phi_c$")
+
+
+_DOTS = {"color": INK, "linestyle": ":", "linewidth": 1.2, "zorder": 3}
+
+
+def _bands(ax: "Axes", curve: Curve, x: np.ndarray, colour: str) -> None:
+    """The intervals of a law and of one more point, where there are seeds enough for any."""
+    if np.isfinite(curve.point).all():
+        law, point = ((curve.value - half, curve.value + half) for half in (curve.law, curve.point))
+        band(ax, x, law, point, colour)
+
+
+def outlets_of_all(
+    series: Sequence[Series], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
+) -> "Figure":
+    """v_c against sqrt(R), phi_max against R and W against R, a colour a series, with 95 % intervals.
+
+    Solid lines: sqrt(2 g gamma R), eq 12, and the flow that the profiles of a series come to with them (eq 18, which
+    without tilt is eq 14). Dots: the same with the reference's parameters, where it has them. Series that differ in a
+    second key have a row of their own.
+    """
+    from matplotlib.figure import Figure
+
+    fitted = [one for one in series if definition in one.further]
+    key = _varied(fitted)
+    rows = list(dict.fromkeys(one.label_without(key) for one in fitted))
+    labels = list(dict.fromkeys(_label_of(one, key) for one in fitted))
+    with house():
+        figure = Figure(figsize=(PAGE, (18 + 58 * len(rows)) * MILLIMETRE))
+        axes = figure.subplots(len(rows), 3, squeeze=False, sharex="col")
+        for one in fitted:
+            row, style = rows.index(one.label_without(key)), look(labels.index(_label_of(one, key)))
+            _draw_outlets(
+                axes[row], one, definition, of_reference(comparisons, definition, one), style, _label_of(one, key)
+            )
+        for ax_row, title in zip(axes, rows, strict=True):
+            ax_row[0].set_title(title)
+            for ax, text in zip(ax_row, ("$v_c$ [m/s]", r"$\phi_{max}$", "$W$ [g/s]"), strict=True):
+                ax.set_ylabel(text)
+            for ax in ax_row[[0, 2]]:
+                from_zero(ax)
+        for ax, text in zip(axes[-1], (r"$\sqrt{R}$ [mm$^{1/2}$]", "$R$ [mm]", "$R$ [mm]"), strict=True):
+            ax.set_xlabel(text)
+        handles = dict(zip(*reversed(_handles(axes)), strict=True))
+        if any(of_reference(comparisons, definition, one).keys() & {"gamma", "epsilon1", "phi_inf"} for one in fitted):
+            (dots,) = axes[0, 0].plot([], [], color=INK, linestyle=":")
+            handles[source] = dots
+        figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=min(len(handles), 6))
+        figure.align_ylabels()
+    return figure
+
+
+def _varied(series: Sequence[Series]) -> str:
+    """The swept key that takes most values: colours tell it."""
+    values = {name: {one.at.get(name) for one in series} for one in series for name in one.at}
+    return max(values, key=lambda name: len(values[name]), default="")
+
+
+def _label_of(series: Series, key: str) -> str:
+    if key in series.at:
+        return display.setting(key, series.at[key])
+    return f"{display.key(key).name} not set" if key else "labbook"
+
+
+def _handles(axes: np.ndarray) -> tuple[list, list[str]]:
+    found = [ax.get_legend_handles_labels() for ax in axes[:, 0]]
+    return [h for handles, _ in found for h in handles], [text for _, labels in found for text in labels]
+
+
+def _draw_outlets(
+    axes: Sequence["Axes"], series: Series, definition: str, theirs: "Mapping[str, float]", style: dict, label: str
+) -> None:
+    fit = profile_fit(series, definition)
+    R = np.array([one.profile.R for one in fit.outlets])
+    fine = np.linspace(0.9 * R.min(), 1.05 * R.max(), 120)
+    scene = series.points[0].point.scene
+    ours = {name: parameter.value for name, parameter in fit.parameters.items()}
+    speeds, covers = ([getattr(one, name) for one in fit.outlets] for name in ("v_c", "phi_max"))
+    flows = [result.flow_rate for result in fit.points]
+    for ax, x, numbers, scale in zip(
+        axes, (np.sqrt(R * 1e3), R * 1e3, R * 1e3), (speeds, covers, flows), (1.0, 1.0, 1e3), strict=True
+    ):
+        shown = [(at, number) for at, number in zip(x, numbers, strict=True) if number is not None]
+        _bars(ax, shown, scale, {**style, "linestyle": "none", "label": label})
+    for parameters, line in ((ours, "-"), ({**_limit(theirs, ours), **theirs}, ":")):
+        if parameters is not ours and not theirs:
+            continue
+        drawn = {"color": style["color"], "linestyle": line, "linewidth": 0.9, "zorder": 1}
+        gamma = parameters.get("gamma", parameters.get("epsilon1", np.nan) ** 2)
+        axes[0].plot(np.sqrt(fine * 1e3), middle_speed(gamma, fine, scene.gravity), **drawn)
+        if parameters.keys() >= {"phi_inf", "tau1", "tau2"}:
+            law = Saturation(parameters["phi_inf"], parameters["tau1"], parameters["tau2"])
+            axes[1].plot(fine * 1e3, law.at(fine), **drawn)
+        elif "phi_inf" in parameters and parameters is not ours:
+            axes[1].axhline(parameters["phi_inf"], **drawn)
+        flow = _flow(parameters, fine, scene.grains.diameter, scene.grains.density, scene.gravity)
+        if flow is not None:
+            axes[2].plot(fine * 1e3, 1e3 * flow, **drawn)
+
+
+def _limit(theirs: "Mapping[str, float]", ours: "Mapping[str, float]") -> dict[str, float]:
+    """Where a reference has tau1 and tau2 but not phi_inf, ours."""
+    return {"phi_inf": ours["phi_inf"]} if "tau1" in theirs and "phi_inf" in ours else {}
+
+
+def _bars(ax: "Axes", shown: Sequence[tuple[float, Pooled]], scale: float, style: dict) -> None:
+    half = [number.half_width if np.isfinite(number.half_width) else 0.0 for _, number in shown]
+    values = [number.value * scale for _, number in shown]
+    ax.errorbar([at for at, _ in shown], values, yerr=np.array(half) * scale, markersize=3.5, **style)
+
+
+def _flow(p: "Mapping[str, float]", R: np.ndarray, d: float, rho: float, g: float) -> np.ndarray | None:
+    """W [kg/s] by eq 18 (centred profiles of a reference: by eq 14), with eq 12 where it is known, else phi_inf."""
+    if "phi_inf" not in p:
+        return None
+    limit = Saturation(p["phi_inf"], p.get("tau1", 0.0), p.get("tau2", 0.0)).at(R)
+    if p.keys() >= {"delta1", "epsilon1", "sigma1", "delta2", "epsilon2", "sigma2"}:
+        speed = p["delta1"], p["epsilon1"], p["sigma1"]
+        cover = p["delta2"], p["epsilon2"], p["sigma2"]
+        flows = [eccentric_flow(d, rho, g, r, phi, speed, cover) for r, phi in zip(R, limit, strict=True)]
+    elif p.keys() >= {"a", "b", "gamma"}:
+        speeds = middle_speed(p["gamma"], R, g)
+        flows = [centred_flow(d, rho, phi, v, r, p["a"], p["b"]) for r, phi, v in zip(R, limit, speeds, strict=True)]
+    else:
+        return None
+    return np.array(flows)
+
+
+def shape_against_position(
+    ratios: Sequence[Ratio], definition: str, comparisons: Sequence[Comparison] = (), source: str = ""
+) -> "Figure":
+    """Tilts and exponents of each point's own profiles (eqs 16, 17) against s*, with standard errors over seeds.
+
+    Lines: limit - depth e^{-rate s*} with its 95 % bands, fitted to the points of each panel; dots: the reference's.
+    """
+    from matplotlib.figure import Figure
+
+    with house():
+        figure = Figure(figsize=(PAGE, 122 * MILLIMETRE))
+        axes = figure.subplots(2, 2, sharex=True).flatten()
+        for ax, (name, found) in zip(axes, approaches(ratios, definition).items(), strict=True):
+            groups = [display.label(result.at, {GAP}) for result in found.of]
+            order = list(dict.fromkeys(groups))
+            for place, parameter, group in zip(found.places, found.parameters, groups, strict=True):
+                style = {**look(order.index(group)), "linestyle": "none", "markersize": 3.5}
+                error = parameter.error if math.isfinite(parameter.error) else 0.0
+                label = group if group not in ax.get_legend_handles_labels()[1] else None
+                ax.errorbar(place, parameter.value, yerr=error, label=label, **style)
+            if found.approach is not None:
+                _draw_approach(ax, found.approach)
+            theirs = {c.quantity.rpartition(".")[2]: c.reference for c in comparisons
+                      if c.quantity.rpartition(".")[0] == f"{definition}.{name}"}  # fmt: skip
+            if theirs.keys() >= set(TERMS):
+                _their_approach(ax, theirs, source)
+            ax.set_ylabel(display.quantity(f"{definition}.{name}").name.partition(" ")[0])
+        handles: dict = {}
+        for ax in axes:
+            handles |= {text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)}
+        for ax in axes[2:]:
+            ax.set_xlabel("distance from the wall, $s^* = 2s/(L-D)$")
+        figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=4)
+        figure.align_ylabels()
+    return figure
+
+
+_PLACES = np.linspace(0, 1, 400)
+
+
+def _draw_approach(ax: "Axes", law: Approach) -> None:
+    value = law.at(_PLACES)
+    ax.plot(_PLACES, value, color=COLOURS[1], zorder=1)
+    if not all(map(math.isfinite, law.errors)):
+        ax.set_title("rate of the approach: not determined")
+        return
+    halves = (law.half_width(_PLACES), law.half_width(_PLACES, new_point=True))
+    law_band, point_band = ((value - half, value + half) for half in halves)
+    band(ax, _PLACES, law_band, point_band, COLOURS[1])
+    limit, depth, rate = (
+        display.with_error(value, error)
+        for value, error in zip((law.limit, law.depth, law.rate), law.errors, strict=True)
+    )
+    ax.set_title(f"{limit} − ({depth}) exp(−({rate}) s*)")
+
+
+def _their_approach(ax: "Axes", theirs: Mapping[str, float], source: str) -> None:
+    curve = approach_at(_PLACES, *(theirs[name] for name in TERMS))
+    ax.plot(_PLACES, curve, color=INK, linestyle=":", linewidth=1.2, zorder=3, label=verbatim(source))
+
+
+def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
+    """W(angle)/W(90 deg) of every outlet with 95 % intervals, and the angle factors of Brown and of Rose and Tanaka;
+    below, how far the points lie from each.
+    """
+    from matplotlib.figure import Figure
+
+    laws = angle_laws(ratios[0].result)
+    low = min(one.at for one in ratios)
+    angles = np.linspace(0.9 * low, math.pi / 2, 200)
+    with house():
+        figure = Figure(figsize=(COLUMN, (66 + 26 * len(laws)) * MILLIMETRE))
+        axes = figure.subplots(1 + len(laws), 1, sharex=True, height_ratios=(2.6, *[1] * len(laws)))
+        for law, below, dash in zip(laws, axes[1:], DASHES, strict=False):
+            axes[0].plot(
+                np.degrees(angles), [law.factor(a) for a in angles], color=INK, linestyle=dash, label=mathtext(law.name)
+            )
+            below.axhline(0, color=INK, linestyle=dash, linewidth=0.8, zorder=0)
+            _points(below, ratios, ANGLE, math.degrees, lambda one, law=law: law.factor(one.at))
+            below.set_ylabel(f"from {law.name.partition(',')[0]} [%]", fontsize=6.5)
+        _points(axes[0], ratios, ANGLE, math.degrees)
+        axes[-1].set_xlabel("angle of the bottom from the vertical, α [deg]")
+        axes[0].set_ylabel("$W(α) / W(90°)$")
+        axes[0].legend(loc="upper right")
+        figure.align_ylabels()
+    return figure
+
+
+def flow_against_position(
+    ratios: Sequence[Ratio], comparisons: Sequence[Comparison] = (), source: str = ""
+) -> "Figure":
+    """W over that of an outlet in the middle against s*, with 95 % intervals; diamonds: the reference's values."""
+    from matplotlib.figure import Figure
+
+    with house():
+        figure = Figure(figsize=(PAGE * 0.75, 72 * MILLIMETRE))
+        ax = figure.subplots()
+        _points(ax, ratios, GAP, float)
+        places = {tuple(one.result.at.items()): one.at for one in ratios}
+        theirs = [c for c in comparisons if c.quantity in RATIOS and tuple(c.at.items()) in places]
+        if theirs:
+            x = [places[tuple(c.at.items())] for c in theirs]
+            style = {"marker": "D", "markersize": 6, "markerfacecolor": "none", "linestyle": "none", "zorder": 4}
+            ax.plot(x, [c.reference for c in theirs], color=INK, label=verbatim(source), **style)
+        ax.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
+        ax.set_ylim(*_range(ratios))
+        ax.set_xlabel("distance from the wall, $s^* = 2s/(L-D)$")
+        ax.set_ylabel("$W / W$ in the middle")
+        figure.legend(loc="outside right upper")
+    return figure
+
+
+def _range(ratios: Sequence[Ratio]) -> tuple[float, float]:
+    """Of all values, with their intervals but for those so wide that nothing else would be seen."""
+    values = [one.value for one in ratios]
+    wide = 0.5 * (max(values) - min(values)) or 0.1
+    low = min(max(one.low, one.value - wide) for one in ratios)
+    high = max(min(one.high, one.value + wide) for one in ratios)
+    return low - 0.05 * (high - low), high + 0.05 * (high - low)
+
+
+def _points(
+    ax: "Axes",
+    ratios: Sequence[Ratio],
+    key: str,
+    scale: Callable[[float], float],
+    law: Callable[[Ratio], float] | None = None,
+) -> None:
+    """Ratios, an outlet a colour; given a `law`, their distance from it in percent. Side by side where they fall
+    together.
+    """
+    groups = list(dict.fromkeys(display.label(one.result.at, {key}) for one in ratios))
+    span = float(np.ptp([scale(one.at) for one in ratios])) or 1.0
+    for place, group in enumerate(groups):
+        mine = sorted((one for one in ratios if display.label(one.result.at, {key}) == group), key=lambda one: one.at)
+        offset = 0.005 * span * (place - (len(groups) - 1) / 2)
+        style = {**look(place), "linestyle": "none", "markersize": 3.5}
+        x, y, bars = [], [], []
+        for one in mine:
+            over = law(one) if law else 1.0
+            part = 100 / over if law else 1.0
+            x.append(scale(one.at) + offset)
+            y.append((one.value - (over if law else 0.0)) * part)
+            ends = [one.value - one.low, one.high - one.value]
+            bars.append([end * part if math.isfinite(end) else 0.0 for end in ends])
+        ax.errorbar(x, y, yerr=np.transpose(bars), label=group, **style)

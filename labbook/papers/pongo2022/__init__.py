@@ -1,0 +1,84 @@
+"""The rotating bottom of Pongo et al., New Journal of Physics 24 (2022) 103036: flow and fields against frequency."""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+
+from labbook.papers import Draw, Paper
+from labbook.papers.pongo2022 import figures, pages
+from labbook.papers.pongo2022.rotation import rotations_of
+from labbook.papers.pongo2022.statements import FEATURES, TURNING, judged
+from labbook.report.blocks import Section
+from labbook.results.paper import Row
+from labbook.results.points import PointResult
+from labbook.results.statements import Judged
+from labbook.results.study import Results
+from labbook.study import Statement
+from labbook.study.paper import Asked, Wrong, none_such
+from labbook.study.problems import instead, shown
+
+
+class Pongo2022(Paper):
+    """Points that differ in `container.rotation` only, over the one at rest; statements on `rotation.QUANTITY`."""
+
+    name = "pongo2022"
+    heads = (TURNING,)
+    columns: ClassVar = {"rotation": dict.fromkeys(("ratio", "error", "low", "high"), "")}
+
+    def unit(self, quantity: str, asked: Asked) -> str | Wrong | None:
+        """Ratios have none, but for the frequency of a minimum."""
+        head, _, tail = quantity.partition(".")
+        name, _, feature = tail.partition(".")
+        if head != TURNING:
+            return None
+        if not asked.stated:
+            return Wrong("what turning does is stated, not given as a number", "write `from` and `to` and `says`")
+        if feature and feature not in FEATURES:
+            return Wrong(f"a curve has no {shown(feature)}", instead(feature, FEATURES))
+        if not any(hasattr(scene.container, "rotation") for scene in asked.scenes):
+            return Wrong("this container has no rotation", "leave it out, or use a cylinder-silo")
+        if name not in asked.units:
+            return none_such(quantity, [f"{TURNING}.{one}" for one in asked.units])
+        return "Hz" if feature == "minimum" else ""
+
+    def judged(self, results: Results, statement: Statement) -> Sequence[Judged] | None:
+        if statement.quantity.partition(".")[0] != TURNING:
+            return None
+        return judged(statement, rotations_of(results))
+
+    def frames(self, results: Results) -> Mapping[str, Iterable[Row]]:
+        """`rotation`: a row a point and quantity, the ratio to the bottom at rest."""
+        return {"rotation": _rows(results)}
+
+    def sections(self, results: Results, folder: Path) -> Sequence[Section]:
+        return pages.turning_sections(results, folder)
+
+    def figures(self, results: Results) -> Mapping[str, Draw]:
+        found: dict[str, Draw] = {}
+        if curves := rotations_of(results):
+            found["rotation"] = partial(figures.flow_against_rotation, curves)
+        if scaled := pages.scaled(results):
+            found["scaling"] = partial(figures.flow_scaling, scaled)
+        return found
+
+    def shows_beds_of(self, results: Results) -> Collection[PointResult]:
+        return [one for curve in rotations_of(results) for one in curve.points]
+
+
+def _rows(results: Results) -> Iterator[Row]:
+    """Every quantity over that with the bottom at rest, paired by seeds; intervals have the stated confidence."""
+    for curve in rotations_of(results):
+        for k, result in enumerate(curve.points):
+            for quantity in result.pooled if k else ():
+                ratio = curve.ratio(quantity, k) if _positive(curve.points[0], quantity) else None
+                if ratio is not None:
+                    ends = {"low": ratio.low, "high": ratio.high, "confidence": ratio.confidence}
+                    numbers = {"ratio": ratio.value, "error": ratio.error, **ends, "pairs": ratio.n}
+                    yield {"shape": curve.shape, **result.at, "quantity": quantity, **numbers}
+
+
+def _positive(at_rest, quantity: str) -> bool:
+    """Whether a ratio to the value at rest means anything: a drift or a waiting time may be 0."""
+    pooled = at_rest.pooled.get(quantity)
+    return pooled is not None and pooled.value != 0 and not quantity.startswith("flow_rate_drift")

@@ -1,0 +1,73 @@
+"""What the lab holds of a study, found: replicates pooled, series fitted, the reference compared with."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+from labbook.backend import BackendMissing, load
+from labbook.lab import Catalogue
+from labbook.lab.numbers import numbers
+from labbook.lab.records import Observe
+from labbook.results.numerical import numerical
+from labbook.results.paper import compared, further_fits, judged
+from labbook.results.points import Finished, RunResult, pooled_point, redundant
+from labbook.results.reference import compare
+from labbook.results.series import series_of
+from labbook.results.statements import judge
+from labbook.results.study import Results
+from labbook.run.coverage import finished, unreadable
+from labbook.stats import Measured
+from labbook.study import Study
+
+
+def results_of(
+    study: Study,
+    runs: Sequence[Finished],
+    measured: Mapping[str, Mapping[str, Measured]],
+    problems: Mapping[str, str] | None = None,
+    lost: Sequence[str] = (),
+) -> Results:
+    """Pool replicates, fit series and compare with the study's reference.
+
+    `measured`: numbers by run key and quantity. A run with a problem is left out and reported, after those of which
+    that was known before (`lost`: why).
+    """
+    wrong, unreadable = problems or {}, list(lost)
+    by_point: dict[int, list[RunResult]] = {}
+    for run in sorted(runs, key=lambda run: (run.point.index, run.seed)):
+        if (why := wrong.get(run.run_key)) is not None:
+            unreadable.append(why)
+            continue
+        found = RunResult(run, measured.get(run.run_key, {}), study.measure, study.window)
+        by_point.setdefault(run.point.index, []).append(found)
+    read = [point for point in study.points if by_point.get(point.index)]
+    extra = redundant(study.points)
+    points = tuple(pooled_point(study, point, extra, tuple(by_point[point.index])) for point in read)
+    missing = tuple(point for point in study.points if not by_point.get(point.index))
+    series = series_of(points, study.fit, further_fits())
+    found = Results(study, points, missing, tuple(unreadable), series)
+    own = partial(compared, found)
+    return replace(
+        found,
+        comparisons=compare(study.reference, points, series, own),
+        judged=judge(study.reference, points, series, own, partial(judged, found)),
+        numerical=numerical(study.points, points, study.accuracy.numerics),
+    )
+
+
+def find(
+    study: Study, catalogue: Catalogue, backend: str, progress: Callable[[int], None] = lambda done: None
+) -> Results:
+    """What the lab holds of a study from `backend`; what was not evaluated yet is evaluated now, and kept.
+
+    `progress` is told how many runs are done.
+    """
+    runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
+    observe = Observe(measure=study.measure, start=study.window.start, end=study.window.end)
+    found = numbers(catalogue, runs, observe, progress)
+    results = results_of(study, runs, found.measured, found.problems, lost)
+    try:
+        installed = load(backend).capabilities.cache_version
+    except BackendMissing:  # the lab may be read where its backend is not installed
+        return results
+    return replace(results, stale=frozenset({run.cache_version for run in runs} - {installed}))
