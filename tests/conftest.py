@@ -8,6 +8,7 @@ Hypothesis by itself fails a test whose examples take long, which on a loaded ma
 yet to build its table of characters, says nothing of the test.
 """
 
+import gc
 import os
 import re
 import sys
@@ -70,6 +71,12 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("render"):
             item.add_marker(skip)
+
+
+def pytest_collection_finish():
+    """What was imported to collect tests stays to the end: the garbage collector need not go through it each time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)
