@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from labbook.backend import Backend, Failed, load
+from labbook.backend.machine import hardware
 from labbook.backend.numerics import Numerics
-from labbook.bench.hardware import hardware
 from labbook.filling import place
 from labbook.filling.bed import fastest_points
 from labbook.scene import (

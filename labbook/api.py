@@ -31,12 +31,11 @@ from labbook.results.paper import analyses
 from labbook.results.points import RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
+from labbook.run.advice import cut_short, foresee
 from labbook.run.demand import Conflict
-from labbook.run.foresee import foresee
 from labbook.run.notebook import NotebookBar, counting, in_notebook
 from labbook.run.plan import Plan, Planner
 from labbook.run.progress import Bar
-from labbook.run.reach import cut_short
 from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
 from labbook.run.watch import Unwatched, Watcher
 from labbook.scene.quantities import parse

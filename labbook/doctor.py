@@ -3,14 +3,12 @@
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from labbook import __version__
-from labbook.backend import Backend, BackendMissing, Device, Survey, Surveys, installed, load
+from labbook.backend import Backend, BackendMissing, Device, Survey, Surveys, installed, load, machine
 from labbook.backend.numerics import Numerics
-from labbook.bench.hardware import hardware
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
 from labbook.scene.packing import Packing
 
@@ -71,7 +69,7 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
 
     say: called with what is going on.
     """
-    packages = tuple(Package(name, _version(name), purpose) for name, purpose in PACKAGES.items())
+    packages = tuple(Package(name, found, PACKAGES[name]) for name, found in machine.versions(PACKAGES).items())
     backends: list[BackendHealth] = []
     versions: dict[str, dict[str, str]] = {}
     for name in sorted(installed()):
@@ -85,7 +83,7 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
         if found.versions:
             versions[name] = dict(found.versions)
         backends += _try(backend, {device.alias: _what(device) for device in found.devices}, say)
-    return Examination(__version__, hardware(), packages, tuple(backends), versions)
+    return Examination(__version__, machine.hardware(), packages, tuple(backends), versions)
 
 
 def _reason(error: Exception) -> str:
@@ -94,13 +92,6 @@ def _reason(error: Exception) -> str:
 
 def _what(device: Device) -> str:
     return f"{device.name}, {device.memory / 2**30:.0f} GiB" if device.memory else device.name
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
 
 
 def _try(backend: Backend, here: dict[str, str], say: Callable[[str], None]) -> list[BackendHealth]:

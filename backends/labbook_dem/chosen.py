@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from types import ModuleType
 
-from labbook_dem.describe import LAWS
+from labbook_dem.laws import LAWS
 from labbook_dem.words import coefs, real, vec3
 
 _law: ContextVar[ModuleType] = ContextVar("law")

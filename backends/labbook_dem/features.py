@@ -8,16 +8,33 @@ from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
 from labbook.scene import Scene, SurfaceMotion
-from labbook_dem.describe import LAWS
+from labbook_dem.laws import LAWS
 from labbook_dem.walls import frustum, plane, strip
 
+SWITCHES = (
+    "FRICTION",
+    "ROLLING",
+    "VARIED",
+    "KINDS",
+    "TWIST",
+    "MOVING",
+    "PLANES",
+    "STRIPS",
+    "FRUSTUMS",
+    "RODS",
+    "OUTLET",
+    "CROSSING",
+    "LEDGER",
+    "ANY_WALLS",
+)
+"""Features that are constants of a generated module."""
 WALL_KINDS = {
     "plane": (0, plane.parameters),
     "strip": (1, strip.parameters),
     "frustum": (2, frustum.parameters),
 }
 WALL_PARTS = {"plane": 2, "strip": 4, "frustum": 4}
-"""Points, its parts, at which a rod may touch one wall (`labbook_dem.parts`)."""
+"""Points, its parts, at which a rod may touch one wall (`labbook_dem.rods`)."""
 FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
 
 
@@ -52,12 +69,22 @@ ALWAYS = ("FRICTION", "ROLLING", "MOVING", "PLANES", "STRIPS", "FRUSTUMS", "ANY_
 """Switches that may be on for a scene that needs nothing of them: coefficients, velocities and lists are empty then."""
 
 
+def switches(spec: Spec) -> tuple[tuple[str, int], ...]:
+    """The constants of a generated module that this Spec needs, by name."""
+    return tuple((name, spec.feature(name)) for name in SWITCHES)
+
+
 def superset(found: Mapping[str, object]) -> dict[str, object]:
     """Features with every switch on that changes no motion, so that scenes of one law and shape share a kernel.
 
     Twist is resisted only where the scene has it so: with rolling friction of zero it makes no difference.
     """
     return {**found, **dict.fromkeys(ALWAYS, True), "TWIST": bool(found["TWIST"] or not found["ROLLING"])}
+
+
+def finest(scene: Scene) -> float:
+    """Diameter [m] of the smallest grains, by which overlaps are judged."""
+    return min(grains.diameter for grains in scene.grains.smallest())
 
 
 def is_rod(scene: Scene) -> bool:

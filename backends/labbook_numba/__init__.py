@@ -44,16 +44,17 @@ class Backend:
 
         Raises Unsupported for a device other than `cpu`.
         """
+        from labbook_dem.features import switches
+
+        from labbook.backend.machine import cores
         from labbook_numba import compiling
-        from labbook_numba.build import SWITCHES, kernels
-        from labbook_numba.domains import cores
+        from labbook_numba.build import kernels
         from labbook_numba.ensemble import Ensemble
 
         if device != "cpu":
             raise Unsupported("device", f"the backend numba runs on cpu, not on {device}")
         compiling.watch()
-        switches = tuple((name, spec.feature(name)) for name in SWITCHES)
-        module = kernels(spec.feature("law"), spec.feature("precision"), switches)
+        module = kernels(spec.feature("law"), spec.feature("precision"), switches(spec))
         many = cores()
         return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many, self._wide)
 

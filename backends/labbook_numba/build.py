@@ -14,10 +14,10 @@ from types import ModuleType
 
 import llvmlite
 import numba
-from labbook_dem import contact, generated, motion, parts, rotation, segments, source
+from labbook_dem import contact, generated, motion, rotation, segments, source
 from labbook_dem import rods as rod_physics
 from labbook_dem import spheres as sphere_physics
-from labbook_dem.describe import LAWS
+from labbook_dem.laws import LAWS
 from labbook_dem.walls import frustum, plane, strip
 
 from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
@@ -29,13 +29,11 @@ from labbook_numba.kernels import (
     move,
     near,
     neighbours,
-    pack,
     pairs,
     rod_observe,
     rod_pairs,
     rod_walls,
     rods,
-    single,
     sphere_observe,
     sphere_pairs,
     sphere_walls,
@@ -46,24 +44,6 @@ from labbook_numba.kernels import (
 )
 from labbook_numba.kernels import features as vocabulary
 
-SWITCHES = (
-    "FRICTION",
-    "ROLLING",
-    "VARIED",
-    "KINDS",
-    "TWIST",
-    "MOVING",
-    "PLANES",
-    "STRIPS",
-    "FRUSTUMS",
-    "RODS",
-    "OUTLET",
-    "CROSSING",
-    "LEDGER",
-    "ANY_WALLS",
-)
-
-
 PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
 SHARED = [
@@ -73,16 +53,14 @@ SHARED = [
     strip,
     frustum,
     sphere_physics,
-    single,
     cells,
     surfaces,
     blocks,
     bodies,
     transfer,
-    pack,
 ]
 OF_SPHERES = [sphere_pairs, sphere_walls, spheres, sphere_observe]
-OF_RODS = [segments, rotation, parts, rod_physics, rod_pairs, rod_walls, rods, rod_observe]
+OF_RODS = [segments, rotation, rod_physics, rod_pairs, rod_walls, rods, rod_observe]
 OF_ALL = [pairs, near, move, neighbours, meet, step]
 
 

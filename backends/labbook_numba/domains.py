@@ -6,7 +6,6 @@ pairs whose first grain is another's (`borrowed`); as both compute the same, bot
 that they have in one thread: how many domains there are is decided beat by beat, and no bit depends on it.
 """
 
-import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +16,7 @@ from types import ModuleType
 import numpy as np
 from labbook_dem.reading import CROSSING_COLUMNS
 
+from labbook.backend.machine import cores
 from labbook.scene.packing import Packing
 from labbook_numba import state as S
 from labbook_numba.state import Params, State
@@ -25,11 +25,6 @@ NEAR_WORK = 2  # work of a near pair, in grains; so that domains take equally lo
 STEP = CROSSING_COLUMNS.index("step")
 LARGE = 50_000
 """Grains from which on a scene may be split; domains have a quarter of that at least."""
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_layers(packing: Packing, d: float) -> Packing:

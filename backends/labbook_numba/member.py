@@ -3,12 +3,10 @@
 from types import ModuleType
 
 import numpy as np
-from labbook_dem.ensemble import Failure, check_checkpoint
+from labbook_dem.ensemble import Failure, check_checkpoint, explain, places
 from labbook_dem.features import is_rod
-from labbook_dem.guards import explain
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.rotation import axes, momenta
-from labbook_dem.springs import places
 
 from labbook.backend import Capabilities, Checkpoint, Status
 from labbook.backend.numerics import Numerics

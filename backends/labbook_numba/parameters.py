@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import inf
 
 from labbook_dem import features
-from labbook_dem.guards import finest
+from labbook_dem.features import finest
 from labbook_dem.rotation import slenderness
 
 from labbook.backend.numerics import Numerics

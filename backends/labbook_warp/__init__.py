@@ -39,7 +39,7 @@ class Backend:
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """Features compiled in. Raises Unsupported."""
-        from labbook_warp.specialise import specialise
+        from labbook_warp.build import specialise
 
         return specialise(self.capabilities, scene, numerics, probes)
 

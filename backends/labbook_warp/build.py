@@ -1,17 +1,21 @@
 """From features to compiled kernels: one generated module per specialisation; Warp caches what it compiles from it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from types import ModuleType
 
 import warp as wp
-from labbook_dem import contact, generated, motion, parts, rotation, segments, source
+from labbook_dem import contact, features, generated, motion, rotation, segments, source
 from labbook_dem import rods as rod_physics
 from labbook_dem import spheres as sphere_physics
-from labbook_dem.describe import LAWS
 from labbook_dem.features import WALL_PARTS
+from labbook_dem.laws import LAWS
 from labbook_dem.walls import frustum, plane, strip
 
+from labbook.backend import Capabilities, Spec, Unsupported
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
+from labbook.scene import Scene
 from labbook_warp import dialect
 from labbook_warp.codec import Codec
 from labbook_warp.kernels import (
@@ -35,29 +39,13 @@ from labbook_warp.kernels import (
     words,
 )
 
-SWITCHES = (
-    "FRICTION",
-    "ROLLING",
-    "VARIED",
-    "KINDS",
-    "TWIST",
-    "MOVING",
-    "PLANES",
-    "STRIPS",
-    "FRUSTUMS",
-    "RODS",
-    "OUTLET",
-    "CROSSING",
-    "LEDGER",
-    "ANY_WALLS",
-)
 STATE = {
     ("mixed", False): mixed,
     ("double", False): double,
     ("mixed", True): mixed_rods,
     ("double", True): double_rods,
 }
-PHYSICS = {False: [sphere_physics], True: [sphere_physics, rod_physics, rotation, segments, parts]}
+PHYSICS = {False: [sphere_physics], True: [sphere_physics, rod_physics, rotation, segments]}
 SHAPE = {False: [spheres], True: [rods, rod_walls, rod_contacts]}
 OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "REPORTED")
 REACH = {False: 1, True: 2}
@@ -123,3 +111,15 @@ def kernels(
     text = module_text(law, precision, dict(switches), uniform, lanes, registers, apart, asked)
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)
+
+
+MOST_CONTACTS = 32  # bits of a mask
+
+
+def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
+    """Features compiled in. Raises Unsupported."""
+    found = features.specialise(capabilities, scene, numerics, probes)
+    walls, most = len(scene.container.walls()), MOST_CONTACTS // most_parts(dict(found.features))
+    if walls > most:
+        raise Unsupported("container", f"the backend {capabilities.name} takes {most} walls, not {walls}")
+    return found

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import warp as wp
 from labbook_dem import ensemble
-from labbook_dem.guards import explain
+from labbook_dem.ensemble import explain
 from labbook_dem.reading import read
 
 from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Spec, Status
@@ -12,10 +12,10 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
+from labbook_warp.build import specialise
 from labbook_warp.kernels.words import NO_FAILURE
 from labbook_warp.reading import Seen
 from labbook_warp.run import Run
-from labbook_warp.specialise import specialise
 from labbook_warp.stage import Stage
 from labbook_warp.stored import check
 from labbook_warp.traffic import weigh

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from labbook_dem import features
 from labbook_dem.contact import rolling_rate
-from labbook_dem.describe import LAWS
-from labbook_dem.guards import finest
+from labbook_dem.features import finest
+from labbook_dem.laws import LAWS
 from labbook_dem.rotation import slenderness
 
 from labbook.backend.numerics import Numerics

@@ -5,12 +5,13 @@ from dataclasses import replace
 from types import ModuleType
 
 import warp as wp
+from labbook_dem.features import switches
 
 from labbook.backend import Overflow, Spec
 from labbook.backend.probes import Contacts, Crossing
 from labbook.scene import Scene
 from labbook_warp import devices
-from labbook_warp.build import SWITCHES, kernels, most_parts
+from labbook_warp.build import kernels, most_parts
 from labbook_warp.layout import Sizes, memory
 from labbook_warp.parameters import most_cells
 from labbook_warp.run import Run
@@ -78,13 +79,12 @@ def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:
         most = REGISTERS_OF_RODS[precision]
     else:
         most = REGISTERS[precision] + ROUND_WALLS[precision] * spec.feature("FRUSTUMS")
-    switches = tuple((name, spec.feature(name)) for name in SWITCHES)
     # one launch more a step would cost more than it saves where grains are few, or walls are quickly met
     apart = WALLS_OF_RODS[precision] if many and sizes.rods and spec.feature("ANY_WALLS") else 0
     far = sizes.rows * BYTES[sizes.rods] > CACHE
     asked = ASKED[sizes.rods] if many and far and spec.feature("FRICTION") else 0
     assert not asked or asked + 2 <= sizes.near, "lines are asked for whether lists are as long or not"
-    return kernels(law, precision, switches, uniform, lanes, most, apart=apart, asked=asked)
+    return kernels(law, precision, switches(spec), uniform, lanes, most, apart=apart, asked=asked)
 
 
 def lanes(sizes: Sizes, device: wp.Device, asked: int | None) -> int:

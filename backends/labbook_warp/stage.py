@@ -1,5 +1,6 @@
 """The slots of an ensemble: members get their seats, in larger arrays if need be, and take beats."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -8,6 +9,8 @@ import warp as wp
 from labbook_dem import features
 
 from labbook.backend import Capabilities, Checkpoint, Spec
+from labbook.backend.numerics import Numerics
+from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook_warp import room, transfer
 from labbook_warp.arrays import Arrays, fetch
@@ -16,7 +19,10 @@ from labbook_warp.layout import Sizes
 from labbook_warp.parameters import cell_size, material, place, same_material
 from labbook_warp.report import Report, collect
 from labbook_warp.run import Run
-from labbook_warp.specialise import LONGEST_CHECK, OFTENEST, check_interval
+
+LONGEST_CHECK, OFTENEST = 50, 1
+"""Steps between two checks of displacements, at most and at least: a check costs about a step, and decides nothing
+about the motion."""
 
 
 class Stage:
@@ -230,3 +236,11 @@ class Stage:
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
         state = transfer.checkpoint(self.arrays, run.slot, run.rows, run.past_work)
         return Checkpoint(self._can.name, self._can.cache_version, state | numbers)
+
+
+def check_interval(scene: Scene, numerics: Numerics) -> int:
+    """Steps between two checks, even: a grain that falls through three diameters moves by a tenth of the skin."""
+    d = scene.grains.diameter
+    speed = math.sqrt(6 * scene.gravity * d) or d / (1000 * numerics.dt)
+    steps = int(0.1 * numerics.skin * d / (speed * numerics.dt))
+    return max(OFTENEST, min(LONGEST_CHECK, 2 * (steps // 2)))

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from labbook_dem.ensemble import places
 from labbook_dem.features import is_rod
 from labbook_dem.rotation import momenta, spins
-from labbook_dem.springs import places
 
 from labbook.backend import Checkpoint
 from labbook.scene import Bodies, Packing, Scene

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Grains, Spheres
-from labbook.scene.canonical import canonical
+from labbook.scene.model import canonical
 
 Table = Mapping[str, np.ndarray]
 """Columns of equal length by name; `member`, `step` and `time` [s] are always among them."""

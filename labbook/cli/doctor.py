@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.lab import saying
+from labbook.cli.screen import saying
 
 
 def register(app: typer.Typer) -> None:

@@ -5,8 +5,7 @@ import sys
 import typer
 
 from labbook.cli.options import BACKEND, LAB, AsJson, Backend, Lab, StudyFile, results
-from labbook.cli.screen import screen
-from labbook.cli.tables import print_table
+from labbook.cli.screen import print_table, screen
 
 
 def register(app: typer.Typer) -> None:

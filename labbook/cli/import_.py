@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.lab import ticking
 from labbook.cli.options import LAB, Lab, fail
-from labbook.cli.screen import say
+from labbook.cli.screen import say, ticking
 
 Source = Annotated[Path, typer.Argument(help="Another lab folder.", metavar="FOLDER", show_default=False)]
 

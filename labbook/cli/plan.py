@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from labbook.cli.lab import Device
-from labbook.cli.options import BACKEND, LAB, AsJson, Lab, RunsOn, StudyFile, fail, read_study
+from labbook.cli.options import BACKEND, LAB, AsJson, Device, Lab, RunsOn, StudyFile, fail, read_study
 from labbook.cli.screen import screen
 
 if TYPE_CHECKING:
@@ -35,8 +34,8 @@ def register(app: typer.Typer) -> None:
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
         from labbook.measure import MeasureError
+        from labbook.run.advice import TooLarge
         from labbook.run.demand import Conflict
-        from labbook.run.foresee import TooLarge
 
         asked = read_study(study)
         try:
@@ -50,12 +49,12 @@ def register(app: typer.Typer) -> None:
             shown = {**plain(made, made.forecast), "warnings": list(made.warnings)}
             typer.echo(json.dumps(shown, indent=2, allow_nan=False))
         else:
-            _show(made, made.forecast)
+            _show(made)
 
 
 def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
     """The plan as plain values."""
-    from labbook.run.outline import outline
+    from labbook.run.forecast import outline
 
     return {
         "study": plan.study.name,
@@ -105,14 +104,14 @@ def spans(seeds: Iterable[int]) -> str:
     return ", ".join("-".join(map(str, span)) for span in found)
 
 
-def _show(plan: "Plan", ahead: "Forecast") -> None:
+def _show(plan: "Plan") -> None:
     from collections import defaultdict
 
     from rich import box
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.run.outline import outline
+    from labbook.run.forecast import outline
     from labbook.run.progress import size
 
     console = screen(highlight=False)
@@ -148,7 +147,7 @@ def _physics(plan: "Plan") -> "Table":
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.run.outline import outline
+    from labbook.run.forecast import outline
 
     rods = any(point.shared.scene.grains.half_length > 0 for point in plan.points)
     ratio = "D/L" if rods else "D/d"

@@ -2,9 +2,8 @@
 
 import typer
 
-from labbook.cli.lab import ticking
 from labbook.cli.options import LAB, Lab, fail
-from labbook.cli.screen import say
+from labbook.cli.screen import say, ticking
 
 
 def register(app: typer.Typer) -> None:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from labbook.cli.lab import Device
-from labbook.cli.options import BACKEND, GO_ON, LAB, STOPPED, Lab, RunsOn, StudyFile, fail, leave, read_study
+from labbook.cli.options import BACKEND, GO_ON, LAB, STOPPED, Device, Lab, RunsOn, StudyFile, fail, leave, read_study
 from labbook.cli.screen import screen
 
 if TYPE_CHECKING:

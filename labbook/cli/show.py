@@ -27,7 +27,7 @@ def register(app: typer.Typer) -> None:
             fail(f"several runs begin with {run}: {', '.join(key[:12] for key in found)}; give more of the key")
         folder = catalogue.lab.run(found[0])
         record, _ = open_run(folder)
-        measured = catalogue.measurements([record.run_key])
+        measured = catalogue.measurements(record.run_key)
         if as_json:
             rows = json.loads(measured.to_json(orient="records") or "[]")
             whole = {"folder": str(folder), "run": record.model_dump(mode="json"), "measurements": rows}

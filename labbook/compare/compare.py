@@ -1,34 +1,37 @@
-"""Comparing two backends on a study, from missing runs to the verdict."""
+"""Comparing two backends on a study, from missing runs to the verdict; and whether a verdict still holds."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
 from dataclasses import replace
+from statistics import median
 
-from labbook.compare.carry import Session, carry_out
-from labbook.compare.contrast import ALPHA, OF_RUNS, UNITS, USED, contrast, of_runs, packing_fractions
-from labbook.compare.cost import cost
-from labbook.compare.divergence import divergence
-from labbook.compare.pair import Contestant, Pair
-from labbook.compare.verdict import Contrast, Divergence, Entrant, NoVerdict, PointVerdict, Verdict, folder_of, stem
-from labbook.lab.folder import Lab
+from labbook.backend import BackendMissing, load
+from labbook.compare.contrast import ALPHA, COMPARED, contrast, of_packings, of_runs
+from labbook.compare.lockstep import divergence
+from labbook.compare.sides import CannotCompare, Pair, Side, from_shared
+from labbook.compare.verdict import Cost, NoVerdict, PointVerdict, Verdict, path_of
+from labbook.lab import Catalogue, FinishedRun
+from labbook.lab.evaluations import numbers
+from labbook.lab.folder import Lab, stamp
+from labbook.lab.records import Observe
 from labbook.measure import MEASURES
-from labbook.run.demand import Demand, PointDemand
+from labbook.run.plan import Planner, PointPlan
 from labbook.run.provenance import now
-from labbook.run.watch import Watcher
-from labbook.study import Point, Study
+from labbook.run.runner import Runner, Summary
+from labbook.run.watch import Unwatched, Watcher
+from labbook.study import Study
 from labbook.study.schema import Accuracy
 
-SEED = 1
-"""The packing from which backends are followed side by side."""
 
-Say = Callable[[str], None]
-RunKeys = tuple[tuple[str, ...], tuple[str, ...]]
+class Stopped(Exception):
+    """The runner was asked to stop; everything is saved. `left_behind` as in its Summary."""
 
-
-class CannotCompare(Exception):
-    """What is asked cannot be compared; the message says why and what to do."""
+    def __init__(self, *, left_behind: bool = False):
+        super().__init__()
+        self.left_behind = left_behind
 
 
-def narrowed(study: Study, points: tuple[int, ...] = (), replicates: int | None = None) -> Study:
+def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = None) -> Study:
     """`study` with only the points at these places (from 0; none: all), and a number of replicates fixed beforehand.
 
     A test wants a number of replicates that does not depend on their values. Raises CannotCompare for a point that is
@@ -45,118 +48,144 @@ def narrowed(study: Study, points: tuple[int, ...] = (), replicates: int | None 
 
 
 def compare(
-    study: Study, lab: Lab, pair: Pair, margin: float, watcher: Watcher | None = None, say: Say = lambda _: None
+    study: Study,
+    lab: Lab,
+    pair: Pair,
+    margin: float,
+    watcher: Watcher | None = None,
+    say: Callable[[str], None] = lambda _: None,
 ) -> tuple[Verdict, list[str]]:
     """Run what is missing and compare; the verdict is kept in the lab. Also what failed, in words.
 
     `study` as `narrowed` gives it. Raises Stopped; Unsupported, Conflict or MeasureError before anything runs;
     DiskFull; Unreadable.
     """
-    for one in pair:  # before hours of the other backend's work
-        say(f"opening {one.name} on {one.device}")
-        shared = PointDemand(study, one.at(study.points[0]))
-        one.try_out(shared, shared.probes)
-    before = _before(study, lab, pair)
-    say("running what is missing")
-    sessions = carry_out(study, lab, pair, watcher)
+    entrants = pair[0].entrant, pair[1].entrant
+    for one, shared in zip(pair, from_shared(study, study.points[0], pair), strict=True):
+        say(f"opening {one.entrant.called} on {one.device}")  # before hours of the other backend's work
+        one.backend.open(one.backend.specialise(shared.scene, shared.numerics, shared.probes), 1, one.device).close()
+    path = path_of(lab, study.name, *(one.called for one in entrants))
+    before = None
+    with suppress(NoVerdict):
+        before = Verdict.read(path)
+    if before and before.entrants != entrants:  # other versions, or on other devices
+        before = None
     known = {point.divergence.key: point.divergence for point in before.points if point.divergence} if before else {}
+    say("running what is missing")
+    sessions = _run(study, lab, pair, watcher or Unwatched())
+    measures = tuple(name for name in COMPARED if name in ("flow_rate", *study.measure))
     points = []
-    for point in study.points:
-        say(f"comparing at {point.label or 'the only point'}")
-        points.append(_point(study, point, lab, pair, margin, known))
+    with closing(Catalogue(lab)) as catalogue:
+        runs, own = (
+            [Planner(one.of(study), catalogue, one.can, of).plan().points for one in pair]
+            for of in (pair[0].packings(study), None)
+        )
+        observe = Observe(measure=measures, start=study.window.start, end=study.window.end)
+        done = [_finished(lab, one, plans) for one, plans in zip(pair, runs, strict=True)]
+        found = numbers(catalogue, [*done[0], *done[1]], observe)
+        for point, a, b, *packed in zip(study.points, *runs, *own, strict=True):
+            say(f"comparing at {point.label or 'the only point'}")
+            contrasts = [
+                contrast(name, of_runs(a, found, of, name), of_runs(b, found, of, name), margin, paired=True)
+                for of in measures
+                for name in COMPARED[of]
+            ]
+            first, second = (of_packings(plan, catalogue) for plan in packed)
+            contrasts.append(contrast("packing_fraction", first, second, margin, paired=False))
+            demands = a.items[0].demand, b.items[0].demand
+            made = PointVerdict(
+                index=point.index,
+                label=point.label,
+                runs=(tuple(item.keys.run for item in a.items), tuple(item.keys.run for item in b.items)),
+                contrasts=tuple(contrasts),
+                divergence=divergence(pair, demands, lab, known) if a.items[0].packed else None,
+            )
+            points.append(made)
+    earlier = before.costs if before else (None, None)
     verdict = Verdict(
         study=study.name,
         made=now(),
-        entrants=entrants(pair),
-        measures={name: MEASURES[name].version for name in dict.fromkeys((*USED, *_measures(study)))},
+        entrants=entrants,
+        measures={name: MEASURES[name].version for name in (measures[0], "packing", *measures[1:])},
         margin=margin,
         alpha=ALPHA,
         replicates=study.replicates,
         points=tuple(points),
-        costs=(_cost(0, lab, pair, points, sessions, before), _cost(1, lab, pair, points, sessions, before)),
+        costs=(
+            _cost(entrants[0].called, done[0], sessions[:1], earlier[0]),
+            _cost(entrants[1].called, done[1], sessions[1:], earlier[1]),
+        ),
     )
-    verdict.write(folder_of(lab, study.name))
+    verdict.write(path)
     return verdict, [why for session in sessions for why in session.failed]
 
 
-def entrants(pair: Pair) -> tuple[Entrant, Entrant]:
-    """The backends of a pair as a verdict names them."""
-    first, second = (
-        Entrant(name=one.can.name, cache_version=one.can.cache_version, device=one.device, precision=one.precision)
-        for one in pair
-    )
-    return first, second
-
-
-def run_keys(study: Study, point: Point, pair: Pair, replicates: int) -> RunKeys:
-    """Keys of both backends' runs of a point, from the first one's packings, by seed."""
-    first, second = (
-        tuple(demand.keys(one.can).run for demand in demands(study, point, pair, one, replicates)) for one in pair
-    )
-    return first, second
-
-
-def demands(study: Study, point: Point, pair: Pair, one: Contestant, replicates: int) -> list[Demand]:
-    """The runs of a point on one side of the pair, all from the first side's packings."""
-    shared = PointDemand(study, one.at(point), packings_of=pair[0].packings(study))
-    return [shared.run(seed) for seed in range(1, replicates + 1)]
-
-
-def _point(
-    study: Study, point: Point, lab: Lab, pair: Pair, margin: float, known: dict[str, Divergence]
-) -> PointVerdict:
-    runs = run_keys(study, point, pair, study.replicates)
-    first, second = (demands(study, point, pair, one, SEED)[-1] for one in pair)
-    packed = lab.packing(first.keys(pair[0].can).packing).is_dir()
-    return PointVerdict(
-        index=point.index,
-        label=point.label,
-        runs=runs,
-        contrasts=(*_flow(study, lab, runs, margin), _packing(study, point, lab, pair, margin)),
-        divergence=divergence(pair, (first, second), lab, known) if packed else None,
-    )
-
-
-def _measures(study: Study) -> list[str]:
-    return [name for name in OF_RUNS if name in ("flow_rate", *study.measure)]
-
-
-def _flow(study: Study, lab: Lab, runs: RunKeys, margin: float) -> Iterator[Contrast]:
-    """Flow rates and what the study measures at the outlet, from the same packings, seed by seed."""
-    for measure in _measures(study):
-        for quantity in OF_RUNS[measure]:
-            first, second = (of_runs(lab, dict(enumerate(keys, 1)), study.window, measure, quantity) for keys in runs)
-            yield contrast(quantity, UNITS.get(quantity, ""), first, second, margin, paired=True)
-
-
-def _packing(study: Study, point: Point, lab: Lab, pair: Pair, margin: float) -> Contrast:
-    """Packing fractions of each backend's own packings."""
-    found = []
-    for one in pair:
-        shared = PointDemand(study, one.at(point))
-        packings = {seed: shared.run(seed).keys(one.can).packing for seed in range(1, study.replicates + 1)}
-        found.append(packing_fractions(lab, point.scene, packings))
-    first, second = found
-    return contrast("packing_fraction", "", first, second, margin, paired=False)
-
-
-def _cost(
-    which: int,
-    lab: Lab,
-    pair: Pair,
-    points: list[PointVerdict],
-    sessions: tuple[Session, Session],
-    before: Verdict | None,
-):
-    runs = [key for point in points for key in point.runs[which]]
-    earlier = before.costs[which] if before else None
-    return cost(lab, pair[which].name, runs, sessions[which], earlier)
-
-
-def _before(study: Study, lab: Lab, pair: Pair) -> Verdict | None:
-    """The last verdict on the same versions of the backends, on the same devices."""
+def stale(verdict: Verdict, study: Study) -> list[str]:
+    """Why `verdict` is out of date, in words; nothing if it holds. `study` as its file has it now."""
+    reasons, sides = [], []
+    versions = [(f"the measure {name}", was, MEASURES[name].version) for name, was in verdict.measures.items()]
+    for entrant in reversed(verdict.entrants):
+        try:
+            sides.insert(0, Side(load(entrant.name), entrant.device, entrant.precision))
+            versions.insert(0, (entrant.name, entrant.cache_version, sides[0].can.cache_version))
+        except BackendMissing as problem:
+            reasons.insert(0, f"whether {entrant.name} has changed cannot be told: {problem}")
+    reasons += [f"{name} was at version {was} and is at {now}" for name, was, now in versions if was != now]
+    if reasons:
+        return reasons
+    seeds, now = range(1, verdict.replicates + 1), set()
     try:
-        verdict = Verdict.read(folder_of(lab, study.name) / f"{stem(pair[0].name, pair[1].name)}.json")
-    except NoVerdict:
-        return None
-    return verdict if verdict.entrants == entrants(pair) else None
+        for point in study.points:
+            both = zip(sides, from_shared(study, point, (sides[0], sides[1])), strict=True)
+            now.add(tuple(tuple(shared.run(seed).keys(one.can).run for seed in seeds) for one, shared in both))
+    except CannotCompare as problem:
+        return [str(problem)]
+    changed = [point.label or "its point" for point in verdict.points if point.runs not in now]
+    return [f"the study has changed at {'; '.join(changed)}"] if changed else []
+
+
+def _run(study: Study, lab: Lab, pair: Pair, watcher: Watcher) -> list[Summary]:
+    """Run what is missing: the first backend's runs, the second's from the same packings, and its own packings."""
+    first, second = pair
+    sessions = []
+    for one, of, packings_only in (
+        (first, None, False),
+        (second, first.packings(study), False),
+        (second, None, True),
+    ):
+        runner = Runner(one.of(study), lab, one.backend, one.device, watcher=watcher)
+        sessions.append(replace(runner, packings_of=of, packings_only=packings_only).run())
+        if sessions[-1].stopped:
+            raise Stopped(left_behind=sessions[-1].left_behind)
+    return sessions
+
+
+def _finished(lab: Lab, one: Side, plans: Sequence[PointPlan]) -> list[FinishedRun]:
+    """The runs that are there; one that several points share comes once."""
+    done = {item.keys.run: item for plan in plans for item in plan.items if item.state == "done"}
+    version, found = one.can.cache_version, []
+    for key, item in done.items():
+        folder, outcome = lab.run(key), item.outcome or ""
+        found.append(FinishedRun(item.demand.point, item.demand.seed, key, folder, outcome, stamp(folder), version))
+    return found
+
+
+def _cost(backend: str, runs: Sequence[FinishedRun], sessions: Sequence[Summary], before: Cost | None) -> Cost:
+    """What runs took. `before`: what an earlier comparison by the same backend found; its session counts if nothing had
+    to be run now."""
+    records = [run.record for run in runs]
+    rates = [record.rate for record in records if record.rate == record.rate]
+    worked = [session for session in sessions if session.work_done]
+    wall = sum(session.wall_time for session in worked)
+    session = (wall, sum(session.work_done for session in worked) / wall) if worked else (None, None)
+    if before and not worked:
+        session = before.session_wall, before.session_rate
+    return Cost(
+        backend=backend,
+        devices=tuple(sorted({record.device for record in records})),
+        runs=len(records),
+        wall_time=sum(record.wall_time for record in records),
+        rate=median(rates) if rates else None,
+        session_wall=session[0],
+        session_rate=session[1],
+    )

@@ -1,4 +1,4 @@
-"""What came of a comparison: kept in the lab as one JSON file for a study and a pair of backends."""
+"""What came of a comparison: one JSON file in the lab for a study and two backends, which tables and figure show."""
 
 from pathlib import Path
 from typing import Literal, Self
@@ -6,7 +6,6 @@ from typing import Literal, Self
 from pydantic import ValidationError
 
 from labbook.backend.numerics import Precision
-from labbook.compare.pair import called
 from labbook.lab.folder import Lab, write_bytes
 from labbook.lab.records import Part, StoredBackend
 
@@ -20,13 +19,12 @@ class NoVerdict(Exception):
 
 
 class Entrant(Part):
-    """A backend as it was compared."""
+    """A backend as it was compared. `precision`: the one that it was compared in; None: that of the study."""
 
     name: str
     cache_version: int
     device: str
     precision: Precision | None = None
-    """The one that it was compared in; None: that of the study."""
 
     @property
     def called(self) -> str:
@@ -94,26 +92,23 @@ class Cost(Part):
 
 
 class PointVerdict(Part):
-    """One point of the study."""
+    """One point of the study. `runs`: keys of both backends' runs, from the first one's packings, by seed."""
 
     index: int
     label: str
     runs: tuple[tuple[str, ...], tuple[str, ...]]
-    """Keys of both backends' runs, from the first one's packings, by seed."""
     contrasts: tuple[Contrast, ...]
     divergence: Divergence | None
 
 
 class Verdict(Part):
-    """A comparison of two backends on a study."""
+    """A comparison of two backends on a study. `made`: UTC, ISO 8601; `measures`: versions of what it rests on."""
 
     format: Literal[1] = 1
     study: str
     made: str
-    """UTC, ISO 8601."""
     entrants: tuple[Entrant, Entrant]
     measures: dict[str, int]
-    """Versions of the measures that numbers rest on."""
     margin: float
     alpha: float
     replicates: int
@@ -128,12 +123,10 @@ class Verdict(Part):
             return "different"
         return "equivalent" if found == {"equivalent"} else "undecided"
 
-    def write(self, folder: Path) -> Path:
-        """Write into `folder`, as a whole."""
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{stem(*(entrant.called for entrant in self.entrants))}.json"
+    def write(self, path: Path) -> None:
+        """Write the file, as a whole."""
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, self.as_stored())
-        return path
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -146,11 +139,11 @@ class Verdict(Part):
             raise NoVerdict(f"{path} cannot be read ({type(error).__name__}): compare the backends again") from error
 
 
-def folder_of(lab: Lab, study: str) -> Path:
-    """Where verdicts on a study are kept."""
-    return lab.folder / "compare" / study
+def path_of(lab: Lab, study: str, first: str, second: str) -> Path:
+    """Where the verdict on a study is kept; `first`, `second`: what the sides are called."""
+    return lab.folder / "compare" / study / f"{first}-{second}.json"
 
 
-def stem(first: str, second: str) -> str:
-    """Name, without ending, of the files of a pair of backends."""
-    return f"{first}-{second}"
+def called(backend: str, precision: Precision | None) -> str:
+    """What a side is called: its backend's name, with its precision where that is not the study's."""
+    return f"{backend}-{precision}" if precision else backend

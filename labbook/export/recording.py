@@ -7,9 +7,10 @@ rerun is imported only here and in `labbook.export.viewer`, and only when a reco
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -114,22 +115,34 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
         shown.append(shown[-1].empty(data.duration))  # or the last grains would be seen until the end
     rr = need_rerun()
     fastest = top_speed(data.scene, shown)
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    stream = rr.RecordingStream("labbook", recording_id=recording_id(run_key))
-    try:
-        views = above_bar(front_view(data.scene, shown, name=name), data.scene, _flow_rate_views(data))
-        stream.save(partial, default_blueprint=resting(views))
-        stream.send_recording_name(name)
+    views = front_view(data.scene, shown, name=name)
+    with written(path, name, recording_id(run_key), data.scene, views, _flow_rate_views(data)) as stream:
         log_grains(stream, "", data.scene, data.start, shown, fastest)
         log_bar(stream, data.scene, fastest)
         _send_flow_rate(rr, stream, data)
+    return path
+
+
+@contextmanager
+def written(path: Path, name: str, identity: str, scene: Scene, grains, below: Sequence = ()) -> Iterator[Any]:
+    """A stream of rerun to send to, which then is put in place as `path` (.rrd) by one rename.
+
+    `name` is shown in the viewer, with the view `grains` above the bar of its colours and other views below that;
+    `identity`: what the recording calls itself. Raises ViewerMissing.
+    """
+    rr = need_rerun()
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stream = rr.RecordingStream("labbook", recording_id=identity)
+    try:
+        stream.save(partial, default_blueprint=resting(above_bar(grains, scene, below)))
+        stream.send_recording_name(name)
+        yield stream
         stream.flush()
         stream.disconnect()
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
-    return path
 
 
 def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence[Frame], fastest: float) -> None:

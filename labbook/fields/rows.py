@@ -36,15 +36,15 @@ class Contacts:
     frames: int
 
 
-def grains_of(sample: Table, mass: float, volume: float, begin: float, end: float, frames: int | None = None) -> Grains:
+def grains_of(sample: Table, mass: float, volume: float, begin: float, end: float) -> Grains:
     """Grains of the rows of a sample with begin <= time <= end [s].
 
-    `frames`: how many there were, where some may be without any grain; else those that have rows are counted. Rods have
-    columns qw qx qy qz, the rotation of the z axis into theirs. Raises ValueError if there is no frame.
+    Frames that have rows are counted. Rods have columns qw qx qy qz, the rotation of the z axis into theirs. Raises
+    ValueError if there is no frame.
     """
     rows = {name: np.asarray(column) for name, column in sample.items()}
     inside = (rows["time"] >= begin) & (rows["time"] <= end)
-    count = len(np.unique(rows["step"][inside])) if frames is None else frames
+    count = len(np.unique(rows["step"][inside]))
     if count < 1:
         raise ValueError(f"no frame was sampled between {begin:g} and {end:g} s")
     x, v = (_columns(rows, names, inside) for names in ("x y z", "vx vy vz"))

@@ -1,15 +1,18 @@
-"""Of a bed: when it is at rest although a grain goes on rolling, and how high it stands."""
+"""Of a bed: when it is at rest although a grain goes on rolling, and how high it stands or will stand."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from labbook.scene import Grains, Scene, Spherocylinders
+from labbook.scene import Box, ConicalSilo, CylinderSilo, Grains, Scene, Spherocylinders, WedgeHopper
 from labbook.scene.bodies import Bodies
 from labbook.scene.packing import Packing
 
 ROLLING = 0.01
 """Fraction of grains that may go on moving where nothing brakes rolling."""
+PACKED = 0.55
+"""Packing fraction that is assumed of a bed before there is one."""
 
 
 def unbraked(scene: Scene) -> bool:
@@ -42,3 +45,52 @@ def bed_height(grains: Grains, packing: Packing, floor: float) -> float:
     z = packing.x[:, 2]
     middle = parts_of_mass(grains, packing)[packing.ids] @ z if grains.varied else np.mean(z)
     return 2 * float(middle - floor)
+
+
+def bed_height_ahead(scene: Scene) -> float | None:
+    """Height [m] above the outlet (or the bottom of a box) that a level bed will have at a packing fraction of PACKED;
+    None where the container does not tell."""
+    below = _volume_below(scene)
+    if below is None:
+        return None
+    volume = scene.grains.count * scene.grains.volume / PACKED
+    high = scene.grains.diameter
+    while below(high) < volume:
+        high *= 2
+    low = 0.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (low, middle) if below(middle) > volume else (middle, high)
+    return high
+
+
+def _volume_below(scene: Scene) -> Callable[[float], float] | None:
+    """Volume [m^3] of the container below a height [m], its walls going on upwards."""
+    c = scene.container
+    if isinstance(c, Box):
+        return lambda z: c.width * c.depth * z
+    if isinstance(c, CylinderSilo):
+        return lambda z: math.pi / 4 * c.diameter**2 * z
+    if isinstance(c, ConicalSilo):
+        slope, r, R = math.tan(c.angle), c.orifice / 2, c.diameter / 2
+
+        def in_cone(z: float) -> float:
+            cone = min(z, c.rise)
+            return math.pi * ((r + slope * cone) ** 3 - r**3) / (3 * slope) + math.pi * R**2 * (z - cone)
+
+        return in_cone
+    if isinstance(c, WedgeHopper):
+        if c.flat:
+            return lambda z: c.width * c.thickness * z
+        slope, (left, right) = math.tan(c.angle), c.outlet
+        sides = (left + c.width / 2, c.width / 2 - right)
+
+        def in_wedge(z: float) -> float:
+            area = c.orifice * z
+            for side in sides:
+                foot = min(z, side / slope)  # up to here the plate recedes
+                area += slope * foot**2 / 2 + side * (z - foot)
+            return area * c.thickness
+
+        return in_wedge
+    return None

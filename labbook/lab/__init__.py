@@ -2,9 +2,9 @@
 `Catalogue`."""
 
 from labbook.lab.catalogue import Catalogue, Entry
-from labbook.lab.connect import NoCatalogue
+from labbook.lab.database import NoCatalogue
+from labbook.lab.evaluations import FinishedRun
 from labbook.lab.folder import DiskFull, Lab, LabError
 from labbook.lab.records import RunRecord, Unreadable
-from labbook.lab.runs import FinishedRun
 
 __all__ = ["Catalogue", "DiskFull", "Entry", "FinishedRun", "Lab", "LabError", "NoCatalogue", "RunRecord", "Unreadable"]

@@ -1,6 +1,6 @@
 """The catalogue: what is in the lab, quick to ask. Readers open it read-only."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +10,23 @@ from pydantic import ValidationError
 from sqlalchemy import Connection, Engine, func, select
 from sqlalchemy.exc import DatabaseError
 
-from labbook.lab.connect import CHUNK, DAMAGED, NoCatalogue, asking, connect, empty, schema_version, unusable
+from labbook.lab.database import (
+    DAMAGED,
+    SCHEMA_VERSION,
+    NoCatalogue,
+    among,
+    asking,
+    connect,
+    empty,
+    measurements,
+    packings,
+    runs,
+    schema_version,
+    unusable,
+)
 from labbook.lab.folder import Lab, LabError, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Coverage, Unreadable
-from labbook.lab.schema import SCHEMA_VERSION, measurements, packings, runs
 from labbook.measure import Window
 
 if TYPE_CHECKING:
@@ -51,7 +63,7 @@ class Catalogue:
             raise LabError(f"{folder} is a file, and no lab folder; give another one with --lab")
         if not path.exists():
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
-                raise NoCatalogue(f"{path} is missing; make it again: labbook reindex --lab {folder}")
+                raise NoCatalogue(self.lab, "is missing")
             return empty()
         engine = connect(path, read_only=True)
         try:
@@ -59,8 +71,8 @@ class Catalogue:
         except DatabaseError as error:
             raise unusable(self.lab, error) from error
         if version != SCHEMA_VERSION:
-            what = "is damaged" if version == DAMAGED else "is of another version of labbook, or damaged"
-            raise NoCatalogue(f"{path} {what}; make it again: labbook reindex --lab {folder}")
+            old = "is of another version of labbook, or damaged"
+            raise NoCatalogue(self.lab, "is damaged" if version == DAMAGED else old)
         return engine
 
     @contextmanager
@@ -70,9 +82,7 @@ class Catalogue:
             with asking(self._engine, self.lab) as connection:
                 yield connection
         except ValidationError as error:  # a damaged page may hold other text than was written
-            raise NoCatalogue(
-                f"{self.lab.catalogue} is damaged; make it again: labbook reindex --lab {self.lab.folder}"
-            ) from error
+            raise NoCatalogue(self.lab, "is damaged") from error
 
     def runs(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
         """Runs, the latest first: key, study, point, seed, backend, outcome, how far, speed, size.
@@ -108,13 +118,10 @@ class Catalogue:
 
     def entries(self, run_keys: Iterable[str] = (), lineages: Iterable[str] = ()) -> list[Entry]:
         """What is known of runs with these keys or of these lineages."""
-        columns = (runs.c[name] for name in Entry.__dataclass_fields__)
-        base = select(*columns)
-        rows = []
+        query = select(*(runs.c[name] for name in Entry.__dataclass_fields__))
         with self._asking() as connection:
-            for column, wanted in ((runs.c.run_key, list(run_keys)), (runs.c.lineage_key, list(lineages))):
-                for at in range(0, len(wanted), CHUNK):
-                    rows += connection.execute(base.where(column.in_(wanted[at : at + CHUNK]))).all()
+            rows = among(connection, query, runs.c.run_key, run_keys)
+            rows += among(connection, query, runs.c.lineage_key, lineages)
             return [
                 Entry(
                     row.run_key,
@@ -134,14 +141,12 @@ class Catalogue:
         with self._asking() as connection:
             return [version for version in connection.scalars(query) if version is not None]
 
-    def changed(self, keys: Sequence[str]) -> set[str]:
+    def changed(self, keys: Iterable[str]) -> set[str]:
         """Which of these runs are not as they were indexed: a file in their folder came, went or was written to, or
         their packing cannot be read."""
-        columns = runs.c.run_key, runs.c.stamp, runs.c.packing_key
-        rows = []
+        query = select(runs.c.run_key, runs.c.stamp, runs.c.packing_key)
         with self._asking() as connection:
-            for at in range(0, len(keys), CHUNK):
-                rows += connection.execute(select(*columns).where(runs.c.run_key.in_(keys[at : at + CHUNK]))).all()
+            rows = among(connection, query, runs.c.run_key, keys)
         packed = {row.packing_key for row in rows if row.packing_key is not None}
         lost = {key for key in packed if self.packing_problem(key) is not None}
         return {row.run_key for row in rows if stamp(self.lab.run(row.run_key)) != row.stamp or row.packing_key in lost}
@@ -159,41 +164,27 @@ class Catalogue:
             self._packings[key, seen] = _problem(folder)
         return self._packings[key, seen]
 
-    def measurements(self, run_keys: Sequence[str] | None = None, quantity: str | None = None) -> "pd.DataFrame":
-        """Measured numbers, with run, measure, version and window; of all runs unless `run_keys` are
-        given."""
-        base = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
-        if quantity is not None:
-            base = base.where(measurements.c.quantity == quantity)
-        if run_keys is None:
-            return self._frame(base)
-        import pandas as pd
-
-        parts = [
-            self._frame(base.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK])))
-            for at in range(0, max(1, len(run_keys)), CHUNK)
-        ]
-        return pd.concat(parts, ignore_index=True)
+    def measurements(self, run_key: str | None = None) -> "pd.DataFrame":
+        """Measured numbers of a run, or of all runs, with run, measure, version and window."""
+        query = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
+        return self._frame(query if run_key is None else query.where(measurements.c.run_key == run_key))
 
     def measured(
-        self, run_keys: Sequence[str], window: "Window"
+        self, run_keys: Iterable[str], window: "Window"
     ) -> dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]]:
         """Rows of measurements within a window by run, and of each by name and version of the measure."""
         found: dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]] = {}
-        base = select(measurements).where(
+        query = select(measurements).where(
             measurements.c.window_start == window.start, measurements.c.window_end == window.end
         )
         with self._asking() as connection:
-            for at in range(0, len(run_keys), CHUNK):
-                some = base.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK]))
-                for row in connection.execute(some):
-                    told = row._asdict()
-                    found.setdefault(told["run_key"], {}).setdefault((told["measure"], told["version"]), []).append(
-                        told
-                    )
+            for row in among(connection, query, measurements.c.run_key, run_keys):
+                told = row._asdict()
+                of_run = found.setdefault(told["run_key"], {})
+                of_run.setdefault((told["measure"], told["version"]), []).append(told)
         return found
 
-    def values(self, run_keys: Sequence[str], quantity: str, version: int, window: Window) -> dict[str, float]:
+    def values(self, run_keys: Iterable[str], quantity: str, version: int, window: Window) -> dict[str, float]:
         """The finite values of one quantity, by run; runs that diverged have none."""
         query = select(measurements.c.run_key, measurements.c.value).where(
             measurements.c.run_key == runs.c.run_key,
@@ -203,10 +194,9 @@ class Catalogue:
             measurements.c.window_start == window.start,
             measurements.c.window_end == window.end,
             measurements.c.value.is_not(None),
-            measurements.c.run_key.in_(run_keys),
         )
         with self._asking() as connection:
-            return {key: value for key, value in connection.execute(query)}
+            return {key: value for key, value in among(connection, query, measurements.c.run_key, run_keys)}
 
     def speeds(self, backend: str, machine: str, device: str) -> list[tuple[str, int, float]]:
         """(run key, grains, grain-steps per second) of the latest 50 runs of `backend` on this machine and device."""

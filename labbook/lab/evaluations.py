@@ -1,34 +1,46 @@
-"""What measures gave of a run: evaluated once, and kept beside its files, one file a measure, version and window.
+"""Finished runs, and what measures gave of them: evaluated once, kept beside a run's files, and taken into the index.
 
-A file names the content of the run that it was made of. Of a run that went on since, or whose files were replaced, it
-is made again; so is one that is damaged.
+There is one file a measure, version and window, which names the content of the run that it was made of. Of a run that
+went on since, or whose files were replaced, it is made again; so is one that is damaged.
 """
 
 import errno
 import hashlib
 import json
+import math
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from labbook.lab.folder import EVALUATION, Lab, remove
+from labbook.lab.catalogue import Catalogue
+from labbook.lab.database import add_measurements
+from labbook.lab.folder import EVALUATION, Lab, remove, stamp
 from labbook.lab.identity import scene_key
+from labbook.lab.records import Observe, RunRecord, Unreadable
+from labbook.lab.runs import open_run, read_recording, run_data
 from labbook.lab.tables import read_table, write_table
-from labbook.measure import Evaluation, Measure, MeasureError, RunData, Window
+from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window
 from labbook.measure.packing import PackingStructure
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook.stats import Measured
+from labbook.study import Point
 
+NO_NUMBER = "the run gives no number"
+"""Note in the row of a measure that could be taken, and gave no number."""
+NAMES = tuple(field.name for field in fields(Measured))
 _TOLD = "_numbers"
 _MOST = 2.0**30
 """Bytes that an evaluation may unpack to."""
 _CANNOT_WRITE = (errno.EROFS, errno.EACCES, errno.EPERM)
 _ODD = (ValueError, ArithmeticError, LookupError, TypeError)
 """What a measure raises on a run that it was not made for: one odd run must not stop the others."""
+Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +126,164 @@ def _content(folder: Path) -> str:
     files = sorted((entry.name, entry.stat().st_size) for entry in entries)
     records = [(folder / name).read_bytes() for name, _ in files if name.endswith(".json")]
     return hashlib.blake2b(b"".join([repr(files).encode(), *records]), digest_size=16).hexdigest()
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """A run that covers what a study asks. `stamp`: of its folder, when it was indexed; `cache_version`: of the backend
+    that made it."""
+
+    point: Point
+    seed: int
+    run_key: str
+    folder: Path
+    outcome: str
+    stamp: int
+    cache_version: int
+
+    @cached_property
+    def record(self) -> RunRecord:
+        """All that the run says of itself. Raises Unreadable."""
+        return RunRecord.read(self.folder)
+
+    @property
+    def packing_key(self) -> str:
+        """Key of the packing that it started from. Raises Unreadable."""
+        return self.record.packing_key
+
+    @property
+    def ended(self) -> str:
+        """When it ended (UTC, ISO 8601). Raises Unreadable."""
+        return self.record.finished
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Commit, versions, processor, device, threads, precision, seed, times and speed."""
+        return self.record.provenance
+
+    def data(self) -> RunData:
+        """Start and tables, for measuring. Raises Unreadable, where the folder changed also for what is not read."""
+        if stamp(self.folder) != self.stamp:
+            return open_run(self.folder)[1]
+        return run_data(self.folder, self.record)
+
+    def evaluated(self, measure: Measure, window: Window) -> Evaluated:
+        """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError."""
+        return evaluated(self.folder, measure, window, self.data)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether frames were recorded of it. Raises Unreadable."""
+        return self.record.coverage.recording is not None
+
+    def recording(self) -> dict[str, np.ndarray] | None:
+        """Recorded frames (columns id, step, time, x, y, z, vx, vy, vz; single precision), or None without
+        any. Raises Unreadable."""
+        return read_recording(self.folder, self.record)
+
+
+def wanted(observe: Observe) -> list[Measure]:
+    """The measures that it names, as far as they are known."""
+    return [MEASURES[name] for name in dict.fromkeys(observe.measure) if name in MEASURES]
+
+
+def expected(observe: Observe) -> set[tuple[str, int, float, float]]:
+    """(measure, version, window) of what should have been measured."""
+    return {(measure.name, measure.version, observe.start, observe.end) for measure in wanted(observe)}
+
+
+def derive(folder: Path, observe: Observe, data: Callable[[], RunData]) -> list[dict[str, Any]]:
+    """Rows for the table of measurements of the run in `folder`: of what is kept beside it, or else evaluated now.
+
+    A measure that cannot be taken of this run, or that fails on it, leaves a row with its own name, no value, and the
+    reason as note. One that lacks a package leaves none, and is tried again. Raises what `data` raises.
+    """
+    rows = []
+    for measure in wanted(observe):
+        try:
+            rows += rows_of(folder.name, measure, observe, evaluated(folder, measure, observe, data))
+        except ImportError:
+            continue
+    return rows
+
+
+def rows_of(run_key: str, measure: Measure, window: Window, found: Evaluated) -> list[dict[str, Any]]:
+    """Rows for the table of measurements of what a measure gave of a run."""
+    shared = {
+        "run_key": run_key,
+        "version": measure.version,
+        "window_start": window.start,
+        "window_end": window.end,
+        "measure": measure.name,
+    }
+    numbers = (vars(one) for one in found.evaluation.numbers)
+    rows = [{**shared, **{name: finite(value) for name, value in one.items()}} for one in numbers]
+    nothing = dict.fromkeys(NAMES) | {"quantity": measure.name, "window": "", "method": "", "unit": ""}
+    return rows or [{**shared, **nothing, "note": found.problem or NO_NUMBER}]
+
+
+def finite(value: Any) -> Any:
+    """A value as SQL can hold it: None for NaN and infinities."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@dataclass
+class Numbers:
+    """What was measured of runs, by run key: numbers by quantity, or why they cannot be had."""
+
+    measured: dict[str, dict[str, Measured]] = field(default_factory=dict)
+    problems: dict[str, str] = field(default_factory=dict)
+
+
+def numbers(
+    catalogue: Catalogue,
+    runs: Iterable[FinishedRun],
+    observe: Observe,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Numbers:
+    """What `observe` asks for of each run; what was not evaluated yet is evaluated, kept, and taken into the index.
+
+    A run whose folder changed since it was indexed is read as a whole. `progress` is told how many runs are done.
+    """
+    found, every = Numbers(), {run.run_key: run for run in runs}
+    changed, stored = catalogue.changed(every), catalogue.measured(every, observe)
+    new: list[dict[str, Any]] = []
+    try:
+        for done, (key, run) in enumerate(every.items(), 1):
+            try:
+                had = stored.get(key, {})
+                if key in changed:
+                    open_run(run.folder)
+                    had = {}
+                found.measured[key] = {}
+                for measure in wanted(observe):
+                    rows = had.get((measure.name, measure.version))
+                    if rows is None:
+                        rows = rows_of(key, measure, observe, evaluated(run.folder, measure, observe, run.data))
+                        new += rows
+                    _take(found, run, measure, rows)
+            except ImportError as missing:
+                found.problems[key] = _said(run, f"{measure.name}: {missing}")
+            except Unreadable as problem:
+                found.problems[key] = str(problem)
+            progress(done)
+    finally:
+        add_measurements(catalogue.lab, new)
+    return found
+
+
+def _said(run: FinishedRun, problem: str) -> str:
+    return f"run {run.run_key} of {run.point.label}, seed {run.seed}: {problem}"
+
+
+def _take(found: Numbers, run: FinishedRun, measure: Measure, rows: Sequence[Row]) -> None:
+    """Numbers from rows of a measure, in the order in which it declares them."""
+    order = {one.name: place for place, one in enumerate(measure.declared)}
+    for row in sorted(rows, key=lambda row: order.get(row["quantity"], len(order))):
+        if not row["method"]:
+            if row["note"] != NO_NUMBER:
+                found.problems[run.run_key] = _said(run, row["note"])
+            continue
+        told = {name: row[name] for name in NAMES}
+        known = {name: math.nan if told[name] is None else told[name] for name in ("value", "error", "n_effective")}
+        found.measured[run.run_key][row["quantity"]] = Measured(**{**told, **known})

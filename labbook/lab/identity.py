@@ -11,7 +11,7 @@ from typing import Any
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene, Surface
-from labbook.scene.canonical import digest
+from labbook.scene.model import digest
 
 _GUARDS = ("speed_limit", "overlap_limit")
 

@@ -7,17 +7,31 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Table, delete, inspect, select, text
-from sqlalchemy.dialects.sqlite import insert
+from sqlalchemy import Connection, delete, inspect, select, text
 from sqlalchemy.exc import DatabaseError
 
-from labbook.lab.connect import CHUNK, DAMAGED, asking, connect, schema_version, unusable, whole, writing
-from labbook.lab.derive import derive, expected
+from labbook.lab.database import (
+    DAMAGED,
+    SCHEMA_VERSION,
+    about,
+    among,
+    asking,
+    connect,
+    measurements,
+    metadata,
+    packings,
+    runs,
+    schema_version,
+    unusable,
+    upsert,
+    whole,
+    writing,
+)
+from labbook.lab.evaluations import derive, expected, finite
 from labbook.lab.folder import EVALUATION, Lab, LabError, folders, remove, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
-from labbook.lab.schema import SCHEMA_VERSION, about, measurements, metadata, packings, runs
 
 Tick = Callable[[int, int], None]
 """Told how many folders of how many are done."""
@@ -105,7 +119,7 @@ class Index:
         None."""
         row = packing_row(folder)
         with self._transaction() as connection:
-            _upsert(connection, packings, [row])
+            upsert(connection, packings, [row])
         self._tell(folder, row["problem"])
         if not row["problem"]:
             of_it = select(runs.c.run_key).where(runs.c.packing_key == folder.name, runs.c.problem.is_not(None))
@@ -151,7 +165,7 @@ class Index:
                 self.note(folder, str(problem))
                 continue
             with self._transaction() as connection:
-                _upsert(connection, measurements, rows)
+                upsert(connection, measurements, rows)
         return done
 
     def _measured(self, run_keys: list[str]) -> dict[str, set[tuple[Any, ...]]]:
@@ -160,10 +174,8 @@ class Index:
         query = select(*(measurements.c[name] for name in names)).distinct()
         found: dict[str, set[tuple[Any, ...]]] = {key: set() for key in run_keys}
         with self._asking() as connection:
-            for at in range(0, len(run_keys), CHUNK):
-                of_some = query.where(measurements.c.run_key.in_(run_keys[at : at + CHUNK]))
-                for key, *measured in connection.execute(of_some):
-                    found[key].add(tuple(measured))
+            for key, *measured in among(connection, query, measurements.c.run_key, run_keys):
+                found[key].add(tuple(measured))
         return found
 
     def _sync(self, tick: Tick | None) -> None:
@@ -207,7 +219,7 @@ class Index:
                 self.note(self.lab.packing(key), problem)
         gone = known.keys() - there.keys()
         with self._transaction() as connection:
-            _upsert(connection, packings, rows)
+            upsert(connection, packings, rows)
             for key in gone:
                 connection.execute(delete(packings).where(packings.c.packing_key == key))
         return new | gone
@@ -227,33 +239,10 @@ class Index:
         return writing(self._engine, self.lab)
 
 
-def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
-    """Take rows of measurements of indexed runs into the index of a lab, which stays as it is if it cannot be written
-    to: they are then worked out again from what is kept beside the runs. Raises LabError for a damaged one."""
-    if not rows or not os.access(lab.catalogue, os.W_OK) or not os.access(lab.folder, os.W_OK):
-        return
-    engine = connect(lab.catalogue, read_only=False)
-    try:
-        with writing(engine, lab) as connection:
-            _upsert(connection, measurements, rows)
-    finally:
-        engine.dispose()
-
-
-def _upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:
-    if not rows:
-        return
-    statement = insert(table)
-    changed = {column.key: statement.excluded[column.key] for column in table.columns if not column.primary_key}
-    connection.execute(
-        statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed), rows
-    )
-
-
 def _replace_run(connection: Connection, row: dict[str, Any], rows: list[dict[str, Any]]) -> None:
     _forget(connection, row["run_key"])
-    _upsert(connection, runs, [row])
-    _upsert(connection, measurements, rows)
+    upsert(connection, runs, [row])
+    upsert(connection, measurements, rows)
 
 
 def _forget(connection: Connection, key: str) -> None:
@@ -263,6 +252,12 @@ def _forget(connection: Connection, key: str) -> None:
 
 UNREADABLE = "unreadable"
 """Outcome, in the index, of a run whose folder cannot be read."""
+
+
+_KNOWN = ("study", "label", "seed", "backend", "cache_version", "packing_key", "lineage_key")
+_KEYS = ("run_key", "experiment_key", "scene_key")
+_OF_RECORD = (*_KNOWN, *_KEYS, "outcome", "wall_time", "finished", "device", "machine")
+"""What of a run's record is in its row; of a damaged run only what is known by the first names."""
 
 
 def stamps(folder: Path) -> dict[str, int]:
@@ -285,26 +280,10 @@ def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], lis
     rows = derive(folder, observe or record.observe, lambda: data)
     coverage = record.coverage
     row = {
-        "run_key": record.run_key,
-        "study": record.study,
-        "label": record.label,
-        "seed": record.seed,
-        "backend": record.backend,
-        "cache_version": record.cache_version,
-        "outcome": record.outcome,
-        "grains": coverage.grains,
-        "discharged": coverage.discharged,
-        "duration": coverage.duration,
-        "wall_time": record.wall_time,
-        "rate": record.rate if record.rate == record.rate else None,
-        "finished": record.finished,
-        "device": record.device,
-        "machine": record.sessions[-1].provenance.get("machine"),
+        **{name: getattr(record, name) for name in _OF_RECORD},
+        **{name: getattr(coverage, name) for name in ("grains", "discharged", "duration")},
+        "rate": finite(record.rate),
         "bytes": _size(folder),
-        "experiment_key": record.experiment_key,
-        "scene_key": record.scene_key,
-        "packing_key": record.packing_key,
-        "lineage_key": record.lineage_key,
         "coverage": coverage.model_dump_json(),
         "stamp": seen,
         "problem": None,
@@ -320,8 +299,7 @@ def unreadable_row(folder: Path, seen: int, problem: Unreadable) -> dict[str, An
     except Unreadable:
         row |= {"study": "", "label": ""}
     else:
-        known = ("study", "label", "seed", "backend", "cache_version", "packing_key", "lineage_key")
-        row |= {name: getattr(record, name) for name in known}
+        row |= {name: getattr(record, name) for name in _KNOWN}
     return {**row, "run_key": folder.name, "outcome": UNREADABLE, "stamp": seen, "problem": str(problem)}
 
 
@@ -333,15 +311,6 @@ def packing_row(folder: Path) -> dict[str, Any]:
         record, _ = read_packing(folder)
     except Unreadable as problem:
         return {**row, "problem": str(problem)}
-    return {
-        **row,
-        "closed_key": record.closed_key,
-        "backend": record.backend,
-        "seed": record.filling.seed,
-        "grains": record.grains,
-        "duration": record.duration,
-        "wall_time": record.wall_time,
-        "rate": record.rate if record.rate == record.rate else None,
-        "machine": record.sessions[-1].provenance.get("machine"),
-        "bytes": _size(folder),
-    }
+    known = ("closed_key", "backend", "grains", "duration", "wall_time", "machine")
+    told = {name: getattr(record, name) for name in known}
+    return {**row, **told, "seed": record.filling.seed, "rate": finite(record.rate), "bytes": _size(folder)}

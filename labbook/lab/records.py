@@ -81,6 +81,11 @@ class Record(Part):
         wall = self.wall_time
         return sum(session.grain_steps for session in self.sessions) / wall if wall else float("nan")
 
+    @property
+    def machine(self) -> str | None:
+        """Processor, and device, of the last session."""
+        return self.sessions[-1].provenance.get("machine")
+
     def write(self, folder: Path) -> None:
         """Write into `folder`."""
         write_bytes(folder / self.FILE, self.as_stored())

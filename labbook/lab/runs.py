@@ -1,82 +1,23 @@
 """A run that is there: its record, its tables, its recording, and whether they are whole."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Crossing, Probe, Sample, film_probe, parse_probe, table_name
 from labbook.lab import identity
-from labbook.lab.evaluations import Evaluated, evaluated
-from labbook.lab.folder import Lab, stamp
+from labbook.lab.folder import Lab
 from labbook.lab.packings import PackingRecord, read_packing
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_checkpoint
-from labbook.measure import Measure, RunData, Window
-from labbook.study import Point
+from labbook.measure import RunData
 
 RECORDING = "recording.npz"
 CHECKPOINT = "checkpoint.npz"
 _FRAMES = 1000  # of a recording, at most
 _BYTES = 2**16  # of a grain in a checkpoint, at most
-
-
-@dataclass(frozen=True)
-class FinishedRun:
-    """A run that covers what a study asks. `stamp`: of its folder, when it was indexed; `cache_version`: of the backend
-    that made it."""
-
-    point: Point
-    seed: int
-    run_key: str
-    folder: Path
-    outcome: str
-    stamp: int
-    cache_version: int
-
-    @cached_property
-    def record(self) -> RunRecord:
-        """All that the run says of itself. Raises Unreadable."""
-        return RunRecord.read(self.folder)
-
-    @property
-    def packing_key(self) -> str:
-        """Key of the packing that it started from. Raises Unreadable."""
-        return self.record.packing_key
-
-    @property
-    def ended(self) -> str:
-        """When it ended (UTC, ISO 8601). Raises Unreadable."""
-        return self.record.finished
-
-    @property
-    def provenance(self) -> dict[str, Any]:
-        """Commit, versions, processor, device, threads, precision, seed, times and speed."""
-        return self.record.provenance
-
-    def data(self) -> RunData:
-        """Start and tables, for measuring. Raises Unreadable, where the folder changed also for what is not read."""
-        if stamp(self.folder) != self.stamp:
-            return open_run(self.folder)[1]
-        return run_data(self.folder, self.record)
-
-    def evaluated(self, measure: Measure, window: Window) -> Evaluated:
-        """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError."""
-        return evaluated(self.folder, measure, window, self.data)
-
-    @property
-    def recorded(self) -> bool:
-        """Whether frames were recorded of it. Raises Unreadable."""
-        return self.record.coverage.recording is not None
-
-    def recording(self) -> dict[str, np.ndarray] | None:
-        """Recorded frames (columns id, step, time, x, y, z, vx, vy, vz; single precision), or None without
-        any. Raises Unreadable."""
-        return read_recording(self.folder, self.record)
 
 
 def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) -> tuple[RunRecord, RunData]:

@@ -6,7 +6,7 @@ from functools import partial
 
 from labbook.backend import BackendMissing, load
 from labbook.lab import Catalogue
-from labbook.lab.numbers import numbers
+from labbook.lab.evaluations import numbers
 from labbook.lab.records import Observe
 from labbook.results.numerical import numerical
 from labbook.results.paper import compared, further_fits, judged

@@ -19,8 +19,10 @@ from labbook.results.study import Results
 if TYPE_CHECKING:
     import pandas as pd
 
-EVERY = ("runs", "flow", "accelerations", "profiles")
+EVERY = ("runs", "flow", "bands", "accelerations", "profiles")
 """Frames with a row for every run, instant or place."""
+_PLACES = 60
+"""Orifices at which bands are given."""
 
 
 def frames(results: Results) -> dict[str, "pd.DataFrame"]:
@@ -34,6 +36,7 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
     | `against`       | point and swept key: W, and its ratio to that at the first value, paired where runs can be   |
     | `series`        | series of points that differ in their orifice: the laws that the data prefer              |
     | `fits`          | series, law and parameter: value, error, interval; goodness, version and formula          |
+    | `bands`         | series, law and orifice: W, its 95 % band, and that of one more point of as many seeds     |
     | `problems`      | what is lacking: points without runs, runs that cannot be read, laws that cannot be fitted |
     | `reference`     | number of the reference: theirs, ours, and how far they lie apart                         |
     | `statements`    | statement of the reference and where: ours, interval, verdict                             |
@@ -41,7 +44,8 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
     | `accelerations` | point and bin of height above the outlet                                                  |
     | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
 
-    Papers add theirs (`labbook.papers`).
+    Papers add theirs (`labbook.papers`). What rests on several points names them (`points`, counted from 1); `stale`:
+    runs of another version of the backend than the one installed are among them.
     """
     import pandas as pd
 
@@ -52,6 +56,7 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
         "against": against_rows(against(results.points)),
         "series": _series(results),
         "fits": _fits(results),
+        "bands": _bands(results),
         "problems": _problems(results),
         "reference": _reference(results),
         "statements": _statements(results),
@@ -126,7 +131,8 @@ def _problems(results: Results) -> Iterator[Row]:
 def _series(results: Results) -> Iterator[Row]:
     for series in results.series:
         contenders = ", ".join(series.contenders)
-        yield {**_of_series(series), "preferred": series.preferred, "contenders": contenders, "verdict": series.verdict}
+        chosen = {"preferred": series.preferred, "contenders": contenders, "verdict": series.verdict}
+        yield {**_of_series(series), **chosen, **_resting(results, series.points)}
 
 
 def _numerics(results: Results) -> Iterator[Row]:
@@ -136,7 +142,7 @@ def _numerics(results: Results) -> Iterator[Row]:
         if one.test is not None:
             told |= {name: getattr(one.test, name) for name in ("difference", "error", "low", "high")}
             told |= {"p": one.test.p, "power": one.test.power, "finding": one.finding} if one.finding else {}
-        yield told
+        yield told | _resting(results, (one.first, one.other))
 
 
 def _of_series(series: Series) -> Row:
@@ -147,7 +153,32 @@ def _fits(results: Results) -> Iterator[Row]:
     for series in results.series:
         for law in (*series.fits, *series.further):
             for name, parameter in series.parameters(law).items():
-                yield {**_of_series(series), "law": law, "parameter": name, **vars(parameter), **_goodness(series, law)}
+                head = {**_of_series(series), "law": law, "parameter": name}
+                yield {**head, **vars(parameter), **_goodness(series, law), **_resting(results, _fitted(series, law))}
+
+
+def _fitted(series: Series, law: str) -> Sequence[PointResult]:
+    """The points that a law was fitted to."""
+    if law in series.further:
+        return series.further[law].points
+    return [one for one in series.points if one.point.index in series.used]
+
+
+def _bands(results: Results) -> Iterator[Row]:
+    for series in results.series:
+        for law, found in series.fits.items():
+            D = np.linspace(found.D.min(), found.D.max(), _PLACES)
+            of_law, of_point = found.predict(D), found.predict(D, new_point=True)
+            names = ("orifice", "flow_rate", "low", "high", "point_low", "point_high")
+            for values in zip(D, *of_law, *of_point[1:], strict=True):
+                yield {**_of_series(series), "law": law, **dict(zip(names, map(float, values), strict=True))}
+
+
+def _resting(results: Results, points: Sequence[PointResult]) -> Row:
+    """The points that a number rests on, and whether runs of theirs are stale."""
+    numbers = sorted(result.point.index + 1 for result in points)
+    stale = any(run.cache_version in results.stale for result in points for run in result.runs)
+    return {"points": ", ".join(map(str, numbers)), "stale": stale}
 
 
 def _goodness(series: Series, law: str) -> Row:
@@ -194,7 +225,7 @@ def _reference(results: Results) -> Iterator[Row]:
         theirs = {"reference": one.reference, "reference_error": one.reference_error}
         ours = {"ours": one.ours, "error": one.error, "low": one.low, "high": one.high, "unit": one.unit}
         apart = {"difference_in_errors": one.in_errors, "why": one.why}
-        yield {"quantity": one.quantity, **one.at, **theirs, **ours, **apart}
+        yield {"quantity": one.quantity, **one.at, **theirs, **ours, **apart, **_resting(results, one.points)}
 
 
 def _accelerations(results: Results) -> Iterator[Row]:
@@ -223,4 +254,4 @@ def _statements(results: Results) -> Iterator[Row]:
         asked = {"quantity": stated.quantity, "at": one.label, "says": stated.says}
         ours = {"from": stated.low, "to": stated.high, "ours": one.ours, "error": one.error}
         interval = {"low": one.low, "high": one.high, "pairs": one.pairs}
-        yield {**asked, **ours, **interval, "verdict": one.verdict, "why": one.why}
+        yield {**asked, **ours, **interval, "verdict": one.verdict, "why": one.why, **_resting(results, one.points)}

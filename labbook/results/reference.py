@@ -18,7 +18,8 @@ NEAR = 0.1
 
 @dataclass(frozen=True)
 class Comparison:
-    """A number of the reference and ours, in SI. `ours` is None where we have none; `why` then says so."""
+    """A number of the reference and ours, in SI. `ours` is None where we have none; `why` then says so. `points`: those
+    that ours rests on."""
 
     quantity: str
     at: Mapping[str, float | str]
@@ -31,6 +32,7 @@ class Comparison:
     high: float = math.nan
     unit: str = ""
     why: str = ""
+    points: tuple[PointResult, ...] = ()
 
     @property
     def relative(self) -> float:
@@ -117,10 +119,11 @@ def entry_of(
     elif of_fit(name):
         at = {name: value for name, value in asked.items() if name != ORIFICE}
         for one in (one for one in series if matches(at, one.points[0].point)):
-            found.append(_of_fit(replace(base, at=one.at or at, label=one.label or base.label), head, tail, one))
+            there = replace(base, at=one.at or at, label=one.label or base.label, points=one.points)
+            found.append(_of_fit(there, head, tail, one))
     else:
         for result in (result for result in points if matches(asked, result.point)):
-            found.append(_of_point(replace(base, at=result.at, label=result.label), result))
+            found.append(_of_point(replace(base, at=result.at, label=result.label, points=(result,)), result))
     yield from _merged(found, len(points)) or [replace(base, why="no finished point is at these values")]
 
 
@@ -136,7 +139,7 @@ def _merged(found: Sequence[Comparison], points: int) -> list[Comparison]:
             common = {name: value for name, value in first.at.items() if all(c.at.get(name) == value for c in group)}
             said = f" at {display.label(common)}" if common else ""
             label = "all points" if len(group) == points else f"{len(group)} points{said}"
-            first = replace(first, at=common, label=label)
+            first = replace(first, at=common, label=label, points=tuple(one for c in group for one in c.points))
         merged.append(first)
     return merged
 

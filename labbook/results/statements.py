@@ -28,6 +28,8 @@ class Judged:
     why: str = ""
     pairs: int = 0
     """Seeds that the number rests on, where it is made of pairs."""
+    points: tuple[PointResult, ...] = ()
+    """Those that the number rests on."""
     how: str = ""
     """How number and interval were made, in a sentence, where they are not pooled means with 95 % intervals."""
 
@@ -92,5 +94,8 @@ def _judge(
     found = judged(statement)
     if found is None:
         every = entry_of(statement.quantity, statement.at, points, series, own)
-        found = [Judged(statement, one.label, one.ours, one.error, one.low, one.high, one.why) for one in every]
+        found = [
+            Judged(statement, one.label, one.ours, one.error, one.low, one.high, one.why, points=one.points)
+            for one in every
+        ]
     yield from found or [Judged(statement, display.label(statement.at), None, why="no finished point is there")]

@@ -1,16 +1,27 @@
-"""What a study may well want otherwise, told before it runs: warnings with key and remedy, never refusals."""
+"""A plan with what it will cost, and what the study may well want otherwise: warnings with key and remedy. Refused is
+only what does not fit into memory."""
 
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from labbook.backend import Backend
+from labbook.backend.machine import cores, memory
+from labbook.filling.bed import PACKED, bed_height
 from labbook.fit import LAWS
+from labbook.lab.catalogue import Catalogue
+from labbook.lab.folder import Lab
+from labbook.lab.packings import load_packing
+from labbook.lab.records import Unreadable
 from labbook.run.demand import PointDemand
-from labbook.run.outline import Outline, outline
-from labbook.run.plan import Plan
-from labbook.run.reach import PACKED
+from labbook.run.forecast import Outline, forecast, outline
+from labbook.run.lane import slots
+from labbook.run.plan import Item, Plan, Planner, check
+from labbook.run.provenance import provenance
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
+from labbook.study import Study
 
 NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
 """Outlets below so many largest dimensions of a grain often clog."""
@@ -19,6 +30,27 @@ SOFT = 3e-3
 _SLOWER, _LONG = 3.0, 600.0
 """Steps as many times smaller than need be, of a plan as long [s], are worth a hint."""
 _NAMED = 3
+
+
+class TooLarge(Exception):
+    """The runs do not fit into the memory of this machine; the message has file, key and remedy."""
+
+
+def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> Plan:
+    """What `study` still needs in a lab, with time and disk on `device`, and warnings.
+
+    Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, ImportError where a package of the
+    backend is missing.
+    """
+    plan = Planner(study, catalogue, backend.capabilities).plan()
+    check(backend, device, plan.points)
+    lanes = cores() if device == "cpu" else 1
+    machine = provenance(device)["machine"]
+    ahead = forecast(plan, catalogue, machine, device, lanes, backend, slots(backend, device, plan.points))
+    if device == "cpu" and (told := too_large(plan, lanes, memory())):
+        raise TooLarge(told)
+    warnings = (*cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))
+    return replace(plan, forecast=ahead, warnings=warnings)
 
 
 def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
@@ -54,6 +86,54 @@ def too_large(plan: Plan, lanes: int, available: float) -> str | None:
     step = 10 ** math.floor(math.log10(fits))
     remedy = f"use at most {fits // step * step:.0f} grains, or a larger machine"
     return _told(plan.study.path, "grains.count", reason, remedy)
+
+
+def cut_short(plan: Plan, lab: Lab) -> Iterator[str]:
+    """Problems, with file, key and remedy: beds that fall to stop.fill_height before the window ends. Heights are
+    those of packings that are there, and foreseen of others."""
+    end = plan.study.window.end
+    known: dict[str, float | None] = {}
+    lowest: dict[PointDemand, tuple[float, float | None]] = {}
+    for item in plan.items:
+        shared = item.demand.shared
+        if shared.stop.fill_height is None:
+            continue
+        if item.keys.packing not in known:
+            known[item.keys.packing] = _height(item, lab)
+        height = known[item.keys.packing]
+        there = shared.reach(height)
+        if there < min(end, lowest.get(shared, (math.inf, None))[0]):
+            lowest[shared] = there, height
+    if lowest:
+        yield _too_low(plan.study.path, end, lowest)
+
+
+def _height(item: Item, lab: Lab) -> float | None:
+    """Height [m] of the bed of a run, None if its packing is not there."""
+    if not item.packed:
+        return None
+    scene = item.demand.point.scene
+    try:
+        packing = load_packing(lab.packing(item.keys.packing))
+    except Unreadable:
+        return None
+    return bed_height(scene.grains, packing, scene.container.outlet_plane or 0.0)
+
+
+def _too_low(file: Path, end: float, lowest: dict[PointDemand, tuple[float, float | None]]) -> str:
+    shared, (there, height) = min(lowest.items(), key=lambda one: one[1][0])
+    stop, tall = shared.stop.fill_height, height or shared.height_ahead
+    assert stop is not None
+    assert tall is not None
+    start = shared.study.window.start
+    earlier = f" a window.end below {there:.2f}," if there > start + 0.01 else ""
+    how = "is" if height else f"will be, at a packing fraction of {PACKED},"
+    reason = (
+        f"the bed {how} {tall * 1e3:.3g} mm high and has fallen to {stop * 1e3:.4g} mm with {there:.0%} discharged, "
+        f"before the window ends (window.end, {end:g}), at {_named(lowest)}"
+    )
+    remedy = f"use a stop.fill_height below {(1 - end) * tall * 1e3:.3g} mm,{earlier} or more grains"
+    return _told(file, "stop.fill_height", reason, remedy)
 
 
 def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
@@ -166,9 +246,11 @@ def _told(
     at: Sequence[tuple[PointDemand, Outline]] = (),
     among: Iterable[object] = (),
 ) -> str:
-    labels = [shared.point.label for shared, _ in at]
-    where = ""
-    if labels and len(labels) < len(list(among)):
-        more = f" and {len(labels) - _NAMED} other points" if len(labels) > _NAMED else ""
-        where = f" (at {'; '.join(labels[:_NAMED])}{more})"
+    where = f" (at {_named(shared for shared, _ in at)})" if 0 < len(at) < len(list(among)) else ""
     return f"{file}: {key}: {reason}{where}\n    remedy: {remedy}"
+
+
+def _named(points: Iterable[PointDemand]) -> str:
+    labels = [shared.point.label for shared in points]
+    more = f" and {len(labels) - _NAMED} other points" if len(labels) > _NAMED else ""
+    return f"{'; '.join(labels[:_NAMED])}{more}"

@@ -48,6 +48,11 @@ def _given_back(held: Claim | Job) -> Iterator[None]:
         raise
 
 
+def _place(item: Item) -> tuple[int, int]:
+    """In the order in which runs are begun: first replicates of all points first."""
+    return item.demand.seed, item.demand.point.index
+
+
 class Board:
     """The study's runs that are not done, and the jobs that are going on here.
 
@@ -61,6 +66,8 @@ class Board:
         self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
         self.tally = Tally()
         self.todo: dict[str, Item] = {}
+        """By run key, in the order in which runs are begun."""
+        self._ordered = True
         self.going: dict[str, Job] = {}
         self._lost: set[str] = set()
         self._unfit: set[tuple[str, Spec]] = set()
@@ -91,6 +98,8 @@ class Board:
             known = key in self.going or key in self._lost or key in self.tally.ran
             lacking = not item.packed if self._packings_only else item.state != "done"
             if lacking and not known:
+                had = self.todo.get(key)
+                self._ordered &= had is not None and _place(had) == _place(item)
                 self.todo[key] = item
 
     def _tidy(self, items: Sequence[Item]) -> None:
@@ -109,18 +118,18 @@ class Board:
         """A job to begin (of `spec`, if one is given), or None if there is none that this process can have
         now."""
         self.elsewhere = 0
-        items = sorted(self.todo.values(), key=lambda item: (item.demand.seed, item.demand.point.index))
-        for item in items:
-            if not item.packed and (started := self._fill(item, spec)):
-                return started
-        for item in items:
-            if item.keys.run in self.todo and item.packed and (started := self._discharge(item, spec)):
-                return started
+        if not self._ordered:
+            self.todo = dict(sorted(self.todo.items(), key=lambda one: _place(one[1])))
+            self._ordered = True
+        for begin, packed in ((self._fill, False), (self._discharge, True)):
+            for item in [item for item in self.todo.values() if item.packed == packed]:
+                if item.keys.run in self.todo and (started := begin(item, spec)):
+                    return started
         return None
 
     def _fill(self, item: Item, spec: Spec | None) -> Started | None:
         key, lab = item.keys.packing, self._bench.lab
-        if key in self.going or item.keys.run not in self.todo or (key, spec) in self._unfit:
+        if key in self.going or (key, spec) in self._unfit:
             return None
         if self._there(key):
             self._packed(key)

@@ -2,28 +2,12 @@
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
 
 from labbook.lab.catalogue import Catalogue, Entry
+from labbook.lab.evaluations import FinishedRun
 from labbook.lab.records import Coverage, StopRule
-from labbook.lab.runs import FinishedRun
 from labbook.run.demand import Demand, demands, stopping_rule
 from labbook.study import Study
-
-Gap = Literal["none", "shorter", "unobserved"]
-
-
-@dataclass(frozen=True)
-class Shortfall:
-    """What a run lacks: nothing (`none`), time (`shorter`: it can go on), or an observable (`unobserved`: run
-    again)."""
-
-    gap: Gap
-    reason: str = ""
-
-
-NOTHING = Shortfall("none")
 
 
 def shortfall(
@@ -33,34 +17,31 @@ def shortfall(
     guards: Mapping[str, float],
     probes: frozenset[str],
     recording: float | None = None,
-) -> Shortfall:
-    """What a run that ended as `outcome` with coverage `had` lacks of what is asked, with the reason in
-    words.
+) -> str:
+    """What a run that ended as `outcome` with coverage `had` lacks of what is asked, in words; empty if it covers it.
 
     `recording`: time between frames [s] if the run is to be recorded; a finer recording will do.
     """
     missing = sorted(probes - set(had.probes))
     if missing:
-        return Shortfall("unobserved", f"not observed: {', '.join(missing)}")
+        return f"not observed: {', '.join(missing)}"
     if recording is not None and (had.recording is None or had.recording > recording * (1 + 1e-9)):
-        what = "not recorded" if had.recording is None else f"recorded only every {had.recording:.3g} s"
-        return Shortfall("unobserved", what)
+        return "not recorded" if had.recording is None else f"recorded only every {had.recording:.3g} s"
     if outcome == "emptied" or had.discharged >= stop.discharged:
-        return NOTHING
+        return ""
     if stop.fill_height is not None and had.fill_height is not None and had.fill_height <= stop.fill_height:
-        return NOTHING
+        return ""
     if outcome == "diverged":
         changed = [name for name, value in guards.items() if had.guards.get(name) != value]
-        return Shortfall("shorter", f"diverged under another {' and '.join(changed)}") if changed else NOTHING
+        return f"diverged under another {' and '.join(changed)}" if changed else ""
     if had.waiting >= stop.stall:
-        return NOTHING
+        return ""
     if had.duration >= stop.max_time * (1 - 1e-12):
-        return NOTHING
+        return ""
     ended = "out of time" if outcome in ("time-limit", "interrupted") else outcome  # the latter in older indexes
-    return Shortfall(
-        "shorter",
+    return (
         f"{ended} after {had.duration:.4g} s with {had.discharged:.1%} discharged; "
-        f"asked: {stop.discharged:.1%}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s",
+        f"asked: {stop.discharged:.1%}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s"
     )
 
 
@@ -79,8 +60,7 @@ def finished(catalogue: Catalogue, study: Study, backend: str) -> list[FinishedR
             continue
         for demand in asked[entry.lineage_key]:
             shared = demand.shared
-            lacks = shortfall(entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names)
-            if lacks.gap == "none":
+            if not shortfall(entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names):
                 found.append((demand, entry))
     newest: dict[int, int] = {}
     for demand, entry in found:

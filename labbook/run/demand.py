@@ -15,6 +15,7 @@ from labbook.measure import MEASURES
 from labbook.scene import Scene
 from labbook.stats import StoppingRule
 from labbook.study import Point, Study
+from labbook.study.applicable import flat_area
 
 
 class Conflict(Exception):
@@ -100,6 +101,19 @@ class PointDemand:
     def stop(self) -> StopRule:
         """When a run ends."""
         return StopRule.model_validate(self.study.stop.model_dump())
+
+    @property
+    def height_ahead(self) -> float | None:
+        """Height [m] that the bed of a flat-bottomed silo will have at a packing fraction of PACKED; None of other
+        containers."""
+        return None if flat_area(self.scene.container) is None else bed.bed_height_ahead(self.scene)
+
+    def reach(self, height: float | None = None) -> float:
+        """Discharged fraction at which the stop rule ends a run whose bed is `height` [m] high (None: as foreseen)."""
+        stop, height = self.stop, height or self.height_ahead
+        if stop.fill_height is None or height is None:
+            return stop.discharged
+        return min(stop.discharged, max(0.0, 1 - stop.fill_height / height))
 
     @cached_property
     def probe_names(self) -> frozenset[str]:

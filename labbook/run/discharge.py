@@ -33,9 +33,11 @@ from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.run.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, failure
 from labbook.run.provenance import now
-from labbook.run.reach import reach
-from labbook.run.recording import frame_rows, thinned
 from labbook.scene import Packing, Silo
+
+MOST_FRAMES = 200
+"""Of a recording."""
+_WHOLE = {"id": np.int32, "i": np.int32, "j": np.int32, "wall": np.int16, "step": np.int64, "time": np.float64}
 
 
 class DischargeJob(Job):
@@ -234,7 +236,7 @@ class DischargeJob(Job):
     def _enough(self) -> float:
         """Discharged fraction at which the run has come far enough."""
         shared = self.demand.shared
-        return reach(shared, self._bed_height) if shared.stop.fill_height is not None else shared.stop.discharged
+        return shared.reach(self._bed_height) if shared.stop.fill_height is not None else shared.stop.discharged
 
     # end
 
@@ -306,3 +308,25 @@ def parse_film(text: str | None) -> Sample | None:
     if probe is None or isinstance(probe, Sample):
         return probe
     raise ValueError(f"film: no frames of grains, but {text}")
+
+
+def frame_rows(table: Table) -> Table:
+    """Rows of grains or contacts in single precision, but for ids, step and time.
+
+    Positions are then known to 1e-8 m and velocities to 1e-7 of themselves: far below what fields resolve.
+    """
+    return {name: np.asarray(column).astype(_WHOLE.get(name, np.float32)) for name, column in table.items()}
+
+
+def thinned(table: Table, steps_between: int) -> Table:
+    """Every frame, every second, every fourth ... so that at most 200 are left.
+
+    Frames lie on multiples of `steps_between`. Which are kept depends only on the last one, so that a run that is
+    thinned, continued and thinned again keeps the same frames as one that was never interrupted.
+    """
+    frame = np.asarray(table["step"]) // steps_between
+    stride = 1
+    while frame.max(initial=0) // stride > MOST_FRAMES:
+        stride *= 2
+    kept = frame % stride == 0
+    return {name: np.asarray(column)[kept] for name, column in table.items()}

@@ -37,8 +37,6 @@ class Item:
     outcome: str | None
     packed: bool
     """Whether its packing is there."""
-    resumes: bool
-    """Whether it goes on from where it was left, rather than from its packing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,32 +239,30 @@ class Planner:
         return self._judged(demand, keys, entry)
 
     def _judged(self, demand: Demand, keys: Keys, entry: Entry | None) -> Item:
-        state, reason, resumes = self._compare(demand, keys, entry)
+        state, reason = self._compare(demand, keys, entry)
         outcome = entry.outcome if entry else None
         problem = self.catalogue.packing_problem(keys.packing)
         if problem and state == "done":
             state, reason = "missing", f"its packing cannot be read: {problem}"
-        return Item(demand, keys, state, reason, outcome, problem is None, resumes)
+        return Item(demand, keys, state, reason, outcome, problem is None)
 
-    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None) -> tuple[State, str, bool]:
+    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None) -> tuple[State, str]:
         begun = (self.catalogue.lab.work(keys.run) / "progress.json").exists()
         if entry is None:
             older = self._older.get(keys.lineage)
             if begun:
-                return "partial", "begun, goes on from its checkpoint", True
+                return "partial", "begun, goes on from its checkpoint"
             if older:
                 was, name = older.cache_version, self.backend.name
-                return "stale", f"made by version {was} of {name}, which is at {self.backend.cache_version}", False
-            return "missing", "not run yet", False
+                return "stale", f"made by version {was} of {name}, which is at {self.backend.cache_version}"
+            return "missing", "not run yet"
         if entry.coverage is None:
-            return "missing", f"cannot be read: {entry.problem}", False
+            return "missing", f"cannot be read: {entry.problem}"
         shared = demand.shared
         lacks = shortfall(
             entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names, demand.recording
         )
-        if lacks.gap == "none":
-            return "done", entry.outcome, False
-        return "partial", lacks.reason, lacks.gap == "shorter" or begun
+        return ("partial", lacks) if lacks else ("done", entry.outcome)
 
     def _looked_at(self, key: str) -> Entry | None:
         """A run as its folder has it now: its process was killed before it was indexed, another machine put it there,

@@ -7,6 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 
 from labbook.backend import Backend, Compiles, Member, Overflow
+from labbook.backend.machine import cores
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.folder import Lab, room
 from labbook.lab.index import Index
@@ -18,7 +19,6 @@ from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.lane import Lane, Turn, slots
 from labbook.run.plan import Planner, PointPlan, check, counted
 from labbook.run.progress import duration
-from labbook.run.provenance import cores
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
 from labbook.study import Study

@@ -215,11 +215,6 @@ class Spherocylinders(Model):
         return (self.length - self.diameter) / 2
 
     @property
-    def aspect_ratio(self) -> float:
-        """L/d."""
-        return self.length / self.diameter
-
-    @property
     def volume(self) -> float:
         """Volume of one grain [m^3]."""
         return math.pi / 4 * self.diameter**2 * (2 * self.half_length) + math.pi / 6 * self.diameter**3

@@ -1,11 +1,18 @@
-"""The base of all scene types: frozen, strict about keys, equal when their numbers are equal."""
+"""The base of all scene types: frozen, strict about keys, equal when their numbers are equal; and one text for values
+that are the same, with its hash, of which keys of scenes, packings and runs are made."""
 
-from collections.abc import Iterable
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo
 from pydantic_core import PydanticCustomError
+
+LENGTH = 24
+"""Hexadecimal digits of a key (96 bits: a collision among 10^9 runs has a probability below 10^-11)."""
 
 
 class Model(BaseModel):
@@ -43,3 +50,26 @@ class Internal:
 
 _internal = Internal()
 InternalFlag = Annotated[bool, _internal, BeforeValidator(_internal)]
+
+
+def canonical(value: Any) -> str:
+    """JSON with sorted keys, no spaces and the shortest digits that give each number back; -0.0 is 0.0.
+
+    Raises ValueError for numbers that are not finite, TypeError for what JSON has no form for.
+    """
+    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isnan(value):
+        return value + 0.0
+    return value
+
+
+def digest(value: Any) -> str:
+    """Key of anything that has a canonical JSON form."""
+    return hashlib.sha256(canonical(value).encode()).hexdigest()[:LENGTH]

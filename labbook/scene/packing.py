@@ -138,12 +138,6 @@ class Packing:
         with open(path, "wb") as file:
             np.savez_compressed(file, **self.arrays())  # pyright: ignore[reportArgumentType]
 
-    @classmethod
-    def load(cls, path: Path) -> "Packing":
-        """Read what `save` wrote; `labbook.lab.packings` reads files that may be damaged."""
-        with np.load(path, allow_pickle=False) as stored:
-            return cls(**{name: stored[name] for name in stored.files})
-
 
 def _quaternions(q: np.ndarray, n: int) -> np.ndarray:
     q = np.ascontiguousarray(q, np.float64)

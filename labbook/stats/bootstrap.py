@@ -11,18 +11,6 @@ from labbook.stats.pooling import Pooled, student
 Replicate = TypeVar("Replicate")
 
 
-def bootstrap(
-    points: Sequence[Sequence[Replicate]],
-    statistic: Callable[[list[list[Replicate]]], float],
-    draws: int = 1000,
-    seed: int = 0,
-    confidence: float = 0.95,
-) -> Pooled:
-    """Hierarchical bootstrap of one number; see `bootstrap_all`."""
-    (one,) = bootstrap_all(points, lambda drawn: (statistic(drawn),), draws, seed, confidence)
-    return one
-
-
 def bootstrap_all(
     points: Sequence[Sequence[Replicate]],
     statistic: Callable[[list[list[Replicate]]], Sequence[float]],

@@ -16,14 +16,12 @@ class Correlated:
     """Mean of a correlated series.
 
     `inefficiency`: g = 1 + 2 sum rho_k, such that the squared error of the mean is g s^2/n; below 1 for
-    anticorrelated series. `n_effective` = n / g.
+    anticorrelated series.
     """
 
     mean: float
     error: float
     inefficiency: float
-    n_effective: float
-    lags: int
 
 
 def autocorrelation(series: np.ndarray) -> np.ndarray:
@@ -54,14 +52,14 @@ def correlated_mean(series: np.ndarray) -> Correlated:
     n = len(x)
     mean, spread = float(x.mean()), float(x.std(ddof=1)) if n > 1 else math.nan
     if n < 2 or spread == 0:
-        return Correlated(mean, spread, math.nan, math.nan, 0)
+        return Correlated(mean, spread, math.nan)
     rho = autocorrelation(x)
     width = _significant_lags(rho)
     lags = np.arange(1, min(2 * width, n - 1) + 1)
     window = np.clip(2 * (1 - lags / (2 * width)), 0, 1) if width else np.zeros(0)
     inefficiency = max(1 + 2 * float(np.sum(window * rho[lags])), 1 / n)
     error = spread * math.sqrt(inefficiency / n)
-    return Correlated(mean, error, inefficiency, n / inefficiency, len(lags))
+    return Correlated(mean, error, inefficiency)
 
 
 def _significant_lags(rho: np.ndarray) -> int:
@@ -82,11 +80,6 @@ class Blocks:
 
     means: np.ndarray
     error: float
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Of the error."""
-        return len(self.means) - 1
 
 
 def block_mean(series: np.ndarray, blocks: int = 10) -> Blocks:

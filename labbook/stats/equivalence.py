@@ -110,10 +110,10 @@ def _gauss_legendre(order: int) -> tuple[np.ndarray, np.ndarray]:
     return np.polynomial.legendre.leggauss(order)
 
 
-def tost_power(margin: float, degrees_of_freedom: float, alpha: float = 0.05, difference: float = 0.0) -> float:
-    """Power of two one-sided tests; `margin` and the true `difference` in units of the standard error.
+def tost_power(margin: float, degrees_of_freedom: float, alpha: float = 0.05) -> float:
+    """Power of two one-sided tests where there is no true difference; `margin` in units of the standard error.
 
-    Exact: both tests reject if |difference + z| <= margin - t q with z normal and q^2 = chi2/nu, which is
+    Exact: both tests reject if |z| <= margin - t q with z normal and q^2 = chi2/nu, which is
     integrated over q. (The usual sum of two noncentral t probabilities is a bound that fails for few degrees
     of freedom.) Phillips, J. Pharmacokinet. Biopharm. 18 (1990) 137.
     """
@@ -129,7 +129,7 @@ def tost_power(margin: float, degrees_of_freedom: float, alpha: float = 0.05, di
     q = low + (nodes + 1) / 2 * (high - low)
     log_density = math.log(2) + nu / 2 * math.log(nu / 2) - gammaln(nu / 2) + xlogy(nu - 1, q) - nu * q**2 / 2
     reach = margin - t * q
-    accepted = ndtr(reach - difference) - ndtr(-reach - difference)
+    accepted = ndtr(reach) - ndtr(-reach)
     return float(np.sum(weights * accepted * np.exp(log_density)) * (high - low) / 2)
 
 

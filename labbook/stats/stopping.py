@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from labbook.stats.pooling import Pooled, pool, student
+from labbook.stats.pooling import Pooled, pool
 
 FEWEST = 3
 """With 2 replicates t is 12.7: a narrow interval would be an accident."""
@@ -99,13 +99,3 @@ class StoppingRule:
         if pooled.relative == inf:
             return self.cap
         return max(1, ceil(pooled.n * ((pooled.relative / self.tolerance) ** 2 - 1)))
-
-    def forecast(self, relative_scatter: float) -> int:
-        """Replicates to expect for a known standard deviation between replicates, relative to the mean."""
-        if self.tolerance is None:
-            return self.minimum
-        for n in range(self.first, self.cap):
-            widening = 1 + _WIDENING / n
-            if widening * student(self.confidence, n - 1) * relative_scatter / n**0.5 <= self.tolerance:
-                return n
-        return self.cap

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labbook.stats.pooling import Pooled
-
 SIGNIFICANCE = 0.01
 """A trend is reported only if chance alone shows one as strong in fewer than 1 % of steady runs ..."""
 MATERIAL = 0.05
@@ -66,11 +64,3 @@ def trend(values: np.ndarray) -> Trend:
         p = float(fdtrc(2, n - 3, (total - left) / 2 / (left / (n - 3))))
     at = np.polyval(curve, np.linspace(-0.5, 0.5, 101))
     return Trend(float(slope[0]) / mean, error / abs(mean), float(np.ptp(at)) / abs(mean), p)
-
-
-def drifts(drift: Pooled) -> bool:
-    """Whether the drifts of several runs, pooled over seeds, show a trend that none of them may show alone.
-
-    The interval of the mean drift excludes zero, and the drift exceeds 5 % of the mean flow.
-    """
-    return abs(drift.value) > max(drift.half_width, MATERIAL)

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Backend, Event, Failed, Member, Status, Unsupported
+from labbook.backend import Backend, Event, Failed, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Ledger, Probe, Table
-from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
+from labbook.scene import Scene
 from labbook.scene.packing import Packing
 
 
@@ -72,19 +72,6 @@ class Stand:
     precision: str = "double"
     device: str = "cpu"
 
-    def missing(self) -> str | None:
-        """Why the device of this stand cannot be used here; None if it can."""
-        free = Scene(
-            grains=Spheres(diameter=1e-3, density=1e3, count=1),
-            contact=LinearSpringDashpot(normal_stiffness=1),
-            container=Primitives(),
-        )
-        try:
-            self.backend.open(self.backend.specialise(free, self.numerics(1e-6)), 1, self.device).close()
-        except Unsupported as reason:
-            return reason.remedy
-        return None
-
     def numerics(self, dt: float, **further: Any) -> Numerics:
         """Numerics in the precision of this stand; `dt` [s]."""
         return Numerics.model_validate({"dt": dt, "precision": self.precision, **further})
@@ -145,19 +132,6 @@ def rows_of(table: Table, member: Member) -> Table:
     """The rows of one member."""
     mine = table["member"] == member.index
     return {name: column[mine] for name, column in table.items()}
-
-
-def identical(a: Packing | Table, b: Packing | Table) -> bool:
-    """Whether two packings, or two tables, agree in every bit of every array, but for the number of the member."""
-    first, second = (
-        {name: array for name, array in (p.arrays() if isinstance(p, Packing) else p).items() if name != "member"}
-        for p in (a, b)
-    )
-    return set(first) == set(second) and all(_same_bits(first[name], second[name]) for name in first)
-
-
-def _same_bits(a: np.ndarray, b: np.ndarray) -> bool:
-    return (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
 
 
 def grains_at(x: Any, v: Any = None, omega: Any = None) -> Packing:

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from stands import identical
 
-from labbook.verify.stand import identical, rows_of
+from labbook.verify.stand import rows_of
 
 BEATS = 12
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from stands import specialised
+from stands import identical, specialised
 
 from labbook.backend import Emptied, Failed, Settled, Unsupported
 from labbook.backend.probes import Ledger
 from labbook.scene import Plane, Primitives, SurfaceMotion, Wall
 from labbook.scene.packing import Packing
-from labbook.verify.stand import grains_at, identical
+from labbook.verify.stand import grains_at
 from labbook.verify.symmetry import DT, hopper
 
 

@@ -1,8 +1,9 @@
 """A member's bits depend on its scene, numerics, start and Spec, and on nothing else."""
 
 import pytest
+from stands import identical
 
-from labbook.verify.stand import identical, rows_of
+from labbook.verify.stand import rows_of
 from labbook.verify.symmetry import DT
 
 BEATS = 12

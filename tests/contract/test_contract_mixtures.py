@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import second
+from stands import identical, second
 
 from labbook.backend.probes import Crossing, Ledger
 from labbook.filling import opened, place
 from labbook.scene import Bodies
 from labbook.verify.bed import DT
 from labbook.verify.mixture import graded_hopper
-from labbook.verify.stand import identical, rows_of
+from labbook.verify.stand import rows_of
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from stands import specialised
+from stands import identical, specialised
 
 from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab, Zone
 from labbook.scene import Primitives, Spheres
-from labbook.verify.stand import Start, grains_at, identical, rows_of
+from labbook.verify.stand import Start, grains_at, rows_of
 from labbook.verify.symmetry import DT, difference, hopper
 
 BEATS = 12

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from stands import identical
 
 from labbook.backend import Unsupported
 from labbook.backend.numerics import Numerics
@@ -11,7 +12,7 @@ from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Ta
 from labbook.filling import opened, place
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders
 from labbook.scene.orientation import axes
-from labbook.verify.stand import Stand, identical, rows_of
+from labbook.verify.stand import Stand, rows_of
 from labbook.verify.symmetry import hopper
 
 DT, STEPS = 1e-5, 200

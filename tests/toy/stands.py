@@ -7,9 +7,13 @@ The CPU backend takes ten seconds to compile a kernel, twenty for rods. On these
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from labbook.backend import BackendMissing, installed, load
+from labbook.backend import BackendMissing, Unsupported, installed, load
+from labbook.backend.probes import Table
+from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
+from labbook.scene.packing import Packing
 from labbook.verify.stand import Stand
 
 BUNDLED = ("numba", "warp")
@@ -44,5 +48,32 @@ def second(stand: Stand) -> bool:
 
 def where(stand: Stand):
     """The stand as a parameter; skipped where its device is missing."""
-    name, reason = f"{stand.backend.capabilities.name}-{stand.precision}-{stand.device}", stand.missing()
+    name, reason = f"{stand.backend.capabilities.name}-{stand.precision}-{stand.device}", missing(stand)
     return pytest.param(stand, id=name, marks=[pytest.mark.skip(reason=reason)] if reason else [])
+
+
+def missing(stand: Stand) -> str | None:
+    """Why the device of a stand cannot be used here; None if it can."""
+    free = Scene(
+        grains=Spheres(diameter=1e-3, density=1e3, count=1),
+        contact=LinearSpringDashpot(normal_stiffness=1),
+        container=Primitives(),
+    )
+    try:
+        stand.backend.open(stand.backend.specialise(free, stand.numerics(1e-6)), 1, stand.device).close()
+    except Unsupported as reason:
+        return reason.remedy
+    return None
+
+
+def identical(a: Packing | Table, b: Packing | Table) -> bool:
+    """Whether two packings, or two tables, agree in every bit of every array, but for the number of the member."""
+    first, second = (
+        {name: array for name, array in (p.arrays() if isinstance(p, Packing) else p).items() if name != "member"}
+        for p in (a, b)
+    )
+    return set(first) == set(second) and all(_same_bits(first[name], second[name]) for name in first)
+
+
+def _same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    return (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())

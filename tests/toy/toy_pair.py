@@ -5,7 +5,7 @@ from toy_lab import study as toy_study
 from toy_lab import study_file as toy_study_file
 
 from labbook.compare.compare import compare
-from labbook.compare.pair import Contestant
+from labbook.compare.sides import Side
 from labbook.lab import Lab, RunRecord
 from labbook.lab.folder import stamp
 
@@ -21,7 +21,7 @@ def study_file(folder):
 
 
 def contestants(first=None, second=None):
-    return Contestant(first or Backend(), "cpu"), Contestant(second or Twin(), "cpu")
+    return Side(first or Backend(), "cpu"), Side(second or Twin(), "cpu")
 
 
 def compared(asked, lab, second=None, margin=0.03):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from labbook_dem import contact, motion
-from labbook_dem.describe import LAWS
+from labbook_dem.laws import LAWS
 from labbook_dem.walls import plane, strip
 from labbook_dem.words import cross, dot, sqrt, vec3
 

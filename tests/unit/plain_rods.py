@@ -6,7 +6,7 @@ All pairs are looked at in every step; nothing is listed, packed or generated.
 from typing import Any
 
 import numpy as np
-from labbook_dem import motion, parts, rods, rotation, segments
+from labbook_dem import motion, rods, rotation, segments
 from labbook_dem.chosen import choose
 from labbook_dem.contact import rolling_rate
 from labbook_dem.walls import frustum, plane, strip
@@ -113,7 +113,7 @@ class PlainRods:
         was = sum(1 << part for part in range(4) if (i, "wall", w, part) in self.springs)
         now = sum(1 << part for part in found)
         for part, (distance, normal, s) in found.items():
-            last, advance = self.spring((i, "wall", w, parts.heir(part, was, now)))
+            last, advance = self.spring((i, "wall", w, rods.heir(part, was, now)))
             lever = s * a
             at = self.x[i] + lever - distance * array(normal)
             surface = np.array(wall.motion.velocity) + np.cross([0, 0, wall.motion.spin], at)

@@ -1,12 +1,14 @@
-"""Rods of several aspect ratios, timed."""
+"""Rods of several aspect ratios, timed, and beds of many members."""
 
 import json
 
+import elongation
+import members
 import pytest
+from elongation import elongated
 from labbook_numba import Backend
 
-from labbook.bench import batch, elongation, rate
-from labbook.bench.scenes import elongated
+from labbook import bench
 from labbook.scene import Spherocylinders
 
 pytestmark = pytest.mark.compiles
@@ -23,12 +25,12 @@ def test_grains_of_all_aspect_ratios_have_one_volume(aspect_ratio):
 def test_a_grain_step_of_each_has_a_cost(monkeypatch):
     backend = Backend(wide=True)  # whose kernels are those of the contract's tests
     monkeypatch.setattr(elongation, "load", lambda _: backend)
-    monkeypatch.setattr(batch, "SETTLED", 100.0)  # long before they rest
-    monkeypatch.setattr(batch, "OUTFLOW", 0.01)
-    monkeypatch.setattr(rate, "TIMED", 100_000)
+    monkeypatch.setattr(members, "SETTLED", 100.0)  # long before they rest
+    monkeypatch.setattr(members, "OUTFLOW", 0.01)
+    monkeypatch.setattr(bench, "TIMED", 100_000)
     result = elongation.run("numba", "cpu", repeats=2, aspect_ratios=(1.0, 3.0), grains=60)
-    assert [case.aspect_ratio for case in result.cases] == [1.0, 3.0]
-    for case in result.cases:
-        assert 0 < case.grains <= 60
-        assert 0 < case.low <= case.cost <= case.high
-    assert f'"cost": {result.cases[1].cost!r}' in json.dumps(result.as_dict())
+    assert [case["aspect_ratio"] for case in result["cases"]] == [1.0, 3.0]
+    for case in result["cases"]:
+        assert 0 < case["grains"] <= 60
+        assert 0 < case["low"] <= case["cost"] <= case["high"]
+    assert f'"cost": {result["cases"][1]["cost"]!r}' in json.dumps(result)

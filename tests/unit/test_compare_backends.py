@@ -5,7 +5,7 @@ import pytest
 
 from labbook.backend import BackendMissing, Unsupported
 from labbook.compare.compare import compare
-from labbook.compare.pair import pair
+from labbook.compare.sides import parse
 from labbook.lab import Lab
 from labbook.study import load
 
@@ -27,7 +27,7 @@ measure: [flow_rate, packing, outlet_profiles]
 def test_numba_and_warp_agree_until_chaos_takes_over(tmp_path):
     pytest.importorskip("warp", reason="Warp is not installed: pip install 'labbook[warp]'")
     try:
-        two = pair("numba,warp", "cpu,cpu")
+        two = parse("numba,warp", "cpu,cpu")
     except BackendMissing as missing:
         pytest.skip(str(missing))
     path = tmp_path / "tiny.yaml"
@@ -60,7 +60,7 @@ def test_a_gpu_that_is_not_there_is_said_before_anything_runs(tmp_path):
     if wp.get_cuda_device_count():
         pytest.skip("a GPU is here")
     try:
-        two = pair("numba,warp", "cpu,cuda:0")
+        two = parse("numba,warp", "cpu,cuda:0")
     except BackendMissing as missing:
         pytest.skip(str(missing))
     path = tmp_path / "tiny.yaml"

@@ -9,10 +9,8 @@ from toy_lab import carry_out
 from toy_pair import compared, contestants, study
 
 from labbook.backend.probes import Sample
-from labbook.compare.compare import demands
-from labbook.compare.divergence import AGREE, divergence
-from labbook.compare.lockstep import side_by_side
-from labbook.filling.placing import place
+from labbook.compare.lockstep import AGREE, divergence, side_by_side
+from labbook.compare.sides import from_shared
 from labbook.lab import Lab
 
 # drifting apart
@@ -41,7 +39,7 @@ def test_backends_agree_until_the_largest_difference_exceeds_a_thousandth(tmp_pa
     asked, lab = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[5]"), tmp_path / "lab"
     carry_out(asked, lab)
     two = contestants(second=Drifting())
-    first, second = (demands(asked, asked.points[0], two, one, 1)[0] for one in two)
+    first, second = (shared.run(1) for shared in from_shared(asked, asked.points[0], two))
     found = divergence(two, (first, second), Lab(lab), {})
     expected = Drifting.TAU * np.log(AGREE / 1e-9)
     frame = found.time[1]
@@ -65,13 +63,13 @@ def test_backends_that_never_part_agree_to_the_end(tmp_path):
 
 
 def test_frames_are_of_the_same_moments(tmp_path):
-    asked = study(tmp_path)
-    point = asked.points[1]
-    numerics = point.numerics.model_copy(update={"steps_per_beat": 50})
-    start = place(point.scene.close(), "rain", 1)
-    with side_by_side(contestants(), point.scene, numerics, start, Sample(fields=("x",), every=2)) as both:
-        frames = list(both.frames(0.0105))
-        assert both.walkers[0].rate
+    asked, lab = study(tmp_path, replicates=1, orifices="[24]"), tmp_path / "lab"
+    carry_out(asked, lab)
+    two = contestants()
+    run = from_shared(asked, asked.points[0], two)[0].run(1)
+    frames = list(side_by_side(two, run, Lab(lab), 1e-3, 0.0105, ("x",)))
+    assert frames[0].rates == (None, None), "backends may compile in their first beat"
+    assert all(rate is not None and rate > 0 for frame in frames[1:] for rate in frame.rates)
     assert [frame.time for frame in frames] == pytest.approx(np.arange(1, 11) * 1e-3)
     for frame in frames:
         for table in frame.tables:

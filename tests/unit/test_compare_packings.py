@@ -9,8 +9,8 @@ from toy_lab import carry_out
 from toy_pair import compared, records, stamps, stamps_of_packings, study
 
 from labbook.compare.compare import compare, narrowed
-from labbook.compare.pair import Contestant
-from labbook.compare.verdict import Verdict, folder_of
+from labbook.compare.sides import Side
+from labbook.compare.verdict import Verdict, path_of
 from labbook.lab import Catalogue, Lab
 from labbook.run.coverage import finished
 from labbook.run.demand import PackingsOf
@@ -75,7 +75,7 @@ class Mixed(Twin):
 
 def test_each_side_works_in_its_own_precision(tmp_path):
     asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
-    two = Contestant(Backend(), "cpu", "double"), Contestant(Mixed(), "cpu", "mixed")
+    two = Side(Backend(), "cpu", "double"), Side(Mixed(), "cpu", "mixed")
     verdict, failed = compare(asked, Lab(lab), two, 0.03)
     assert not failed
     assert [entrant.called for entrant in verdict.entrants] == ["toy-double", "twin-mixed"]
@@ -84,13 +84,13 @@ def test_each_side_works_in_its_own_precision(tmp_path):
     assert {one.numerics.precision for one in second.values()} == {"mixed"}
     assert {one.experiment_key for one in first.values()} == {one.experiment_key for one in second.values()}
     assert not carry_out(asked, lab).tally.ran, "the study's own precision is double"
-    kept = Verdict.read(folder_of(Lab(lab), asked.name) / "toy-double-twin-mixed.json")
+    kept = Verdict.read(path_of(Lab(lab), asked.name, "toy-double", "twin-mixed"))
     assert kept == verdict
 
 
 def test_one_backend_in_two_precisions(tmp_path):
     asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
-    two = Contestant(Mixed(), "cpu", "double"), Contestant(Mixed(), "cpu", "mixed")
+    two = Side(Mixed(), "cpu", "double"), Side(Mixed(), "cpu", "mixed")
     verdict, failed = compare(asked, Lab(lab), two, 0.03)
     assert not failed
     (point,) = verdict.points

@@ -8,10 +8,9 @@ import pytest
 from labbook_toy import Backend, Twin
 from toy_lab import carry_out, study
 
-from labbook.compare.figure import figure
-from labbook.compare.pair import Contestant
-from labbook.compare.recording import record
-from labbook.compare.tables import contrast_table, cost_table, divergence_table, summary
+from labbook.compare.lockstep import record
+from labbook.compare.shown import contrast_table, cost_table, divergence_table, figure, summary
+from labbook.compare.sides import Side
 from labbook.compare.verdict import Contrast, Cost, Divergence, Entrant, PointVerdict, Verdict
 from labbook.lab import Lab
 from labbook.report.style import encode
@@ -118,7 +117,7 @@ def test_a_recording_has_both_backends_on_one_clock(tmp_path):
 
     asked, lab = study(tmp_path, orifices="[24]"), tmp_path / "lab"
     carry_out(asked, lab)
-    two = Contestant(Backend(), "cpu"), Contestant(Twin(bias=0.5), "cpu")
+    two = Side(Backend(), "cpu"), Side(Twin(bias=0.5), "cpu")
     path = record(asked, asked.points[0], Lab(lab), two, 0.05, tmp_path / "both.rrd")
     assert [entry.name for entry in tmp_path.glob("*.rrd")] == ["both.rrd"]
     assert path == tmp_path / "both.rrd"

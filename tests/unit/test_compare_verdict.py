@@ -3,14 +3,13 @@
 import shutil
 
 import pytest
-from labbook_toy import Backend, Twin
-from toy_pair import compared, study
+from labbook_toy import Backend, Ensemble, Twin
+from toy_pair import compared, contestants, study
 
 from labbook.backend import Unsupported
-from labbook.compare.compare import CannotCompare, compare, narrowed
-from labbook.compare.pair import Contestant, WrongPair, pair
-from labbook.compare.stale import stale
-from labbook.compare.verdict import NoVerdict, Verdict, folder_of
+from labbook.compare.compare import compare, narrowed, stale
+from labbook.compare.sides import CannotCompare, Side, parse
+from labbook.compare.verdict import NoVerdict, Verdict, path_of
 from labbook.lab import Lab
 from labbook.measure import MEASURES
 
@@ -70,6 +69,39 @@ def test_runs_that_a_guard_stopped_have_no_number(tmp_path):
     assert packing.seeds == (1, 2, 3)
 
 
+class Unfilled(Twin):
+    """Can start no filling."""
+
+    def open(self, spec, slots=None, device="cpu"):
+        return Refusing(self, spec, slots)
+
+
+class Refusing(Ensemble):
+    def admit(self, scene, numerics, start, *, settled_below=None):
+        if settled_below is not None:
+            raise ValueError("no room")
+        return super().admit(scene, numerics, start, settled_below=settled_below)
+
+
+def test_packings_that_cannot_be_made_have_no_number(tmp_path):
+    asked = study(tmp_path, orifices="[24]")
+    ends = [f"packing, seed {seed}: no room" for seed in (1, 2)]
+    first, second = contestants(second=Unfilled())
+    verdict, failed = compare(asked, Lab(tmp_path / "lab"), (first, second), 0.03)
+    assert failed == ends
+    flow, packing = verdict.points[0].contrasts
+    assert flow.finding == "equivalent", "those of the first backend are there"
+    assert (packing.finding, packing.note) == ("untested", "2 without a number: its packing was not made")
+    assert len(packing.first) == 2
+    verdict, failed = compare(asked, Lab(tmp_path / "other"), (second, first), 0.03)
+    assert failed[:2] == ends
+    flow, packing = verdict.points[0].contrasts
+    assert (flow.finding, flow.note) == ("untested", "4 without a number: not run yet")
+    assert packing.note == "2 without a number: its packing was not made"
+    assert verdict.points[0].divergence is None
+    assert [(cost.runs, cost.rate) for cost in verdict.costs] == [(0, None), (0, None)]
+
+
 # what is refused
 
 
@@ -80,12 +112,12 @@ def test_what_cannot_be_compared_is_refused(tmp_path):
     with pytest.raises(CannotCompare, match="--point 3"):
         narrowed(asked, (2,), 2)
     for backends, devices in (("toy", "cpu,cpu"), ("toy,toy", "cpu,cpu"), ("toy,twin", "cpu")):
-        with pytest.raises(WrongPair):
-            pair(backends, devices)
+        with pytest.raises(CannotCompare):
+            parse(backends, devices)
 
 
 def test_a_device_that_is_not_there_is_said_before_anything_runs(tmp_path):
-    two = (Contestant(Backend(), "cpu"), Contestant(Twin(), "cuda:0"))
+    two = (Side(Backend(), "cpu"), Side(Twin(), "cuda:0"))
     with pytest.raises(Unsupported, match="cpu only"):
         compare(study(tmp_path), Lab(tmp_path / "lab"), two, 0.03)
     assert not (tmp_path / "lab").exists()
@@ -114,7 +146,7 @@ def test_a_verdict_is_stale_when_what_it_rests_on_has_changed(equals, tmp_path, 
 def test_a_verdict_is_read_as_it_was_written(equals, tmp_path):
     asked, there, verdict = equals
     lab = shutil.copytree(there, tmp_path / "lab")
-    path = folder_of(Lab(lab), asked.name) / "toy-twin.json"
+    path = path_of(Lab(lab), asked.name, "toy", "twin")
     assert Verdict.read(path) == verdict
     path.write_text("{}")
     with pytest.raises(NoVerdict, match="cannot be read"):

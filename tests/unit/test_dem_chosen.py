@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from labbook_dem.chosen import choose, normal
-from labbook_dem.describe import LAWS
+from labbook_dem.laws import LAWS
 from labbook_dem.spheres import sphere_on_wall
 from labbook_dem.words import vec3
 

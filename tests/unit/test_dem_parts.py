@@ -1,6 +1,6 @@
 """Which spring goes on where as the parts of a rod at a wall change: every case."""
 
-from labbook_dem.parts import heir
+from labbook_dem.rods import heir
 
 
 def parts(bits: int) -> set[int]:

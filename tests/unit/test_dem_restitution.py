@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from labbook_dem import restitution
+from labbook_dem.describe import realised
 from labbook_dem.laws import hertz_mindlin, linear
 from scipy.integrate import solve_ivp
 
@@ -88,9 +88,7 @@ LAWS = [
 def test_realised_restitution_comes_to_the_asked_one_as_the_step_shrinks(module, law, e):
     c = module.coefficients(law, Surface(friction=0.0, rolling_friction=0.0, restitution=e))
     scale = (M**2 / (R * 1.3e8**2 * 0.3)) ** 0.2 if module is hertz_mindlin else math.sqrt(M / 5e4)
-    coarse, fine = (
-        np.abs(restitution.realised(module.normal, c, R, M, scale * part, 0.3) - e).max() for part in (0.02, 0.005)
-    )
+    coarse, fine = (np.abs(realised(module.normal, c, R, M, scale * part, 0.3) - e).max() for part in (0.02, 0.005))
     assert fine < 2e-3
     assert fine < 0.5 * coarse or coarse < 1e-6
 
@@ -98,5 +96,5 @@ def test_realised_restitution_comes_to_the_asked_one_as_the_step_shrinks(module,
 def test_restitution_outside_its_range_of_phases_has_a_spread():
     module, law = LAWS[0]
     c = module.coefficients(law, Surface(friction=0.0, rolling_friction=0.0, restitution=0.2))
-    assert restitution.realised(module.normal, c, R, M, 2.5e-6, 0.17).shape == (10,)
-    assert restitution.realised(module.normal, c, R, M, 2.5e-6, 0.17).std() > 0
+    assert realised(module.normal, c, R, M, 2.5e-6, 0.17).shape == (10,)
+    assert realised(module.normal, c, R, M, 2.5e-6, 0.17).std() > 0

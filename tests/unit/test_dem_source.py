@@ -44,6 +44,6 @@ def test_only_marked_functions_are_taken_to_the_compiler(tmp_path):
 
 
 def test_a_host_module_with_cached_functions_has_nothing_to_compile():
-    from labbook_dem import restitution
+    from labbook_dem import describe
 
-    assert source.device_source(restitution) == ""
+    assert source.device_source(describe) == ""

@@ -8,6 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.spatial import KDTree
 
 from labbook.filling import PlacingError, opened, place
+from labbook.lab.tables import read_table
 from labbook.scene import (
     ConicalSilo,
     CylinderSilo,
@@ -95,7 +96,7 @@ def test_packings_with_rods_are_stored_mirrored_and_opened(tmp_path):
     }  # fmt: skip
     packing = Packing(x=start.x, v=start.v, omega=start.omega, q=start.q, **springs)
     packing.save(tmp_path / "packing.npz")
-    again = Packing.load(tmp_path / "packing.npz")
+    again = Packing(**read_table(tmp_path / "packing.npz"))
     assert np.array_equal(turned(again), turned(packing))
     assert again.wall_part.tolist() == [0, 1, 1]
     mirror = packing.mirrored()

@@ -6,7 +6,7 @@ from scipy import stats
 
 from labbook.fit import LAWS, Context, FitError, contenders, fit
 from labbook.fit.weights import pooled_weights
-from labbook.stats.bootstrap import bootstrap
+from labbook.stats.bootstrap import bootstrap_all
 from labbook.stats.choice import unbeaten
 
 FAN = Context(d=3e-3, rho_p=2500, rho_b=0.57 * 2500, Z=3.03e-3, g=9.81)
@@ -224,7 +224,7 @@ def test_the_bootstrap_over_seeds_agrees_with_the_profile():
         means = np.array([np.mean(p) for p in points])
         return fit(LAWS["beverloo"], D, means, 0.01 * means, FAN).parameters["k"].value
 
-    found = bootstrap([list(column) for column in W.T], k, draws=150)
+    (found,) = bootstrap_all([list(column) for column in W.T], lambda drawn: (k(drawn),), draws=150)
     assert found.value == pytest.approx(exact.value, rel=1e-6)
     assert found.error == pytest.approx(exact.error, rel=0.35)  # 150 draws, and scatter not pooled over points
 

@@ -11,7 +11,7 @@ from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.identity import Filling
 from labbook.scene import HertzMindlin, Primitives, Scene, Spheres, SurfaceChange, WedgeHopper
-from labbook.scene.canonical import canonical, digest
+from labbook.scene.model import canonical, digest
 
 
 def scene(**changes) -> Scene:

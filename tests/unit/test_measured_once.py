@@ -187,7 +187,7 @@ def test_a_lab_that_cannot_be_written_to_is_read_all_the_same(made, monkeypatch,
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("labbook.lab.evaluations.write_table", refuse)
-    monkeypatch.setattr("labbook.lab.numbers.add_measurements", lambda lab, rows: None)
+    monkeypatch.setattr("labbook.lab.evaluations.add_measurements", lambda lab, rows: None)
     results = find(other, Catalogue(Lab(lab)), "toy")
     assert counted["flow_rate"] == 4
     assert all(point.flow_rate is not None for point in results.points)

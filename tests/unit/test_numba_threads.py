@@ -6,6 +6,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from stands import identical
 
 pytest.importorskip("numba")
 
@@ -17,7 +18,6 @@ from labbook.backend.probes import Contacts, Crossing, Sample
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import Scene
-from labbook.verify.stand import identical
 from labbook.verify.symmetry import DT, hopper
 
 pytestmark = pytest.mark.compiles

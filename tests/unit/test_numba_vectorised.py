@@ -38,9 +38,10 @@ def assembly(law: str, precision: str, kinds: int) -> dict[str, str]:
 
     They are compiled into what calls them, and not kept with the kernels: of cached code there is no assembly.
     """
+    from labbook_dem.features import SWITCHES
     from labbook_numba import build
 
-    switches = dict.fromkeys(build.SWITCHES, True) | {"RODS": False, "VARIED": kinds > 1, "KINDS": kinds}
+    switches = dict.fromkeys(SWITCHES, True) | {"RODS": False, "VARIED": kinds > 1, "KINDS": kinds}
     module = build.kernels(law, precision, tuple(switches.items()))
     real = module.real if precision == "double" else np.float32
     numbers = [np.float32(1) if real is np.float32 else 1.0] * 5

@@ -10,14 +10,13 @@ import pytest
 from toy_lab import STUDY, labbook, study_file
 
 from labbook.backend import Device, Survey, Unsupported
+from labbook.filling.bed import PACKED, bed_height_ahead
 from labbook.lab import Catalogue
 from labbook.run import forecast
 from labbook.run.advice import SOFT, advice, softer, too_large
 from labbook.run.demand import PointDemand
-from labbook.run.forecast import DEFAULT_SPEED, MEASURED, rate_of
-from labbook.run.outline import bed_height_ahead, outline
+from labbook.run.forecast import DEFAULT_SPEED, MEASURED, outline, rate_of
 from labbook.run.plan import Planner, check
-from labbook.run.reach import PACKED
 from labbook.scene import (
     Box,
     ConicalSilo,

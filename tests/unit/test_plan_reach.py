@@ -8,14 +8,15 @@ from labbook_toy import Backend
 from toy_lab import carry_out, labbook, study, study_file
 from toy_results import analyse
 
+from labbook.filling.bed import PACKED
 from labbook.lab import Catalogue, Lab
 from labbook.lab.packings import load_packing
 from labbook.report.page import summary
+from labbook.run.advice import cut_short
 from labbook.run.coverage import finished
 from labbook.run.demand import PointDemand
 from labbook.run.forecast import discharge_time
 from labbook.run.plan import Planner
-from labbook.run.reach import PACKED, cut_short, height_ahead, reach
 from labbook.study import load
 
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -31,25 +32,26 @@ def test_windows_of_the_rotating_bottom_end_before_the_bed_is_too_low(file):
     asked = load(file)
     for point in asked.points:
         shared = PointDemand(asked, point)
-        assert reach(shared) >= asked.window.end, point.label
+        assert shared.reach() >= asked.window.end, point.label
         if asked.stop.fill_height == pytest.approx(0.095):
-            assert reach(shared) < asked.stop.discharged == 1, "the height stops it, as in the paper"
+            assert shared.reach() < asked.stop.discharged == 1, "the height stops it, as in the paper"
 
 
 def test_a_bed_discharges_down_to_the_asked_height_or_the_asked_part(tmp_path):
     asked = study(tmp_path, "stop: {fill_height: 20 mm}")
     shared = PointDemand(asked, asked.points[0])
     scene = shared.scene
-    ahead = height_ahead(scene)
+    ahead = shared.height_ahead
     assert ahead is not None
     assert ahead == pytest.approx(200 * scene.grains.volume / (PACKED * 0.06 * 1.01 * 0.003))
-    assert reach(shared) == pytest.approx(1 - 0.02 / ahead)
-    assert reach(shared, 0.025) == pytest.approx(0.2)
-    assert reach(shared, 1.0) == 0.65, "the part comes first"
-    assert reach(shared, 0.01) == 0, "it is too low from the start"
-    assert height_ahead(load(STUDIES / "conical-silo.yaml").points[0].scene) is None
+    assert shared.reach() == pytest.approx(1 - 0.02 / ahead)
+    assert shared.reach(0.025) == pytest.approx(0.2)
+    assert shared.reach(1.0) == 0.65, "the part comes first"
+    assert shared.reach(0.01) == 0, "it is too low from the start"
+    conical = load(STUDIES / "conical-silo.yaml")
+    assert PointDemand(conical, conical.points[0]).height_ahead is None
     plain = PointDemand(study(tmp_path), asked.points[0])
-    assert discharge_time(shared) / discharge_time(plain) == pytest.approx(reach(shared) / 0.65)
+    assert discharge_time(shared) / discharge_time(plain) == pytest.approx(shared.reach() / 0.65)
 
 
 def test_a_window_that_outlasts_the_stop_is_told_before_and_with_the_true_height_after(tmp_path):

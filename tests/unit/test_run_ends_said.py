@@ -86,9 +86,7 @@ def test_an_backend_without_its_package_is_one_line_with_the_remedy(tmp_path, mo
         ("run", path, "--lab", lab, "--backend", backend),
         ("plan", path, "--lab", lab, "--backend", backend),
         ("verify", "--backend", backend),
-        ("bench", "backend", "--backend", backend),
-        ("bench", "batch", "--backend", backend),
-        ("bench", "elongation", "--backend", backend),
+        ("bench", "--backend", backend),
         ("compare", path, "--lab", lab, "--backends", f"toy,{backend}"),
     ):
         ended = labbook(*words, check=False)

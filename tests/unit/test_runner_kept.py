@@ -8,7 +8,7 @@ from toy_results import analyse
 
 from labbook.lab import Catalogue
 from labbook.run.coverage import finished
-from labbook.run.recording import frame_rows
+from labbook.run.discharge import frame_rows
 
 
 def test_a_study_is_carried_out_once(tmp_path):

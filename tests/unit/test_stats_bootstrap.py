@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from labbook.stats import pool
-from labbook.stats.bootstrap import bootstrap
+from labbook.stats.bootstrap import bootstrap_all
+
+
+def bootstrap(points, statistic, **how):
+    """Of one number."""
+    (one,) = bootstrap_all(points, lambda drawn: (statistic(drawn),), **how)
+    return one
 
 
 def mean_of_first(points):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from labbook.stats import pool
-from labbook.stats.trend import drifts, trend
+from labbook.stats.trend import trend
 
 
 def test_drift_is_that_of_a_straight_line():
@@ -57,16 +56,3 @@ def test_exact_lines_and_constants():
 def test_too_little_to_judge_is_refused(values):
     with pytest.raises(ValueError):
         trend(values)
-
-
-def test_pooled_drifts_show_what_one_run_cannot():
-    rng = np.random.default_rng(4)
-    x = np.linspace(-0.5, 0.5, 12)
-    found = [trend(1 + 0.12 * x + 0.04 * rng.standard_normal(12)) for _ in range(8)]
-    assert not all(one.trending for one in found)
-    assert drifts(pool([one.drift for one in found]))
-
-
-@pytest.mark.parametrize("values", [[0.1, -0.1, 0.05], [0.02, 0.021, 0.019], [0.3]])
-def test_uncertain_or_tiny_drifts_are_none(values):
-    assert not drifts(pool(values))

@@ -12,7 +12,7 @@ from toy_lab import carry_out, labbook, study, study_file
 
 from labbook.cli.options import told
 from labbook.lab import Catalogue
-from labbook.lab.connect import connect
+from labbook.lab.database import connect
 
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
 RUN = ("run", "--backend", "toy")
@@ -100,7 +100,7 @@ def test_a_lab_that_nobody_can_write_to_is_read_without_the_log_of_its_index(pla
     lab = place / "lab"
     for suffix in ("-wal", "-shm"):
         (lab / f"catalogue.db{suffix}").unlink(missing_ok=True)
-    monkeypatch.setattr("labbook.lab.connect.os.access", lambda *_: False)
+    monkeypatch.setattr("labbook.lab.database.os.access", lambda *_: False)
     catalogue = Catalogue(lab)
     assert catalogue.counts() == {"finished": 2}
     catalogue.close()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stands import identical
 
 pytest.importorskip("warp")
 sys.path.insert(0, str(Path(__file__).parent))
@@ -31,7 +32,6 @@ from labbook.scene import (
 )
 from labbook.scene.orientation import random_turns
 from labbook.scene.packing import Packing
-from labbook.verify.stand import identical
 
 pytestmark = pytest.mark.compiles
 

@@ -3,6 +3,7 @@
 from contextlib import closing
 
 import pytest
+from stands import identical
 
 pytest.importorskip("warp")
 
@@ -12,9 +13,8 @@ from labbook_warp.arrays import Arrays
 from labbook_warp.layout import memory
 
 from labbook.backend.probes import Contacts, Crossing
-from labbook.bench.scenes import FAN_STEP, cylinder, fan
+from labbook.bench import FAN_STEP, cylinder, fan
 from labbook.filling.placing import place
-from labbook.verify.stand import identical
 
 pytestmark = pytest.mark.compiles
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from stands import identical
 
 pytest.importorskip("warp")
 sys.path.insert(0, str(Path(__file__).parent))
@@ -24,7 +25,6 @@ from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres
 from labbook.scene.packing import Packing
-from labbook.verify.stand import identical
 
 pytestmark = pytest.mark.compiles
 

@@ -6,3 +6,7 @@ spring s [m] in the contact plane and tangential velocity vt [m/s]; it gives the
 on i [N] and the spring as it may stay. `normal` is the normal force alone. `coefficients(law, surface, scale, wall)` is
 the host's: the eight numbers c; friction is c[4] and rolling friction c[5] in every law.
 """
+
+from labbook_dem.laws import hertz_mindlin, linear
+
+LAWS = {"hertz-mindlin": hertz_mindlin, "linear": linear}

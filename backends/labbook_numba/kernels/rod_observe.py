@@ -11,7 +11,7 @@ from labbook_numba.kernels.bodies import rolling_inertia
 from labbook_numba.kernels.features import ANY_WALLS, PAIRS, WALL_PARTS, A, F, M, P, T, U, V, W, X, entry
 from labbook_numba.kernels.rod_walls import heritage, measure_rod, wall_contact
 from labbook_numba.kernels.rods import store
-from labbook_numba.kernels.single import advance_of, load, spring_of, write_row
+from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
 

@@ -9,8 +9,7 @@ from labbook_dem.words import dot, func, wide, wide3
 
 from labbook_numba.kernels.blocks import AX, BX, DEPTH, DT, IX, JX, NX, OX, PX, SX, UX, VX, vector_at
 from labbook_numba.kernels.features import GRAIN, STRIDE, A, X, kernel, uint64
-from labbook_numba.kernels.pack import eights_at, squeeze_entries, squeeze_vectors
-from labbook_numba.kernels.transfer import put_vectors
+from labbook_numba.kernels.transfer import eights_at, put_vectors, squeeze_entries, squeeze_vectors
 from labbook_numba.lanes import eight_at
 from labbook_numba.rows import columns, rows_at
 from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_numbers

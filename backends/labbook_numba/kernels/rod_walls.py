@@ -1,8 +1,7 @@
 """Forces of walls on rods, one rod and wall at a time: few rods are at walls, and each touches at up to four points."""
 
 from labbook_dem.contact import rolling_rate
-from labbook_dem.parts import has, heir
-from labbook_dem.rods import rod_on_wall
+from labbook_dem.rods import has, heir, rod_on_wall
 from labbook_dem.walls.frustum import frustum_distance, frustum_rims, frustum_rod
 from labbook_dem.walls.plane import plane_rod
 from labbook_dem.walls.strip import strip_rod
@@ -31,8 +30,8 @@ from labbook_numba.kernels.features import (
     X,
     kernel,
 )
-from labbook_numba.kernels.single import load
 from labbook_numba.kernels.surfaces import plane_of, section_of, wall_velocity
+from labbook_numba.kernels.transfer import load
 from labbook_numba.state import Params, State
 
 

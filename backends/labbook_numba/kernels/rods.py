@@ -7,7 +7,7 @@ from labbook_dem.words import dot, func, sqrt, wide, wide3
 
 from labbook_numba.kernels.features import GRAIN, GRAINS, WALL_PARTS, A, F, M, P, Q, T, V, W, X, kernel, uint64
 from labbook_numba.kernels.rod_walls import edges, wall_part
-from labbook_numba.kernels.single import load
+from labbook_numba.kernels.transfer import load
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
 

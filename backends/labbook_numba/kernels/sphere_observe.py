@@ -7,8 +7,8 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
 from labbook_numba.kernels.features import ANY_WALLS, KINDS, MOVING, PAIRS, F, T, U, V, W, X, entry
-from labbook_numba.kernels.single import advance_of, load, spring_of, write_row
 from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
+from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
 

@@ -24,7 +24,7 @@ from labbook_numba.kernels.blocks import (
 )
 from labbook_numba.kernels.bodies import eight_reaches
 from labbook_numba.kernels.features import GRAIN, X, kernel, uint64
-from labbook_numba.kernels.pack import squeeze_entries, squeeze_vectors
+from labbook_numba.kernels.transfer import squeeze_entries, squeeze_vectors
 from labbook_numba.rows import columns, rows_at
 from labbook_numba.squeeze import both, first_of, how_many, positive, squeeze_numbers
 

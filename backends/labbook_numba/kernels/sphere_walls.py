@@ -44,15 +44,17 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
-from labbook_numba.kernels.pack import eights_at, squeeze_entries, squeeze_vectors
 from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
 from labbook_numba.kernels.transfer import (
+    eights_at,
     fill_up,
     gather_grains,
     gather_springs,
     put_vectors,
     scatter_forces,
     scatter_springs,
+    squeeze_entries,
+    squeeze_vectors,
 )
 from labbook_numba.lanes import eight_at
 from labbook_numba.rows import columns, rows_at

@@ -5,8 +5,8 @@ from labbook_dem.words import VARIED, dot, func, wide
 
 from labbook_numba.kernels.bodies import inertia_of, mass_of, radius_of
 from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, X, kernel, uint64
-from labbook_numba.kernels.single import load
 from labbook_numba.kernels.surfaces import wall_distance
+from labbook_numba.kernels.transfer import load
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
 

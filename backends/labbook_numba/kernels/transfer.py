@@ -1,10 +1,11 @@
-"""Between grains and the block of contacts, eight at a time: gather before the law, scatter after it.
+"""Between grains and the block of contacts, eight at a time: gather before the law, scatter after it; near contacts
+are squeezed to those that touch. And one grain or contact at a time.
 
 Which grains are in the block stands in `i` and `j`, which list entries in `slot`; both are filled up to a
 multiple of eight with ghosts.
 """
 
-from labbook_dem.words import func
+from labbook_dem.words import func, narrow, real, wide, wide3
 
 from labbook_numba.kernels.blocks import (
     AX,
@@ -13,6 +14,7 @@ from labbook_numba.kernels.blocks import (
     BX,
     BY,
     BZ,
+    DEPTH,
     DT,
     HELD,
     OX,
@@ -44,6 +46,7 @@ from labbook_numba.kernels.features import (
 )
 from labbook_numba.lanes import eight_at, put, spread
 from labbook_numba.rows import add_rows, add_two_rows, columns, put_rows, rows, rows_at
+from labbook_numba.squeeze import exchange, squeeze, squeeze_places
 
 
 @kernel
@@ -149,3 +152,65 @@ def scatter_springs(spring, slot, b, count):
     for t in range(uint64(0), count, uint64(8)):
         kept = rows(eight_at(b, SX + t), eight_at(b, SY + t), eight_at(b, SZ + t), nothing)
         put_rows(spring, slot, t, kept)
+
+
+@func
+def eights_at(near, place):
+    """Eight vectors, from columns of State.near."""
+    return eight_at(near, place), eight_at(near, place + STRIDE), eight_at(near, place + STRIDE + STRIDE)
+
+
+@func
+def squeeze_vectors(b, place, vectors, touching):
+    """Write the picked of eight vectors to columns of the block."""
+    x, y, z = vectors
+    squeeze(b, place, x, touching)
+    squeeze(b, place + STRIDE, y, touching)
+    squeeze(b, place + STRIDE + STRIDE, z, touching)
+
+
+@func
+def squeeze_entries(b, slot, count, depth, held, k, touching, here):
+    """Write `depth` of the picked of the list entries k..k + 8, whether they hold springs, and which entries they are.
+
+    depth: what goes to DEPTH.
+
+    From now on those that touch hold one; `here`: those of the eight that are in the list.
+    """
+    squeeze(b, DEPTH + count, depth, touching)
+    if FRICTION:
+        squeeze(b, HELD + count, exchange(held, k, touching, here), touching)
+        squeeze_places(slot, count, k, touching)
+
+
+@func
+def load(a, i, c):
+    """The vector that starts at column c of row i."""
+    return wide3(a[i, c], a[i, c + 1], a[i, c + 2])
+
+
+@func
+def spring_of(spring, held, k):
+    """The spring of entry k; none if it is not held."""
+    kept = wide(held[k])
+    return narrow(wide3(spring[k, 0] * kept, spring[k, 1] * kept, spring[k, 2] * kept))
+
+
+@func
+def advance_of(held, k, dt):
+    """By how much the spring of entry k is to be advanced [s]."""
+    return real(0.5) * dt * (real(1.0) + real(held[k]))
+
+
+@kernel
+def write_row(out, row, i, j, wall, force, branch):
+    """Write one row."""
+    out[row, 0] = i
+    out[row, 1] = j
+    out[row, 2] = wall
+    out[row, 3] = force.x
+    out[row, 4] = force.y
+    out[row, 5] = force.z
+    out[row, 6] = branch.x
+    out[row, 7] = branch.y
+    out[row, 8] = branch.z

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from labbook_dem.parts import has, heir
-from labbook_dem.rods import rod_on_rod, rod_on_wall
+from labbook_dem.rods import has, heir, rod_on_rod, rod_on_wall
 from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
 

@@ -101,14 +101,16 @@ class Fan2023(Paper):
 
 def _of_ratio(quantity: str, ratio: Ratio) -> Comparison:
     """The plain hopper over itself is 1 without error: there is nothing to compare."""
-    base = replace(sought(quantity, ratio.result.at), label=ratio.result.label)
+    points = tuple(dict.fromkeys((ratio.result, ratio.over)))
+    base = replace(sought(quantity, ratio.result.at), label=ratio.result.label, points=points)
     return replace(base, ours=ratio.value, error=ratio.error, low=ratio.low, high=ratio.high)
 
 
 def _of_approach(base: Comparison, definition: str, shape: str, term: str, points: Sequence[PointResult]) -> Comparison:
     """Limit, depth or rate with which a parameter of profiles approaches its value in the middle."""
     base = replace(base, label=base.label or "all points")
-    law = approaches(by_position(points), definition)[shape].approach
+    found = approaches(by_position(points), definition)[shape]
+    base, law = replace(base, points=found.of), found.approach
     if law is None:
         why = f"an approach needs profiles at {FEWEST} distances from the wall, the middle among them"
         return replace(base, why=why)

@@ -263,12 +263,10 @@ def eccentric_flow(
 # How the flow rate depends on the angle [rad] of the bottom from the vertical, 90 deg being flat: laws without free
 # parameters, relative to a flat bottom.
 
-BROWN = "Brown, Nature 191 (1961) 458; Fan et al. 2023, eq 3"
-ROSE_TANAKA = "Rose & Tanaka, Engineer 208 (1959) 465"
-
 
 def brown(angle: float) -> float:
-    """Brown's factor int_0^a sqrt(cos x) dx / sin^{3/2} a over its value at 90 deg, 1.198.
+    """Brown's factor int_0^a sqrt(cos x) dx / sin^{3/2} a over its value at 90 deg, 1.198 (Nature 191 (1961) 458; Fan et
+    al. 2023, eq 3).
 
     From the least energy of grains that fall freely from an arch. It grows as a^{-1/2} for steep bottoms. Raises
     ValueError for an angle that is not above 0 and at most 90 deg.
@@ -288,7 +286,7 @@ def _brown(angle: float) -> float:
 
 
 def rose_tanaka(angle: float, friction_angle: float) -> float:
-    """(tan a tan phi_d)^{-0.35} for a < 90 deg - phi_d, else 1.
+    """(tan a tan phi_d)^{-0.35} for a < 90 deg - phi_d, else 1 (Rose & Tanaka, Engineer 208 (1959) 465).
 
     `friction_angle` phi_d [rad]: the angle between the stagnant zone and the horizontal; where it is not known the
     arctangent of the friction of the grains may stand for it. Raises ValueError for angles out of range.

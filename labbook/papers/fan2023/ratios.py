@@ -14,7 +14,7 @@ ANGLE, GAP = "container.angle", "container.gap"
 
 @dataclass(frozen=True)
 class Ratio:
-    """W of a point over that of the plain hopper that is like it but for one key.
+    """W of a point (`result`) over that of the plain hopper (`over`) that is like it but for one key.
 
     `at`: the angle [rad], or s*; `error`: standard error; `low`, `high`: the 95 % interval, by Student's t on the
     degrees of freedom of both errors together (Welch and Satterthwaite). The plain hopper over itself is 1 without
@@ -22,6 +22,7 @@ class Ratio:
     """
 
     result: PointResult
+    over: PointResult
     at: float
     value: float
     error: float
@@ -97,9 +98,9 @@ def _hopper(result: PointResult) -> WedgeHopper:
 
 def _over(one: PointResult, reference: PointResult, at: float) -> Ratio:
     if one is reference:
-        return Ratio(one, at, 1.0, 0.0, 1.0, 1.0)
+        return Ratio(one, reference, at, 1.0, 0.0, 1.0, 1.0)
     above, below = one.flow_rate, reference.flow_rate
     assert above is not None
     assert below is not None
     found = independent_ratio(above, below)
-    return Ratio(one, at, found.value, found.error, found.low, found.high)
+    return Ratio(one, reference, at, found.value, found.error, found.low, found.high)

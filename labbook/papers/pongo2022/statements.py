@@ -15,7 +15,7 @@ from labbook.papers.pongo2022.rotation import (
     rise_of,
 )
 from labbook.results import display
-from labbook.results.points import by_seed
+from labbook.results.points import PointResult, by_seed
 from labbook.results.reference import matches
 from labbook.results.statements import Judged
 from labbook.stats import Pooled
@@ -76,7 +76,7 @@ def _turning(statement: Statement, name: str, curve: Rotation) -> Iterator[Judge
                     yield Judged(statement, at, None, why=_LACKING)
                     continue
                 ratio = curve.ratio(quantity, k) if not feature else _exchange(curve, k)
-                yield _of_ratio(statement, at, ratio)
+                yield _of_ratio(statement, at, ratio, (curve.points[0], result))
         return
     if curve.unfinished:
         places = ", ".join(f"{f:g}" for f in curve.unfinished)
@@ -90,13 +90,15 @@ def _turning(statement: Statement, name: str, curve: Rotation) -> Iterator[Judge
     elif feature == "minimum":
         extreme = curve.minimum(quantity)
         if extreme is None:
-            yield Judged(statement, where, float(curve.frequencies[lowest]), why="its interval needs two seeds")
+            ours, why = float(curve.frequencies[lowest]), "its interval needs two seeds"
+            yield Judged(statement, where, ours, why=why, points=curve.points)
         else:
-            yield Judged(statement, where, extreme.frequency, low=extreme.low, high=extreme.high)
+            ours, low, high = extreme.frequency, extreme.low, extreme.high
+            yield Judged(statement, where, ours, low=low, high=high, points=curve.points)
     elif feature == "rise":
-        yield _of_ratio(statement, where, rise_of(curve, quantity))
+        yield _of_ratio(statement, where, rise_of(curve, quantity), curve.points)
     else:
-        yield _of_ratio(statement, where, drop_of(curve, quantity))
+        yield _of_ratio(statement, where, drop_of(curve, quantity), curve.points)
 
 
 def _with_length(statement: Statement, quantity: str, feature: str, turning: Sequence[Rotation]) -> Iterator[Judged]:
@@ -112,7 +114,8 @@ def _with_length(statement: Statement, quantity: str, feature: str, turning: Seq
         elif min(len(shorter.points), len(longer.points)) < 3:
             yield Judged(statement, where, None, why="a minimum needs three frequencies")
         else:
-            yield _of_ratio(statement, where, gained(shorter, longer, quantity, feature))
+            points = (*shorter.points, *longer.points)
+            yield _of_ratio(statement, where, gained(shorter, longer, quantity, feature), points)
 
 
 def _exchange(curve: Rotation, k: int) -> Pooled | None:
@@ -125,7 +128,7 @@ def _exchange(curve: Rotation, k: int) -> Pooled | None:
     return paired_ratio(gained, lost, CONFIDENCE)
 
 
-def _of_ratio(statement: Statement, where: str, ratio: Pooled | None) -> Judged:
+def _of_ratio(statement: Statement, where: str, ratio: Pooled | None, points: tuple[PointResult, ...]) -> Judged:
     if ratio is None:
         return Judged(statement, where, None, why="no seed has both runs")
-    return Judged(statement, where, ratio.value, ratio.error, ratio.low, ratio.high, pairs=ratio.n)
+    return Judged(statement, where, ratio.value, ratio.error, ratio.low, ratio.high, pairs=ratio.n, points=points)

@@ -146,7 +146,7 @@ def test_a_reference_can_name_how_a_shape_approaches_the_middle(monkeypatch, syn
         values = {name: sigma[id(result)] if name == "sigma1" else 0.0 for name in profiles.SHAPE}
         return SimpleNamespace(parameters={name: Parameter(v, v, v, 0.01, "") for name, v in values.items()})
 
-    aside = [ratios.Ratio(r, s, 1.0, 0.1, 0.8, 1.2) for r, s in zip(found, places, strict=True)]
+    aside = [ratios.Ratio(r, found[-1], s, 1.0, 0.1, 0.8, 1.2) for r, s in zip(found, places, strict=True)]
     monkeypatch.setattr(type(found[0]), "outlets", lambda self, definition: ("any",))
     monkeypatch.setattr(profiles, "_own", own)
     monkeypatch.setattr(fan2023, "by_position", lambda points: aside)

@@ -16,6 +16,7 @@ from labbook.lab.evaluations import evaluate
 from labbook.papers.fan2023.laws import brown, rose_tanaka
 from labbook.results.frames import frames
 from labbook.scene import Kind, Spherocylinders
+from labbook.study.schema import Reference, ReferenceEntry, Statement
 
 
 def read_vtk(path):
@@ -60,7 +61,7 @@ def read_vtk(path):
 
 def test_tables_hold_every_number(analysis):
     found = frames(analysis)
-    assert set(found) == {"runs", "points", "series", "fits", "flow", "reference"}
+    assert set(found) == {"runs", "points", "series", "fits", "bands", "flow", "reference"}
     runs = found["runs"]
     for result in analysis.points:
         for run in result.runs:
@@ -73,6 +74,36 @@ def test_tables_hold_every_number(analysis):
     assert fits.loc[("beverloo", "k"), "low"] == parameter.low
     assert fits.loc[("beverloo", "k"), "aicc"] == analysis.series[0].fits["beverloo"].aicc
     assert len(found["points"]) == sum(len(result.pooled) for result in analysis.points)
+
+
+def test_bands_run_through_the_points_that_were_fitted(analysis):
+    fit, made = analysis.series[0].fits["beverloo"], frames(analysis)["bands"]
+    mine = made[made["law"] == "beverloo"].set_index("orifice")
+    assert (mine.index[0], mine.index[-1]) == (fit.D.min(), fit.D.max())
+    value, low, high = (ends[0] for ends in fit.predict(fit.D[:1]))
+    assert mine.iloc[0][["flow_rate", "low", "high"]].tolist() == pytest.approx([value, low, high])
+    assert all(wide < low for wide, low in zip(mine["point_low"], mine["low"], strict=True))
+    assert all(wide > high for wide, high in zip(mine["point_high"], mine["high"], strict=True))
+
+
+def test_what_rests_on_several_points_names_them_and_is_stale_with_them(synthetic):
+    """One run of the second point is of an older version of the backend."""
+    points = [synthetic.point(k, D) for k, D in enumerate((0.02, 0.03, 0.04, 0.05))]
+    versions = {(1, 1): 2}
+    runs = [
+        synthetic.FinishedDouble(one, seed, cache_version=versions.get((one.index, seed), 3))
+        for one in points
+        for seed in (1, 2)
+    ]
+    entries = (ReferenceEntry("flow_rate", {"container.orifice": 0.02}, 0.05), ReferenceEntry("beverloo.k", {}, 1.5))
+    stated = (Statement("flow_rate", {"container.orifice": 0.03}, 0.0, 1.0, "it flows", "kg/s"),)
+    found = analyse(synthetic.study_of(points, reference=Reference("a paper", entries, stated)), runs)
+    made = frames(replace(found, stale=frozenset({2})))
+    assert made["fits"][["points", "stale"]].drop_duplicates().values.tolist() == [["1, 2, 3, 4", True]]
+    assert made["series"][["points", "stale"]].values.tolist() == [["1, 2, 3, 4", True]]
+    assert made["statements"][["points", "stale"]].values.tolist() == [["2", True]]
+    assert made["reference"][["points", "stale"]].values.tolist() == [["1", False], ["1, 2, 3, 4", True]]
+    assert set(frames(found)["fits"]["stale"]) == {False}
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])

@@ -145,7 +145,7 @@ def printed(cells: list[str], text: frozenset[int], width: int) -> str:
 
     from rich.console import Console
 
-    from labbook.cli.tables import print_table
+    from labbook.cli.screen import print_table
     from labbook.report.tables import Table
 
     out, headings = StringIO(), tuple("abcdefg"[: len(cells)])

@@ -1,0 +1,80 @@
+"""The machine that backends run on: processor, cores, memory, GPU, and the versions of packages."""
+
+import math
+import os
+import platform
+import subprocess
+from collections.abc import Iterable
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def memory() -> float:
+    """Memory of this machine [bytes]; infinite where the system does not tell."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return math.inf
+
+
+def processor() -> str:
+    """Name of the processor."""
+    for line in _cpuinfo().splitlines():
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+@lru_cache(maxsize=1)
+def wide_vectors() -> bool:
+    """Whether this processor computes with vectors of 512 bits, which the CPU backend gains most from."""
+    return platform.machine().lower() in ("x86_64", "amd64") and " avx512f" in _cpuinfo()
+
+
+def _cpuinfo() -> str:
+    try:
+        return Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
+def gpu() -> tuple[str, str] | None:
+    """Name and driver of the first NVIDIA GPU; None where there is none."""
+    query = ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader"]
+    try:
+        told = subprocess.run(query, capture_output=True, text=True, timeout=20, check=True).stdout
+    except (OSError, subprocess.SubprocessError):
+        return None
+    name, comma, driver = told.partition("\n")[0].partition(",")
+    return (name.strip(), driver.strip()) if comma else None
+
+
+def versions(packages: Iterable[str]) -> dict[str, str | None]:
+    """Installed version of each package; None where it is not installed."""
+    return {name: _version(name) for name in packages}
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def hardware() -> dict[str, object]:
+    """What speeds were measured on: processor, cores, GPU, system, and the versions that decide speed."""
+    found = versions(("numba", "llvmlite", "numpy", "warp-lang"))
+    return {
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "gpu": ", ".join(one) if (one := gpu()) else None,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "versions": {name: one for name, one in found.items() if one},
+    }

@@ -1,1 +1,0 @@
-"""How fast the backends are, measured so that anyone can repeat it."""

@@ -1,0 +1,252 @@
+"""The database of the index: its tables, and the SQLite file that several processes read and one at a time writes.
+
+Tables are never migrated: another SCHEMA_VERSION means that the index is made again.
+"""
+
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from sqlalchemy import (
+    Column,
+    Connection,
+    Engine,
+    Float,
+    Index,
+    Integer,
+    MetaData,
+    Row,
+    Select,
+    String,
+    Table,
+    Text,
+    create_engine,
+    event,
+    text,
+)
+from sqlalchemy.dialects.sqlite import insert
+from sqlalchemy.exc import DatabaseError
+
+from labbook.lab.folder import DiskFull, Lab, LabError
+
+SCHEMA_VERSION = 2
+
+metadata = MetaData()
+
+about = Table("about", metadata, Column("schema_version", Integer, primary_key=True))
+
+runs = Table(
+    "runs",
+    metadata,
+    Column("run_key", String, primary_key=True),
+    Column("study", String, nullable=False, default=""),
+    Column("label", String, nullable=False, default=""),
+    Column("seed", Integer),
+    Column("engine", String, key="backend"),
+    Column("cache_version", Integer),
+    Column("outcome", String, nullable=False),
+    Column("grains", Integer),
+    Column("discharged", Float),
+    Column("duration", Float),
+    Column("wall_time", Float),
+    Column("rate", Float),
+    Column("finished", String),
+    Column("device", String),
+    Column("machine", String),
+    Column("bytes", Integer),
+    Column("experiment_key", String),
+    Column("scene_key", String),
+    Column("packing_key", String),
+    Column("lineage_key", String),
+    Column("coverage", Text),
+    Column("stamp", Integer, nullable=False),
+    Column("problem", Text),
+    Index("runs_by_lineage", "lineage_key"),
+    Index("runs_by_study", "study"),
+    Index("runs_by_finish", "finished"),
+    Index("runs_by_packing", "packing_key"),
+    sqlite_with_rowid=True,
+)
+"""One row a run folder. `coverage`: that of `run.json`, as JSON; `stamp`: that of the folder
+(`labbook.lab.folder.stamp`) when it was read, by which changes are noticed; `outcome` is `unreadable` and `problem`
+says why where a folder cannot be read."""
+
+packings = Table(
+    "packings",
+    metadata,
+    Column("packing_key", String, primary_key=True),
+    Column("closed_key", String),
+    Column("engine", String, key="backend"),
+    Column("seed", Integer),
+    Column("grains", Integer),
+    Column("duration", Float),
+    Column("wall_time", Float),
+    Column("rate", Float),
+    Column("machine", String),
+    Column("bytes", Integer),
+    Column("stamp", Integer, nullable=False),
+    Column("problem", Text),
+)
+
+measurements = Table(
+    "measurements",
+    metadata,
+    Column("run_key", String, primary_key=True),
+    Column("quantity", String, primary_key=True),
+    Column("version", Integer, primary_key=True),
+    Column("window_start", Float, primary_key=True),
+    Column("window_end", Float, primary_key=True),
+    Column("measure", String, nullable=False),
+    Column("value", Float),
+    Column("error", Float),
+    Column("n_effective", Float),
+    Column("window", String, nullable=False),
+    Column("method", String, nullable=False),
+    Column("unit", String, nullable=False),
+    Column("note", String, nullable=False),
+)
+"""What was measured in a run, by version of the measure and by window (fractions of the initial mass
+discharged). A measure that gives nothing, or that failed, leaves a row with its own name as quantity, no
+value, and a note."""
+
+BUSY = 30.0
+"""How long a transaction waits for another process's [s]."""
+_CHUNK = 500
+"""Keys in one query, well below SQLite's limit on variables."""
+DAMAGED = -1
+_OUT_OF_REACH = ("locked", "full", "readonly", "unable to open", "disk I/O", "not authorized", "interrupted")
+
+
+class NoCatalogue(LabError):
+    """There is no catalogue, it is damaged, or of another version of labbook; the message says what to do."""
+
+    def __init__(self, lab: Lab, what: str):
+        super().__init__(f"{lab.catalogue} {what}; make it again: labbook reindex --lab {lab.folder}")
+
+
+def connect(path: Path, *, read_only: bool) -> Engine:
+    """An SQLAlchemy engine on an SQLite file.
+
+    Of a file that nobody can write to, and that no log belongs to, SQLite may not make the log that it reads by: it is
+    then opened as one that does not change.
+    """
+    mode = "ro" if read_only else "rwc"
+    if read_only and not os.access(path.parent, os.W_OK) and not path.with_name(f"{path.name}-wal").exists():
+        mode += "&immutable=1"
+    uri = f"file:{quote(str(path.resolve()))}?mode={mode}"
+    engine = create_engine(
+        "sqlite://", creator=lambda: sqlite3.connect(uri, uri=True, timeout=BUSY, isolation_level=None)
+    )
+    if not read_only:
+
+        @event.listens_for(engine, "connect")
+        def _durable(connection, _record):
+            connection.execute("PRAGMA journal_mode=WAL")
+            connection.execute("PRAGMA synchronous=NORMAL")
+
+    return engine
+
+
+def schema_version(engine: Engine) -> int | None:
+    """Version of the index; None if it has none, DAMAGED if the file is no database at all."""
+    try:
+        with engine.connect() as connection:
+            return connection.scalar(text("SELECT schema_version FROM about"))
+    except DatabaseError as error:
+        if "no such table" in str(error.orig):
+            return None
+        if damaged(error):
+            return DAMAGED
+        raise
+
+
+def whole(engine: Engine) -> bool:
+    """Whether every page of the index can be read."""
+    try:
+        with engine.connect() as connection:
+            return connection.scalar(text("PRAGMA quick_check(1)")) == "ok"
+    except DatabaseError as error:
+        if damaged(error):
+            return False
+        raise
+
+
+def damaged(error: DatabaseError) -> bool:
+    """Whether an error tells of a damaged file, and not of one that is locked, full or out of reach."""
+    return not any(words in str(error.orig) for words in _OUT_OF_REACH)
+
+
+def unusable(lab: Lab, error: DatabaseError) -> LabError:
+    """What an error of the database of `lab` means to its user."""
+    why, path = str(error.orig), lab.catalogue
+    if damaged(error):
+        return NoCatalogue(lab, f"is damaged ({why})")
+    if "full" in why:
+        return DiskFull(path)
+    if "locked" in why:
+        return LabError(f"{path}: another labbook has been writing to it for {BUSY:g} s; give the same command again")
+    return LabError(
+        f"{path}: {why}; see to it that you may read and write the files in {lab.folder}, or use a copy of the folder"
+    )
+
+
+@contextmanager
+def asking(engine: Engine, lab: Lab) -> Iterator[Connection]:
+    """A connection to the index of a lab. Raises LabError."""
+    try:
+        with engine.connect() as connection:
+            yield connection
+    except DatabaseError as error:
+        raise unusable(lab, error) from error
+
+
+@contextmanager
+def writing(engine: Engine, lab: Lab) -> Iterator[Connection]:
+    """A transaction that is done as a whole or not at all. Raises LabError."""
+    with asking(engine, lab) as connection:
+        connection.execute(text("BEGIN IMMEDIATE"))
+        yield connection
+        connection.commit()
+
+
+def empty() -> Engine:
+    """An index of nothing, in memory."""
+    engine = create_engine("sqlite://")
+    metadata.create_all(engine)
+    return engine
+
+
+def among(connection: Connection, query: Select, column: Column, keys: Iterable[str]) -> list[Row]:
+    """The rows of `query` whose `column` is one of `keys`, however many these are."""
+    keys, found = list(keys), []
+    for at in range(0, len(keys), _CHUNK):
+        found += connection.execute(query.where(column.in_(keys[at : at + _CHUNK])))
+    return found
+
+
+def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
+    """Take rows of measurements of indexed runs into the index of a lab, which stays as it is if it cannot be written
+    to: they are then worked out again from what is kept beside the runs. Raises LabError for a damaged one."""
+    if not rows or not os.access(lab.catalogue, os.W_OK) or not os.access(lab.folder, os.W_OK):
+        return
+    engine = connect(lab.catalogue, read_only=False)
+    try:
+        with writing(engine, lab) as connection:
+            upsert(connection, measurements, rows)
+    finally:
+        engine.dispose()
+
+
+def upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:
+    """Take rows into a table, in place of those with the same key."""
+    if not rows:
+        return
+    statement = insert(table)
+    changed = {column.key: statement.excluded[column.key] for column in table.columns if not column.primary_key}
+    connection.execute(
+        statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed), rows
+    )
