@@ -29,26 +29,32 @@ quickstart: $(VENV)/installed-run
 	$(BIN)/labbook run $(STUDY) --lab $(LAB)
 	$(BIN)/labbook report $(STUDY) --lab $(LAB)
 
-lint: $(VENV)/installed-dev
+define style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
+endef
+
+# pyright goes on beside the tests that $(1) chooses: it takes one core half a minute
+define all-checks
+	$(style)
+	@$(BIN)/pyright > $(VENV)/types 2>&1 & types=$$!; \
+		$(PYTEST) $(1); tests=$$?; \
+		wait $$types; types=$$?; cat $(VENV)/types; exit $$((tests | types))
+endef
+
+lint: $(VENV)/installed-dev
+	$(style)
 	$(BIN)/pyright
 
-# pyright goes on beside the tests: it takes one core half a minute
 check: $(VENV)/installed-dev
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/lint-imports --no-logo
-	@$(BIN)/pyright > $(VENV)/types 2>&1 & types=$$!; \
-		$(PYTEST) -m "not compiles and not render and not slow and not ring"; tests=$$?; \
-		wait $$types; types=$$?; cat $(VENV)/types; exit $$((tests | types))
+	$(call all-checks,-m "not compiles and not render and not slow and not ring")
 
-test: lint
-	$(PYTEST) -m "not ring"
+test: $(VENV)/installed-dev
+	$(call all-checks,-m "not ring")
 
-test-all: lint
-	$(PYTEST)
+test-all: $(VENV)/installed-dev
+	$(call all-checks,)
 
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m labbook.cli.reference docs/commands.md

@@ -8,9 +8,11 @@ Hypothesis by itself fails a test whose examples take long, which on a loaded ma
 yet to build its table of characters, says nothing of the test.
 """
 
+import gc
 import os
 import re
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -43,6 +45,13 @@ def group(test: str) -> str:
     return test.partition("::")[0]
 
 
+@cache
+def compiles(name: str) -> bool:
+    """Whether tests of a group make kernels: few may take long."""
+    file = Path(__file__).parents[1] / name
+    return not file.is_file() or "mark.compiles" in file.read_text(encoding="utf-8")
+
+
 def can_render() -> bool:
     """Whether the viewer has a Vulkan driver to draw with: a GPU's, or the software rasteriser. Elsewhere than on Linux
     it needs none."""
@@ -64,14 +73,24 @@ def pytest_collection_modifyitems(items):
             item.add_marker(skip)
 
 
+def pytest_collection_finish():
+    """What was imported to collect tests stays to the end: the garbage collector need not go through it each time."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Large groups first, each to whoever is free."""
+    """Groups that make kernels first, then large ones, each to whoever is free: no long one is left for the end."""
     from xdist.scheduler import LoadScopeScheduling
 
     class ByKernels(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             return group(nodeid)
+
+        def _assign_work_unit(self, node) -> None:
+            self.workqueue.move_to_end(next(filter(compiles, self.workqueue), next(iter(self.workqueue))), last=False)
+            super()._assign_work_unit(node)
 
     return ByKernels(config, log) if config.getoption("dist") == "load" else None
 

@@ -70,8 +70,9 @@ class Room:
             inside &= section[:, 0] <= self.x[1] + self.clearance - clearance
         for start, end in self.plates:
             along, at = end - start, section - start
-            part = np.clip(at @ along / (along @ along), 0, 1)
-            inside &= np.linalg.norm(at - part[:, None] * along, axis=1) >= clearance
+            part = np.minimum(np.maximum(at @ along / (along @ along), 0), 1)
+            # by hand: norm along so short an axis takes most of the time of a filling's start
+            inside &= np.sqrt((at[:, 0] - part * along[0]) ** 2 + (at[:, 1] - part * along[1]) ** 2) >= clearance
             if along[0] != 0:
                 across = at[:, 0] / along[0]
                 beneath |= (across >= 0) & (across <= 1) & (at[:, 1] > across * along[1])

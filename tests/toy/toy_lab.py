@@ -7,6 +7,8 @@ from functools import cache
 from pathlib import Path
 
 import labbook_toy
+import typer.main
+from typer import testing
 from typer.testing import CliRunner
 
 from labbook.cli import build
@@ -51,13 +53,15 @@ def carry_out(asked: Study, lab: Path, **options) -> Summary:
 
 def labbook(*words: object, check: bool = True, **environment: str):
     """`labbook WORDS` in this process, to its end; what it does not expect is raised."""
-    ended = CliRunner().invoke(_app(), list(map(str, words)), env=environment, catch_exceptions=False)
+    ended = CliRunner().invoke(APP, list(map(str, words)), env=environment, catch_exceptions=False)
     if check and ended.exit_code:
         raise AssertionError(f"labbook {' '.join(map(str, words))} ended with {ended.exit_code}:\n{ended.output}")
     return ended
 
 
-_app = cache(build)
+APP = build()
+# all verbs with all their options are made once, not for each of a thousand commands
+testing._get_command = cache(typer.main.get_command)  # pyright: ignore[reportPrivateImportUsage]
 
 
 def start(*words: object, delay: float = 0.0, terminal: int | None = None, **environment: str) -> subprocess.Popen:

@@ -1,6 +1,7 @@
 """Studies made and changed in Python: the same as from a file, with the same complaints."""
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,9 +40,18 @@ def keys(study: labbook.Study) -> list[str]:
     return [PointDemand(study, point).run(1).run_key("numba", 1) for point in study.points]
 
 
+@pytest.fixture(scope="module")
+def units():
+    """Units that are not labbook's own."""
+    return pint.UnitRegistry()
+
+
+loaded = cache(labbook.load)
+
+
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
 def test_a_study_from_python_has_the_runs_of_its_file(path):
-    file = labbook.load(path)
+    file = loaded(path)
     made = labbook.define(json.loads(json.dumps(file.stated)))
     assert keys(made) == keys(file)
     assert (made.replicates, made.measure, made.fit, made.reference) == (
@@ -54,7 +64,7 @@ def test_a_study_from_python_has_the_runs_of_its_file(path):
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
 def test_a_saved_study_is_the_same_study(path, tmp_path):
-    study = labbook.load(path)
+    study = loaded(path)
     again = labbook.load(study.change(about="saved").save(tmp_path / "saved.yaml"))
     assert keys(again) == keys(study)
     assert again.about == "saved"
@@ -64,24 +74,24 @@ def test_a_saved_study_is_the_same_study(path, tmp_path):
 @pytest.mark.parametrize(
     "values",
     [
-        ["18 mm", "24 mm"],
-        ("18 mm", "24 mm"),
-        np.array(["18 mm", "24 mm"]),
-        [pint.UnitRegistry().Quantity(18, "mm"), pint.UnitRegistry().Quantity(0.024, "m")],
-        pint.UnitRegistry().Quantity(np.array([1.8, 2.4]), "cm"),
+        lambda _: ["18 mm", "24 mm"],
+        lambda _: ("18 mm", "24 mm"),
+        lambda _: np.array(["18 mm", "24 mm"]),
+        lambda units: [units.Quantity(18, "mm"), units.Quantity(0.024, "m")],
+        lambda units: units.Quantity(np.array([1.8, 2.4]), "cm"),
     ],
     ids=["list", "tuple", "array", "quantities", "array of a unit"],
 )
-def test_sweeps_are_any_sequence(values):
-    assert keys(labbook.define({**PLAIN, "sweep": {"container.orifice": values}})) == keys(labbook.define(PLAIN))
+def test_sweeps_are_any_sequence(units, values):
+    assert keys(labbook.define({**PLAIN, "sweep": {"container.orifice": values(units)}})) == keys(labbook.define(PLAIN))
 
 
-def test_numbers_are_those_of_numpy_too():
+def test_numbers_are_those_of_numpy_too(units):
     frictions = np.linspace(0.3, 0.5, 3)
     made = labbook.define({**PLAIN, "sweep": {"contact.friction": frictions}}, replicates=int(np.int64(2)))
     assert [point.at["contact.friction"] for point in made.points] == pytest.approx([0.3, 0.4, 0.5])
     assert made.replicates == 2
-    density = pint.UnitRegistry().Quantity(2.5, "g/cm^3")
+    density = units.Quantity(2.5, "g/cm^3")
     assert keys(labbook.define(PLAIN).change({"grains.density": density})) == keys(labbook.define(PLAIN))
 
 

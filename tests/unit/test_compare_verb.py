@@ -61,6 +61,7 @@ def test_what_was_stopped_goes_on(tmp_path):
     while not list((lab / "work").glob("*.lock")):
         assert process.poll() is None
         assert time.monotonic() < deadline
+        time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130

@@ -7,10 +7,9 @@ import unicodedata
 import pytest
 from labbook_toy import Backend
 from sqlalchemy import event, text
-from toy_lab import carry_out, study, study_file
+from toy_lab import APP, carry_out, study, study_file
 from typer.testing import CliRunner
 
-from labbook.cli import build
 from labbook.lab import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
 from labbook.lab.database import SCHEMA_VERSION, connect, metadata, runs
 from labbook.lab.index import Index
@@ -41,7 +40,7 @@ def tables(lab) -> dict[str, list]:
 
 
 def cli(*words) -> tuple[int, str]:
-    done = CliRunner().invoke(build(), [str(word) for word in words])
+    done = CliRunner().invoke(APP, [str(word) for word in words])
     return done.exit_code, done.output
 
 
@@ -122,7 +121,7 @@ def test_what_files_say_does_not_steer_the_terminal(lab, tmp_path):
         ("reindex",), ("status",), ("runs",), ("show", victim.name), ("fit", cited, "--backend", "toy"),
         ("plan", cited, "--backend", "toy"), ("show", "\x1b[8m"),
     ):  # fmt: skip
-        out = CliRunner().invoke(build(), [*map(str, words), "--lab", str(lab)], color=True).output
+        out = CliRunner().invoke(APP, [*map(str, words), "--lab", str(lab)], color=True).output
         assert out
         assert not [one for one in out if unicodedata.category(one) == "Cc" and one != "\n"], words
         assert "\u202e" not in out

@@ -1,6 +1,7 @@
 """A number has one evaluation: whoever asks for it later reads what is kept beside the run."""
 
 import json
+import shutil
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -50,12 +51,19 @@ def counted(monkeypatch):
     return count
 
 
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A folder with a study of two points with two replicates each, and its lab."""
+    folder = tmp_path_factory.mktemp("done")
+    carry_out(load(asked(folder)), folder / "lab")
+    return folder
+
+
 @pytest.fixture
-def made(tmp_path):
-    """A study of two points with two replicates each, and its lab."""
-    path = asked(tmp_path)
-    carry_out(load(path), tmp_path / "lab")
-    return path, tmp_path / "lab"
+def made(done, tmp_path):
+    """A copy of that study, and of its lab."""
+    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "toy.yaml", tmp_path / "lab"
 
 
 def kept(lab: Path) -> dict[Path, int]:

@@ -112,6 +112,7 @@ def test_work_that_was_cut_short_is_partial(tmp_path):
     while not (list((lab / "packings").glob("*")) and list((lab / "work").glob("*/progress.json"))):
         assert process.poll() is None
         assert time.monotonic() < deadline
+        time.sleep(0.01)
     process.kill()
     process.communicate()
     made = plan(study(tmp_path), lab)

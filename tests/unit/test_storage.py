@@ -64,6 +64,7 @@ def test_a_file_in_place_of_the_lab_is_named(place, verb):
     assert lab.read_text() == "no lab"
 
 
+@pytest.mark.usefixtures("one_format")
 @pytest.mark.parametrize("verb", ["run", "report", "export"])
 def test_a_full_disk_is_one_line_and_leaves_no_half_files(place, verb, monkeypatch):
     def full(one, other):
