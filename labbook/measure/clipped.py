@@ -6,6 +6,8 @@ Areas are exact. Volumes are sums over exact areas (spheres) or exact lengths of
 import numpy as np
 
 _ORDER = 48
+_AT_ONCE = 128
+"""Spheres whose discs are clipped together: few calls, and what they hold stays in a core's cache."""
 _RADII, _ANGLES = 12, 24
 """Lines along a rod, over its cross-section. The error is below 2e-2 of a rod where a face cuts it lengthwise,
 else below 1e-2, and averages out over rods. Whole rods are exact to round-off."""
@@ -21,22 +23,41 @@ def disc_in_rectangle(
     """Area [m^2] of discs at (x, z) within the rectangle from `low` to `high` [m]; shape as x. Exact."""
     radius = np.asarray(radius, float)
     safe = np.where(radius > 0, radius, 1.0)
+    # the four corners share two abscissas and two ordinates: of each the segments are found once
+    left, right = _side((low[0] - x) / safe), _side((high[0] - x) / safe)
+    below, above = _chord((low[1] - z) / safe), _chord((high[1] - z) / safe)
+    whole = _unit_disc_below(right, above) - _unit_disc_below(left, above) - _unit_disc_below(right, below)
+    return np.where(radius > 0, radius**2, 0.0) * _clip(whole + _unit_disc_below(left, below), 0, np.pi)
 
-    def quadrant(right: float, top: float) -> np.ndarray:
-        return _unit_disc_below((right - x) / safe, (top - z) / safe)
 
-    whole = quadrant(high[0], high[1]) - quadrant(low[0], high[1]) - quadrant(high[0], low[1])
-    return np.where(radius > 0, radius**2, 0.0) * np.clip(whole + quadrant(low[0], low[1]), 0, np.pi)
+def _side(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """x = a, within the unit circle, and the integral of the half chord from 0 to it."""
+    a = _clip(a, -1, 1)
+    return a, _half_segment(a)
 
 
-def _unit_disc_below(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _chord(b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """y = b, within the unit circle; the c of its ends x = -c and c there, and the integral from 0 to c."""
+    b = _clip(b, -1, 1)
+    c = np.sqrt(1 - b**2)
+    return b, c, _half_segment(c)
+
+
+def _unit_disc_below(
+    side: tuple[np.ndarray, np.ndarray], chord: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> np.ndarray:
     """Area of the part of the unit disc with x < a and y < b."""
-    a, b = np.clip(a, -1, 1), np.clip(b, -1, 1)
-    c = np.sqrt(1 - b**2)  # the line y = b cuts the circle at x = -c, c
-    hi = np.clip(a, -c, c)
-    under_line = b * (hi + c) + _half_segment(hi) + _half_segment(c)
-    beside = 2 * (_half_segment(a) + np.pi / 4) - 2 * (_half_segment(hi) + _half_segment(c))
+    (a, to_a), (b, c, to_c) = side, chord
+    hi = _clip(a, -c, c)
+    to_hi = _half_segment(hi)
+    under_line = b * (hi + c) + to_hi + to_c
+    beside = 2 * (to_a + np.pi / 4) - 2 * (to_hi + to_c)
     return under_line + np.where(b > 0, beside, 0.0)
+
+
+def _clip(x: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
+    """np.clip, which of short arrays takes several times as long."""
+    return np.minimum(np.maximum(x, low), high)
 
 
 def _half_segment(x: np.ndarray) -> np.ndarray:
@@ -54,15 +75,18 @@ def sphere_in_box(
     polar angle. The error is below 1e-4 of a sphere where faces cut it, and round-off for whole ones.
     """
     x, y, z = np.asarray(centre, float).T
-    start = np.arcsin(np.clip((low[1] - y) / radius, -1, 1))
-    stop = np.arcsin(np.clip((high[1] - y) / radius, -1, 1))
+    radius = np.broadcast_to(np.asarray(radius, float), len(x))
+    start = np.arcsin(_clip((low[1] - y) / radius, -1, 1))
+    stop = np.arcsin(_clip((high[1] - y) / radius, -1, 1))
     nodes, weights = np.polynomial.legendre.leggauss(_ORDER)
     middle, half = (start + stop) / 2, (stop - start) / 2
     volume = np.zeros(len(x))
-    for node, weight in zip(nodes, weights, strict=True):
-        angle = middle + half * node
-        area = disc_in_rectangle(x, z, radius * np.cos(angle), (low[0], low[2]), (high[0], high[2]))
-        volume += weight * half * area * radius * np.cos(angle)
+    for first in range(0, len(x), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        cosine = np.cos(middle[some] + half[some] * nodes[:, None])
+        area = disc_in_rectangle(x[some], z[some], radius[some] * cosine, (low[0], low[2]), (high[0], high[2]))
+        for part in weights[:, None] * half[some] * area * radius[some] * cosine:
+            volume[some] += part
     return volume
 
 
