@@ -131,6 +131,11 @@ class Spheres(Model):
         return 0.0
 
     @property
+    def aspect_ratio(self) -> float:
+        """L/d: 1."""
+        return 1.0
+
+    @property
     def volume(self) -> float:
         """Mean volume of a grain [m^3]; of every grain, if they are equal."""
         return math.pi / 6 * self.mean_cube
@@ -213,6 +218,11 @@ class Spherocylinders(Model):
     def half_length(self) -> float:
         """Half the length of the segment that the surface is a radius away from [m]: (L - d)/2."""
         return (self.length - self.diameter) / 2
+
+    @property
+    def aspect_ratio(self) -> float:
+        """L/d."""
+        return self.length / self.diameter
 
     @property
     def volume(self) -> float:

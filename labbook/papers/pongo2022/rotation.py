@@ -156,7 +156,7 @@ def turning_at(result: PointResult) -> str:
 
 def aspect_ratio(result: PointResult) -> float:
     """L/d of the grains; 1 of spheres."""
-    return float(getattr(result.point.scene.grains, "aspect_ratio", 1.0))
+    return result.point.scene.grains.aspect_ratio
 
 
 def relative_orifice(result: PointResult) -> float:
