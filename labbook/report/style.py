@@ -111,6 +111,7 @@ def save(figure: "Figure", stem: Path) -> list[Path]:
         path = stem.with_name(f"{stem.name}.{kind}")
         write_bytes(path, encode(figure, kind), durable=False)
         paths.append(path)
+        figure.set_layout_engine("none")  # laid out once: that takes as long as drawing
     return paths
 
 

@@ -50,6 +50,7 @@ def hold(names: dict, folder: Path, runs: int) -> None:
     assert names["paths"].x.shape == (len(names["paths"].time), len(names["paths"].ids), 3)
 
 
+@pytest.mark.slow
 def test_the_tutorial_holds_on_the_toy_backend(tmp_path, monkeypatch, one_format):
     names = carried_out({'labbook.Lab("lab")': 'labbook.Lab("lab", "toy")'}, tmp_path, monkeypatch)
     hold(names, tmp_path, runs=16)

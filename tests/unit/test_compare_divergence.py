@@ -34,6 +34,7 @@ class DriftingEnsemble(Ensemble):
         return tables
 
 
+@pytest.mark.slow
 def test_backends_agree_until_the_largest_difference_exceeds_a_thousandth(tmp_path):
     # an outlet that clogs at once: the grain 0 stays
     asked, lab = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[5]"), tmp_path / "lab"

@@ -89,6 +89,7 @@ def test_what_nobody_knows_is_not_forecast():
     assert remaining(replace(VIEW, rate=0.0)) == ""
 
 
+@pytest.mark.slow
 def test_a_filling_that_takes_longer_than_expected_is_open_ended_and_tells_its_energy(tmp_path, monkeypatch):
     monkeypatch.setattr("labbook_toy.DECAY", 1.0)  # nothing ever rests
     views, demanded, begin = [], [], FillJob.begin
@@ -109,6 +110,7 @@ def test_a_filling_that_takes_longer_than_expected_is_open_ended_and_tells_its_e
     assert times[True] > fill_time(demanded[0])
 
 
+@pytest.mark.slow
 def test_an_outlet_that_may_have_clogged_is_told_before_it_counts_as_clogged(tmp_path):
     said = set()
 
@@ -163,6 +165,7 @@ def test_without_a_terminal_each_phase_and_every_half_minute_is_a_line(monkeypat
     assert "100.0 M grain-steps/s; about 64 s left; packing, seed 1: settling: 3e-4 of m g d" in lines[1]
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_stops_nothing(tmp_path):
     lab, path = tmp_path / "lab", study_file(tmp_path, replicates=1)
     process = start("run", path, "--lab", lab, "--backend", "toy", delay=0.02)

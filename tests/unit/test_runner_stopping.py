@@ -102,10 +102,11 @@ def test_asked_again_within_a_long_beat_it_leaves_at_once_and_keeps_the_last_sav
     assert len(record.sessions) == 2, "it went on from where it had been"
 
 
+@pytest.mark.slow
 def test_a_terminal_that_goes_away_saves_what_is_going_on(tmp_path):
     lab, path = tmp_path / "lab", study_file(tmp_path, count=100)
     ours, theirs = pty.openpty()
-    process = start("run", path, "--lab", lab, *BACKEND, delay=0.05, terminal=theirs, TERM="xterm")
+    process = start("run", path, "--lab", lab, *BACKEND, delay=0.3, terminal=theirs, TERM="xterm")
     os.close(theirs)
     deadline = time.monotonic() + 60
     shown = b""

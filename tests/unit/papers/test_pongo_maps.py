@@ -46,6 +46,7 @@ def test_maps_are_of_three_instants_of_the_window(analysis, tmp_path):
     assert {f"rotation-{kind}.svg" for kind in kinds} <= {p.name for p in tmp_path.iterdir()}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
 def test_few_frames_make_maps_of_packing_but_not_of_speed(synthetic, tmp_path):
     points = [point(k, f) for k, f in enumerate((0.0, 0.32))]

@@ -133,7 +133,9 @@ def swept(synthetic, tmp_path_factory):
     """The page on three angles of a hopper with two orifices."""
     points = [synthetic.point(2 * i + k, D, 0.5 * (i + 1)) for i in range(3) for k, D in enumerate((0.024, 0.03))]
     runs = [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2, 3)]
-    return write(analyse(synthetic.study_of(points), runs), tmp_path_factory.mktemp("swept"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("labbook.report.style.FORMATS", ("svg",))  # the others are looked at elsewhere
+        return write(analyse(synthetic.study_of(points), runs), tmp_path_factory.mktemp("swept"))
 
 
 def test_what_was_swept_comes_before_any_point_or_series(swept):
