@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from types import ModuleType
 
+from labbook_dem import words
 from labbook_dem.laws import LAWS
 from labbook_dem.words import coefs, real, vec3
 
@@ -21,17 +22,19 @@ _law: ContextVar[ModuleType] = ContextVar("law")
 
 
 @contextmanager
-def choose(name: str) -> Iterator[ModuleType]:
+def choose(name: str, twist: bool = True) -> Iterator[ModuleType]:
     """Follow the law called `name`, as scenes call it, in this thread and block; gives the law's module.
 
-    Raises ValueError if there is no such law.
+    twist: whether rolling resistance acts on twist too (`contact.rolling: full`). Raises ValueError if there is no such
+    law.
     """
     if name not in LAWS:
         raise ValueError(f"no contact law is called {name}; there are {', '.join(LAWS)}")
-    before = _law.set(LAWS[name])
+    before, twisted = _law.set(LAWS[name]), words.twist.on.set(twist)
     try:
         yield LAWS[name]
     finally:
+        words.twist.on.reset(twisted)
         _law.reset(before)
 
 

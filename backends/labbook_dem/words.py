@@ -9,8 +9,9 @@ they inline and vectorise.
 
 import math
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TypeVar, cast
 
 F = TypeVar("F", bound=Callable)
 
@@ -30,7 +31,7 @@ wide = float
 coefs = tuple[float, float, float, float, float, float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class vec3:
     """A vector of three reals."""
 
@@ -83,4 +84,17 @@ sqrt = math.sqrt
 FRICTION = True
 ROLLING = True
 VARIED = True  # spheres differ in size, material or both
-TWIST = True  # rolling resistance acts on twist too
+
+
+class Switch:
+    """A feature that is on or off by choice, in plain Python (`labbook_dem.chosen`)."""
+
+    def __init__(self, name: str, on: bool):
+        self.on: ContextVar[bool] = ContextVar(name, default=on)
+
+    def __bool__(self) -> bool:
+        return self.on.get()
+
+
+twist = Switch("twist", True)
+TWIST = cast(bool, twist)  # rolling resistance acts on twist too

@@ -16,8 +16,8 @@ from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
 from labbook.scene.packing import Packing
 from labbook.verify.stand import Stand
 
-BUNDLED = ("numba", "warp")
-FIRST = {"numba": "double", "warp": "mixed"}
+BUNDLED = ("numba", "reference", "warp")
+FIRST = {"numba": "double", "reference": "double", "warp": "mixed"}
 """The precision in which a backend takes every check; those that say so it takes in no other on a processor."""
 
 
@@ -41,15 +41,21 @@ def specialised(stand: Stand) -> Stand:
     return replace(stand, backend=load(stand.backend.capabilities.name))
 
 
+def lists(stand: Stand) -> bool:
+    """Whether its backend keeps lists of neighbours, which it rebuilds."""
+    return stand.backend.capabilities.name != "reference"
+
+
 def second(stand: Stand) -> bool:
     """Whether a stand is the backend in its other precision, on a processor."""
     return stand.device == "cpu" and stand.precision != FIRST[stand.backend.capabilities.name]
 
 
 def where(stand: Stand):
-    """The stand as a parameter; skipped where its device is missing."""
+    """The stand as a parameter; skipped where its device is missing. The reference is slow: it takes the long way."""
     name, reason = f"{stand.backend.capabilities.name}-{stand.precision}-{stand.device}", missing(stand)
-    return pytest.param(stand, id=name, marks=[pytest.mark.skip(reason=reason)] if reason else [])
+    marks = [pytest.mark.skip(reason=reason)] if reason else [] if lists(stand) else [pytest.mark.ring]
+    return pytest.param(stand, id=name, marks=marks)
 
 
 def missing(stand: Stand) -> str | None:

@@ -1,0 +1,58 @@
+"""The reference backend: the physics of `labbook_dem` as Python runs it, contact by contact.
+
+It has no neighbour lists, blocks, generated code or threads: all that it shares with the other backends are the
+formulas, so it is what they are held against, and a debugger can step through it (docs/kernels.md). It is some ten
+thousand times as slow as the CPU backend.
+"""
+
+from collections.abc import Mapping, Sequence
+
+from labbook.backend import Capabilities, Checkpoint, Spec, Unsupported
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Probe
+from labbook.scene import Scene
+
+CACHE_VERSION = 1
+
+
+class Backend:
+    """See `labbook.backend.Backend`."""
+
+    capabilities = Capabilities(
+        name="reference",
+        cache_version=CACHE_VERSION,
+        shapes=frozenset({"sphere", "spherocylinder"}),
+        laws=frozenset({"hertz-mindlin", "linear"}),
+        walls=frozenset({"plane", "strip", "frustum"}),
+        precisions=frozenset({"double"}),
+        devices=("cpu",),
+        mixtures=True,
+    )
+
+    def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
+        """What members of an ensemble have in common; nothing is compiled. Raises Unsupported."""
+        from labbook_dem.features import specialise
+
+        return specialise(self.capabilities, scene, numerics, probes)
+
+    def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
+        """An ensemble that steps its members one after the other. Raises Unsupported for a device other than `cpu`."""
+        from labbook_reference.ensemble import Ensemble
+
+        if device != "cpu":
+            raise Unsupported("device", f"the backend reference runs on cpu, not on {device}")
+        return Ensemble(self.capabilities, spec)
+
+    def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
+        """See `labbook.backend.Verifies`."""
+        from labbook_reference.member import check_checkpoint
+
+        check_checkpoint(self.capabilities, scene, checkpoint)
+        if (at := int(checkpoint.arrays["step"])) != step:
+            raise ValueError(f"the checkpoint is of step {at}, not of step {step}")
+
+    def describe(self, scene: Scene, numerics: Numerics) -> Mapping[str, float]:
+        """Asked and realised restitution of two grains (mean over ten phases of the step), and the damping used."""
+        from labbook_dem.describe import describe
+
+        return describe(scene, numerics)

@@ -1,0 +1,525 @@
+"""One running scene, stepped as plainly as can be: all pairs that may touch, all walls, one contact at a time."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from labbook_dem import motion, rods, rotation, segments, spheres
+from labbook_dem.chosen import choose
+from labbook_dem.contact import rolling_rate
+from labbook_dem.ensemble import LONGEST, Failure, explain
+from labbook_dem.ensemble import check_checkpoint as check_names
+from labbook_dem.features import features, finest, is_rod, outlet, planes
+from labbook_dem.ledger import kinetic, status
+from labbook_dem.reading import CONTACT_COLUMNS, crossing_columns
+from labbook_dem.walls import frustum, plane, strip
+from labbook_dem.words import coefs, dot, vec3
+from scipy.spatial import KDTree
+
+from labbook.backend import Capabilities, Checkpoint, Status
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing, Probe
+from labbook.scene import Bodies, Scene, Wall
+from labbook.scene.orientation import axes
+from labbook.scene.packing import Packing
+
+NONE, LOST = vec3(0.0, 0.0, 0.0), vec3(np.nan, np.nan, np.nan)
+PARTS = 4
+"""Points at which a rod may touch a wall (`labbook_dem.walls`)."""
+Key = tuple[int, ...]
+"""Of a spring: ids of both grains, or id of the grain, place of the wall, and part."""
+
+# written for one component, and as good for arrays of them
+kick: Any = motion.kick
+drift: Any = motion.drift
+predict: Any = motion.predict
+
+
+@dataclass
+class Contact:
+    """Two grains, or a grain and a wall, that touch. `i`, `j`: rows, j = -1 at a wall; `branch`: from the centre of i
+    to that of j, or to the point of the wall [m]; `force` on i [N]."""
+
+    i: int
+    j: int
+    wall: int
+    overlap: float
+    force: vec3
+    branch: vec3
+
+
+@dataclass
+class Forces:
+    """What acts on n grains: forces [N] and torques [N m], shape [n, 3]; springs as they are now [m], and contacts."""
+
+    f: np.ndarray
+    t: np.ndarray
+    springs: dict[Key, vec3] = field(default_factory=dict)
+    contacts: list[Contact] = field(default_factory=list)
+
+    def add(self, i: int, force: vec3, torque: vec3) -> None:
+        """Let force and torque act on grain i."""
+        self.f[i] += (force.x, force.y, force.z)
+        self.t[i] += (torque.x, torque.y, torque.z)
+
+
+class Run:
+    """A scene being stepped. Arrays of n grains: x [m], v [m/s] half a step before (u: predicted for the whole step),
+    m: reduced angular momenta [rad/s] likewise (of spheres: angular velocities; y: predicted), q: orientations."""
+
+    x: np.ndarray
+    v: np.ndarray
+    u: np.ndarray
+    m: np.ndarray
+    y: np.ndarray
+    q: np.ndarray | None
+    ids: np.ndarray
+    gone: np.ndarray
+    """Which have passed the plane whose crossings are recorded."""
+    bodies: Bodies
+    springs: dict[Key, vec3]
+    step: int
+    work: float
+    """Of contacts, in all kicks so far [J]."""
+    clear: np.ndarray
+    """How far each grain [n] can still move before it may touch each wall [m], shape [W, n]."""
+    max_overlap: float
+    touching: int
+    """Contacts of the last step."""
+
+    def __init__(self, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]):
+        self._can, self.scene, self.numerics, self.probes = can, scene, numerics, tuple(probes)
+        self.rods, self.walls = is_rod(scene), scene.container.walls()
+        self.slender = rotation.slenderness(scene.grains)
+        self.failure: Failure | None = None
+        self._friction = bool(features(scene, numerics, probes)["FRICTION"])
+        crossed = any(isinstance(probe, Crossing) for probe in probes)
+        plane, drop = planes(scene, probes)
+        self._plane = plane if crossed else -np.inf
+        self._drop = drop if outlet(scene) is not None else -np.inf
+        self._crossed: list[tuple[float, ...]] = []
+        with self._law() as law:
+            scale, sorts = numerics.stiffness_scale, range(len(scene.grains.species))
+            self._pair_c = {
+                (a, b): law.coefficients(scene.contact, scene.surface_between(a, b), scale)
+                for a in sorts
+                for b in sorts
+            }
+            self._wall_c = {
+                (w, a): law.coefficients(scene.contact, scene.surface(wall, a), scale, True)
+                for w, wall in enumerate(self.walls)
+                for a in sorts
+            }
+
+    def _law(self):
+        return choose(self.scene.contact.law, twist=self.scene.contact.rolling == "full")
+
+    # how it starts
+
+    @classmethod
+    def started(
+        cls, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe], packing: Packing
+    ) -> "Run":
+        """At step 0 of a packing."""
+        run = cls(can, scene, numerics, probes)
+        if run.rods and packing.q is None:
+            raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
+        assert packing.ids is not None
+        run.bodies, run.ids = Bodies.of(scene.grains, packing), packing.ids.copy()
+        run.x, run.v, run.u = packing.x.copy(), packing.v.copy(), packing.v.copy()
+        run.q = None
+        if run.rods and packing.q is not None:
+            run.q = packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
+        run.m = run.momenta(packing.omega.copy())
+        run.y = run.m.copy()
+        run.gone = packing.x[:, 2] < run._plane
+        run.step, run.work, run.max_overlap, run.touching = 0, 0.0, 0.0, 0
+        run.springs = run._springs_of(packing) if run._friction else {}
+        run.clear = np.zeros((len(run.walls), run.grains))
+        return run
+
+    def _springs_of(self, packing: Packing) -> dict[Key, vec3]:
+        ids, names = self.ids.tolist(), [wall.name for wall in self.walls]
+        found: dict[Key, vec3] = {}
+        for (i, j), spring in zip(packing.pairs.tolist(), packing.pair_spring.tolist(), strict=True):
+            found[ids[i], ids[j]] = vec3(*spring)
+        of_walls = zip(packing.wall_grain, packing.wall_name, packing.wall_part, packing.wall_spring, strict=True)
+        for i, name, part, spring in of_walls:
+            if name in names:
+                found[ids[i], names.index(str(name)), int(part)] = vec3(*spring.tolist())
+        return found
+
+    @classmethod
+    def restored(
+        cls, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe], stored: Checkpoint
+    ) -> "Run":
+        """Where a checkpoint was taken. Raises ValueError for one that no member of this scene can have made."""
+        check_checkpoint(can, scene, stored)
+        run = cls(can, scene, numerics, probes)
+        kept = {name: np.array(array) for name, array in stored.arrays.items()}
+        for name in ("x", "v", "u", "m", "y", "ids", "gone"):
+            setattr(run, name, kept[name])
+        run.q = kept.get("q")
+        run.bodies = Bodies(*(kept[name] for name in ("radius", "mass", "inertia", "kind")))
+        run.step, run.touching = int(kept["step"]), int(kept["touching"])
+        run.clear = np.zeros((len(run.walls), run.grains))
+        run.work, run.max_overlap = float(kept["work"]), float(kept["max_overlap"])
+        run.springs = {
+            tuple(key): vec3(*spring)
+            for of in ("pair", "wall")
+            for key, spring in zip(kept[f"{of}_key"].tolist(), kept[f"{of}_spring"].tolist(), strict=True)
+        }
+        return run
+
+    def checkpoint(self) -> Checkpoint:
+        """The exact state, copied."""
+        arrays = {name: getattr(self, name).copy() for name in ("x", "v", "u", "m", "y", "ids", "gone")}
+        arrays |= {name: array.copy() for name, array in vars(self.bodies).items()}
+        arrays |= {name: np.array(getattr(self, name)) for name in ("step", "touching", "work", "max_overlap")}
+        if self.q is not None:
+            arrays["q"] = self.q.copy()
+        for of, size in (("pair", 2), ("wall", 3)):
+            mine = {key: spring for key, spring in self.springs.items() if len(key) == size}
+            arrays[f"{of}_key"] = np.array(list(mine), np.int64).reshape(-1, size)
+            arrays[f"{of}_spring"] = np.array([(s.x, s.y, s.z) for s in mine.values()], float).reshape(-1, 3)
+        return Checkpoint(self._can.name, self._can.cache_version, arrays)
+
+    # how it runs
+
+    @property
+    def time(self) -> float:
+        """Time [s] since step 0."""
+        return self.step * self.numerics.dt
+
+    @property
+    def grains(self) -> int:
+        """Grains that have not left."""
+        return len(self.x)
+
+    def beat(self) -> None:
+        """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat."""
+        before, crossed = self.checkpoint(), list(self._crossed)
+        target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
+        while self.step < target and self.grains:
+            if (failure := self._step()) is not None:
+                back = Run.restored(self._can, self.scene, self.numerics, self.probes, before)
+                vars(self).update(vars(back), failure=failure, _crossed=crossed)
+                return
+
+    def _step(self) -> Failure | None:
+        """Take one step. Why it cannot be taken, or None."""
+        forces, dt = self.forces(), self.numerics.dt
+        deepest = max(forces.contacts, key=lambda one: one.overlap, default=None)
+        self.max_overlap, self.touching = deepest.overlap if deepest else 0.0, len(forces.contacts)
+        if deepest and not deepest.overlap <= self.numerics.overlap_limit * finest(self.scene):
+            return self._failed("overlap", deepest.i, deepest.overlap)
+        kick_dt = dt if self.step else 0.5 * dt  # the first brings velocities from a whole to a half step
+        a, turns = forces.f / self.bodies.mass[:, None], forces.t / self.bodies.inertia[:, None]
+        v, m = self.v, self.m
+        self.v, self.m = kick(v, a, kick_dt), kick(m, turns, kick_dt)
+        self.work += self._work(forces, (v + self.v) / 2, (m + self.m) / 2, kick_dt)
+        self.x, self.u, self.y = drift(self.x, self.v, dt), predict(self.v, a, dt), predict(self.m, turns, dt)
+        self.springs = forces.springs
+        self.clear -= np.linalg.norm(self.v, axis=1) * dt
+        if self.q is not None:
+            turned = []
+            for (w, x, y, z), about in zip(self.q.tolist(), self.m.tolist(), strict=True):
+                turned.append(rotation.turn(w, x, y, z, vec3(*about), self.slender, dt))
+            self.q = np.array(turned)
+        self.step += 1
+        return self._guard() or self._leave()
+
+    def _work(self, forces: Forces, v: np.ndarray, m: np.ndarray, dt: float) -> float:
+        """Work [J] of contacts while grains are kicked, at their mean velocities."""
+        weight = np.zeros_like(forces.f)
+        weight[:, 2] = -self.bodies.mass * self.scene.gravity
+        spins = m if self.q is None else rotation.spins(self.scene.grains, m, self.q)
+        return float(np.sum((forces.f - weight) * v) + np.sum(forces.t * spins)) * dt
+
+    def _guard(self) -> Failure | None:
+        """Whether a grain, or the end of a rod, is too fast."""
+        speed = np.linalg.norm(self.v, axis=1)
+        if self.q is not None:
+            speed = speed + self.scene.grains.half_length * np.linalg.norm(np.cross(self.m, axes(self.q)), axis=1)
+        wrong = ~(speed <= self.numerics.speed_limit)
+        if wrong.any():
+            worst = int(np.argmax(wrong))
+            known = np.isfinite(speed[worst])
+            return self._failed("speed" if known else "state", worst, float(speed[worst]))
+        lost = ~np.isfinite(self.m).all(axis=1)
+        return self._failed("spin", int(np.argmax(lost)), np.nan) if lost.any() else None
+
+    def _failed(self, guard: str, row: int, value: float) -> Failure:
+        grain = int(self.ids[row])
+        message = explain(guard, grain, self.step, value, self.scene, self.numerics)
+        return Failure("state" if guard == "spin" else guard, self.step, grain, message)
+
+    def _leave(self) -> None:
+        """Record first passages through the plane, and drop grains that are far below the outlet."""
+        dt, z = self.numerics.dt, self.x[:, 2]
+        for i in np.flatnonzero((z < self._plane) & ~self.gone).tolist():
+            before = z[i] - self.v[i, 2] * dt
+            fraction = (before - self._plane) / (before - z[i]) if before > z[i] else 0.0
+            time = (self.step - 1 + min(max(fraction, 0.0), 1.0)) * dt
+            spin = self.m if self.q is None else rotation.spins(self.scene.grains, self.m, self.q)
+            of_rod = () if self.q is None else tuple(self.q[i].tolist())
+            self._crossed.append((self.ids[i], self.step, time, *self.x[i], *self.v[i], *spin[i], *of_rod))
+            self.gone[i] = True
+        stays = z >= self._drop
+        if not stays.all():
+            for name in ("x", "v", "u", "m", "y", "ids", "gone"):
+                setattr(self, name, getattr(self, name)[stays])
+            self.q = None if self.q is None else self.q[stays]
+            self.clear = self.clear[:, stays]
+            self.bodies = Bodies(*(array[stays] for array in vars(self.bodies).values()))
+            there = set(self.ids.tolist())
+            self.springs = {
+                key: s for key, s in self.springs.items() if key[0] in there and (len(key) == 3 or key[1] in there)
+            }
+
+    # what acts
+
+    def forces(self) -> Forces:
+        """What acts on the grains where they are now; the motion is not changed."""
+        found = Forces(np.zeros_like(self.x), np.zeros_like(self.x))
+        found.f[:, 2] = -self.bodies.mass * self.scene.gravity
+        if not self.grains:
+            return found
+        with self._law():
+            a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
+            spins = [self.m, self.y] if self.q is None else [self._spins(self.m), self._spins(self.y)]
+            reach = 2 * (self.bodies.radius.max() + self.scene.grains.half_length)
+            for i, j in sorted(KDTree(self.x).query_pairs(reach)):
+                try:
+                    self._pair(found, i, j, a, *spins)
+                except ArithmeticError:  # Python raises where processors give NaN: two grains in the same place
+                    found.add(i, LOST, LOST)
+                    found.add(j, LOST, LOST)
+            for w, wall in enumerate(self.walls):
+                for i in self._near(w, wall):
+                    self._wall(found, i, w, wall, a, *spins)
+        return found
+
+    def _near(self, w: int, wall: Wall) -> list[int]:
+        """Grains that may touch a wall: others are farther off than they have moved since they were looked at."""
+        half, near = self.scene.grains.half_length, []
+        for i in np.flatnonzero(self.clear[w] <= 0).tolist():
+            x, radius = vec3(*self.x[i].tolist()), float(self.bodies.radius[i])
+            distance, *_ = touched(wall, x, NONE, 0.0, radius, 0, False)
+            self.clear[w, i] = distance - radius - half
+            if self.clear[w, i] <= 0:
+                near.append(i)
+        return near
+
+    def _pair(self, found: Forces, i: int, j: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> None:
+        """Add what grains i and j do to each other, if they touch."""
+        of, away = self.bodies, vec3(*(self.x[i] - self.x[j]).tolist())
+        u, v = vec3(*(self.u[i] - self.u[j]).tolist()), vec3(*(self.v[i] - self.v[j]).tolist())
+        key = int(self.ids[i]), int(self.ids[j])
+        last, advance = self._spring(key)
+        c: coefs = self._pair_c[int(of.kind[i]), int(of.kind[j])]
+        wi, wj = vec3(*spin[i].tolist()), vec3(*spin[j].tolist())
+        if not self.rods:
+            ri, rj = float(of.radius[i]), float(of.radius[j])
+            overlap2 = (ri + rj) * (ri + rj) - dot(away, away)
+            if not overlap2 > 0:
+                return
+            force, on_i, on_j, kept, overlap = spheres.sphere_on_sphere(
+                c, ri, rj, float(of.mass[i]), float(of.mass[j]), away, overlap2, u, v, wi, wj, last, advance,
+                self._rate(i), self._rate(j),
+            )  # fmt: skip
+        else:
+            ai, aj = vec3(*a[i].tolist()), vec3(*a[j].tolist())
+            s, t, close = segments.closest(away, ai, aj, self.scene.grains.half_length)
+            radius = self.scene.grains.radius
+            overlap2 = 4 * radius * radius - dot(close, close)
+            if not overlap2 > 0:
+                return
+            pi, pj = vec3(*soon[i].tolist()), vec3(*soon[j].tolist())
+            force, on_i, on_j, kept, overlap = rods.rod_on_rod(
+                c, radius, self.scene.grains.mass, close, overlap2, ai * s, aj * t, u, v, pi, pj, wi, wj, last, advance,
+                self._rate(i),
+            )  # fmt: skip
+        found.add(i, force, on_i)
+        found.add(j, -force, on_j)
+        found.contacts.append(Contact(i, j, -1, overlap, force, -away))
+        if self._friction:
+            found.springs[key] = kept
+
+    def _wall(
+        self, found: Forces, i: int, w: int, wall: Wall, a: np.ndarray, spin: np.ndarray, soon: np.ndarray
+    ) -> None:
+        """Add what wall w does to grain i at each part that touches."""
+        radius, half = float(self.bodies.radius[i]), self.scene.grains.half_length
+        x, along = vec3(*self.x[i].tolist()), vec3(*a[i].tolist())
+        met = {}
+        for part in range(PARTS if self.rods else 1):
+            distance, normal, s = touched(wall, x, along, half, radius, part, self.rods)
+            if distance < radius:
+                met[part] = distance, normal, s
+        if not met:
+            return
+        name, c = int(self.ids[i]), self._wall_c[w, int(self.bodies.kind[i])]
+        was = sum(1 << part for part in range(PARTS) if (name, w, part) in self.springs)
+        now = sum(1 << part for part in met)
+        turning, pushed = vec3(0.0, 0.0, wall.motion.spin), vec3(*wall.motion.velocity)
+        wi, pi = vec3(*spin[i].tolist()), vec3(*soon[i].tolist())
+        for part, (distance, normal, s) in met.items():
+            last, advance = self._spring((name, w, rods.heir(part, was, now)))
+            lever = along * s
+            branch = lever - normal * distance
+            at = x + branch
+            surface = pushed + vec3(-turning.z * at.y, turning.z * at.x, 0.0)
+            u, v = vec3(*self.u[i].tolist()) - surface, vec3(*self.v[i].tolist()) - surface
+            overlap, mass, rate = radius - distance, float(self.bodies.mass[i]), self._rate(i)
+            if self.rods:
+                force, torque, kept = rods.rod_on_wall(
+                    c, radius, mass, overlap, normal, lever, u, v, pi, wi, turning, last, advance, rate
+                )
+            else:
+                force, torque, kept = spheres.sphere_on_wall(
+                    c, radius, mass, overlap, normal, u, v, wi, turning, last, advance, rate
+                )
+            found.add(i, force, torque)
+            found.contacts.append(Contact(i, -1, w, overlap, force, branch))
+            if self._friction:
+                found.springs[name, w, part] = kept
+
+    def _spring(self, key: Key) -> tuple[vec3, float]:
+        """A spring, and by how much to advance it [s]: one that is new began anywhere within the step."""
+        dt = self.numerics.dt
+        return (self.springs[key], dt) if key in self.springs else (NONE, 0.5 * dt)
+
+    def _rate(self, i: int) -> float:
+        inertia = self.scene.grains.inertia_axis if self.rods else float(self.bodies.inertia[i])
+        return rolling_rate(inertia, self.numerics.dt)
+
+    def _spins(self, m: np.ndarray) -> np.ndarray:
+        assert self.q is not None
+        return rotation.spins(self.scene.grains, m, self.q)
+
+    # how it is read
+
+    def momenta(self, w: np.ndarray) -> np.ndarray:
+        """Reduced angular momenta [rad/s] of grains with angular velocities w; those of spheres are the same."""
+        return w if self.q is None else rotation.momenta(self.scene.grains, w, self.q)
+
+    def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities [m/s] and angular velocities [rad/s], shape [n, 3], at the time of the positions."""
+        later, forces = (0.5 * self.numerics.dt if self.step else 0.0), self.forces()
+        v = kick(self.v, forces.f / self.bodies.mass[:, None], later)
+        m = kick(self.m, forces.t / self.bodies.inertia[:, None], later)
+        return v, m if self.q is None else self._spins(m)
+
+    def status(self) -> Status:
+        """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
+        v, w = self.whole_step()
+        grains = self.bodies if self.scene.grains.varied else self.scene.grains
+        return status(self.scene, self.step, self.time, self.grains, kinetic(grains, v, self.momenta(w), self.q))
+
+    def contacts(self) -> np.ndarray:
+        """Touching contacts, as the probe `Contacts` gives them."""
+        rows = [
+            (self.ids[c.i], self.ids[c.j] if c.j >= 0 else -1, c.wall, *_three(c.force), *_three(c.branch))
+            for c in self.forces().contacts
+        ]
+        return np.array(rows, float).reshape(-1, len(CONTACT_COLUMNS))
+
+    def crossings(self) -> np.ndarray:
+        """First passages since the last call."""
+        rows, self._crossed = self._crossed, []
+        return np.array(rows, float).reshape(-1, len(crossing_columns(self.rods)))
+
+    def packing(self) -> Packing:
+        """The portable state."""
+        v, w = self.whole_step()
+        row = {name: k for k, name in enumerate(self.ids.tolist())}
+        pairs = {key: s for key, s in self.springs.items() if len(key) == 2}
+        walls = {key: s for key, s in self.springs.items() if len(key) == 3}
+        return Packing(
+            x=self.x.copy(),
+            v=v,
+            omega=w,
+            q=None if self.q is None else self.q.copy(),
+            ids=self.ids.copy(),
+            pairs=np.array([[row[i], row[j]] for i, j in pairs], np.int64).reshape(-1, 2),
+            pair_spring=np.array([_three(s) for s in pairs.values()], float).reshape(-1, 3),
+            wall_grain=np.array([row[key[0]] for key in walls], np.int64),
+            wall_name=np.array([self.walls[key[1]].name for key in walls], "U40"),
+            wall_spring=np.array([_three(s) for s in walls.values()], float).reshape(-1, 3),
+            wall_part=np.array([key[2] for key in walls], np.int64),
+            **(self.bodies.carried(self.scene.grains) if self.scene.grains.varied else {}),
+        )
+
+
+def touched(
+    wall: Wall, x: vec3, a: vec3, half: float, radius: float, part: int, rod: bool
+) -> tuple[float, vec3, float]:
+    """Distance [m] of a part of a grain from a wall, unit normal, and where on its segment it is [m].
+
+    x: centre [m]; a: unit axis; half: half the length of the segment [m]. A sphere has one part, 0.
+    """
+    shape = wall.shape
+    if shape.kind == "plane":
+        p = plane.parameters(shape)
+        point, normal = vec3(*p[:3]), vec3(*p[3:])
+        if not rod:
+            return *plane.plane_distance(point, normal, x), 0.0
+        return plane.plane_rod(point, normal, x, a, half, part) if part < 2 else (1e9, normal, 0.0)
+    p = strip.parameters(shape) if shape.kind == "strip" else frustum.parameters(shape)
+    start, along, length = vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4]
+    if shape.kind == "strip":
+        if not rod:
+            return *strip.strip_distance(start, along, length, x), 0.0
+        return strip.strip_rod(start, along, length, x, a, half, radius, part)
+    if not rod:
+        return *frustum.frustum_distance(start, along, length, x), 0.0
+    rims = frustum.frustum_rims(start, along, length, x, a, half, radius)
+    return frustum.frustum_rod(start, along, length, x, a, half, part, *rims)
+
+
+def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> None:
+    """Raises ValueError, saying what is wrong, for a checkpoint that no member of this scene can have made."""
+    names = {"x", "v", "u", "m", "y", "ids", "gone", "radius", "mass", "inertia", "kind", "step", "touching", "work"}
+    names |= {"max_overlap", "pair_key", "pair_spring", "wall_key", "wall_spring"} | ({"q"} if is_rod(scene) else set())
+    check_names(can, names, stored)
+    arrays: Mapping[str, np.ndarray] = stored.arrays
+    n = arrays["ids"].shape[0] if arrays["ids"].ndim == 1 else -1
+    pairs, walls = (len(arrays[f"{of}_key"]) if arrays[f"{of}_key"].ndim else -1 for of in ("pair", "wall"))
+    shapes: dict[str, tuple[tuple[int, ...], type]] = dict.fromkeys(("x", "v", "u", "m", "y"), ((n, 3), np.float64))
+    shapes |= dict.fromkeys(("radius", "mass", "inertia"), ((n,), np.float64)) | {"gone": ((n,), np.bool_)}
+    shapes |= dict.fromkeys(("ids", "kind"), ((n,), np.int64)) | {"q": ((n, 4), np.float64)}
+    shapes |= dict.fromkeys(("step", "touching"), ((), np.int64)) | dict.fromkeys(("work", "max_overlap"), ((), float))
+    shapes |= {"pair_key": ((pairs, 2), np.int64), "pair_spring": ((pairs, 3), np.float64)}
+    shapes |= {"wall_key": ((walls, 3), np.int64), "wall_spring": ((walls, 3), np.float64)}
+    for name, array in arrays.items():
+        shape, kind = shapes[name]
+        if array.shape != shape or array.dtype != kind:
+            raise ValueError(f"{name} has shape {array.shape} of {array.dtype}, not {shape} of {np.dtype(kind)}")
+        if array.dtype == np.float64 and not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite")
+    ids, kinds = arrays["ids"], len(scene.grains.species)
+    if not (0 < n <= scene.grains.count and len(np.unique(ids)) == n and ids.min() >= 0):
+        raise ValueError(f"it has {n} grains of {scene.grains.count}, or some of them twice")
+    if ids.max() >= scene.grains.count:
+        raise ValueError(f"ids are not those of {scene.grains.count} grains")
+    if not 0 <= int(arrays["step"]) < LONGEST:
+        raise ValueError(f"it is of step {int(arrays['step'])}")
+    most = n * (n + PARTS * len(scene.container.walls()))
+    if not 0 <= int(arrays["touching"]) <= most:
+        raise ValueError(f"{int(arrays['touching'])} contacts are more than {n} grains can have")
+    radius, kind = arrays["radius"], arrays["kind"]
+    if not ((radius > 0) & (radius <= scene.grains.radius) & (arrays["mass"] > 0) & (arrays["inertia"] > 0)).all():
+        raise ValueError("it holds grains that the scene has not")
+    if not ((kind >= 0) & (kind < kinds)).all():
+        raise ValueError(f"kinds of grains are not from 0 to {kinds - 1}")
+    wall, part = arrays["wall_key"][:, 1], arrays["wall_key"][:, 2]
+    if not (np.isin(arrays["pair_key"], ids).all() and np.isin(arrays["wall_key"][:, 0], ids).all()):
+        raise ValueError("springs are of grains that are not there")
+    if not ((wall >= 0) & (wall < len(scene.container.walls())) & (part >= 0) & (part < PARTS)).all():
+        raise ValueError("springs are at walls that are not there")
+
+
+def _three(v: vec3) -> tuple[float, float, float]:
+    return v.x, v.y, v.z
