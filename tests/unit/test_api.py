@@ -118,6 +118,7 @@ def test_what_the_page_names_is_there(found):
     assert seen > 50
 
 
+@pytest.mark.slow
 def test_the_example_of_the_page_holds(tmp_path, monkeypatch, capsys):
     code = PAGE.split("```python\n")[1].split("```")[0]
     assert len(code.strip().splitlines()) <= 28
@@ -194,6 +195,7 @@ def test_a_fit_is_that_of_the_study_or_made_now(found):
         found.fit("beverloo_3d")
 
 
+@pytest.mark.slow
 def test_a_series_is_named_by_its_values_with_units(tmp_path):
     file = study_file(tmp_path, "fit: [beverloo]", **SIZES)
     asked = labbook.load(file).change({"sweep.container.angle": "[45, 90] deg"})

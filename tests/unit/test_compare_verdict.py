@@ -37,6 +37,7 @@ def test_equal_backends_are_equivalent(equals):
         assert flow.difference == packing.difference == 0
 
 
+@pytest.mark.slow
 def test_a_bias_is_found_as_large_as_it_is(tmp_path):
     asked, lab = study(tmp_path, replicates=4, orifices="[24]"), tmp_path / "lab"
     verdict = compared(asked, lab, Twin(bias=BIAS))
@@ -52,6 +53,7 @@ def test_a_bias_is_found_as_large_as_it_is(tmp_path):
     assert [point.contrasts[0].finding for point in wide.points] == ["equivalent"]
 
 
+@pytest.mark.slow
 def test_too_few_numbers_leave_a_point_untested(tmp_path):
     """An outlet of less than three diameters clogs: its runs have no flow rate."""
     verdict = compared(study(tmp_path, "stop: {stall: 0.5 s}", orifices="[8, 24]"), tmp_path / "lab")

@@ -52,6 +52,7 @@ def test_hertz_restitution_is_that_of_the_clamped_collision(c_n, speed):
     assert damping.hertz_restitution(c_n) == pytest.approx(collide(force, speed, scale), rel=1e-5)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(e=st.floats(0.02, 1.0))
 def test_damping_solved_for_e_gives_back_e(e):

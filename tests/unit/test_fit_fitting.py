@@ -59,6 +59,7 @@ def test_beverloo_agrees_with_a_weighted_straight_line():
     assert found.parameters["slope"].error == pytest.approx(math.sqrt(cov[0, 0]) * widening, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "draws"),
     [
@@ -82,6 +83,7 @@ def test_intervals_cover(name, draws):
         assert 0.92 <= count / draws <= 0.98, key
 
 
+@pytest.mark.slow
 def test_prediction_bands_cover_at_every_orifice():
     rng = np.random.default_rng(2)
     at = np.array([18, 27, 40, 60]) * 1e-3
@@ -94,6 +96,7 @@ def test_prediction_bands_cover_at_every_orifice():
     assert ((hits / 600 >= 0.92) & (hits / 600 <= 0.985)).all()
 
 
+@pytest.mark.slow
 def test_the_band_of_a_new_point_covers_what_as_many_seeds_would_give():
     """Means of three new seeds at three orifices: t sqrt(law^2 + point^2) holds 92 to 98.5 % of them."""
     rng = np.random.default_rng(5)
@@ -108,6 +111,7 @@ def test_the_band_of_a_new_point_covers_what_as_many_seeds_would_give():
     assert ((hits / 600 >= 0.92) & (hits / 600 <= 0.985)).all(), hits / 600
 
 
+@pytest.mark.slow
 def test_chi2_has_the_f_distribution_of_estimated_errors():
     rng = np.random.default_rng(3)
     p = [fit_replicates("beverloo", replicates_of("beverloo", rng, 0.01)).p_value for _ in range(400)]

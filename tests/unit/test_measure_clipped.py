@@ -82,6 +82,7 @@ def test_octant_and_quarter():
     assert volume((10, 0, 10), 1.0, (-10, -10, -10), (10, 10, 10)) == pytest.approx(sphere / 4, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_volume_at_an_edge_is_within_the_stated_error():
     rng = np.random.default_rng(0)
     for x, z in rng.uniform(-1, 1, (40, 2)):
@@ -135,6 +136,7 @@ def test_whole_rods_and_rods_outside():
     assert not rod_in_ring(x + 20, axis, 0.5, 1.5, 0, 9, -9, 9).any()
 
 
+@pytest.mark.slow
 def test_rods_at_the_edges_of_a_box_and_of_a_ring_agree_with_points_at_random():
     """Within the errors of the points, 4 x 0.12 % of a rod, and of the lines, 1 %."""
     rng, r, half = np.random.default_rng(3), 1.0, 1.5
@@ -171,6 +173,7 @@ def test_lenses():
     assert lens(np.zeros(1), np.ones(1), 0.0)[0] == 0
 
 
+@pytest.mark.slow
 def test_a_sphere_at_the_wall_of_a_cylinder_is_within_the_stated_error():
     rng = np.random.default_rng(4)
     for x in rng.uniform([-3, -3, -2], [3, 3, 3], (40, 3)):

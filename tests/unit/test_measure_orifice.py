@@ -169,6 +169,7 @@ def test_means_of_a_clogged_run_are_kept_apart():
     assert acceleration_of(clogged, WINDOW) is None
 
 
+@pytest.mark.slow
 def test_contact_stress_of_columns_that_press_on_each_other():
     """A lattice of spacing a whose vertical neighbours push each other with F: sigma_zz = F/a^2, its trace is that."""
     a, force = 0.01, 2e-3

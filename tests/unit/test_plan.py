@@ -105,6 +105,7 @@ def test_states_come_with_reasons(tmp_path):
     assert {(item.state, item.reason) for item in stale.items} == {("stale", "made by version 1 of toy, which is at 2")}
 
 
+@pytest.mark.slow
 def test_work_that_was_cut_short_is_partial(tmp_path):
     path, lab = study_file(tmp_path), tmp_path / "lab"
     process = start("run", path, "--lab", lab, "--backend", "toy", "--checkpoint-every", 0.01, delay=0.02)

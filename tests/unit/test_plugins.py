@@ -75,6 +75,7 @@ def test_they_go_through_every_verb(study):
     assert (study.parent / "lab/exports/toy-study/drained.csv").is_file()
 
 
+@pytest.mark.slow
 def test_what_a_paper_cannot_compare_is_told_in_its_words(study):
     wrong = study.with_name("wrong.yaml")
     text = study.read_text(encoding="utf-8")
@@ -85,6 +86,7 @@ def test_what_a_paper_cannot_compare_is_told_in_its_words(study):
     assert "write `from`, `to` and `says`" in ended.stderr
 
 
+@pytest.mark.slow
 def test_without_the_package_the_study_says_what_is_not_known(study):
     words = ("-c", "from labbook.cli import main; main()", "plan", str(study), "--lab", str(study.parent / "none"))
     ended = subprocess.run([sys.executable, *words], capture_output=True, text=True)

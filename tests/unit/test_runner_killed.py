@@ -135,6 +135,7 @@ def test_what_a_kill_left_of_finished_work_is_removed(tmp_path):
     assert folders(lab) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_asked_to_stop_it_saves_and_says_how_to_go_on(tmp_path, number):
     path = study_file(tmp_path, count=100)
@@ -176,6 +177,7 @@ def test_two_at_once_neither_repeat_nor_corrupt(tmp_path):
     same(lab, tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_a_claim_is_free_as_soon_as_its_process_is_killed(tmp_path):
     path = study_file(tmp_path, replicates=1)
     lab = tmp_path / "lab"

@@ -178,6 +178,7 @@ def test_a_reader_that_goes_away_stops_nothing(tmp_path):
     assert "2 of 2 runs done" in out
 
 
+@pytest.mark.slow
 def test_run_without_a_terminal_says_that_it_compiles(tmp_path):
     path = study_file(tmp_path, replicates=1)
     shown = labbook("run", path, "--lab", tmp_path / "lab", "--backend", "toy", LABBOOK_TOY_COMPILES="0.3").stderr
@@ -201,6 +202,7 @@ def test_the_cpu_backend_knows_when_it_compiles():
     assert not backend.compiling()
 
 
+@pytest.mark.slow
 def test_what_takes_long_to_count_is_counted_seldom(tmp_path, monkeypatch):
     """Counting 10^5 runs takes a tenth of a second, in which the main thread saves and starts none."""
     counted = []

@@ -68,6 +68,7 @@ LONG = "120"
 LIKEWISE = [pytest.param(number, marks=pytest.mark.slow) for number in (signal.SIGTERM, signal.SIGHUP)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, *LIKEWISE])
 def test_while_kernels_compile_there_is_nothing_to_wait_for(tmp_path, number):
     going = Going(study_file(tmp_path), "--lab", tmp_path / "lab", LABBOOK_TOY_COMPILES=LONG)
@@ -82,6 +83,7 @@ def test_while_kernels_compile_there_is_nothing_to_wait_for(tmp_path, number):
     assert len(records(tmp_path / "lab")) == 4, "nothing is held by what was left behind"
 
 
+@pytest.mark.slow
 def test_asked_again_within_a_long_beat_it_leaves_at_once_and_keeps_the_last_save(tmp_path):
     lab, path = tmp_path / "lab", study_file(tmp_path, orifices="[24]", replicates=1)
     carry_out(study(tmp_path, "stop: {max_time: 4 ms}", orifices="[24]", replicates=1), lab)

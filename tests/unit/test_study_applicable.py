@@ -89,6 +89,7 @@ def combinations():
             yield pytest.param(container, grains, marks=[] if name in QUICK else [pytest.mark.slow], id=name)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
 @pytest.mark.parametrize(("container", "grains"), list(combinations()))
 def test_plan_refuses_it_or_every_verb_works(tmp_path, container, grains):
@@ -137,6 +138,7 @@ def expected(container: str, grains: str) -> tuple[list[str], list[str], list[st
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
 def test_a_source_with_dollars_is_no_formula(tmp_path):
     """Broken mathtext in what an author wrote stands in figures as it was written."""

@@ -124,6 +124,7 @@ def test_text_that_looks_like_yaml(text):
     check(text.encode())
 
 
+@pytest.mark.slow
 @QUICK
 @given(st.data())
 def test_a_value_replaced(data):
@@ -140,6 +141,7 @@ def test_a_value_replaced(data):
     check(dumped(study))
 
 
+@pytest.mark.slow
 @QUICK
 @given(st.sampled_from(PLACES), st.text(min_size=1, max_size=12), st.sampled_from(["rename", "delete", "add"]))
 def test_a_key_renamed_deleted_or_added(place, name, change):
@@ -175,6 +177,7 @@ def test_lines_and_letters_of_a_real_study_moved(first, second, change):
     check(text.encode())
 
 
+@pytest.mark.slow
 @QUICK
 @given(
     st.sampled_from(

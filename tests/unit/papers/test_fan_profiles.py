@@ -116,6 +116,7 @@ def test_fitted_parameters_and_measured_numbers_are_both_compared(profiled):
     assert measured.ours == pytest.approx(1, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
 def test_tables_and_page_show_them(profiled, tmp_path):
     (series,) = profiled.series

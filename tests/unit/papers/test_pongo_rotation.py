@@ -237,6 +237,7 @@ def test_figures_show_every_curve(analysis):
     assert [text.get_text() for text in scaling.legends[0].get_texts()] == ["rods, L/d = 3.33", "spheres", "slope 5/2"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
 def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     text = page.write(analysis, tmp_path).read_text(encoding="utf-8")

@@ -40,6 +40,7 @@ def test_fit_prints_tables_and_json(toy, done):
     assert {row["parameter"] for row in found["fits"] if row["law"] == "beverloo"} == {"C_particle", "k", "slope"}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
 def test_report_is_written_below_the_lab_or_where_asked(toy, done, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1770076800")  # both on one day, also about midnight

@@ -96,6 +96,7 @@ def test_it_shows_the_numbers_of_the_analysis(analysis, written):
     assert analysis.points[0].runs[0].run_key in text
 
 
+@pytest.mark.slow
 def test_the_same_analysis_gives_the_same_page_on_the_same_day(analysis, written, tmp_path, monkeypatch):
     assert "newest run of 3 January 2026, report of 3 February 2026" in written.read_text(encoding="utf-8")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1770076800")  # 3 February 2026
