@@ -77,7 +77,8 @@ def checks():
         here = where(stand)
         for case in CASES:
             if not left_out(case, stand):
-                marks = [mark for mark in here.marks if mark.name != "ring"] + ([pytest.mark.slow] if case.slow else [])
+                marks = [mark for mark in here.marks if mark.name != "ring"]
+                marks += [pytest.mark.slow] if case.slow or not lists(stand) else []
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
 
