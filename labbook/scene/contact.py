@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import Field
 
@@ -78,8 +78,9 @@ class ContactLaw(Model, ABC):
     usual_step: ClassVar[str]
     """The time step where a study states none: a part of a time scale."""
 
-    law: str
-    """Its name."""
+    if TYPE_CHECKING:  # a field of each law, which stands in stored records where it always stood
+        law: str
+        """Its name."""
     friction: Coefficient = 0.0
     """Coulomb coefficient μ between grains, and at walls that state no other."""
     rolling_friction: Coefficient = 0.0
