@@ -8,58 +8,106 @@ differ, the seed also draws which is of what size and kind; the largest are plac
 """
 
 import math
+from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import numpy as np
 
 from labbook.filling.room import PlacingError, Room, first_come, full
+from labbook.plugins import Registry
 from labbook.scene import Scene, Spheres, Spherocylinders
 from labbook.scene.orientation import axes, distances, random_turns
 from labbook.scene.packing import Packing
 
-VERSION = 1
-"""Part of every packing's key; raise it whenever a seed gives other positions than before."""
-
-DENSITY = {"gas": 0.25, "rain": 0.12}
-"""Solid fraction of the start."""
-SPEED = {"gas": 1.0, "rain": 0.1}
-"""Standard deviation of each velocity component, in units of sqrt(g d)."""
 _APART = 1 + 1e-6  # nothing touches at the start
 _ROUNDS = 2000
 
 
-def volume_of_start(closed: Scene, kind: str) -> float:
-    """Volume [m^3] over which a start spreads the grains: spheres at DENSITY, rods as often in each other's way.
+class Start(ABC):
+    """How the grains of a closed container start before they fall."""
 
-    Rods of random orientations exclude 4/3 pi d^3 + 2 pi l d^2 + pi/2 l^2 d from one another, l = L - d (Onsager 1949).
+    name: ClassVar[str]
+    """As `fill.kind` calls it."""
+    version: ClassVar[int]
+    """Part of the key of every packing made so; it rises whenever a seed gives other positions than before."""
+
+    @abstractmethod
+    def volume(self, closed: Scene) -> float:
+        """Volume [m^3] over which the grains are spread, by which the length of their fall is foreseen."""
+
+    @abstractmethod
+    def place(self, closed: Scene, seed: int) -> Packing:
+        """Grains of `closed` above its bottom; all that is by chance is drawn with the seed. Raises PlacingError where
+        they find no room."""
+
+
+class Column(Start):
+    """Grains at random places in a column, with Gaussian velocities; nothing spins.
+
+    density: solid fraction; speed: standard deviation of each velocity component, in units of sqrt(g d).
     """
-    grains = closed.grains
-    d, slender = grains.diameter, 2 * grains.half_length / grains.diameter
-    cube = grains.mean_cube if isinstance(grains, Spheres) else d**3
-    return grains.count * math.pi / 6 * cube / DENSITY[kind] * (1 + 1.5 * slender + 0.375 * slender**2)
+
+    version: ClassVar[int] = 1
+    density: ClassVar[float]
+    speed: ClassVar[float]
+
+    def volume(self, closed: Scene) -> float:
+        """That of spheres at the density; rods are as often in each other's way.
+
+        Rods of random orientations exclude 4/3 pi d^3 + 2 pi l d^2 + pi/2 l^2 d from one another, l = L - d
+        (Onsager 1949).
+        """
+        grains = closed.grains
+        d, slender = grains.diameter, 2 * grains.half_length / grains.diameter
+        cube = grains.mean_cube if isinstance(grains, Spheres) else d**3
+        return grains.count * math.pi / 6 * cube / self.density * (1 + 1.5 * slender + 0.375 * slender**2)
+
+    def place(self, closed: Scene, seed: int) -> Packing:
+        """The seed decides positions, orientations, velocities, and where grains differ which is of what size and kind.
+
+        Raises PlacingError where the container has no sides, no room or no gravity.
+        """
+        grains = closed.grains
+        if closed.gravity == 0:
+            raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
+        rng = np.random.default_rng([self.version, seed])
+        room = Room(closed, grains.radius * _APART)
+        top = room.height_for(self.volume(closed))
+        diameter, sort = None, None
+        if isinstance(grains, Spheres) and grains.varied:
+            diameter, sort = assort(grains, self.version, seed)
+        if diameter is None:
+            x, q = _place_equal(closed, rng, room, top)
+        else:
+            x, q = place_graded(room, rng, top, diameter / 2 * _APART), None
+        speed = self.speed * math.sqrt(closed.gravity * grains.diameter)
+        v = rng.normal(0, speed, x.shape)
+        return Packing(x=x, v=v, omega=np.zeros_like(x), q=q, diameter=diameter, kind=sort)
+
+
+class Rain(Column):
+    """A tall, dilute column of slow grains, which land one after another."""
+
+    name: ClassVar[str] = "rain"
+    density: ClassVar[float] = 0.12
+    speed: ClassVar[float] = 0.1
+
+
+class Gas(Column):
+    """A denser column of fast grains."""
+
+    name: ClassVar[str] = "gas"
+    density: ClassVar[float] = 0.25
+    speed: ClassVar[float] = 1.0
+
+
+STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas()))
+"""What `fill.kind` can name."""
 
 
 def place(closed: Scene, kind: str, seed: int) -> Packing:
-    """Grains of `closed` at random places above its bottom, for `kind` `gas` or `rain`.
-
-    `gas` is denser and moves with Gaussian velocities of sqrt(g d) each way; `rain` is a taller, more dilute
-    column that moves ten times slower, so that grains land one after another. The seed decides positions in
-    all three directions, orientations, velocities, and where grains differ which is of what size and kind; nothing
-    spins. Raises PlacingError where the container has no sides or no gravity.
-    """
-    grains = closed.grains
-    if closed.gravity == 0:
-        raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
-    rng = np.random.default_rng([VERSION, seed])
-    room = Room(closed, grains.radius * _APART)
-    top = room.height_for(volume_of_start(closed, kind))
-    diameter, sort = assort(grains, VERSION, seed) if isinstance(grains, Spheres) and grains.varied else (None, None)
-    if diameter is None:
-        x, q = _place_equal(closed, rng, room, top)
-    else:
-        x, q = place_graded(room, rng, top, diameter / 2 * _APART), None
-    speed = SPEED[kind] * math.sqrt(closed.gravity * grains.diameter)
-    v = rng.normal(0, speed, x.shape)
-    return Packing(x=x, v=v, omega=np.zeros_like(x), q=q, diameter=diameter, kind=sort)
+    """Grains of `closed` as the start called `kind` places them."""
+    return STARTS[kind].place(closed, seed)
 
 
 def _place_equal(

@@ -147,7 +147,7 @@ class Demand:
         if moving is None:
             rolls = "settled_below" not in fill.model_fields_set and bed.unbraked(self.shared.closed)
             moving = bed.ROLLING if rolls else 0.0
-        return Filling(fill.kind, self.seed, fill.settled_below, placing.VERSION, moving)
+        return Filling(fill.kind, self.seed, fill.settled_below, placing.STARTS[fill.kind].version, moving)
 
     @property
     def film(self) -> Sample | None:

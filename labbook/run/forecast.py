@@ -270,7 +270,7 @@ def fill_time(demand: Demand) -> float:
     container = scene.container
     wide = getattr(container, "width", getattr(container, "diameter", 10 * grains.diameter))
     deep = getattr(container, "thickness", getattr(container, "depth", wide))
-    top = placing.volume_of_start(scene, demand.filling.kind) / (wide * deep)
+    top = placing.STARTS[demand.filling.kind].volume(scene) / (wide * deep)
     fall = math.sqrt(2 * top / scene.gravity) if scene.gravity > 0 else math.inf
     return min(demand.point.fill.max_time, SETTLING * fall)
 

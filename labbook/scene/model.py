@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar, Union
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from labbook.plugins import Registry
 
@@ -48,6 +48,16 @@ class Choice(Registry[type[_M]]):
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         one = Union[tuple(self.values())]  # noqa: UP007 - they are known only now
         return handler.generate_schema(Annotated[one, Field(discriminator=self.tag)])
+
+
+@dataclass(frozen=True)
+class Among:
+    """Marks a field of text that is one of the names in `known`, which may be a registry."""
+
+    known: Mapping[str, Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.literal_schema(list(self.known))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from labbook.backend.numerics import Numerics
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Choice, Internal
+from labbook.scene.model import Among, Choice, Internal
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.study.habits import habit
@@ -146,6 +146,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         length = f"list of {items}" if parts[-1] is Ellipsis else f"list of {len(parts)} {items}"
         base = inner
     choices = tuple(map(str, get_args(base))) if get_origin(base) is Literal else ()
+    choices = next((tuple(mark.known) for mark in metadata if isinstance(mark, Among)), choices)
     kinds = {int: "integer", str: "text", bool: "true or false", float: "quantity"}
     return Key(
         name,

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from labbook.scene.model import Fault, Model, refuse
+from labbook.filling.placing import STARTS
+from labbook.scene.model import Among, Fault, Model, refuse
 from labbook.scene.quantities import Coefficient, Duration, Length, Ratio
 from labbook.scene.scene import Scene
 
@@ -17,7 +18,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=80)]
 class Fill(Model):
     """How the closed container is filled, once for all runs that share the packing."""
 
-    kind: Literal["rain", "gas"] = "rain"
+    kind: Annotated[str, Among(STARTS)] = "rain"
     """How grains start: `rain`, a loose column of slow grains, or `gas`, a denser one of fast grains."""
     friction: Coefficient | None = None
     """Friction of grains and walls while filling; none: the study's own."""

@@ -1,6 +1,8 @@
-"""A package from outside adds a measure, a law, a paper and a backend; nothing in labbook knows of it."""
+"""A package from outside adds a law, a wall, a start, a measure, a fit, a paper and a backend, of which nothing in
+labbook knows."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -8,6 +10,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
+from scipy.integrate import quad
 from toy_lab import ROOT, study_file
 
 from labbook import plugins
@@ -18,12 +21,16 @@ from labbook.plugins import BrokenPlugin, Registry
 OUTSIDE = ROOT / "tests/toy/outside"
 
 
-def labbook(*words: object) -> subprocess.CompletedProcess[str]:
-    """`labbook WORDS` in a process that has the package installed."""
+def run_outside(*words: object) -> subprocess.CompletedProcess[str]:
+    """`python WORDS` in a process that has the package installed."""
     folders = [OUTSIDE, ROOT, ROOT / "backends", ROOT / "tests/toy"]
     given = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))}
-    command = [sys.executable, "-c", "from labbook.cli import main; main()", *map(str, words)]
-    return subprocess.run(command, env=given, capture_output=True, text=True)
+    return subprocess.run([sys.executable, *map(str, words)], env=given, capture_output=True, text=True)
+
+
+def labbook(*words: object) -> subprocess.CompletedProcess[str]:
+    """`labbook WORDS` in such a process."""
+    return run_outside("-c", "from labbook.cli import main; main()", *words)
 
 
 @pytest.fixture(scope="module")
@@ -112,3 +119,73 @@ def test_what_is_broken_is_named_with_a_remedy(monkeypatch, value, why):
     assert why in str(raised.value)
     assert value in str(raised.value)
     assert told(raised.value) == str(raised.value), "every verb ends with this line"
+
+
+MASS = 2500 * math.pi / 6 * 0.003**3
+"""Of the spheres of outside/bounce.py [kg]; its rods, 4 d long, weigh 5.5 times as much."""
+
+
+@pytest.mark.parametrize(
+    "backend",
+    [
+        pytest.param("reference", marks=pytest.mark.slow),
+        pytest.param("warp", marks=pytest.mark.compiles),
+        pytest.param("numba", marks=[pytest.mark.compiles, pytest.mark.ring]),
+    ],
+)
+def test_bodies_bounce_off_a_wall_from_outside_by_a_law_from_outside(backend):
+    """Elastically: a sphere and a rod that lies across go back as fast as they came, after the time that an integral
+    gives; a rod that is met beside its middle keeps its energy, and turns."""
+    ended = run_outside(OUTSIDE / "bounce.py", backend)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout.splitlines()[-1])
+    for body, mass in (("sphere", MASS), ("rod", 5.5 * MASS)):
+        one = found[body]
+        assert one["v"] == pytest.approx([0.0, 0.0, 0.5], abs=1e-7)
+        assert one["omega"] == pytest.approx([0.0] * 3, abs=1e-6)
+        deepest = (1.5 * mass * 0.5**2 / 1e9) ** (1 / 3)
+        whole, _ = quad(lambda u: 1 / math.sqrt(1 - u**3), 0, 1)
+        assert one["steps"] == pytest.approx(2 * deepest / 0.5 * whole / 5e-7, abs=2)
+    r, length = 1.5e-3, 9e-3  # of the cylinder, with two half spheres at its ends
+    cylinder, ends = 4.5 * MASS, MASS
+    inertia = cylinder * (length**2 / 12 + r**2 / 4) + ends * (0.4 * r**2 + length**2 / 4 + 3 * length * r / 8)
+    beside = found["beside"]
+    energy = 5.5 * MASS * sum(v**2 for v in beside["v"]) + inertia * beside["omega"][1] ** 2
+    assert energy == pytest.approx(5.5 * MASS * 0.5**2, rel=1e-6)
+    assert beside["omega"][1] > 50
+
+
+STUDY = """
+name: outside
+grains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 5}
+contact: {law: quadratic, stiffness: 1 GPa}
+container:
+  kind: primitives
+  parts:
+    - {name: floor, shape: {kind: plane, point: [0 mm, 0 mm, 0 mm], normal: [0, 0, 1]}}
+    - {name: stone, shape: {kind: ball, centre: [0 mm, 0 mm, 0 mm], radius: 2 mm}}
+fill: {kind: stack}
+measure: []
+"""
+
+
+@pytest.mark.slow
+def test_a_study_names_a_law_a_wall_and_a_start_from_outside(tmp_path):
+    study = tmp_path / "outside.yaml"
+    study.write_text(STUDY, encoding="utf-8")
+    there = ("--lab", tmp_path / "lab", "--backend", "reference")
+    ended = labbook("plan", study, *there)
+    assert ended.returncode == 0, ended.stderr
+    for wrong, keys in (
+        (("1 GPa", "1 mm"), ("contact.stiffness", "100 MPa")),
+        (("radius: 2 mm", "size: 2 mm"), ("size",)),
+    ):
+        study.write_text(STUDY.replace(*wrong), encoding="utf-8")
+        ended = labbook("plan", study, *there)
+        assert ended.returncode == 1
+        assert all(key in ended.stderr for key in keys)
+    for name, wrong in (("law", "law: cubic"), ("kind", "kind: heap")):
+        study.write_text(STUDY.replace("law: quadratic", wrong).replace("kind: stack", wrong), encoding="utf-8")
+        ended = labbook("plan", study, *there)
+        assert ended.returncode == 1
+        assert {"law": "quadratic", "kind": "stack"}[name] in ended.stderr, "what is known is listed"
