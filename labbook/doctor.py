@@ -1,4 +1,5 @@
-"""What is installed, and whether the backends work: each lets a grain bounce once on each of its devices."""
+"""What is installed, and whether the backends work: each lets a grain bounce once on each of its devices; and what a
+backend compiles for a study."""
 
 import time
 from collections.abc import Callable
@@ -7,10 +8,12 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from labbook import __version__
-from labbook.backend import Backend, BackendMissing, Device, Survey, Surveys, installed, load, machine
+from labbook.backend import Backend, BackendMissing, Device, Generates, Survey, Surveys, installed, load, machine
 from labbook.backend.numerics import Numerics
+from labbook.run.demand import PointDemand
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
 from labbook.scene.packing import Packing
+from labbook.study import Study
 
 PACKAGES = {
     "numpy": "everything",
@@ -139,3 +142,21 @@ def bounce(backend: Backend, device: str) -> float:
         return float(ensemble.packing(member).v[0, 2]) / 0.1
     finally:
         ensemble.close()
+
+
+class NoKernel(Exception):
+    """There is no module of kernels to show; the message says why, and what to look at."""
+
+
+def kernel(backend: Backend, study: Study, point: int) -> str:
+    """The module that `backend` compiles for the discharges of a point of a study, counted from 1.
+
+    Raises NoKernel, Unsupported and Conflict.
+    """
+    if not isinstance(backend, Generates):
+        told = f"the backend {backend.capabilities.name} writes no module of kernels"
+        raise NoKernel(f"--backend: {told}; docs/kernels.md says how a debugger steps through it")
+    if point > len(study.points):
+        raise NoKernel(f"--point: {study.name} has {len(study.points)} points, and no point {point}")
+    shared = PointDemand(study, study.points[point - 1])
+    return backend.generated(backend.specialise(shared.scene, shared.numerics, shared.probes))

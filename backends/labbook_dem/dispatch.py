@@ -93,7 +93,7 @@ def functions(kinds: Sequence[str], rods: bool) -> str:
                 others=len(together) < len(kinds),
             ),
         ]  # fmt: skip
-    return "\n\n".join(parts)
+    return "\n\n".join([f"# written by {__name__}", *parts])
 
 
 def _function(

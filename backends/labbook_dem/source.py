@@ -49,7 +49,9 @@ def _marked(node: ast.FunctionDef | ast.ClassDef) -> bool:
 
 def generate(header: str, constants: dict[str, object], modules: Sequence[ModuleType | str]) -> str:
     """One module: `header` (a compiler's vocabulary), `constants` as assignments, then all device functions of modules,
-    and text as it is."""
+    with a line that says where they stand, and text as it is."""
     assignments = "\n".join(f"{name} = {value!r}" for name, value in constants.items())
-    parts = [module if isinstance(module, str) else device_source(module) for module in modules]
+    parts = [
+        module if isinstance(module, str) else f"# {module.__name__}\n{device_source(module)}" for module in modules
+    ]
     return "\n\n".join([header, assignments, *parts]) + "\n"

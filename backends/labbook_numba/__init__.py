@@ -49,6 +49,12 @@ class Backend:
         many = cores()
         return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many, self._wide)
 
+    def generated(self, spec: Spec) -> str:
+        """See `labbook.backend.Generates`."""
+        from labbook_numba.build import module_text
+
+        return module_text(spec)
+
     def compiling(self) -> bool:
         """Whether Numba is compiling a kernel now."""
         from labbook_numba import compiling

@@ -49,6 +49,12 @@ class Backend:
 
         return Ensemble(self.capabilities, spec, find(device), slots, self._lanes)
 
+    def generated(self, spec: Spec) -> str:
+        """See `labbook.backend.Generates`: the kernels for many grains that are alike, with a thread each."""
+        from labbook_warp.build import module_text
+
+        return module_text(spec, uniform=True, lanes=1, registers=0, apart=0, asked=0)
+
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
         """How many members of `scene` fit into the device's free memory; None: any number."""
         from labbook_warp.devices import find

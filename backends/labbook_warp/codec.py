@@ -66,7 +66,8 @@ class Codec:
 
 def kernel_text(codec: Codec) -> str:
     """Source of `Spot`, `spot`, `motion`, `rest` and `put` of `labbook_warp.kernels.shown`."""
-    return "\n\n".join("\n".join(lines) + "\n" for lines in (_record(codec), *_functions(codec)))
+    written = ["\n".join(lines) + "\n" for lines in (_record(codec), *_functions(codec))]
+    return "\n\n".join([f"# written by {__name__}", *written])
 
 
 _WORD = "shared"

@@ -219,6 +219,15 @@ class Compiles(Protocol):
 
 
 @runtime_checkable
+class Generates(Protocol):
+    """A backend that writes out what it compiles."""
+
+    def generated(self, spec: Spec) -> str:
+        """Source of the module of kernels of a Spec, for reading (docs/kernels.md)."""
+        ...
+
+
+@runtime_checkable
 class Rationed(Protocol):
     """A backend on whose devices memory limits how many members run at once."""
 

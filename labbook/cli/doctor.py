@@ -1,10 +1,12 @@
 """`labbook doctor`: what is installed, and which backends work here."""
 
 import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from labbook.cli.options import BACKEND, Backend, fail, read_study
 from labbook.cli.screen import saying
 
 
@@ -14,10 +16,21 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def doctor(
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+        kernel: Annotated[
+            Path | None,
+            typer.Option(
+                metavar="STUDY", help="Print the module of kernels that this study needs instead.", show_default=False
+            ),
+        ] = None,
+        point: Annotated[int, typer.Option(min=1, help="With --kernel: of this point, counted from 1.")] = 1,
+        backend: Backend = BACKEND,
     ) -> None:
         """Tell what is installed, and let every backend work a little on each device. Exit status 1 if none works."""
         from labbook.doctor import examine
 
+        if kernel is not None:
+            typer.echo(_kernel(kernel, point, backend), nl=False)
+            return
         with saying("looking around") as say:
             found = examine(say)
         if as_json:
@@ -26,6 +39,18 @@ def register(app: typer.Typer) -> None:
             _show(found)
         if not any(backend.works for backend in found.backends):
             raise typer.Exit(1)
+
+
+def _kernel(study: Path, point: int, backend: str) -> str:
+    from labbook.backend import BackendMissing, Unsupported, load
+    from labbook.doctor import NoKernel
+    from labbook.doctor import kernel as of
+    from labbook.run.demand import Conflict
+
+    try:
+        return of(load(backend), read_study(study), point)
+    except (BackendMissing, NoKernel, Unsupported, Conflict) as error:
+        fail(error)
 
 
 def _show(found) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from labbook_dem.features import ALWAYS
+from labbook_dem.walls import WALLS
 from stands import second, specialised
 
 from labbook.backend.probes import Contacts
@@ -114,9 +115,12 @@ def test_they_leave_out_every_feature(numba):
     numerics, backend = numba.numerics(), specialised(numba.stand).backend
     features = {name: backend.specialise(taken_from(numba, name)[0], numerics) for name in ("silo", *SCENES)}
     out = {name: {switch for switch in ALWAYS if not spec.feature(switch)} for name, spec in features.items()}
-    assert out["silo"] == {"MOVING", "FRUSTUMS", "CROSSING", "LEDGER"}
-    assert out["free"] == set(ALWAYS), "of a scene with nothing but grains"
-    assert out["in a tube"] >= {"ROLLING", "PLANES", "STRIPS", "OUTLET"}
-    assert out["over a floor"] == set(ALWAYS) - {"PLANES", "ANY_WALLS"}
+    out = {name: switches | set(WALLS) - set(features[name].feature("walls")) for name, switches in out.items()}
+    every = {*ALWAYS, *WALLS}
+    assert out["silo"] == {"MOVING", "frustum", "CROSSING", "LEDGER"}
+    assert out["free"] == every, "of a scene with nothing but grains"
+    assert out["in a tube"] >= {"ROLLING", "plane", "strip", "OUTLET"}
+    assert out["over a floor"] == every - {"plane", "ANY_WALLS"}
     shared = {name: numba.stand.backend.specialise(taken_from(numba, name)[0], numerics) for name in out}
     assert all(spec.feature(switch) for spec in shared.values() for switch in ALWAYS)
+    assert all(set(spec.feature("walls")) == set(WALLS) for spec in shared.values())

@@ -75,7 +75,7 @@ def kinds(function) -> list[str]:
     """What each argument is, by its annotation in the source."""
     node = ast.parse(inspect.getsource(function)).body[0]
     assert isinstance(node, ast.FunctionDef)
-    text = [ast.unparse(a.annotation) for a in node.args.args if a.annotation]
+    text = [ast.unparse(a.annotation).replace("section", "wide3") for a in node.args.args if a.annotation]
     assert len(text) == len(node.args.args), f"{function.__name__} lacks annotations"
     assert set(text) <= {"real", "wide", "vec3", "wide3", "coefs", "bool", "int"}, function.__name__
     return text
@@ -93,7 +93,7 @@ def arguments(module: ModuleType, function, rng: np.random.Generator) -> dict[st
             found[name] = rng.integers(WHOLE[name], size=COUNT).astype(np.int32)
         elif kind in ("vec3", "wide3"):
             vectors = rng.normal(size=(COUNT, 3)) * SPREAD.get(name, 1.0)
-            if name in ("along", "rim"):
+            if name in ("along", "rim", "start"):
                 vectors = np.abs(vectors) * [1, 0, 1]
             if name in UNITS:
                 vectors /= np.linalg.norm(vectors, axis=1)[:, None]

@@ -74,7 +74,7 @@ func = wp.func
 real = wp.{real}
 wide = wp.float64
 vec3 = wp.{vec3}
-wide3 = wp.vec3d
+wide3 = section = wp.vec3d
 coefs = wp.types.vector(length=8, dtype=real)
 dot = wp.dot
 cross = wp.cross

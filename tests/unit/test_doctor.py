@@ -1,10 +1,12 @@
 """The doctor lets backends work, and reports one that is broken."""
 
+import ast
 import json
 from dataclasses import replace
 
 import labbook_toy
 import pytest
+from toy_lab import ROOT
 from typer.testing import CliRunner
 
 from labbook import doctor
@@ -132,3 +134,33 @@ def test_no_working_backend_is_exit_status_one(monkeypatch):
     result = CliRunner().invoke(build(), ["doctor", "--json"])
     assert result.exit_code == 1
     assert json.loads(result.stdout)["backends"] == []
+
+
+@pytest.mark.parametrize(("backend", "marks"), [("numba", "@entry\ndef advance("), ("warp", "@hot_kernel\ndef step(")])
+def test_the_module_of_kernels_of_a_study_is_printed(backend, marks):
+    """As Python that says where its functions stand, with the law and walls of that study and no others."""
+    words = ["doctor", "--kernel", str(ROOT / "studies/quickstart.yaml"), "--point", "2", "--backend", backend]
+    shown = CliRunner().invoke(build(), words)
+    assert shown.exit_code == 0, shown.output
+    tree = ast.parse(shown.output)
+    assert {"respond", "wall_distance", "strip_distance"} <= {
+        n.name for n in tree.body if isinstance(n, ast.FunctionDef)
+    }
+    for text in (marks, "# labbook_dem.laws.hertz_mindlin\n@func", "# written by labbook_dem.dispatch"):
+        assert text in shown.output
+    for text in ("frustum_distance", "labbook_dem.laws.linear"):
+        assert text not in shown.output
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        (["--backend", "reference"], "docs/kernels.md"),
+        (["--backend", "nobody"], "there are: "),
+        (["--point", "99"], "has 4 points"),
+    ],
+)
+def test_a_module_of_kernels_that_is_not_there_is_told(more, why):
+    shown = CliRunner().invoke(build(), ["doctor", "--kernel", str(ROOT / "studies/quickstart.yaml"), *more])
+    assert shown.exit_code == 1
+    assert why in shown.output
