@@ -20,7 +20,7 @@ from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.scene import Bodies, Scene, Wall
-from labbook.scene.orientation import axes
+from labbook.scene.orientation import axes, distances
 from labbook.scene.packing import Packing
 
 NONE, LOST = vec3(0.0, 0.0, 0.0), vec3(np.nan, np.nan, np.nan)
@@ -281,8 +281,7 @@ class Run(Standing):
         with self._law():
             a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
             spins = self._spins(self.m), self._spins(self.y)
-            reach = 2 * (self.bodies.radius.max() + self.scene.grains.half_length)
-            for i, j in sorted(KDTree(self.x).query_pairs(reach)):
+            for i, j in self._close(a):
                 try:
                     self._pair(found, i, j, a, *spins)
                 except ArithmeticError:  # Python raises where processors give NaN: two grains in the same place
@@ -292,6 +291,17 @@ class Run(Standing):
                 for i in self._near(w, wall):
                     self._wall(found, i, w, wall, a, *spins)
         return found
+
+    def _close(self, a: np.ndarray) -> list[tuple[int, int]]:
+        """Pairs of grains that may touch: those within reach, and of rods along `a` those that nearly meet."""
+        radius, half = float(self.bodies.radius.max()), self.scene.grains.half_length
+        pairs = sorted(KDTree(self.x).query_pairs(2 * (radius + half)))
+        if not self.rods or not pairs:
+            return pairs
+        i, j = np.array(pairs).T
+        # by far more than what the distances of `segments.closest`, which decide, may differ by
+        near = distances(self.x[i] - self.x[j], a[i], a[j], half) < 2.001 * radius
+        return [pair for pair, meets in zip(pairs, near.tolist(), strict=True) if meets]
 
     def _near(self, w: int, wall: Wall) -> list[int]:
         """Grains that may touch a wall: others are farther off than they have moved since they were looked at."""
