@@ -13,6 +13,7 @@ from toy_lab import ROOT, study_file
 from labbook import plugins
 from labbook.cli.options import told
 from labbook.fit import LAWS, Law
+from labbook.papers import Paper
 from labbook.plugins import BrokenPlugin, Registry
 
 OUTSIDE = ROOT / "tests/toy/outside"
@@ -112,3 +113,10 @@ def test_what_is_broken_is_named_with_a_remedy(monkeypatch, value, why):
     assert why in str(raised.value)
     assert value in str(raised.value)
     assert told(raised.value) == str(raised.value), "every verb ends with this line"
+
+
+def test_a_paper_that_lists_a_fit_which_it_cannot_make_is_told_where_it_is_defined():
+    with pytest.raises(TypeError, match=r"Half lists drain in `fits` and has no method `fit`; add `def fit"):
+        type("Half", (Paper,), {"name": "half", "fits": {"drain": "half_time"}})
+    whole = type("Whole", (Paper,), {"name": "whole", "fits": {"drain": "half_time"}, "fit": lambda *_: None})
+    assert type("Narrower", (whole,), {"name": "narrower"}).fits == whole.fits
