@@ -5,22 +5,16 @@ A measure, a fit or a paper of another package stands in its `pyproject.toml`:
     [project.entry-points."labbook.measures"]
     wall_force = "my_package.wall_force:WallForce"
 
-The object is a class without arguments, or an instance. It is loaded when its registry is first asked for something.
+The object is a class without arguments, or an instance; of contact laws and walls it is the class itself
+(`labbook.scene.model.Choice`). It is loaded when its registry is first asked for something.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import entry_points
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
-
-class Named(Protocol):
-    """What can be registered."""
-
-    name: ClassVar[str]
-
-
-_T = TypeVar("_T", bound=Named)
+_T = TypeVar("_T")
 
 
 class BrokenPlugin(Exception):
@@ -30,31 +24,38 @@ class BrokenPlugin(Exception):
 class Registry(Mapping[str, _T], Generic[_T]):
     """What is built in and what other packages add in the entry-point group `group`, by name, in that order.
 
-    `kind`: the class that all must be of. Raises BrokenPlugin when it is first asked, for something that cannot be
-    loaded, is of another kind, or has a name that is taken.
+    `kind`: the class that all must be of, each with a `name`. Raises BrokenPlugin when it is first asked, for something
+    that cannot be loaded, is of another kind, or has a name that is taken.
     """
 
-    def __init__(self, group: str, kind: type[_T], builtin: Iterable[_T]):
+    def __init__(self, group: str, kind: type, builtin: Iterable[_T]):
         self._group, self._kind, self._builtin = group, kind, tuple(builtin)
 
     @cached_property
     def _found(self) -> dict[str, _T]:
-        found = {one.name: one for one in self._builtin}
+        found = {self._name(one): one for one in self._builtin}
         for entry in sorted(entry_points(group=self._group), key=lambda entry: entry.name):
             one = self._load(entry)
-            if one.name in found:
-                raise BrokenPlugin(f"{self._said(entry)}: {one.name} is there already; uninstall one of the two")
-            found[one.name] = one
+            if (name := self._name(one)) in found:
+                raise BrokenPlugin(f"{self._said(entry)}: {name} is there already; uninstall one of the two")
+            found[name] = one
         return found
+
+    def _name(self, one: Any) -> str:
+        return one.name
+
+    def _made(self, loaded: Any) -> Any:
+        """What is registered of what an entry point names; None if it is of another kind."""
+        one = loaded() if isinstance(loaded, type) else loaded
+        return one if isinstance(one, self._kind) else None
 
     def _load(self, entry: Any) -> _T:
         try:
-            made = entry.load()
-            made = made() if isinstance(made, type) else made
+            made = self._made(entry.load())
         except Exception as error:  # whatever a package does when it is imported
             why = f"it cannot be loaded ({type(error).__name__}: {error})"
             raise BrokenPlugin(f"{self._said(entry)}: {why}; mend or uninstall the package") from error
-        if not isinstance(made, self._kind):
+        if made is None:
             raise BrokenPlugin(f"{self._said(entry)}: it is no {self._kind.__name__}; mend or uninstall the package")
         return made
 

@@ -1,6 +1,7 @@
-"""The contact law that contacts of spheres and rods follow, wherever they are computed.
+"""What a scene chooses: the contact law that its contacts follow, and the walls that it has.
 
-A backend that compiles puts a law's own functions in place of these. In plain Python a law is chosen first:
+A backend that compiles puts other functions in place of these: a law's own, and those that `labbook_dem.dispatch`
+writes for the kinds of walls there are. In plain Python a law is chosen first, and a wall is a `PlainWall` from there:
 
     with choose("linear") as law:
         c = law.coefficients(contact, surface)
@@ -13,10 +14,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from types import ModuleType
+from typing import Any
 
 from labbook_dem import words
 from labbook_dem.laws import LAWS
-from labbook_dem.words import coefs, real, vec3
+from labbook_dem.words import coefs, real, vec3, wide, wide3
 
 _law: ContextVar[ModuleType] = ContextVar("law")
 
@@ -53,3 +55,37 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
 def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
     """Normal force alone by the chosen law."""
     return _chosen().normal(c, rs, ms, delta, vn)
+
+
+_WRITTEN = "written by labbook_dem.dispatch for the walls of a scene; plain Python has labbook_dem.dispatch.PlainWall"
+
+
+def wall_distance(walls: Any, w: int, kind: int, x: wide3) -> tuple[wide, wide3]:
+    """Distance [m] of the point x from wall w, and the unit normal from the wall to it.
+
+    walls: the numbers of all walls; kind: that of wall w (`labbook_dem.walls.number`).
+    """
+    raise NotImplementedError(_WRITTEN)
+
+
+def wall_part(
+    walls: Any, w: int, kind: int, x: wide3, a: wide3, half: wide, radius: wide, part: int, met: wide, on: wide,
+    other: wide, back: wide,
+) -> tuple[wide, wide3, wide]:  # fmt: skip
+    """Of a part of a rod at x along a: distance [m] from wall w, unit normal, and where on the segment it is [m].
+
+    met, on, other, back: what `wall_edges` gave.
+    """
+    raise NotImplementedError(_WRITTEN)
+
+
+def wall_edge(walls: Any, w: int, kind: int, x: wide3, part: int) -> wide:
+    """Distance [m] of the point x from the edge of wall w that part 2 or 3 of a rod lies across; 1e9 if it has none."""
+    raise NotImplementedError(_WRITTEN)
+
+
+def wall_edges(
+    walls: Any, w: int, kind: int, x: wide3, a: wide3, half: wide, radius: wide
+) -> tuple[wide, wide, wide, wide]:  # fmt: skip
+    """Of parts 2 and 3 of a rod at wall w: distance [m] from its edge, and where on the segment; 1e9 if it has none."""
+    raise NotImplementedError(_WRITTEN)

@@ -163,7 +163,7 @@ class Ensemble(ABC, Generic[R]):
         """Rows since the last drain, of every declared probe."""
         rows, self._rows = self._rows, defaultdict(list)
         return {
-            probe: _joined(rows[probe] or [empty_table(probe, self._spec.feature("RODS"))])
+            probe: _joined(rows[probe] or [empty_table(probe, self._spec.feature("ORIENTED"))])
             for probe in self._spec.probes
         }
 

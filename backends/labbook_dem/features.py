@@ -1,6 +1,7 @@
 """What a scene needs and what it does not: features that backends compile in, and the tables of walls they take."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,8 +9,10 @@ from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
 from labbook.scene import Scene, SurfaceMotion
+from labbook_dem.dispatch import numbers
 from labbook_dem.laws import LAWS
-from labbook_dem.walls import frustum, plane, strip
+from labbook_dem.shapes import SHAPES
+from labbook_dem.walls import WALLS, number
 
 SWITCHES = (
     "FRICTION",
@@ -18,28 +21,19 @@ SWITCHES = (
     "KINDS",
     "TWIST",
     "MOVING",
-    "PLANES",
-    "STRIPS",
-    "FRUSTUMS",
-    "RODS",
+    "ORIENTED",
     "OUTLET",
     "CROSSING",
     "LEDGER",
     "ANY_WALLS",
 )
 """Features that are constants of a generated module."""
-WALL_KINDS = {
-    "plane": (0, plane.parameters),
-    "strip": (1, strip.parameters),
-    "frustum": (2, frustum.parameters),
-}
-WALL_PARTS = {"plane": 2, "strip": 4, "frustum": 4}
-"""Points, its parts, at which a rod may touch one wall (`labbook_dem.rods`)."""
 FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
-    """Features by name: the law, the precision, and in capitals switches and the number of kinds of grains."""
+    """Features by name: the law, the precision, the shape of grains, kinds of walls; in capitals switches, and the
+    number of kinds of grains."""
     walls, sorts = scene.container.walls(), range(len(scene.grains.species))
     surfaces = [scene.surface_between(a, b) for a in sorts for b in sorts]
     surfaces += [scene.surface(wall, sort) for wall in walls for sort in sorts]
@@ -48,16 +42,15 @@ def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[
     return {
         "law": scene.contact.law,
         "precision": numerics.precision,
+        "shape": scene.grains.shape,
+        "walls": tuple(kind for kind in WALLS if kind in kinds),
         "FRICTION": rolling or any(s.friction for s in surfaces),
         "ROLLING": rolling,
         "VARIED": scene.grains.varied,
         "KINDS": len(scene.grains.species),
         "TWIST": rolling and scene.contact.rolling == "full",
         "MOVING": any(wall.motion != SurfaceMotion() for wall in walls),
-        "PLANES": "plane" in kinds,
-        "STRIPS": "strip" in kinds,
-        "FRUSTUMS": "frustum" in kinds,
-        "RODS": is_rod(scene),
+        "ORIENTED": is_oriented(scene),
         "ANY_WALLS": bool(walls),
         "OUTLET": outlet(scene) is not None,
         "CROSSING": any(isinstance(probe, Crossing) for probe in probes),
@@ -65,13 +58,13 @@ def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[
     }
 
 
-ALWAYS = ("FRICTION", "ROLLING", "MOVING", "PLANES", "STRIPS", "FRUSTUMS", "ANY_WALLS", "OUTLET", "CROSSING", "LEDGER")
+ALWAYS = ("FRICTION", "ROLLING", "MOVING", "ANY_WALLS", "OUTLET", "CROSSING", "LEDGER")
 """Switches that may be on for a scene that needs nothing of them: coefficients, velocities and lists are empty then."""
 
 
-def switches(spec: Spec) -> tuple[tuple[str, int], ...]:
-    """The constants of a generated module that this Spec needs, by name."""
-    return tuple((name, spec.feature(name)) for name in SWITCHES)
+def constants(spec: Spec) -> dict[str, int]:
+    """The switches of a generated module, by name."""
+    return {name: spec.feature(name) for name in SWITCHES}
 
 
 def superset(found: Mapping[str, object]) -> dict[str, object]:
@@ -79,7 +72,8 @@ def superset(found: Mapping[str, object]) -> dict[str, object]:
 
     Twist is resisted only where the scene has it so: with rolling friction of zero it makes no difference.
     """
-    return {**found, **dict.fromkeys(ALWAYS, True), "TWIST": bool(found["TWIST"] or not found["ROLLING"])}
+    twist = bool(found["TWIST"] or not found["ROLLING"])
+    return {**found, **dict.fromkeys(ALWAYS, True), "walls": tuple(WALLS), "TWIST": twist}
 
 
 def finest(scene: Scene) -> float:
@@ -87,9 +81,9 @@ def finest(scene: Scene) -> float:
     return min(grains.diameter for grains in scene.grains.smallest())
 
 
-def is_rod(scene: Scene) -> bool:
+def is_oriented(scene: Scene) -> bool:
     """Whether grains have an orientation."""
-    return scene.grains.shape == "spherocylinder"
+    return SHAPES[scene.grains.shape].oriented
 
 
 def outlet(scene: Scene) -> float | None:
@@ -103,6 +97,12 @@ def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     bottom, size = outlet(scene), scene.grains.diameter + 2 * scene.grains.half_length
     drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * size
     return (crossed[0] if crossed else 0.0), drop
+
+
+def capabilities(name: str, cache_version: int, precisions: frozenset[str], devices: tuple[str, ...], **more: bool):
+    """What a backend can do that computes with the formulas of this package: all laws, shapes and walls there are."""
+    laws, shapes, walls = frozenset(LAWS), frozenset(SHAPES), frozenset(WALLS)
+    return Capabilities(name, cache_version, shapes, laws, walls, precisions, devices, **more)
 
 
 def specialise(
@@ -135,7 +135,7 @@ def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[
     if scene.grains.varied and not can.mixtures:
         raise Unsupported("grains", f"the backend {can.name} takes equal grains only; leave out sizes and kinds")
     for probe in probes:
-        if isinstance(probe, Sample) and "q" in probe.fields and not is_rod(scene):
+        if isinstance(probe, Sample) and "q" in probe.fields and not is_oriented(scene):
             raise Unsupported("measure", "only rods have an orientation q")
         if isinstance(probe, Sample | Slab | Zone | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")
@@ -151,16 +151,26 @@ def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
     return _table(rows, 8)
 
 
-def wall_tables(scene: Scene, numerics: Numerics) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of each wall: coefficients for kind k of K in row w K + k [W K, 8], shape [W, 6], kind [W], velocity and spin of
-    its surface [W, 4]."""
+class WallTables(NamedTuple):
+    """Of each of W walls: coefficients for kind k of K grains in row w K + k [W K, 8]; the numbers that describe it, as
+    many as the longest has [W, n]; its kind, as kernels know it [W]; velocity and spin of its surface [W, 4]."""
+
+    c: np.ndarray
+    numbers: np.ndarray
+    kind: np.ndarray
+    motion: np.ndarray
+
+
+def wall_tables(scene: Scene, numerics: Numerics) -> WallTables:
+    """What kernels know of the walls of a scene."""
     law, walls, sorts = LAWS[scene.contact.law], scene.container.walls(), range(len(scene.grains.species))
     scale = numerics.stiffness_scale
-    shapes = [(*WALL_KINDS[w.shape.kind][1](w.shape), 0.0)[:6] for w in walls]  # pyright: ignore[reportArgumentType]
-    return (
+    shapes = [numbers(wall.shape) for wall in walls]
+    width = max(map(len, shapes), default=0)
+    return WallTables(
         _table([law.coefficients(scene.contact, scene.surface(w, k), scale, True) for w in walls for k in sorts], 8),
-        _table(shapes, 6),
-        np.array([WALL_KINDS[w.shape.kind][0] for w in walls], np.int64),
+        _table([(*row, *[0.0] * (width - len(row))) for row in shapes], width),
+        np.array([number(w.shape.kind) for w in walls], np.int64),
         _table([(*w.motion.velocity, w.motion.spin) for w in walls], 4),
     )
 

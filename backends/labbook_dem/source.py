@@ -5,6 +5,7 @@ Host functions, those not marked for a compiler, stay behind, whatever other dec
 """
 
 import ast
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -17,12 +18,13 @@ def device_source(module: ModuleType) -> str:
 
     Raises ValueError if one of them has another decorator beside its mark, which a compiler would not know.
     """
-    text = _text(module)
+    text = module_text(module)
     parts = [ast.get_source_segment(text, node, padded=True) or "" for node in _device_functions(ast.parse(text))]
     return "\n\n".join(parts)
 
 
-def _text(module: ModuleType) -> str:
+def module_text(module: ModuleType) -> str:
+    """The source of a module."""
     assert module.__file__ is not None
     return Path(module.__file__).read_text(encoding="utf-8")
 
@@ -45,7 +47,9 @@ def _marked(node: ast.FunctionDef | ast.ClassDef) -> bool:
     return True
 
 
-def generate(header: str, constants: dict[str, object], modules: list[ModuleType]) -> str:
-    """One module: `header` (a compiler's vocabulary), `constants` as assignments, then all device functions."""
+def generate(header: str, constants: dict[str, object], modules: Sequence[ModuleType | str]) -> str:
+    """One module: `header` (a compiler's vocabulary), `constants` as assignments, then all device functions of modules,
+    and text as it is."""
     assignments = "\n".join(f"{name} = {value!r}" for name, value in constants.items())
-    return "\n\n".join([header, assignments, *(device_source(module) for module in modules)]) + "\n"
+    parts = [module if isinstance(module, str) else device_source(module) for module in modules]
+    return "\n\n".join([header, assignments, *parts]) + "\n"

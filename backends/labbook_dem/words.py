@@ -33,7 +33,7 @@ coefs = tuple[float, float, float, float, float, float, float, float]
 
 @dataclass(slots=True)
 class vec3:
-    """A vector of three reals."""
+    """A vector of three reals. Nobody changes one; a frozen class would take twice as long to make."""
 
     x: float
     y: float
@@ -56,6 +56,8 @@ class vec3:
 
 
 wide3 = vec3
+section = vec3
+"""A wide vector without y, of which walls store x and z (`labbook_dem.walls`)."""
 
 
 def narrow(vector: wide3) -> vec3:

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Checkpoint, Spec, Unsupported
+from labbook_dem.features import capabilities
+
+from labbook.backend import Checkpoint, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Scene
@@ -19,16 +21,7 @@ class Backend:
 
     requires = ("numba",)
 
-    capabilities = Capabilities(
-        name="numba",
-        cache_version=CACHE_VERSION,
-        shapes=frozenset({"sphere", "spherocylinder"}),
-        laws=frozenset({"hertz-mindlin", "linear"}),
-        walls=frozenset({"plane", "strip", "frustum"}),
-        precisions=frozenset({"double", "mixed"}),
-        devices=("cpu",),
-        mixtures=True,
-    )
+    capabilities = capabilities("numba", CACHE_VERSION, frozenset({"double", "mixed"}), ("cpu",), mixtures=True)
 
     def __init__(self, threads: int | None = None, *, wide: bool = False):
         self._threads, self._wide = threads, wide
@@ -44,8 +37,6 @@ class Backend:
 
         Raises Unsupported for a device other than `cpu`.
         """
-        from labbook_dem.features import switches
-
         from labbook.backend.machine import cores
         from labbook_numba import compiling
         from labbook_numba.build import kernels
@@ -54,7 +45,7 @@ class Backend:
         if device != "cpu":
             raise Unsupported("device", f"the backend numba runs on cpu, not on {device}")
         compiling.watch()
-        module = kernels(spec.feature("law"), spec.feature("precision"), switches(spec))
+        module = kernels(spec)
         many = cores()
         return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many, self._wide)
 

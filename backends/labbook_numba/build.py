@@ -8,18 +8,21 @@ code beside it, told apart by CPU.
 
 import ctypes
 import platform
+import re
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 
 import llvmlite
 import numba
-from labbook_dem import contact, generated, motion, rotation, segments, source
-from labbook_dem import rods as rod_physics
-from labbook_dem import spheres as sphere_physics
+from labbook_dem import contact, dispatch, generated, motion, source
+from labbook_dem.features import constants
+from labbook_dem.formulas import hold
 from labbook_dem.laws import LAWS
-from labbook_dem.walls import frustum, plane, strip
+from labbook_dem.shapes import SHAPES as PHYSICS
+from labbook_dem.walls import WALLS
 
+from labbook.backend import Spec
 from labbook_numba import dialect, lanes, meeting, rows, squeeze, state, vector
 from labbook_numba.kernels import (
     blocks,
@@ -30,38 +33,19 @@ from labbook_numba.kernels import (
     near,
     neighbours,
     pairs,
-    rod_observe,
-    rod_pairs,
-    rod_walls,
-    rods,
-    sphere_observe,
-    sphere_pairs,
-    sphere_walls,
-    spheres,
+    shape,
     step,
     surfaces,
     transfer,
 )
 from labbook_numba.kernels import features as vocabulary
+from labbook_numba.shapes import SHAPES
 
 PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
-SHARED = [
-    contact,
-    motion,
-    plane,
-    strip,
-    frustum,
-    sphere_physics,
-    cells,
-    surfaces,
-    blocks,
-    bodies,
-    transfer,
-]
-OF_SPHERES = [sphere_pairs, sphere_walls, spheres, sphere_observe]
-OF_RODS = [segments, rotation, rod_physics, rod_pairs, rod_walls, rods, rod_observe]
-OF_ALL = [pairs, near, move, neighbours, meet, step]
+BEFORE = (cells, blocks, bodies, transfer)
+AFTER = (pairs, near, move, neighbours, meet, step)
+"""Kernels that all shapes share, before and after their own in the generated module."""
 
 
 _ARENA_MAX = -8  # glibc's M_ARENA_MAX
@@ -80,21 +64,26 @@ def share_one_heap() -> None:
 share_one_heap()
 
 
-def module_text(law: str, precision: str, switches: dict[str, int]) -> str:
+def module_text(spec: Spec) -> str:
     """Source of the kernel module of one specialisation."""
-    layout, kind = (state.RODS, OF_RODS) if switches["RODS"] else (state.SPHERES, OF_SPHERES)
-    layout = state.MIXTURES if switches["VARIED"] else layout
+    kinds, grains = spec.feature("walls"), spec.feature("shape")
+    own = SHAPES[grains]
+    hold(f"the shape {grains} in labbook_numba", shape, own.kernels)
+    layout = state.MIXTURES if spec.feature("VARIED") else own.layout
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
     shared = _numbers(state) | layout._asdict()
-    places = {name: value for module in (blocks, *kind) for name, value in _numbers(module).items()}
+    places = {name: value for module in (blocks, *own.kernels) for name, value in _numbers(module).items()}
     places |= {name: shared[name] for name in PLACES}
-    constants: dict[str, object] = {**_numbers(vocabulary), **shared, **switches}
-    constants |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in constants}
-    del constants["LANES"]  # the header's
-    modules = [LAWS[law], *SHARED, *kind, *OF_ALL]
-    text = source.generate(dialect.header(precision), constants, modules)
+    named: dict[str, object] = {**_numbers(vocabulary), **shared, **constants(spec)}
+    named["TOGETHER"] = any(map(dispatch.finds_edges_together, kinds))
+    named |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in named}
+    del named["LANES"]  # the header's
+    physics = [LAWS[spec.feature("law")], contact, motion, *(WALLS[kind] for kind in kinds), *PHYSICS[grains].physics]
+    walls = dispatch.functions(kinds, rods=layout.ORIENTED)
+    modules = [*physics, surfaces, walls, *BEFORE, *own.kernels, *AFTER]
+    text = source.generate(dialect.header(spec.feature("precision")), named, modules)
     # annotations name the backend's Python types, which compiled code has no use for
-    return text.replace(": State", "").replace(": Params", "").replace(": Lists", "").replace(": Grid", "")
+    return re.sub(r": (State|Params|Lists|Grid|Numbers)\b", "", text)
 
 
 class _Unsigned(int):
@@ -120,8 +109,8 @@ def digest(text: str) -> str:
 
 @lru_cache(maxsize=64)
 @generated.alone
-def kernels(law: str, precision: str, switches: tuple[tuple[str, int], ...]) -> ModuleType:
+def kernels(spec: Spec) -> ModuleType:
     """The kernel module of one specialisation, written if it is not there yet. Compiling happens at first use."""
-    text = module_text(law, precision, dict(switches))
+    text = module_text(spec)
     key = digest(text)
     return generated.load(f"labbook_numba_{key}", text, generated.cache_folder("numba") / key)

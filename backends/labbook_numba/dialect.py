@@ -27,7 +27,7 @@ entry = njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", no_cfun
 real = {real}
 wide = float64
 vec3 = {vec3}
-wide3 = vec3d
+wide3 = section = vec3d
 coefs = tuple  # of eight
 LANES = uint64({lanes})
 

@@ -30,7 +30,7 @@ class Ensemble(ensemble.Ensemble[Run]):
         self._kernels, self._wide = kernels, wide
         self._pool = ThreadPoolExecutor(members, thread_name_prefix="labbook-numba")
         # the ledger's work is a sum over grains in their order; kernels of rods step whole scenes
-        self._threads = 1 if spec.feature("LEDGER") or spec.feature("RODS") else threads
+        self._threads = 1 if spec.feature("LEDGER") or spec.feature("ORIENTED") else threads
 
     def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
         return specialise(self._can, scene, numerics, self._spec.probes, self._wide)

@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 from labbook_dem.ensemble import Failure, Standing, check_checkpoint, explain, places
-from labbook_dem.features import is_rod
+from labbook_dem.features import is_oriented
 from labbook_dem.reading import Grains
 from labbook_dem.rotation import axes, momenta
 
@@ -31,7 +31,7 @@ class Run(Standing):
         self.scene, self.numerics, self.probes = scene, numerics, tuple(probes)
         self.params: Params = parameters(scene, numerics, probes)
         self.names = [wall.name for wall in scene.container.walls()]
-        self.rods = is_rod(scene)
+        self.rods = is_oriented(scene)
         self.layout = layout_of(scene)
         self.failure: Failure | None = None
         self._varied = scene.grains.varied

@@ -22,7 +22,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
     plane = plane if any(isinstance(probe, Crossing) for probe in probes) else -inf
     drop = drop if features.outlet(scene) is not None else -inf
     pair_c = features.pair_table(scene, numerics)
-    wall_c, wall_shape, wall_kind, wall_motion = features.wall_tables(scene, numerics)
+    walls = features.wall_tables(scene, numerics)
     return Params(
         c=tuple(pair_c[0].tolist()),
         pair_c=pair_c,
@@ -38,8 +38,8 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
         overlap_limit=numerics.overlap_limit * finest(scene),
         plane=plane,
         drop=drop,
-        wall_c=wall_c,
-        wall_shape=wall_shape,
-        wall_kind=wall_kind,
-        wall_motion=wall_motion,
+        wall_c=walls.c,
+        walls=walls.numbers,
+        wall_kind=walls.kind,
+        wall_motion=walls.motion,
     )

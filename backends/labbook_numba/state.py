@@ -38,17 +38,21 @@ FAR = 1e30
 
 class Layout(NamedTuple):
     """What equal and unlike spheres and rods take: lengths of rows of grains, columns of blocks and of State.near, and
-    points (the parts of a rod) at which a grain may touch one wall, each with its spring."""
+    points (the parts of a rod) at which a grain may touch one wall, each with its spring. ORIENTED: whether grains have
+    an orientation."""
 
     GRAIN: int
     BLOCK_COLUMNS: int
     NEAR_COLUMNS: int
     WALL_PARTS: int
+    ORIENTED: bool
 
 
-SPHERES = Layout(GRAIN=16, BLOCK_COLUMNS=21, NEAR_COLUMNS=7, WALL_PARTS=1)
+SPHERES = Layout(GRAIN=16, BLOCK_COLUMNS=21, NEAR_COLUMNS=7, WALL_PARTS=1, ORIENTED=False)
 MIXTURES = SPHERES._replace(BLOCK_COLUMNS=35)
-RODS = Layout(GRAIN=32, BLOCK_COLUMNS=33, NEAR_COLUMNS=10, WALL_PARTS=4)
+RODS = Layout(GRAIN=32, BLOCK_COLUMNS=33, NEAR_COLUMNS=10, WALL_PARTS=4, ORIENTED=True)
+LAYOUTS = {"sphere": SPHERES, "spherocylinder": RODS}
+"""By shape, of equal grains."""
 
 
 class State(NamedTuple):
@@ -173,7 +177,7 @@ class Params(NamedTuple):
 
     half: half the length of a rod's segment [m]; slender: I_t/I_a - 1, inertia: I_t [kg m^2].
 
-    wall_shape [W, 6], wall_kind [W], wall_motion [W, 4]: velocity and spin of its surface.
+    walls [W, n]: the numbers that describe each; wall_kind [W]; wall_motion [W, 4]: velocity and spin of its surface.
     """
 
     c: tuple
@@ -191,7 +195,7 @@ class Params(NamedTuple):
     plane: float
     drop: float
     wall_c: np.ndarray
-    wall_shape: np.ndarray
+    walls: np.ndarray
     wall_kind: np.ndarray
     wall_motion: np.ndarray
 
@@ -209,7 +213,7 @@ def allocate(
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
         **lists(pairs + PAD, walls, near_walls + PAD, layout)._asdict(),
-        cross=np.zeros((crossings, len(crossing_columns(layout is RODS)))),
+        cross=np.zeros((crossings, len(crossing_columns(layout.ORIENTED)))),
         count=np.zeros(COUNTERS, np.int64),
         sums=np.zeros(SUMS),
         borrowed_i=np.zeros(PAD, np.int32),

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST
-from labbook_dem.features import is_rod
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
@@ -14,7 +13,7 @@ from labbook_numba.state import Layout, State
 
 def layout_of(scene: Scene) -> Layout:
     """Lengths of rows of the grains of a scene."""
-    return S.RODS if is_rod(scene) else S.MIXTURES if scene.grains.varied else S.SPHERES
+    return S.MIXTURES if scene.grains.varied else S.LAYOUTS[scene.grains.shape]
 
 
 def kept(scene: Scene) -> set[str]:

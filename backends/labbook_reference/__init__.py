@@ -7,7 +7,9 @@ thousand times as slow as the CPU backend.
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Checkpoint, Spec, Unsupported
+from labbook_dem.features import capabilities
+
+from labbook.backend import Checkpoint, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Scene
@@ -18,16 +20,7 @@ CACHE_VERSION = 1
 class Backend:
     """See `labbook.backend.Backend`."""
 
-    capabilities = Capabilities(
-        name="reference",
-        cache_version=CACHE_VERSION,
-        shapes=frozenset({"sphere", "spherocylinder"}),
-        laws=frozenset({"hertz-mindlin", "linear"}),
-        walls=frozenset({"plane", "strip", "frustum"}),
-        precisions=frozenset({"double"}),
-        devices=("cpu",),
-        mixtures=True,
-    )
+    capabilities = capabilities("reference", CACHE_VERSION, frozenset({"double"}), ("cpu",), mixtures=True)
 
     def specialise(self, scene: Scene, numerics: Numerics, probes: Sequence[Probe] = ()) -> Spec:
         """What members of an ensemble have in common; nothing is compiled. Raises Unsupported."""

@@ -8,18 +8,18 @@ import numpy as np
 from labbook_dem import motion, rods, rotation, segments, spheres
 from labbook_dem.chosen import choose
 from labbook_dem.contact import rolling_rate
+from labbook_dem.dispatch import PlainWall
 from labbook_dem.ensemble import LONGEST, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
-from labbook_dem.features import features, finest, is_rod, outlet, planes
+from labbook_dem.features import features, finest, is_oriented, outlet, planes
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, crossing_columns
-from labbook_dem.walls import frustum, plane, strip
 from labbook_dem.words import coefs, dot, vec3
 from scipy.spatial import KDTree
 
 from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
-from labbook.scene import Bodies, Scene, Wall
+from labbook.scene import Bodies, Scene
 from labbook.scene.orientation import axes, distances
 from labbook.scene.packing import Packing
 
@@ -88,7 +88,8 @@ class Run(Standing):
 
     def __init__(self, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]):
         self._can, self.scene, self.numerics, self.probes = can, scene, numerics, tuple(probes)
-        self.rods, self.walls = is_rod(scene), scene.container.walls()
+        self.rods, self.walls = is_oriented(scene), scene.container.walls()
+        self._plain = [PlainWall(wall.shape) for wall in self.walls]
         self.slender = rotation.slenderness(scene.grains)
         self.failure: Failure | None = None
         self._friction = bool(features(scene, numerics, probes)["FRICTION"])
@@ -287,9 +288,9 @@ class Run(Standing):
                 except ArithmeticError:  # Python raises where processors give NaN: two grains in the same place
                     found.add(i, LOST, LOST)
                     found.add(j, LOST, LOST)
-            for w, wall in enumerate(self.walls):
+            for w, wall in enumerate(self._plain):
                 for i in self._near(w, wall):
-                    self._wall(found, i, w, wall, a, *spins)
+                    self._wall(found, i, w, a, *spins)
         return found
 
     def _close(self, a: np.ndarray) -> list[tuple[int, int]]:
@@ -303,12 +304,12 @@ class Run(Standing):
         near = distances(self.x[i] - self.x[j], a[i], a[j], half) < 2.001 * radius
         return [pair for pair, meets in zip(pairs, near.tolist(), strict=True) if meets]
 
-    def _near(self, w: int, wall: Wall) -> list[int]:
+    def _near(self, w: int, wall: PlainWall) -> list[int]:
         """Grains that may touch a wall: others are farther off than they have moved since they were looked at."""
         half, near = self.scene.grains.half_length, []
         for i in np.flatnonzero(self.clear[w] <= 0).tolist():
             x, radius = vec3(*self.x[i].tolist()), float(self.bodies.radius[i])
-            distance, *_ = touched(wall, x, NONE, 0.0, radius, 0, False)
+            distance, _normal = wall.distance(x)
             self.clear[w, i] = distance - radius - half
             if self.clear[w, i] <= 0:
                 near.append(i)
@@ -349,15 +350,14 @@ class Run(Standing):
         if self._friction:
             found.springs[key] = kept
 
-    def _wall(
-        self, found: Forces, i: int, w: int, wall: Wall, a: np.ndarray, spin: np.ndarray, soon: np.ndarray
-    ) -> None:
+    def _wall(self, found: Forces, i: int, w: int, a: np.ndarray, spin: np.ndarray, soon: np.ndarray) -> None:
         """Add what wall w does to grain i at each part that touches."""
+        wall, plain = self.walls[w], self._plain[w]
         radius, half = float(self.bodies.radius[i]), self.scene.grains.half_length
         x, along = vec3(*self.x[i].tolist()), vec3(*a[i].tolist())
         met = {}
         for part in range(PARTS if self.rods else 1):
-            distance, normal, s = touched(wall, x, along, half, radius, part, self.rods)
+            distance, normal, s = plain.part(x, along, half, radius, part) if self.rods else (*plain.distance(x), 0.0)
             if distance < radius:
                 met[part] = distance, normal, s
         if not met:
@@ -453,36 +453,12 @@ class Run(Standing):
         )
 
 
-def touched(
-    wall: Wall, x: vec3, a: vec3, half: float, radius: float, part: int, rod: bool
-) -> tuple[float, vec3, float]:
-    """Distance [m] of a part of a grain from a wall, unit normal, and where on its segment it is [m].
-
-    x: centre [m]; a: unit axis; half: half the length of the segment [m]. A sphere has one part, 0.
-    """
-    shape = wall.shape
-    if shape.kind == "plane":
-        p = plane.parameters(shape)
-        point, normal = vec3(*p[:3]), vec3(*p[3:])
-        if not rod:
-            return *plane.plane_distance(point, normal, x), 0.0
-        return plane.plane_rod(point, normal, x, a, half, part) if part < 2 else (1e9, normal, 0.0)
-    p = strip.parameters(shape) if shape.kind == "strip" else frustum.parameters(shape)
-    start, along, length = vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4]
-    if shape.kind == "strip":
-        if not rod:
-            return *strip.strip_distance(start, along, length, x), 0.0
-        return strip.strip_rod(start, along, length, x, a, half, radius, part)
-    if not rod:
-        return *frustum.frustum_distance(start, along, length, x), 0.0
-    rims = frustum.frustum_rims(start, along, length, x, a, half, radius)
-    return frustum.frustum_rod(start, along, length, x, a, half, part, *rims)
-
-
 def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> None:
     """Raises ValueError, saying what is wrong, for a checkpoint that no member of this scene can have made."""
     names = {"x", "v", "u", "m", "y", "ids", "gone", "radius", "mass", "inertia", "kind", "step", "touching", "work"}
-    names |= {"max_overlap", "pair_key", "pair_spring", "wall_key", "wall_spring"} | ({"q"} if is_rod(scene) else set())
+    names |= {"max_overlap", "pair_key", "pair_spring", "wall_key", "wall_spring"} | (
+        {"q"} if is_oriented(scene) else set()
+    )
     check_names(can, names, stored)
     arrays: Mapping[str, np.ndarray] = stored.arrays
     n = arrays["ids"].shape[0] if arrays["ids"].ndim == 1 else -1

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from labbook.backend import Capabilities, Checkpoint, Spec, Survey
+from labbook_dem.features import capabilities
+
+from labbook.backend import Checkpoint, Spec, Survey
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Scene
@@ -15,14 +17,11 @@ class Backend:
 
     requires = ("warp",)
 
-    capabilities = Capabilities(
-        name="warp",
-        cache_version=CACHE_VERSION,
-        shapes=frozenset({"sphere", "spherocylinder"}),
-        laws=frozenset({"hertz-mindlin", "linear"}),
-        walls=frozenset({"frustum", "plane", "strip"}),
-        precisions=frozenset({"double", "mixed"}),
-        devices=("cpu", "cuda:0"),
+    capabilities = capabilities(
+        "warp",
+        CACHE_VERSION,
+        frozenset({"double", "mixed"}),
+        ("cpu", "cuda:0"),
         mixtures=True,
         single_velocities=True,
     )

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from labbook_warp.codec import States
+from labbook_warp.codec import Codec, States
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import COPIED, WORDS_OF_STATE, Sizes, codec, shapes, state
+from labbook_warp.layout import COPIED, OF_MANY_WALLS, OF_SHAPES, WORDS_OF_STATE, Sizes, shapes, state
+from labbook_warp.shapes import SHAPES
 
 
 def fetch(array: Any) -> np.ndarray:
@@ -26,15 +27,17 @@ class Arrays:
 
     def __init__(self, module: ModuleType, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
-        self.codec, self.state = codec(module), state(sizes.rods, module.VARIED)
+        self.codec = Codec(not module.FINE, SHAPES[sizes.shape].shown)
+        self.state = state(sizes.shape, module.VARIED, sizes.listed)
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
+        system.seats = sizes.seats
         system.cells, system.depth = sizes.cells, sizes.depth
         for shape in shapes(module, sizes, crossings):
             owner = self if shape.name in WORDS_OF_STATE else system
             setattr(owner, shape.name, wp.zeros(shape.length, dtype=shape.dtype, device=device))
         system.fail.fill_(NO_FAILURE)
-        missing = set(state(rods=True, varied=True)) - set(self.state)
+        missing = {*OF_SHAPES, *OF_MANY_WALLS} - set(self.state)
         copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
         self._saved = [(array, wp.clone(array)) for array in copied]
 
@@ -98,7 +101,7 @@ class Arrays:
     def states(self, slot: int, rows: int) -> States:
         """States of the first `rows` rows of a slot."""
         x, v, m = self.codec.decode(self.read("p", slot, rows))
-        if not self.sizes.rods:
+        if not self.module.ORIENTED:
             return States(x, v, m)
         m = self.read("momentum", slot, rows)[:, :3].astype(np.float64)
         return States(x, v, m, self.read("turned", slot, rows))

@@ -1,63 +1,45 @@
 """From features to compiled kernels: one generated module per specialisation; Warp caches what it compiles from it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from types import ModuleType
 
 import warp as wp
-from labbook_dem import contact, features, generated, motion, rotation, segments, source
-from labbook_dem import rods as rod_physics
-from labbook_dem import spheres as sphere_physics
-from labbook_dem.features import WALL_PARTS
+from labbook_dem import contact, dispatch, features, generated, motion, source
+from labbook_dem.formulas import hold
 from labbook_dem.laws import LAWS
-from labbook_dem.walls import frustum, plane, strip
+from labbook_dem.shapes import SHAPES as PHYSICS
+from labbook_dem.walls import WALLS, number
 
-from labbook.backend import Capabilities, Spec, Unsupported
+from labbook.backend import Capabilities, Spec
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Scene
 from labbook_warp import dialect
-from labbook_warp.codec import Codec
+from labbook_warp.codec import Codec, kernel_text
 from labbook_warp.kernels import (
     beside,
     bodies,
-    double,
-    double_rods,
     forces,
-    mixed,
-    mixed_rods,
     neighbours,
     observe,
-    rod_contacts,
-    rod_walls,
-    rods,
-    spheres,
+    shape,
     step,
     sums,
     system,
     walls,
     words,
 )
+from labbook_warp.layout import MOST_CONTACTS
+from labbook_warp.shapes import SHAPES
 
-STATE = {
-    ("mixed", False): mixed,
-    ("double", False): double,
-    ("mixed", True): mixed_rods,
-    ("double", True): double_rods,
-}
-PHYSICS = {False: [sphere_physics], True: [sphere_physics, rod_physics, rotation, segments]}
-SHAPE = {False: [spheres], True: [rods, rod_walls, rod_contacts]}
 OF_WORDS = ("PARKED", "LOOKS", "BAD_STATE", "BAD_SPEED", "BAD_FORCE", "BAD_OVERLAP", "NO_NUMBER", "REPORTED")
-REACH = {False: 1, True: 2}
-"""How many cells away a neighbour may be: rods have small cells, since most of what is within a length of them is not
-listed."""
 
 
-def most_parts(switches: Mapping[str, int]) -> int:
+def most_parts(spec: Spec) -> int:
     """Contacts that a grain may have with one wall."""
-    if not switches["RODS"]:
-        return 1
-    return max([2, *(count for kind, count in WALL_PARTS.items() if switches[f"{kind.upper()}S"])])
+    return dispatch.most_parts(spec.feature("walls")) if spec.feature("ORIENTED") else 1
 
 
 def _edges(parts: int) -> int:
@@ -65,41 +47,47 @@ def _edges(parts: int) -> int:
     return -0x33333334 if parts == 4 else 0  # 0xCCCCCCCC
 
 
-def module_text(
-    law: str, precision: str, switches: Mapping[str, int], uniform: bool, lanes: int, registers: int, apart: int,
-    asked: int,
-) -> str:  # fmt: skip
-    """Source of the kernel module of one specialisation."""
-    turns = bool(switches["RODS"])
-    constants: dict[str, object] = dict(switches)
-    constants |= {
+def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: int, asked: int) -> str:
+    """Source of the kernel module of one specialisation; see `kernels`."""
+    precision, grains, kinds = spec.feature("precision"), spec.feature("shape"), spec.feature("walls")
+    own = SHAPES[grains]
+    hold(f"the shape {grains} in labbook_warp", shape, own.kernels)
+    codec, parts, turns = Codec(precision == "mixed", own.shown), most_parts(spec), spec.feature("ORIENTED")
+    together = [kind for kind in kinds if dispatch.finds_edges_together(kind)]
+    named: dict[str, object] = {
+        **features.constants(spec),
         "FINE": precision == "double",
         "UNIFORM": uniform,
         "LANES": lanes,
         "SHARED": lanes > 1,
         "APART": bool(apart),
         "ASKED": asked,
-        "WORDS": Codec(precision == "mixed", turns).words,
-        "WALL_PARTS": most_parts(switches),
-        "EDGES": _edges(most_parts(switches)),
-        "TORQUES": switches["FRICTION"] or turns,
-        "REACH": REACH[turns],
+        "WORDS": codec.words,
+        "WALL_PARTS": parts,
+        "WALL_NUMBERS": max(map(dispatch.how_many, kinds), default=1),
+        "LISTED": spec.feature("LISTED"),
+        "TOGETHER": bool(together),
+        "OTHERS_TOGETHER": bool(set(together) - {"frustum"}),
+        "FRUSTUM": number("frustum"),
+        "EDGES": _edges(parts),
+        "TORQUES": spec.feature("FRICTION") or turns,
+        "REACH": own.reach,
         "COLUMNS": 17 if turns else 13,
     }
-    constants |= {name: getattr(words, name) for name in OF_WORDS}
-    modules = [LAWS[law], contact, motion, plane, strip, frustum, *PHYSICS[turns], system, STATE[precision, turns]]
-    modules += [walls, bodies, sums, *SHAPE[turns], forces, step, neighbours, observe]
-    if apart:
-        modules.append(beside)
-    header = dialect.header(precision, registers, apart, 1 if turns else 16, several=lanes > 1)
-    return source.generate(header, constants, modules)
+    named |= {name: getattr(words, name) for name in OF_WORDS}
+    # the formulas of frustums are there for `rod_walls`, whether a scene has one or not
+    physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
+    physics = [LAWS[spec.feature("law")], contact, motion, *physics, *PHYSICS[grains].physics]
+    modules = [*physics, system, kernel_text(codec), walls, dispatch.functions(kinds, rods=turns)]
+    modules += [bodies, sums, *own.kernels, forces, step, neighbours, observe, *([beside] if apart else [])]
+    header = dialect.header(precision, registers, apart, own.unroll, several=lanes > 1)
+    return source.generate(header, named, modules)
 
 
 @lru_cache(maxsize=64)
 @generated.alone
 def kernels(
-    law: str, precision: str, switches: tuple[tuple[str, int], ...], uniform: bool = False, lanes: int = 1,
-    registers: int = 0, apart: int = 0, asked: int = 0,
+    spec: Spec, uniform: bool = False, lanes: int = 1, registers: int = 0, apart: int = 0, asked: int = 0
 ) -> ModuleType:  # fmt: skip
     """The kernel module of one specialisation. Compiling happens at first use, per device.
 
@@ -108,18 +96,13 @@ def kernels(
     share grains can walls be met apart, or lists be asked for.
     """
     assert lanes == 1 or not (apart or asked)
-    text = module_text(law, precision, dict(switches), uniform, lanes, registers, apart, asked)
+    text = module_text(spec, uniform, lanes, registers, apart, asked)
     key = generated.digest(text, wp.config.version)
     return generated.load(f"labbook_warp_{key}", text, generated.cache_folder("warp") / key)
 
 
-MOST_CONTACTS = 32  # bits of a mask
-
-
 def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
-    """Features compiled in. Raises Unsupported."""
+    """Features compiled in; LISTED: whether there are more walls than a grain has entries for. Raises Unsupported."""
     found = features.specialise(capabilities, scene, numerics, probes)
-    walls, most = len(scene.container.walls()), MOST_CONTACTS // most_parts(dict(found.features))
-    if walls > most:
-        raise Unsupported("container", f"the backend {capabilities.name} takes {most} walls, not {walls}")
-    return found
+    listed = len(scene.container.walls()) * most_parts(found) > MOST_CONTACTS
+    return replace(found, features=tuple(sorted((*found.features, ("LISTED", listed)))))

@@ -32,7 +32,7 @@ struct = wp.struct
 real = wp.{real}
 wide = wp.float64
 vec3 = wp.{vec3}
-wide3 = wp.vec3d
+wide3 = section = wp.vec3d
 wide4 = wp.vec4d
 quanta3 = wp.types.vector(length=3, dtype=wp.int64)
 real4 = wp.types.vector(length=4, dtype=real)
@@ -41,11 +41,10 @@ int64 = wp.int64
 uint32 = wp.uint32
 float32 = wp.float32
 coefs = wp.types.vector(length=8, dtype=real)
-shape6 = wp.types.vector(length=6, dtype=wide)
 motion4 = wp.types.vector(length=4, dtype=wide)
 Words = wp.array(dtype=word)
 Vectors = wp.array(dtype=vec3)
-Wides = wp.array(dtype=wide)
+Wides = Numbers = wp.array(dtype=wide)
 Wides3 = wp.array(dtype=wide3)
 Quanta = wp.array(dtype=quanta3)
 Wides4 = wp.array(dtype=wide4)
@@ -56,7 +55,6 @@ Ints = wp.array(dtype=wp.int32)
 Longs = wp.array(dtype=wp.int64)
 Bits = wp.array(dtype=wp.uint32)
 Coefs = wp.array(dtype=coefs)
-Shapes = wp.array(dtype=shape6)
 Motions = wp.array(dtype=motion4)
 Bodies = wp.array(dtype=wp.vec4d)
 dot = wp.dot

@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from labbook_warp.codec import Codec
+from labbook_warp.shapes import SHAPES
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,14 @@ class Sizes:
     cells: int
     depth: int
     parts: int
+    shape: str
+    listed: bool
+    """Whether members have more walls than a grain has entries for."""
 
     @property
-    def rods(self) -> bool:
-        """Whether grains have an orientation."""
-        return self.parts > 1
+    def seats(self) -> int:
+        """Walls that a grain has entries for."""
+        return min(max(self.walls, 1), MOST_CONTACTS // self.parts)
 
     @property
     def rows(self) -> int:
@@ -35,7 +38,7 @@ class Sizes:
     @property
     def entries(self) -> dict[str, int]:
         """How many entries a grain the kinds of arrays below have."""
-        return {"one": 1, "near": self.near, "walls": max(self.walls, 1) * self.parts}
+        return {"one": 1, "near": self.near, "walls": self.seats * self.parts, "seats": self.seats}
 
     @property
     def contacts(self) -> int:
@@ -43,9 +46,10 @@ class Sizes:
         return self.rows * (self.near // 2 + min(self.walls * self.parts, 6)) + 1
 
 
-def state(rods: bool, varied: bool) -> dict[str, str]:
+def state(shape: str, varied: bool, listed: bool) -> dict[str, str]:
     """Arrays that make up a member's state, beside its words, and which of `Sizes.entries` each has."""
-    return STATE | (OF_RODS if rods else {}) | (OF_MIXTURES if varied else {})
+    more = dict(SHAPES[shape].state) | (OF_MIXTURES if varied else {}) | (OF_MANY_WALLS if listed else {})
+    return STATE | more
 
 
 # arrays of grains that make up a member's state, and their entries a grain
@@ -63,16 +67,19 @@ STATE = {
     "work": "one",
     "deep": "one",
 }
-OF_RODS = {"facing": "one", "turned": "one", "momentum": "one"}
 OF_MIXTURES = {"body": "one"}
+OF_MANY_WALLS = {"wall_seat": "seats"}
 BESIDE = ("beside", "wall_touching", "wall_force", "wall_torque", "wall_deep")
 BESIDE_FINE = ("wall_fine_force", "wall_fine_torque")
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
-OF_WALLS = ("wall_shape", "wall_kind", "wall_motion")
+OF_WALLS = ("wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")
-COPIED = ("p", *(name for name in STATE | OF_RODS if name != "ids"), "rebuilds", "left")
+OF_SHAPES = tuple(dict.fromkeys(name for shape in SHAPES.values() for name in shape.state))
+COPIED = ("p", *(name for name in STATE if name != "ids"), *OF_SHAPES, *OF_MANY_WALLS, "rebuilds", "left")
 """Arrays that are copied aside before every beat."""
+MOST_CONTACTS = 32
+"""Entries of a grain at walls: bits of a mask."""
 
 
 @dataclass(frozen=True)
@@ -89,24 +96,21 @@ class Shape:
         return self.length * wp.types.type_size_in_bytes(self.dtype) * (2 if self.name in COPIED else 1)
 
 
-def codec(module: ModuleType) -> Codec:
-    """How the kernels of `module` keep the state of a grain."""
-    return Codec(not module.FINE, module.RODS)
-
-
 def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[Shape]:
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
-    lengths = {name: rows * sizes.entries[of] for name, of in (state(sizes.rods, module.VARIED) | SCRATCH).items()}
+    mine = state(sizes.shape, module.VARIED, sizes.listed)
+    lengths = {name: rows * sizes.entries[of] for name, of in (mine | SCRATCH).items()}
     lengths |= {name: rows if module.APART else 1 for name in BESIDE}
     lengths |= {name: rows if module.APART and module.FINE else 1 for name in BESIDE_FINE} | {"beside_count": 2 * slots}
     lengths |= dict.fromkeys(OF_SLOTS, slots)
     lengths |= dict.fromkeys(OF_WALLS, max(1, slots * sizes.walls))
+    lengths["wall_numbers"] = max(1, slots * sizes.walls * module.WALL_NUMBERS)
     lengths |= {"wall_c": max(1, slots * sizes.walls * module.KINDS), "pair_c": slots * module.KINDS**2}
-    lengths |= {"overflow": 2 * slots, "any_flag": 1, "crossed": 1, "cross": module.COLUMNS * rows if crossings else 1}
+    lengths |= {"overflow": 3 * slots, "any_flag": 1, "crossed": 1, "cross": module.COLUMNS * rows if crossings else 1}
     lengths |= {"cell_count": slots * sizes.cells, "cell_rows": slots * sizes.cells * sizes.depth}
     for name in WORDS_OF_STATE:
-        yield Shape(name, module.word, rows * codec(module).words)
+        yield Shape(name, module.word, rows * module.WORDS)
     for name, length in lengths.items():
         yield Shape(name, module.System.vars[name].type.dtype, length)
 

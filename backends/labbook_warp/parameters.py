@@ -15,7 +15,7 @@ from labbook_dem.rotation import slenderness
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Scene
-from labbook_warp.build import REACH
+from labbook_warp.shapes import SHAPES
 
 DEEP = 0.25
 """Overlap [d] whose force sets the quantum of sums: about 2^-48 of it. Sums could overflow at 2^15 times as much;
@@ -71,7 +71,7 @@ def farthest(scene: Scene, numerics: Numerics) -> float:
 
 def cell_size(scene: Scene, numerics: Numerics) -> float:
     """Edge of a cell [m]."""
-    return farthest(scene, numerics) / REACH[features.is_rod(scene)]
+    return farthest(scene, numerics) / SHAPES[scene.grains.shape].reach
 
 
 def most_cells(grains: int) -> int:

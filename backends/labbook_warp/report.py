@@ -12,19 +12,20 @@ from labbook_warp.kernels.words import REPORTED
 
 @dataclass(frozen=True)
 class Said:
-    """What a beat left behind in a slot. near, depth: entries of a list and of a cell that would have been needed,
-    where they did not fit."""
+    """What a beat left behind in a slot. near, depth, walls: entries of a list, of a cell and at walls that would have
+    been needed, where they did not fit."""
 
     fail: int
     late: bool
     near: int
     depth: int
+    walls: int
     left: int
 
     @property
     def crowded(self) -> bool:
         """Whether lists or cells were too short."""
-        return self.near > 0 or self.depth > 0
+        return self.near > 0 or self.depth > 0 or self.walls > 0
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,12 @@ class Report:
     def __getitem__(self, slot: int) -> Said:
         return self.slots[slot]
 
-    def needed(self, slots: Iterable[int]) -> tuple[int, int]:
-        """Entries of a list and of a cell that these slots would have needed beyond what fits; 0 where all fitted."""
-        said = [self.slots[slot] for slot in slots]
-        return max((one.near for one in said), default=0), max((one.depth for one in said), default=0)
+    def needed(self, slots: Iterable[int]) -> tuple[int, int, int]:
+        """Entries of a list, of a cell and at walls that these slots would have needed beyond what fits; 0 where all
+        fitted."""
+        said = [(one.near, one.depth, one.walls) for one in (self.slots[slot] for slot in slots)]
+        near, depth, walls = np.max([(0, 0, 0), *said], axis=0).tolist()
+        return near, depth, walls
 
 
 def collect(arrays: Arrays, told: Any) -> Report:
@@ -50,5 +53,5 @@ def collect(arrays: Arrays, told: Any) -> Report:
     columns = arrays.module.COLUMNS
     rows = fetch(arrays.system.cross[: columns * crossed]).reshape(-1, columns) if crossed else np.zeros((0, columns))
     slots = numbers[1:].reshape(-1, REPORTED).tolist()
-    said = [Said(fail, bool(late), near, depth, left) for fail, late, near, depth, left in slots]
+    said = [Said(fail, bool(late), near, depth, walls, left) for fail, late, near, depth, walls, left in slots]
     return Report(said, rows[np.lexsort((rows[:, 1], rows[:, 2]))])

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from labbook_dem.ensemble import Failure
-from labbook_dem.features import is_rod
 from labbook_dem.ledger import kinetic
 from labbook_dem.rotation import momenta
 
@@ -14,8 +13,8 @@ from labbook.backend import Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Bodies, Packing, Scene
-from labbook_warp.build import REACH
 from labbook_warp.parameters import cell_size, lattice
+from labbook_warp.shapes import SHAPES
 
 
 @dataclass(eq=False)
@@ -52,7 +51,7 @@ class Run:
             Bodies.of(self.scene.grains, self.begin)  # an error now, not when it gets a slot
             self.rows = len(self.begin)
             positions = self.begin.x
-        self.lattice = lattice(positions, cell_size(self.scene, self.numerics), REACH[is_rod(self.scene)])
+        self.lattice = lattice(positions, cell_size(self.scene, self.numerics), SHAPES[self.scene.grains.shape].reach)
 
     def takes_up(self, stored: Checkpoint) -> None:
         """Stand where a checkpoint was taken; grains that had left by then have no row any more."""

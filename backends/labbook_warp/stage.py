@@ -120,8 +120,10 @@ class Stage:
         if run.scene.grains.varied:
             arrays.put("pair_c", run.slot, features.pair_table(run.scene, run.numerics))
         if run.names:
-            tables = features.wall_tables(run.scene, run.numerics)
-            for name, table in zip(("wall_c", "wall_shape", "wall_kind", "wall_motion"), tables, strict=True):
+            walls, width = features.wall_tables(run.scene, run.numerics), arrays.module.WALL_NUMBERS
+            numbers = np.pad(walls.numbers, ((0, 0), (0, width - walls.numbers.shape[1])))
+            tables = {"wall_c": walls.c, "wall_numbers": numbers.ravel(), "wall_kind": walls.kind}
+            for name, table in {**tables, "wall_motion": walls.motion}.items():
                 arrays.put(name, run.slot, table)
 
     def _counters(self) -> None:
@@ -148,10 +150,10 @@ class Stage:
         system.any_flag.fill_(1)
         self.beats.rebuild()
         system.rebuilds.assign(before)  # a start is not a rebuild
-        near, depth = (int(most) for most in fetch(system.overflow).reshape(-1, 2).max(axis=0))
+        needed = fetch(system.overflow).reshape(-1, 3).max(axis=0).tolist()
         system.overflow.zero_()
-        if near or depth:
-            self._resize(room.grown(self._sizes, near, depth))
+        if any(needed):
+            self._resize(room.grown(self._sizes, *needed))
             self._build_lists(runs)
 
     def _resize(self, sizes: Sizes) -> None:
@@ -196,9 +198,9 @@ class Stage:
 
     def make_room(self, report: Report, runs: Sequence[Run]) -> None:
         """Make arrays large enough for those of these members that were crowded. Raises Overflow, MemoryError."""
-        near, depth = report.needed(run.slot for run in runs)
-        if near or depth:
-            self._resize(room.grown(self._sizes, near, depth))
+        needed = report.needed(run.slot for run in runs)
+        if any(needed):
+            self._resize(room.grown(self._sizes, *needed))
 
     def check_oftener(self) -> None:
         """Halve the steps between two checks of displacements, down to one."""

@@ -4,37 +4,38 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST, check_checkpoint
-from labbook_dem.features import is_rod
 
 from labbook.backend import Capabilities, Checkpoint, Spec
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook_warp.build import most_parts
 from labbook_warp.codec import Codec
-from labbook_warp.layout import state
+from labbook_warp.layout import MOST_CONTACTS, state
 from labbook_warp.room import MOST_NEAR
+from labbook_warp.shapes import SHAPES
 
 _NUMBERS = ("step", "rebuilds")
 _WIDE = {"origin": 3, "facing": 3, "turned": 4, "body": 4, "work": 0, "deep": 0}
 _REAL = {"spring": 3, "wall_spring": 3, "momentum": 4}
-_WHOLE = {"ids": np.int32, "gone": np.int32, "count": np.int32, "nbr": np.int32}
+_WHOLE = ("ids", "gone", "count", "nbr", "wall_seat")
 """Types of arrays, and how many numbers an entry has; other ones are masks of 32 bits."""
 
 
 def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, stored: Checkpoint) -> None:
     """Raises ValueError, saying what is wrong, for a checkpoint that no member of `scene` with `spec` can have left."""
-    entries = state(is_rod(scene), scene.grains.varied)
+    entries = state(scene.grains.shape, scene.grains.varied, spec.feature("LISTED"))
     check_checkpoint(can, {"p", *entries, *_NUMBERS, "past_work"}, stored)
     arrays = {name: np.asarray(array) for name, array in stored.arrays.items()}
     codec, real = (
-        Codec(numerics.precision == "mixed", is_rod(scene)),
+        Codec(numerics.precision == "mixed", SHAPES[scene.grains.shape].shown),
         np.dtype("f4" if numerics.precision == "mixed" else "f8"),
     )
     n = len(arrays["ids"]) if arrays["ids"].ndim else -1
     near, walls = (len(arrays[name]) if arrays[name].ndim else 0 for name in ("nbr", "wall_spring"))
     if not (0 <= n <= scene.grains.count and 0 < near <= MOST_NEAR and walls > 0):
         raise ValueError(f"it has {n} grains of {scene.grains.count}, {near} neighbours a grain and {walls} walls")
-    lead = {"one": (n,), "near": (near, n), "walls": (walls, n)}
+    parts = most_parts(spec)
+    lead = {"one": (n,), "near": (near, n), "walls": (walls, n), "seats": (walls // parts, n)}
     wanted: dict[str, tuple[tuple[int, ...], np.dtype]] = {name: ((), np.dtype(np.int64)) for name in _NUMBERS}
     wanted |= {
         "p": ((n, codec.words * codec.numbers), real),
@@ -42,7 +43,7 @@ def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, store
     }
     for name, of in entries.items():
         size = _WIDE.get(name, _REAL.get(name, 0))
-        kind = np.float64 if name in _WIDE else real if name in _REAL else _WHOLE.get(name, np.uint32)
+        kind = np.float64 if name in _WIDE else real if name in _REAL else np.int32 if name in _WHOLE else np.uint32
         wanted[name] = ((*lead[of], *((size,) if size else ())), np.dtype(kind))
     for name, (shape, kind) in wanted.items():
         if arrays[name].shape != shape or arrays[name].dtype != kind:
@@ -52,15 +53,16 @@ def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, store
     for name, part in zip(("positions", "velocities", "spins"), codec.decode(arrays["p"]), strict=True):
         if not np.isfinite(part).all():
             raise ValueError(f"{name} are not finite in row {int(np.argmin(np.isfinite(part).all(axis=1)))}")
-    _check_lists(arrays, scene, n, near, most_parts(dict(spec.features)))
+    _check_lists(arrays, scene, n, near, parts)
 
 
 def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: int, parts: int) -> None:
-    if len(arrays["wall_spring"]) < (walls := len(scene.container.walls()) * parts):
+    count = len(scene.container.walls())
+    if len(arrays["wall_spring"]) < (walls := min(count, MOST_CONTACTS // parts) * parts):
         raise ValueError(f"wall_spring is of {len(arrays['wall_spring'])} walls, not of {walls}")
-    limits = {"ids": scene.grains.count, "gone": 2, "count": near + 1, "nbr": max(n, 1)}
+    limits = {"ids": scene.grains.count, "gone": 2, "count": near + 1, "nbr": max(n, 1), "wall_seat": max(count, 1)}
     for name, limit in limits.items():
-        if arrays[name].size and not (arrays[name].min() >= 0 and arrays[name].max() < limit):
+        if name in arrays and arrays[name].size and not (arrays[name].min() >= 0 and arrays[name].max() < limit):
             raise ValueError(f"{name} is not within 0 to {limit - 1}")
     if len(np.unique(arrays["ids"])) != n:
         raise ValueError("two grains have the same id")

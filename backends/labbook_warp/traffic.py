@@ -40,7 +40,7 @@ def _bytes(arrays: Arrays, listed: float, touching: float, walls: bool) -> float
     spring = 3 * (4 if arrays.codec.mixed else 8)
     masks = 2 * _INTS + (2 * _INTS if walls else 0)  # neighbours: how many, which are held; walls: near, held
     what = 2 * _WORD if arrays.module.VARIED else 0
-    if arrays.module.RODS:
+    if arrays.module.ORIENTED:
         what += 2 * (2 * _WORD + (_WORD if arrays.codec.mixed else 2 * _WORD))  # orientation, momentum
     return what + 2 * arrays.codec.words * _WORD + listed * _INTS + 2 * touching * spring + masks
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from labbook_dem.ensemble import places
-from labbook_dem.features import is_rod
+from labbook_dem.features import is_oriented
 from labbook_dem.rotation import momenta, spins
 
 from labbook.backend import Checkpoint
@@ -22,7 +22,7 @@ def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: floa
     empty = {name: arrays.read(name, slot, 0) for name in arrays.state}
     for name, nothing in empty.items():
         arrays.write(name, slot, nothing)
-    if is_rod(scene):
+    if is_oriented(scene):
         if packing.q is None:
             raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
         q = packing.q[order]
@@ -66,14 +66,30 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
         return
     wall_held, wall_spring = arrays.read("wall_held", slot, n), arrays.read("wall_spring", slot, n)
     parts = arrays.sizes.parts
-    for k in range(len(names) * parts):
-        mine = (packing.wall_name == names[k // parts]) & (packing.wall_part == k % parts)
+    seat = arrays.read("wall_seat", slot, n) if arrays.sizes.listed else None
+    near = arrays.read("wall_near", slot, n)
+    for name, part in {*zip(packing.wall_name.tolist(), packing.wall_part.tolist(), strict=True)}:
+        if name not in names:
+            continue
+        mine, wall = (packing.wall_name == name) & (packing.wall_part == part), names.index(name)
         at = rows[packing.wall_grain[mine]]
-        wall_spring[k, at] = packing.wall_spring[mine]
-        wall_held[at] |= np.uint32(1 << k)  # near or not: another part may go on with it
-    wall_held[arrays.read("wall_near", slot, n) == 0] = 0  # where no wall is near nobody would look again
+        q = np.full(len(at), wall) if seat is None else _seat_of(wall, seat[:, at], near[at], parts)
+        there = q >= 0
+        k, at = q[there] * parts + part, at[there]
+        wall_spring[k, at] = packing.wall_spring[mine][there]
+        wall_held[at] |= np.uint32(1) << k.astype(np.uint32)  # near or not: another part may go on with it
+    wall_held[near == 0] = 0  # where no wall is near nobody would look again
     arrays.write("wall_spring", slot, wall_spring)
     arrays.write("wall_held", slot, wall_held)
+
+
+def _seat_of(wall: int, seat: np.ndarray, near: np.ndarray, parts: int) -> np.ndarray:
+    """Which entry at walls of each grain is of this wall, -1 if none. seat: of which wall each entry is, shape
+    [entries, n]; near: which parts are near, as bits, shape [n]."""
+    entries = np.arange(len(seat), dtype=np.uint32)[:, None]
+    taken = (near >> (entries * np.uint32(parts)) & np.uint32((1 << parts) - 1)) > 0
+    mine = taken & (seat == wall)
+    return np.where(mine.any(axis=0), mine.argmax(axis=0), -1)
 
 
 def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m: np.ndarray) -> Packing:
@@ -91,11 +107,12 @@ def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m
     by_pair = np.lexsort((j[kept], i[kept]))
     walls = arrays.read("wall_held", slot, rows)
     names, parts = [wall.name for wall in scene.container.walls()], arrays.sizes.parts
-    k_wall, g = np.nonzero(walls[None, :] >> np.arange(len(names) * parts, dtype=np.uint32)[:, None] & 1)
-    by_wall = np.lexsort((place[g], k_wall))
-    k_wall, g = k_wall[by_wall], g[by_wall]
-    inside = place[g] >= 0
-    k_wall, g = k_wall[inside], g[inside]
+    most = min(len(names), arrays.sizes.seats) * parts
+    k_wall, g = np.nonzero(walls[None, :] >> np.arange(most, dtype=np.uint32)[:, None] & 1)
+    of = arrays.read("wall_seat", slot, rows)[k_wall // parts, g] if arrays.sizes.listed else k_wall // parts
+    by_wall = np.lexsort((place[g], k_wall % parts, of))
+    by_wall = by_wall[place[g[by_wall]] >= 0]
+    k_wall, g, of = k_wall[by_wall], g[by_wall], of[by_wall]
     q = None if turned is None else turned[order]
     own = bodies(arrays, slot, rows, scene, order)
     return Packing(
@@ -107,7 +124,7 @@ def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m
         pairs=np.column_stack([i[kept], j[kept]])[by_pair],
         pair_spring=spring[k, r][kept][by_pair].astype(np.float64),
         wall_grain=place[g],
-        wall_name=np.array([*names, ""], "U40")[k_wall // parts],
+        wall_name=np.array([*names, ""], "U40")[of],
         wall_spring=arrays.read("wall_spring", slot, rows)[k_wall, g].astype(np.float64),
         wall_part=k_wall % parts,
         **(own.carried(scene.grains) if own else {}),
@@ -155,7 +172,7 @@ def _closed_up(state: dict[str, np.ndarray], here: np.ndarray, entries: Mapping[
     one = {name: array[here] for name, array in state.items() if name == "p" or entries[name] == "one"}
     return {
         **one,
-        "wall_spring": state["wall_spring"][:, here],
+        **{name: array[:, here] for name, array in state.items() if entries.get(name) in ("walls", "seats")},
         "nbr": np.take_along_axis(np.where(kept, new_row[nbr], 0), order, axis=0).astype(nbr.dtype),
         "spring": spring,
         "count": kept.sum(axis=0).astype(state["count"].dtype),

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from labbook.export.colour_bar import BACKGROUND, colour_bar, kind_colours, speed_colours
-from labbook.export.wall_shapes import WALL_COLOUR, flat_walls, round_walls, wall_points
+from labbook.export.wall_shapes import WALL_COLOUR, flat_walls, meshed_walls, wall_points
 from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data
 from labbook.measure import RunData
@@ -188,7 +188,7 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         if colour == WALL_COLOUR:  # seen from the front, a plate is its edge
             outline = rr.LineStrips3D([[*plate, plate[0]]], colors=EDGE_COLOUR, radii=edge)
             stream.log(f"{at}walls/{wall}/outline", outline, static=True)
-    for wall in round_walls(scene, positions):
+    for wall in meshed_walls(scene, positions):
         path = f"{at}walls/{wall.name}"
         mesh = rr.Mesh3D(
             vertex_positions=wall.vertices, triangle_indices=wall.triangles, albedo_factor=wall.colour

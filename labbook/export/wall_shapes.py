@@ -68,7 +68,7 @@ def _pane(plates: Sequence, y: float) -> np.ndarray | None:
 def wall_points(scene: Scene, positions: np.ndarray) -> np.ndarray:
     """Points [n, 3] in m with all between them that is drawn of walls around the grains' `positions` [n, 3]."""
     points = [polygon for _, polygon, _ in flat_walls(scene, positions)]
-    for wall in round_walls(scene, positions):
+    for wall in meshed_walls(scene, positions):
         points += [wall.vertices, *wall.spokes]
     return np.concatenate([np.empty((0, 3)), *points])
 
@@ -87,8 +87,9 @@ def _patch(point: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndar
 
 
 @dataclass(frozen=True)
-class RoundWall:
-    """A frustum as a mesh: vertices [n, 3] in m, triangles [m, 3], its two edges [p, 3], and how fast it turns [rad/s].
+class MeshedWall:
+    """A wall as a mesh: vertices [n, 3] in m, triangles [m, 3], the edges [p, 3] of a frustum, and how fast it turns
+    [rad/s].
 
     spokes: of one that turns, lines [2, 3] by which that is seen; they reach beyond its edge, where no grain hides
     them.
@@ -103,12 +104,14 @@ class RoundWall:
     spin: float
 
 
-def round_walls(scene: Scene, positions: np.ndarray) -> Iterator[RoundWall]:
-    """Every frustum of the scene, cut a little above the grains' `positions` [n, 3]."""
+def meshed_walls(scene: Scene, positions: np.ndarray) -> Iterator[MeshedWall]:
+    """Every frustum of the scene, cut a little above the grains' `positions` [n, 3], and walls that have meshes."""
     top = float(positions[:, 2].max()) + 5 * scene.grains.radius
     angle = np.linspace(0, 2 * math.pi, _AROUND + 1)
     for wall in scene.container.walls():
         shape = wall.shape
+        if (mesh := shape.mesh()) is not None:
+            yield MeshedWall(wall.name, *mesh, [], [], WALL_COLOUR, wall.motion.spin)
         if not isinstance(shape, Frustum) or shape.lower[1] >= top:
             continue
         (r0, z0), (r1, z1) = shape.lower, shape.upper
@@ -126,4 +129,4 @@ def round_walls(scene: Scene, positions: np.ndarray) -> Iterator[RoundWall]:
         spokes = [np.stack(pair) for pair in ends] if spin else []
         level = z0 == z1
         colour = WALL_COLOUR if level else PANE_COLOUR  # grains are seen through sides and cones
-        yield RoundWall(wall.name, np.concatenate(rings), triangles, rings, spokes, colour, spin)
+        yield MeshedWall(wall.name, np.concatenate(rings), triangles, rings, spokes, colour, spin)

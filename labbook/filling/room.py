@@ -12,7 +12,7 @@ class PlacingError(Exception):
 
 
 class Room:
-    """In front of every plane, and above and between all plates, seen in one section.
+    """In front of every plane, above and between all plates, seen in one section, and clear of all other walls.
 
     The section of strips is the x-z plane; that of frustums is the plane of radius and height. What the section shows
     along its first axis is called `u`.
@@ -20,11 +20,11 @@ class Room:
 
     def __init__(self, closed: Scene, clearance: float):
         """`clearance`: what the centres of grains, or of the ends of rods, keep from walls [m]. Raises PlacingError."""
-        shapes = [wall.shape for wall in closed.container.walls()]
+        self.shapes = [wall.shape for wall in closed.container.walls()]
         self.clearance = clearance
-        self.planes = [shape for shape in shapes if isinstance(shape, Plane)]
-        strips = [(shape.start, shape.end) for shape in shapes if isinstance(shape, Strip)]
-        frustums = [(shape.lower, shape.upper) for shape in shapes if isinstance(shape, Frustum)]
+        self.planes = [shape for shape in self.shapes if isinstance(shape, Plane)]
+        strips = [(shape.start, shape.end) for shape in self.shapes if isinstance(shape, Strip)]
+        frustums = [(shape.lower, shape.upper) for shape in self.shapes if isinstance(shape, Frustum)]
         if strips and frustums:
             raise PlacingError("strips and frustums in one container: only one kind of plate can be filled")
         self.round = bool(frustums)
@@ -59,23 +59,19 @@ class Room:
         none: the room's) from walls."""
         clearance = self.clearance if clearance is None else clearance
         inside = np.ones(len(x), bool)
-        for plane in self.planes:
-            normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
-            inside &= (x - plane.point) @ normal >= clearance
+        for shape in self.shapes:
+            inside &= shape.distance(x) >= clearance
         if not len(self.plates):
             return inside
-        section = np.stack([np.hypot(x[:, 0], x[:, 1]) if self.round else x[:, 0], x[:, 2]], axis=1)
-        beneath = np.full(len(x), any(_axis(plane) == (2, 1) for plane in self.planes))
+        u = np.hypot(x[:, 0], x[:, 1]) if self.round else x[:, 0]
         if self.round:
-            inside &= section[:, 0] <= self.x[1] + self.clearance - clearance
+            inside &= u <= self.x[1] + self.clearance - clearance
+        beneath = np.full(len(x), any(_axis(plane) == (2, 1) for plane in self.planes))
         for start, end in self.plates:
-            along, at = end - start, section - start
-            part = np.minimum(np.maximum(at @ along / (along @ along), 0), 1)
-            # by hand: norm along so short an axis takes most of the time of a filling's start
-            inside &= np.sqrt((at[:, 0] - part * along[0]) ** 2 + (at[:, 1] - part * along[1]) ** 2) >= clearance
+            along = end - start
             if along[0] != 0:
-                across = at[:, 0] / along[0]
-                beneath |= (across >= 0) & (across <= 1) & (at[:, 1] > across * along[1])
+                across = (u - start[0]) / along[0]
+                beneath |= (across >= 0) & (across <= 1) & (x[:, 2] - start[1] > across * along[1])
         return inside & beneath
 
     def draw(self, rng: np.random.Generator, n: int, top: float) -> np.ndarray:

@@ -20,7 +20,7 @@ from labbook.run.forecast import Outline, forecast, outline
 from labbook.run.lane import slots
 from labbook.run.plan import Item, Plan, Planner, check
 from labbook.run.provenance import provenance
-from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
+from labbook.scene import Scene
 from labbook.study import Study
 
 NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
@@ -216,20 +216,14 @@ def softer(scene: Scene, height: float) -> tuple[str, float, str, float] | None:
     """A stiffness at which grains overlap by SOFT d below a bed of the height [m]: key, value, unit, and how many times
     fewer steps it takes; None where that is less than a few.
 
-    The pressure p = phi rho g H presses grains with p d^2 together. Hertz: (delta/d)^{3/2} = 3 p/(2 E*), as
-    F = (4/3) E* sqrt(d/4) delta^{3/2} = (2/3) E* d^2 (delta/d)^{3/2}. Linear: delta/d = p d/k_n. A step goes as one
-    over the root of the stiffness.
+    The pressure p = phi rho g H presses grains with p d^2 together. A step goes as one over the root of the stiffness.
     """
-    grains, law = scene.grains, scene.contact
+    grains = scene.grains
     pressure = PACKED * grains.mean_density * scene.gravity * height
-    if isinstance(law, HertzMindlin):
-        key, unit, stated = "shear_modulus", "Pa", law.shear_modulus
-        soft = 1.5 * pressure / SOFT**1.5 * (1 - law.poisson_ratio)
-    elif isinstance(law, LinearSpringDashpot):
-        key, unit, stated = "normal_stiffness", "N/m", law.normal_stiffness
-        soft = pressure * grains.diameter / SOFT
-    else:
+    found = scene.contact.softer(pressure, SOFT, grains.diameter)
+    if found is None:
         return None
+    key, unit, stated, soft = found
     times = math.sqrt(stated / soft) if soft > 0 else 0.0
     return (key, soft, unit, times) if times > _SLOWER else None
 

@@ -1,7 +1,15 @@
 """What is simulated: grains, contact law, container, walls and gravity, as frozen types in SI units."""
 
 from labbook.scene.bodies import Bodies
-from labbook.scene.contact import Between, ContactLaw, HertzMindlin, LinearSpringDashpot, Surface, SurfaceChange
+from labbook.scene.contact import (
+    CONTACT_LAWS,
+    Between,
+    ContactLaw,
+    HertzMindlin,
+    LinearSpringDashpot,
+    Surface,
+    SurfaceChange,
+)
 from labbook.scene.container import (
     Box,
     ConicalSilo,
@@ -19,6 +27,7 @@ from labbook.scene.sizes import Normal, Uniform
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
 __all__ = [
+    "CONTACT_LAWS",
     "Between",
     "Bodies",
     "Box",

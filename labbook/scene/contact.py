@@ -2,12 +2,12 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import Field
 
 from labbook.scene import damping
-from labbook.scene.model import Model
+from labbook.scene.model import Choice, Model
 from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
 
 Restitution = Annotated[Ratio, Field(gt=0, le=1)]
@@ -61,9 +61,26 @@ class Between(SurfaceChange):
     """Coefficient of normal restitution between these kinds, in (0, 1], and likewise at walls."""
 
 
-class BaseLaw(Model, ABC):
-    """What every contact law has."""
+class Softer(NamedTuple):
+    """A stiffness that a bed asks for: its key in `contact`, its unit, its value there, and what would do."""
 
+    key: str
+    unit: str
+    stated: float
+    enough: float
+
+
+class ContactLaw(Model, ABC):
+    """What every contact law has: parameters, and what follows from them before anything moves."""
+
+    physics: ClassVar[str]
+    """The module of its formulas, as kernels take them; see `labbook_dem.laws`."""
+    usual_step: ClassVar[str]
+    """The time step where a study states none: a part of a time scale."""
+
+    if TYPE_CHECKING:  # a field of each law, which stands in stored records where it always stood
+        law: str
+        """Its name."""
     friction: Coefficient = 0.0
     """Coulomb coefficient μ between grains, and at walls that state no other."""
     rolling_friction: Coefficient = 0.0
@@ -95,9 +112,25 @@ class BaseLaw(Model, ABC):
         mass: effective mass [kg]; radius: effective radius [m]; speed: relative velocity before it [m/s].
         """
 
+    @abstractmethod
+    def stability(self, rods: bool) -> tuple[float, float]:
+        """A and B of `labbook.scene.timescales.largest_stable_step`, measured in beds of spheres or of rods."""
 
-class HertzMindlin(BaseLaw):
+    def rayleigh_time(self, radius: float, density: float) -> float:
+        """Rayleigh time [s] of a grain of this radius [m] and density [kg/m^3]. Raises ValueError if it has none."""
+        raise ValueError("the Rayleigh time needs a shear modulus: it belongs to the law hertz-mindlin")
+
+    def softer(self, pressure: float, overlap: float, diameter: float) -> Softer | None:
+        """The stiffness at which grains of the diameter d [m] overlap by `overlap` d where p d^2, p the pressure [Pa],
+        presses them together; None where a law cannot tell."""
+        return None
+
+
+class HertzMindlin(ContactLaw):
     """Hertz normal force with Mindlin's friction spring (Fan et al. 2023, eqs 6-8)."""
+
+    physics: ClassVar[str] = "labbook_dem.laws.hertz_mindlin"
+    usual_step: ClassVar[str] = "0.1 rayleigh"  # the paper's: at most so much
 
     law: Literal["hertz-mindlin"] = "hertz-mindlin"
     shear_modulus: Pressure
@@ -126,9 +159,26 @@ class HertzMindlin(BaseLaw):
         """2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} [s]; 2.868 is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882)."""
         return _HERTZ_DURATION * (mass**2 / (radius * self.effective_modulus**2 * speed)) ** 0.2
 
+    def stability(self, rods: bool) -> tuple[float, float]:
+        """Measured by benchmarks/step_limit.py; stronger tangential dashpots are taken to count in proportion."""
+        return 2.5, 3.5 * max(1.0, self.tangential_damping)
 
-class LinearSpringDashpot(BaseLaw):
+    def rayleigh_time(self, radius: float, density: float) -> float:
+        """pi r sqrt(rho/G) / (0.163 nu + 0.8766) [s] (Fan et al. 2023, eq 9)."""
+        speed = math.sqrt(self.shear_modulus / density)
+        return math.pi * radius / speed / (0.163 * self.poisson_ratio + 0.8766)
+
+    def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
+        """(delta/d)^{3/2} = 3 p/(2 E*), as F = (4/3) E* sqrt(d/4) delta^{3/2} = (2/3) E* d^2 (delta/d)^{3/2}."""
+        modulus = 1.5 * pressure / overlap**1.5
+        return Softer("shear_modulus", "Pa", self.shear_modulus, modulus * (1 - self.poisson_ratio))
+
+
+class LinearSpringDashpot(ContactLaw):
     """Linear springs and dashpots (Pongo et al. 2022)."""
+
+    physics: ClassVar[str] = "labbook_dem.laws.linear"
+    usual_step: ClassVar[str] = "0.02 collision"  # the paper's: below so much
 
     law: Literal["linear"] = "linear"
     normal_stiffness: Stiffness
@@ -152,5 +202,19 @@ class LinearSpringDashpot(BaseLaw):
         """pi sqrt(m_eff/k_n) [s], at any speed."""
         return math.pi * math.sqrt(mass / self.normal_stiffness)
 
+    def stability(self, rods: bool) -> tuple[float, float]:
+        """Measured by benchmarks/step_limit.py with friction springs of 2/7 k_n; stiffer ones, and stronger tangential
+        dashpots, are taken to count in proportion."""
+        a, b = 1.8 * max(1.0, 3.5 * self.tangential_stiffness), 6.5 if rods else 5.7
+        return a, b * max(1.0, self.tangential_damping)
 
-ContactLaw = Annotated[HertzMindlin | LinearSpringDashpot, Field(discriminator="law")]
+    def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
+        """delta/d = p d/k_n."""
+        return Softer("normal_stiffness", "N/m", self.normal_stiffness, pressure * diameter / overlap)
+
+
+CONTACT_LAWS = Choice("law", "labbook.contact_laws", ContactLaw, (HertzMindlin, LinearSpringDashpot))
+"""The laws that a study can name under `contact.law`."""
+
+AnyLaw = Annotated[ContactLaw, CONTACT_LAWS]
+"""One of them, as a field of a scene."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from labbook.scene.container import Box, Container, Silo, WedgeHopper
 from labbook.scene.grains import Grains
-from labbook.scene.walls import Frustum, Strip
+from labbook.scene.walls import Segment
 
 WIDTH, HEIGHT = 300.0, 300.0
 """Most that the container takes [pixels]."""
@@ -23,7 +23,6 @@ _MARGIN, _BELOW, _BESIDE = 8.0, 46.0, 74.0
 
 Pixels = Callable[[float, float], tuple[float, float]]
 """From x and z [m] to a place in the picture."""
-Segment = tuple[tuple[float, float], tuple[float, float]]
 
 
 def svg(grains: Grains, container: Container) -> str:
@@ -78,12 +77,7 @@ def _segments(container: Container) -> Iterator[Segment]:
             yield (-half, high), (half, high)
         return
     for wall in container.walls():
-        if isinstance(wall.shape, Strip):
-            yield wall.shape.start, wall.shape.end
-        elif isinstance(wall.shape, Frustum):
-            (r, z), (upper, top) = wall.shape.lower, wall.shape.upper
-            yield (r, z), (upper, top)
-            yield (-r, z), (-upper, top)
+        yield from wall.shape.section()
 
 
 def _between(container: Container, z: float) -> tuple[float, float] | None:

@@ -6,10 +6,12 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar, Union
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo
+from pydantic_core import CoreSchema, PydanticCustomError
+
+from labbook.plugins import Registry
 
 LENGTH = 24
 """Hexadecimal digits of a key (96 bits: a collision among 10^9 runs has a probability below 10^-11)."""
@@ -18,7 +20,34 @@ LENGTH = 24
 class Model(BaseModel):
     """A frozen description in SI units; an unknown key is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    # built when first used: only then are the models known that a `Choice` is among
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, defer_build=True
+    )
+
+
+_M = TypeVar("_M", bound=Model)
+
+
+class Choice(Registry[type[_M]]):
+    """Models of which a field takes one, by what its key `tag` says: those built in, and those of other packages.
+
+    It marks the field: `Annotated[Base, choice]`. A model's name is the default of its field `tag`.
+    """
+
+    def __init__(self, tag: str, group: str, kind: type[_M], builtin: Iterable[type[_M]]):
+        super().__init__(group, kind, builtin)
+        self.tag = tag
+
+    def _name(self, one: type[_M]) -> str:
+        return str(one.model_fields[self.tag].default)
+
+    def _made(self, loaded: Any) -> Any:
+        return loaded if isinstance(loaded, type) and issubclass(loaded, self._kind) else None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        one = Union[tuple(self.values())]  # noqa: UP007 - they are known only now
+        return handler.generate_schema(Annotated[one, Field(discriminator=self.tag)])
 
 
 @dataclass(frozen=True)

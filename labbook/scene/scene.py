@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from pydantic import Field, model_validator
 
-from labbook.scene.contact import ContactLaw, Surface, SurfaceChange
+from labbook.scene.contact import AnyLaw, Surface, SurfaceChange
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
 from labbook.scene.drawing import describe, svg
 from labbook.scene.grains import Grains
@@ -27,7 +27,7 @@ class Scene(Model):
     """Grains, the law of their contacts, the container and the surfaces of its walls, and gravity."""
 
     grains: Grains
-    contact: ContactLaw
+    contact: AnyLaw
     container: Container
     walls: dict[str, SurfaceChange] = Field(default_factory=dict)
     """Where surfaces differ from the grains': by wall name, or `all`."""

@@ -2,27 +2,15 @@
 
 import math
 from collections.abc import Iterator
-from typing import assert_never
 
-from labbook.scene.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
 from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.scene import Scene
 
 
 def rayleigh(scene: Scene) -> float:
-    """Rayleigh time [s]: pi r sqrt(rho/G) / (0.163 nu + 0.8766) (Fan et al. 2023, eq 9); the shortest of any grain.
-
-    Raises ValueError for a law other than Hertz-Mindlin.
-    """
-    law = scene.contact
-    if not isinstance(law, HertzMindlin):
-        raise ValueError("the Rayleigh time needs a shear modulus: it belongs to the law hertz-mindlin")
-    return min(_rayleigh(law, grains) for grains in scene.grains.smallest())
-
-
-def _rayleigh(law: HertzMindlin, grains: Grains) -> float:
-    speed = math.sqrt(law.shear_modulus / grains.density)
-    return math.pi * grains.radius / speed / (0.163 * law.poisson_ratio + 0.8766)
+    """Rayleigh time [s], the shortest of any grain (`ContactLaw.rayleigh_time`). Raises ValueError for a law that has
+    none."""
+    return min(scene.contact.rayleigh_time(grains.radius, grains.density) for grains in scene.grains.smallest())
 
 
 def collision(scene: Scene) -> float:
@@ -39,32 +27,17 @@ def _collision(scene: Scene, grains: Grains) -> float:
     return scene.contact.collision_time(grains.mass / 2, grains.radius / 2, speed)
 
 
-def _springs_and_dashpots(law: ContactLaw, rods: bool) -> tuple[float, float]:
-    """A and B of `largest_stable_step`.
-
-    Fitted to some 3000 beds of benchmarks/step_limit.py (results:
-    benchmarks/results/2026-11-22-step-limit-h100.json), the deep ones, which are the first to fail.
-    """
-    match law:
-        case HertzMindlin():
-            return 2.5, 3.5
-        case LinearSpringDashpot():
-            return 1.8 * max(1.0, 3.5 * law.tangential_stiffness), 6.5 if rods else 5.7
-        case _:
-            assert_never(law)
-
-
 def largest_stable_step(scene: Scene) -> float:
     """The step [s] beyond which deep beds never come to rest, or explode.
 
     A grain in a bed has several contacts at once. With w = pi dt/t_c (for a linear spring: its frequency times dt) and
-    z the damping ratio, the explicit step is unstable where A w^2 + 2 B z w > 1. A and B were measured with friction
-    springs of 2/7 of the normal stiffness and tangential dashpots as strong as normal ones. Stiffer springs and
-    stronger dashpots are taken to count in proportion.
+    z the damping ratio, the explicit step is unstable where A w^2 + 2 B z w > 1. A and B are the law's, fitted to some
+    3000 beds of benchmarks/step_limit.py (results: benchmarks/results/2026-11-22-step-limit-h100.json), the deep ones,
+    which are the first to fail.
     """
     law = scene.contact
-    a, b = _springs_and_dashpots(law, isinstance(scene.grains, Spherocylinders))
-    bz = b * max(1.0, law.tangential_damping) * max(law.damping_ratio(e) for e in _restitutions(scene))
+    a, b = law.stability(isinstance(scene.grains, Spherocylinders))
+    bz = b * max(law.damping_ratio(e) for e in _restitutions(scene))
     return (math.sqrt(bz**2 + a) - bz) / a * collision(scene) / math.pi
 
 

@@ -5,21 +5,56 @@ middle between its front and back walls y = 0.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from labbook.scene.model import Fault, Model, refuse
+from labbook.scene.model import Choice, Fault, Model, refuse
 from labbook.scene.quantities import AngularSpeed, Coordinate, Ratio, Speed
 
 Point3 = tuple[Coordinate, Coordinate, Coordinate]
 Point2 = tuple[Coordinate, Coordinate]
 Direction = Ratio
+Segment = tuple[Point2, Point2]
 
 
-class Plane(Model):
+class WallShape(Model, ABC):
+    """What every wall has: where it is, for kernels and for pictures."""
+
+    physics: ClassVar[str]
+    """The module of its formulas, as kernels take them; see `labbook_dem.walls`."""
+    if TYPE_CHECKING:  # a field of each shape
+        kind: str
+        """Its name."""
+
+    @abstractmethod
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Distance [m] of points x, shape [n, 3], from the wall, shape [n]; behind a plane it is negative."""
+
+    def section(self) -> tuple[Segment, ...]:
+        """The lines (x, z) [m] in which the plane y = 0 cuts plates; nothing of walls that are no plates."""
+        return ()
+
+    def mesh(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Vertices [n, 3] in m and triangles [m, 3] as recordings show them; None of plates and planes, which end where
+        the bed does."""
+        return None
+
+
+def _from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray:
+    along, at = np.array(end) - start, section - start
+    part = np.minimum(np.maximum(at @ along / (along @ along), 0), 1)
+    # by hand: norm along so short an axis takes most of the time of a filling's start
+    return np.sqrt((at[:, 0] - part * along[0]) ** 2 + (at[:, 1] - part * along[1]) ** 2)
+
+
+class Plane(WallShape):
     """The half-space behind an infinite plane. `normal` points to the grains; it is normalised on use."""
+
+    physics: ClassVar[str] = "labbook_dem.walls.plane"
 
     kind: Literal["plane"] = "plane"
     point: Point3
@@ -33,12 +68,18 @@ class Plane(Model):
             refuse([Fault("normal", "a normal of length zero has no direction", "for example [0, 0, 1]")])
         return self
 
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Signed distance [m] of points x, shape [n, 3]."""
+        return (x - self.point) @ (np.array(self.normal) / np.linalg.norm(self.normal))
 
-class Strip(Model):
+
+class Strip(WallShape):
     """A thin plate: the segment from `start` to `end` in the x-z plane [m], endless along y.
 
     Its two edges are real: a grain rolls over them. Two strips that share an end make a corner.
     """
+
+    physics: ClassVar[str] = "labbook_dem.walls.strip"
 
     kind: Literal["strip"] = "strip"
     start: Point2
@@ -52,13 +93,23 @@ class Strip(Model):
             refuse([Fault("end", "the two edges of a strip are the same", "set them apart")])
         return self
 
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Distance [m] of points x, shape [n, 3]."""
+        return _from_segment(x[:, [0, 2]], self.start, self.end)
 
-class Frustum(Model):
+    def section(self) -> tuple[Segment, ...]:
+        """Itself."""
+        return ((self.start, self.end),)
+
+
+class Frustum(WallShape):
     """A thin plate round the vertical axis x = y = 0: a segment in the plane of radius and height, turned about it.
 
     Upright it is the side of a cylinder, flat a plate with a hole, inclined a cone. Its lower edge is real: a grain
     rolls over it. Two frustums that share a circle make a corner.
     """
+
+    physics: ClassVar[str] = "labbook_dem.walls.frustum"
 
     kind: Literal["frustum"] = "frustum"
     lower: Point2
@@ -79,8 +130,21 @@ class Frustum(Model):
         if self.upper[0] < self.lower[0]:
             yield Fault("upper", "it is nearer to the axis than the rim", "exchange the two ends")
 
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Distance [m] of points x, shape [n, 3]."""
+        return _from_segment(np.stack([np.hypot(x[:, 0], x[:, 1]), x[:, 2]], axis=1), self.lower, self.upper)
 
-WallShape = Annotated[Plane | Strip | Frustum, Field(discriminator="kind")]
+    def section(self) -> tuple[Segment, ...]:
+        """A line on either side of the axis."""
+        (r, z), (upper, top) = self.lower, self.upper
+        return ((r, z), (upper, top)), ((-r, z), (-upper, top))
+
+
+WALL_SHAPES = Choice("kind", "labbook.walls", WallShape, (Plane, Strip, Frustum))
+"""The walls that containers are made of, and that a study can name in `container.parts`."""
+
+AnyShape = Annotated[WallShape, WALL_SHAPES]
+"""One of them, as a field of a wall."""
 
 
 class SurfaceMotion(Model):
@@ -97,5 +161,5 @@ class Wall(Model):
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
     """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""
-    shape: WallShape
+    shape: AnyShape
     motion: SurfaceMotion = SurfaceMotion()

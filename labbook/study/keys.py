@@ -14,10 +14,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from labbook.backend.numerics import Numerics
-from labbook.scene.model import Internal
+from labbook.scene.contact import CONTACT_LAWS
+from labbook.scene.model import Choice, Internal
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
-from labbook.study import timestep
 from labbook.study.habits import habit
 from labbook.study.schema import Fill, Settings
 
@@ -95,8 +95,11 @@ def walk(model: type[BaseModel], prefix: str = "", of: str = "") -> Iterator[Key
 def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Iterator[Key]:
     marks = [field.discriminator, *(mark.discriminator for mark in metadata if isinstance(mark, FieldInfo))]
     discriminator = next((mark for mark in marks if mark is not None), None)
-    if discriminator is not None:
-        yield from _union(name, str(discriminator), base)
+    choice = next((mark for mark in metadata if isinstance(mark, Choice)), None)
+    if choice is not None:
+        yield from _union(name, choice.tag, list(choice.values()))
+    elif discriminator is not None:
+        yield from _union(name, str(discriminator), [_unwrap(member, [])[0] for member in get_args(base)])
     elif isinstance(base, type) and issubclass(base, BaseModel):
         yield from walk(base, f"{name}.", of)
     elif get_origin(base) is dict:
@@ -107,8 +110,7 @@ def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str)
         yield _leaf(name, field, base, metadata, of)
 
 
-def _union(name: str, discriminator: str, base: Any) -> Iterator[Key]:
-    members = [_unwrap(member, [])[0] for member in get_args(base)]
+def _union(name: str, discriminator: str, members: list[Any]) -> Iterator[Key]:
     tags = [str(member.model_fields[discriminator].default) for member in members]
     meaning = "; ".join(f"`{t}`: {_first_line(member)}" for t, member in zip(tags, members, strict=True))
     yield Key(f"{name}.{discriminator}", "choice", choices=tuple(tags), meaning=meaning)
@@ -219,7 +221,7 @@ def all_keys() -> tuple[Key, ...]:
     """All keys that models validate, in the order in which a study is best written."""
     keys = [*walk(Settings), *walk(Scene)]
     keys += [*walk(Fill, "fill."), *walk(Numerics, "numerics.")]
-    steps = ", ".join(f"{step} ({law})" for law, step in timestep.DEFAULT.items())
+    steps = ", ".join(f"{law.usual_step} ({name})" for name, law in CONTACT_LAWS.items())
     return tuple(replace(key, default=steps) if key.name == "numerics.dt" else key for key in keys)
 
 

@@ -11,9 +11,6 @@ from labbook.scene.scene import Scene
 from labbook.scene.timescales import TIME_SCALES, collision, largest_stable_step
 from labbook.study.problems import instead
 
-DEFAULT = {"hertz-mindlin": "0.1 rayleigh", "linear": "0.02 collision"}
-"""The papers' steps: at most 0.1 Rayleigh times (Fan et al. 2023), below 2 % of a collision (Pongó et al. 2022)."""
-
 WITHIN = 0.75
 """Part of the largest stable step that the default does not exceed."""
 
@@ -29,8 +26,8 @@ class TimeStepError(Exception):
 
 
 def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
-    """The step [s] that `stated` (`2.5 us`, `0.1 rayleigh`, `0.02 collision`) means; None: the law's DEFAULT, or less
-    where that is near the largest stable step.
+    """The step [s] that `stated` (`2.5 us`, `0.1 rayleigh`, `0.02 collision`) means; None: the law's usual
+    one, or less where that is near the largest stable step.
 
     Time scales are those of the scene with its stiffness times `stiffness_scale`. A part of one is rounded to six
     digits, so that keys do not hang on the last bit of a square root. Raises TimeStepError.
@@ -39,7 +36,7 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
     scaled = scene.stiffened(stiffness_scale)
     limit = largest_stable_step(scaled)
     if stated is None:
-        usual = _part_of_a_scale(DEFAULT[scene.contact.law], scaled, remedy)
+        usual = _part_of_a_scale(scene.contact.usual_step, scaled, remedy)
         assert usual is not None
         return min(usual, float(f"{WITHIN * limit:.6g}"))
     if isinstance(stated, bool) or not isinstance(stated, str):
@@ -83,7 +80,7 @@ def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:
     try:
         return float(f"{part * TIME_SCALES[name](scene):.6g}")
     except ValueError as error:
-        raise TimeStepError(str(error), f"use {DEFAULT[scene.contact.law]}", clash=True) from None
+        raise TimeStepError(str(error), f"use {scene.contact.usual_step}", clash=True) from None
 
 
 def numerics_for(stated: Mapping[str, Any], scene: Scene) -> Numerics:

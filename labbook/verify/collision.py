@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from labbook.backend.probes import Ledger, Sample
-from labbook.scene import LinearSpringDashpot, Scene
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
 from labbook.scene.packing import Packing
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import LAWS, D, room, scene
@@ -30,6 +30,7 @@ def duration(scene: Scene, speed: float) -> float:
     law, mass, radius = scene.contact, scene.grains.mass / 2, scene.grains.radius / 2
     if isinstance(law, LinearSpringDashpot):
         return math.pi * math.sqrt(mass / law.normal_stiffness)
+    assert isinstance(law, HertzMindlin)
     deepest = (15 * mass * speed**2 / (16 * law.effective_modulus * math.sqrt(radius))) ** 0.4
     return 0.8 * math.sqrt(math.pi) * math.gamma(0.4) / math.gamma(0.9) * deepest / speed
 

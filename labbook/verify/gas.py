@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.backend.probes import Contacts, Ledger
-from labbook.scene import HertzMindlin, Scene
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene
 from labbook.scene.packing import Packing
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.collision import duration
@@ -39,6 +39,7 @@ def elastic_energy(scene: Scene, overlap: np.ndarray, at_wall: np.ndarray) -> np
     if isinstance(law, HertzMindlin):
         effective = np.where(at_wall, radius, radius / 2)
         return 8 / 15 * law.effective_modulus * np.sqrt(effective) * overlap**2.5
+    assert isinstance(law, LinearSpringDashpot)
     return 0.5 * law.normal_stiffness * overlap**2
 
 

@@ -15,6 +15,7 @@ from labbook.scene import (
     Bodies,
     HertzMindlin,
     Kind,
+    LinearSpringDashpot,
     Packing,
     Primitives,
     Scene,
@@ -150,6 +151,7 @@ def _overlap(scene: Scene, force: float, radius: float) -> float:
     law = scene.contact
     if isinstance(law, HertzMindlin):
         return (force / (4 / 3 * law.effective_modulus * math.sqrt(radius))) ** (2 / 3)
+    assert isinstance(law, LinearSpringDashpot)
     return force / law.normal_stiffness
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from labbook.backend.probes import Sample
-from labbook.scene import HertzMindlin, Primitives, Scene, SurfaceChange
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Primitives, Scene, SurfaceChange
 from labbook.scene.packing import Packing
 from labbook.verify.case import Case, Measure, limited
 from labbook.verify.materials import LAWS, D, G, floor, scene
@@ -35,6 +35,7 @@ def static_overlap(scene: Scene, force: float) -> float:
     law = scene.contact
     if isinstance(law, HertzMindlin):
         return (force / (4 / 3 * law.effective_modulus * math.sqrt(scene.grains.radius))) ** (2 / 3)
+    assert isinstance(law, LinearSpringDashpot)
     return force / law.normal_stiffness
 
 

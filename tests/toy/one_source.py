@@ -145,7 +145,7 @@ DOUBLE, SINGLE = 1e-13, 2e-5
 def in_single(name: str, arguments: list[str]) -> bool:
     """Whether a function computes in single in mixed precision: what it takes says so, but for points sought in single;
     how well these are found has tests of its own, on rods of a size."""
-    sought = ("closest", "closest_from", "leaves_plate", "nearest_to_rim", "frustum_rims")
+    sought = ("closest", "closest_from", "leaves_plate", "nearest_to_rim", "frustum_edges")
     return name in sought or bool({"real", "vec3"} & set(arguments))
 
 

@@ -79,7 +79,7 @@ def met(shape: str, x, a, half: float, radius: float) -> list[tuple[float, float
     """The backend's points on the segment and their distances [m], in the order in which they lie on it."""
     p = frustum.parameters(Frustum(lower=SHAPES[shape][0], upper=SHAPES[shape][1]))
     rim, along, middle, axis = vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), vec3(*map(float, x)), vec3(*map(float, a))
-    near, s, far, t = frustum.frustum_rims(rim, along, p[4], middle, axis, half, radius)
+    near, s, far, t = frustum.frustum_edges(rim, along, p[4], middle, axis, half, radius)
     return [(at, distance) for at, distance in ((s, near), (t, far)) if distance < 1e8]
 
 

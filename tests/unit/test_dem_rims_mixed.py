@@ -26,7 +26,7 @@ def run(out, c, a, along, radius):
     for k in range(len(out)):
         x, p = wide3(c[k, 0], c[k, 1], c[k, 2]), wide3(a[k, 0], a[k, 1], a[k, 2])
         rim, out_along = wide3({rim}, 0.0, 0.0), wide3(along[0], 0.0, along[1])
-        met, s, other, back = frustum_rims(rim, out_along, {length}, x, p, {half}, radius[k])
+        met, s, other, back = frustum_edges(rim, out_along, {length}, x, p, {half}, radius[k])
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = met, s, other, back
 """,
     "warp": """
@@ -35,7 +35,7 @@ def run(out: wp.array2d(dtype=wide), c: Wides3, a: Wides3, radial: wide, axial: 
     k = wp.tid()
     rim = wide3(wide({rim}), wide(0.0), wide(0.0))
     along = wide3(radial, wide(0.0), axial)
-    met, s, other, back = frustum_rims(rim, along, wide({length}), c[k], a[k], wide({half}), radius[k])
+    met, s, other, back = frustum_edges(rim, along, wide({length}), c[k], a[k], wide({half}), radius[k])
     out[k, 0] = met
     out[k, 1] = s
     out[k, 2] = other
@@ -95,7 +95,7 @@ def plate(along) -> tuple[words.vec3, words.vec3, float]:
 def in_double(c, a, along, radius) -> np.ndarray:
     """By plain Python."""
     vectors = zip(*([words.vec3(*v) for v in one] for one in (c, a)), radius, strict=True)
-    return np.array([frustum.frustum_rims(*plate(along), x, p, HALF, r) for x, p, r in vectors])
+    return np.array([frustum.frustum_edges(*plate(along), x, p, HALF, r) for x, p, r in vectors])
 
 
 def thickness(c, a, along) -> np.ndarray:

@@ -19,7 +19,7 @@ point3 = st.tuples(coordinate, coordinate, coordinate)
 
 def from_strip(start, end, x):
     p = strip.parameters(Strip(start=start, end=end))
-    assert len(p) == 6
+    assert len(p) == 5
     return strip.strip_distance(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], vec3(*x))
 
 
@@ -85,7 +85,7 @@ def test_a_plane_s_distance_is_the_projection_on_its_normal(point, normal, x):
 
 def from_frustum(lower, upper, x):
     p = frustum.parameters(Frustum(lower=lower, upper=upper))
-    assert len(p) == 6
+    assert len(p) == 5
     return frustum.frustum_distance(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], vec3(*x))
 
 
@@ -124,7 +124,7 @@ def rod_at(kind: str, x, a, half, radius, part):
         return strip.strip_rod(vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half, radius, part)
     p = frustum.parameters(Frustum(lower=FRUSTUMS[kind][0], upper=FRUSTUMS[kind][1]))
     place = vec3(p[0], 0.0, p[1]), vec3(p[2], 0.0, p[3]), p[4], x, a, half
-    return frustum.frustum_rod(*place, part, *frustum.frustum_rims(*place, radius))
+    return frustum.frustum_rod(*place, part, *frustum.frustum_edges(*place, radius))
 
 
 def bare(kind: str, points: np.ndarray) -> np.ndarray:

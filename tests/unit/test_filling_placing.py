@@ -44,13 +44,12 @@ def test_grains_start_inside_and_touch_nothing(kind, angle, gap):
     assert np.abs(x[:, 0]).max() <= 0.05 - D / 2
     assert np.abs(x[:, 1]).max() <= 0.505 * D - D / 2
     for wall in closed.container.walls():
-        if wall.shape.kind == "strip":
-            assert distance(x[:, [0, 2]], wall.shape.start, wall.shape.end).min() >= D / 2, wall.name
+        for start, end in wall.shape.section():
+            assert distance(x[:, [0, 2]], start, end).min() >= D / 2, wall.name
     floor = np.full(len(x), -np.inf)
     for wall in closed.container.walls():
-        if wall.shape.kind == "strip" and wall.shape.start[0] != wall.shape.end[0]:
-            (x0, z0), (x1, z1) = wall.shape.start, wall.shape.end
-            over = (x[:, 0] >= min(x0, x1)) & (x[:, 0] <= max(x0, x1))
+        for (x0, z0), (x1, z1) in wall.shape.section():
+            over = (x[:, 0] >= min(x0, x1)) & (x[:, 0] <= max(x0, x1)) & (x0 != x1)
             floor[over] = z0 + (z1 - z0) * (x[over, 0] - x0) / (x1 - x0)
     assert np.all(x[:, 2] > floor), "above the bottom, not behind it"
 

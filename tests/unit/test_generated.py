@@ -14,9 +14,9 @@ from labbook.cli.options import told
 pytest.importorskip("numba")
 pytest.importorskip("warp")
 
-from labbook_dem.features import SWITCHES
 from labbook_numba import build as on_the_processor
 from labbook_warp import build as on_the_gpu
+from specs import spec
 
 
 def test_one_thread_at_a_time_makes_kernels_whichever_backend_they_are_for(monkeypatch):
@@ -36,8 +36,7 @@ def test_one_thread_at_a_time_makes_kernels_whichever_backend_they_are_for(monke
             for precision in ("double", "mixed"):
                 for build in (on_the_processor, on_the_gpu):
                     for rolling in (0, 1):
-                        switches = tuple((name, int(name == "ROLLING") * rolling) for name in SWITCHES)
-                        pool.submit(build.kernels, "linear", precision, switches)
+                        pool.submit(build.kernels, spec("linear", precision, ROLLING=bool(rolling)))
     finally:
         on_the_processor.kernels.cache_clear()
         on_the_gpu.kernels.cache_clear()
@@ -51,11 +50,10 @@ def test_threads_that_ask_for_the_same_kernels_get_the_same(build, monkeypatch, 
     """A second import would take the place of the first in Warp's books, while kernels of the first are launched."""
     monkeypatch.setenv("LABBOOK_CACHE", str(tmp_path))
     together = threading.Barrier(4)
-    switches = tuple((name, 0) for name in SWITCHES)
 
     def ask(_):
         together.wait()
-        return build.kernels("linear", "double", switches)
+        return build.kernels(spec())
 
     build.kernels.cache_clear()
     try:

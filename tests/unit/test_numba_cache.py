@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from specs import spec
 
 pytest.importorskip("numba")
 
@@ -21,7 +22,6 @@ from labbook.backend.probes import Ledger
 from labbook.backend.numerics import Numerics
 from labbook.scene.packing import Packing
 from labbook.scene import HertzMindlin, Primitives, Scene, Spheres
-from labbook_dem.features import switches
 from labbook_numba import Backend, build
 
 grains = Spheres(diameter=3e-3, density=2500, count=2)
@@ -34,7 +34,7 @@ spec = backend.specialise(scene, numerics)
 ensemble = backend.open(spec)
 member = ensemble.admit(scene, numerics, Packing(x=x, v=v, omega=np.zeros((2, 3))))
 ensemble.advance(1)
-module = build.kernels(spec.feature("law"), spec.feature("precision"), switches(spec))
+module = build.kernels(spec)
 stats = module.advance.stats
 print(json.dumps({
     "hits": sum(stats.cache_hits.values()),
@@ -95,21 +95,18 @@ def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
 
 
 def key_of(**changes) -> str:
-    from labbook_dem.features import SWITCHES
     from labbook_numba import build
 
-    switches = {**dict.fromkeys(SWITCHES, 0), **changes}
-    return build.digest(build.module_text("hertz-mindlin", "double", switches))
+    return build.digest(build.module_text(spec("hertz-mindlin", **changes)))
 
 
 def test_features_and_versions_are_part_of_the_key(monkeypatch):
-    from labbook_dem.features import SWITCHES
     from labbook_numba import build
 
     plain = key_of()
     assert key_of() == plain
     assert key_of(FRICTION=True) != plain
-    assert build.digest(build.module_text("linear", "double", dict.fromkeys(SWITCHES, False))) != plain
+    assert build.digest(build.module_text(spec("linear"))) != plain
     monkeypatch.setattr(build.numba, "__version__", "0.0")
     assert key_of() != plain
     monkeypatch.undo()

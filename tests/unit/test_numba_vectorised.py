@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from specs import spec
 
 pytest.importorskip("numba")
 
@@ -39,10 +40,11 @@ def assembly(law: str, precision: str, kinds: int) -> dict[str, str]:
     They are compiled into what calls them, and not kept with the kernels: of cached code there is no assembly.
     """
     from labbook_dem.features import SWITCHES
+    from labbook_dem.walls import WALLS
     from labbook_numba import build
 
-    switches = dict.fromkeys(SWITCHES, True) | {"RODS": False, "VARIED": kinds > 1, "KINDS": kinds}
-    module = build.kernels(law, precision, tuple(switches.items()))
+    on = dict.fromkeys(SWITCHES, True) | {"ORIENTED": False, "VARIED": kinds > 1, "KINDS": kinds}
+    module = build.kernels(spec(law, precision, walls=tuple(WALLS), **on))
     real = module.real if precision == "double" else np.float32
     numbers = [np.float32(1) if real is np.float32 else 1.0] * 5
     block = np.ones(20_000, np.float32 if precision == "mixed" else float)

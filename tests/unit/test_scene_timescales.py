@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
-from labbook.scene.contact import BaseLaw
+from labbook.scene.contact import ContactLaw
 from labbook.scene.timescales import collision, largest_stable_step, rayleigh
 
 GRAINS = Spheres(diameter=0.003, density=2500.0, count=3000)
@@ -49,8 +49,10 @@ def test_linear_collision():
         rayleigh(scene)
 
 
-class Adhesive(BaseLaw):
-    """A law that nobody has measured the largest stable step of."""
+class Adhesive(ContactLaw):
+    """A law that does not say up to which step a bed comes to rest."""
+
+    law: str = "adhesive"
 
     def stiffened(self, factor):
         return self
@@ -63,11 +65,15 @@ class Adhesive(BaseLaw):
 
 
 def test_another_law_is_not_taken_for_one_of_these():
-    scene = FAN.model_copy(update={"contact": Adhesive()})
+    with pytest.raises(TypeError, match="stability"):
+        Adhesive()  # pyright: ignore[reportAbstractUsage]
+
+    class Measured(Adhesive):
+        def stability(self, rods):
+            return 4.0, 0.0
+
+    scene = FAN.model_copy(update={"contact": Measured(restitution=0.5)})
     assert collision(scene) == 0.25
+    assert largest_stable_step(scene) == pytest.approx(0.25 / (2 * math.pi))
     with pytest.raises(ValueError, match="hertz-mindlin"):
         rayleigh(scene)
-    with pytest.raises(AssertionError, match="Adhesive"):
-        largest_stable_step(scene)
-    with pytest.raises(TypeError, match="collision_time"):
-        BaseLaw()  # pyright: ignore[reportAbstractUsage]

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("warp")
 
-from labbook_dem.walls.frustum import frustum_rims
+from labbook_dem.walls.frustum import frustum_edges
 from labbook_dem.words import vec3
 from labbook_warp.kernels import rod_walls
 
@@ -55,7 +55,7 @@ def test_two_threads_find_the_edges_that_one_finds(along, monkeypatch):
         x = vec3(out * np.cos(turn), out * np.sin(turn), rng.uniform(-5e-3, 4e-3))
         a = vec3(*(v := rng.normal(size=3) * (1, 1, 0.3)) / np.linalg.norm(v))
         place = RIM, along, 0.06, x, a, HALF, RADIUS
-        met, on, other, back = frustum_rims(*place)
+        met, on, other, back = frustum_edges(*place)
         threads = TwoThreads()
         monkeypatch.setattr(rod_walls, "other_of_two", threads)
         first, second = threads.run(lambda is_second, place=place: rim_of_two(*place, is_second))

@@ -5,8 +5,15 @@ and mass ms [kg], overlap delta [m], approach velocity vn [m/s] along n (negativ
 spring s [m] in the contact plane and tangential velocity vt [m/s]; it gives the normal force [N], the tangential force
 on i [N] and the spring as it may stay. `normal` is the normal force alone. `coefficients(law, surface, scale, wall)` is
 the host's: the eight numbers c; friction is c[4] and rolling friction c[5] in every law.
+
+Which laws there are, and where their modules stand, say the types of scenes (`labbook.scene.contact.CONTACT_LAWS`).
 """
 
-from labbook_dem.laws import hertz_mindlin, linear
+from labbook.scene.contact import CONTACT_LAWS
+from labbook_dem.formulas import Formulas
 
-LAWS = {"hertz-mindlin": hertz_mindlin, "linear": linear}
+REQUIRED = ("coefficients", "respond", "normal")
+"""What the module of a law must define."""
+
+LAWS = Formulas("contact law", CONTACT_LAWS, lambda _name: REQUIRED)
+"""Modules of the laws by name."""

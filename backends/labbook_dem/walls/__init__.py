@@ -1,13 +1,47 @@
-"""Wall primitives, one a module: `WALL_distance(p..., x)` gives the distance [m] of a point from the wall and the unit
-normal from the wall to the point; `parameters(shape)` is the host's: the six numbers that describe the wall.
+"""Walls, one a module, found through the types of scenes (`labbook.scene.walls.WALL_SHAPES`).
 
-A rod touches a wall at up to four points, its parts: 0 and 1 are its ends, the spheres at -h and +h, where these are
-over the wall; 2 and 3 are edges that it lies across. `WALL_rod(p..., x, a, half, radius, part)` gives of one part the
-distance from the wall, the unit normal, and s, where on the segment it is; the distance of a part that is not there is
-1e9 m. That of a frustum takes, instead of the radius, both edges as `frustum_rims` finds them: they are found together.
-A sphere is a rod with half = 0, and has one part at a time.
+The module of a wall called WALL defines, with `_` for `-` in names:
+
+* `parameters(shape)`, the host's: the numbers that describe the wall, as many as it needs
+* `WALL_distance(p..., x)`: distance [m] of the point x from the wall, and the unit normal from the wall to the point
+* `PARTS`: points, the parts of a rod, at which a rod may touch it: 2, or 4 of a wall with edges
+* `WALL_rod(p..., x, a, ...)`: of one part of a rod: distance [m], unit normal, and where on the segment it is [m]
+* `WALL_edge(p..., x, part)`, of a wall with edges: distance [m] of x from the edge that part 2 or 3 lies across
+* `WALL_edges(p..., x, a, half, radius)`, where both edges are best found together: met, on, other, back, which are
+  distance [m] and place on the segment [m] of part 2, and of part 3
+
+p... are the numbers in their order, as their annotations take them up: `wide` one, `wide3` three, and `section` two,
+x and z of a vector without y. `WALL_rod` takes besides, by these names, what it needs of: half the length of the
+segment, `half` [m]; `radius` [m]; `part`; and what `WALL_edges` gave. `labbook_dem.dispatch` writes the functions that
+call these for the walls of a scene.
+
+Parts 0 and 1 of a rod are its ends, the spheres at -half and +half, where these are over the wall; 2 and 3 are edges
+that it lies across. The distance of a part that is not there is 1e9 m. A sphere is a rod with half = 0, and has one
+part at a time.
 
 A rod that lies across an edge, one end on the plate, is carried by that end and by the edge. An edge counts by as much
 as it is deeper in the rod than the line between the overlaps of the ends: so it takes over where an end slides off the
 plate, and nothing of it is left where both ends are on the plate; the force is continuous.
 """
+
+from labbook.scene.walls import WALL_SHAPES
+from labbook_dem.formulas import Formulas
+
+
+def prefix(kind: str) -> str:
+    """What the names of a wall's functions begin with."""
+    return kind.replace("-", "_")
+
+
+def _required(kind: str) -> tuple[str, ...]:
+    name = prefix(kind)
+    return "parameters", "PARTS", f"{name}_distance", f"{name}_rod"
+
+
+WALLS = Formulas("wall", WALL_SHAPES, _required)
+"""Modules of the walls by kind."""
+
+
+def number(kind: str) -> int:
+    """By which kernels know a kind of walls."""
+    return list(WALLS).index(kind)

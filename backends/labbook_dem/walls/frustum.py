@@ -7,17 +7,19 @@ least zero; length of the segment. The lower end is an edge that grains roll ove
 import math
 
 from labbook.scene import Frustum
-from labbook_dem.words import dot, func, real, rounded, sqrt, wide, wide3
+from labbook_dem.words import dot, func, real, rounded, section, sqrt, wide, wide3
+
+PARTS = 4
 
 
 @func
-def frustum_over(rim: wide3, along: wide3, x: wide3):
+def frustum_over(rim: section, along: section, x: wide3):
     """How far up the plate x is [m]; negative beyond the rim. Along a straight line it is convex."""
     return (sqrt(x.x * x.x + x.y * x.y) - rim.x) * along.x + (x.z - rim.z) * along.z
 
 
 @func
-def frustum_distance(rim: wide3, along: wide3, length: wide, x: wide3):
+def frustum_distance(rim: section, along: section, length: wide, x: wide3):
     """Distance [m] of x from the nearest point of the plate, and the unit normal from there to x."""
     zero = wide(0.0)
     one = wide(1.0)
@@ -34,7 +36,7 @@ def frustum_distance(rim: wide3, along: wide3, length: wide, x: wide3):
 
 
 @func
-def leaves_plate(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide):
+def leaves_plate(rim: section, along: section, x: wide3, a: wide3, half: wide):
     """Where on the segment, seen from its end at -half, the first point beyond the rim is [m].
 
     A convex function falls to its first zero: Newton's steps come from the left and never pass it. They are taken in
@@ -78,7 +80,7 @@ def pull(s: real, ca: real, radius: real, passes: real, a2: real, b2: real):
 
 
 @func
-def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
+def nearest_to_rim(rim: section, x: wide3, a: wide3, first: wide, last: wide):
     """The first point between `first` and `last` at which the distance from the rim stops falling [m].
 
     Half the derivative of its square is g(s) = s + c.a - R rho'(s), c = x - (0, 0, z). rho'' is largest where the
@@ -131,7 +133,7 @@ def nearest_to_rim(rim: wide3, x: wide3, a: wide3, first: wide, last: wide):
 
 
 @func
-def frustum_part(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, part: int, on: wide):
+def frustum_part(rim: section, along: section, length: wide, x: wide3, a: wide3, half: wide, part: int, on: wide):
     """Distance [m] of an end of a rod from the plate that it is over, unit normal, and where on the segment it is.
 
     on: where on the segment an edge is, which is asked for as part 2 or 3: the nearest point of the plate, then.
@@ -145,7 +147,7 @@ def frustum_part(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, hal
 
 @func
 def rim_met(
-    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, s: wide, two: bool
+    rim: section, along: section, length: wide, x: wide3, a: wide3, half: wide, radius: wide, s: wide, two: bool
 ):  # fmt: skip
     """Distance [m] from the rim of the minimum at s, the first from the end at -half; `two`: there is another.
 
@@ -166,7 +168,7 @@ def rim_met(
 
 
 @func
-def is_across(rim: wide3, along: wide3, x: wide3, a: wide3, half: wide, first: wide, last: wide, at: wide):
+def is_across(rim: section, along: section, x: wide3, a: wide3, half: wide, first: wide, last: wide, at: wide):
     """Whether a stretch from `first` to `last` of the segment is beyond the rim, as its point at `at` should be."""
     return first <= last and frustum_over(rim, along, x + a * at) <= wide(1e-9) * (rim.x + half)
 
@@ -178,7 +180,7 @@ def two_minima(s: wide, back: wide, half: wide):
 
 
 @func
-def frustum_rims(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide):
+def frustum_edges(rim: section, along: section, length: wide, x: wide3, a: wide3, half: wide, radius: wide):
     """Distances [m] from the rim of a rod that lies across it, and where on the segment, of part 2 and of part 3.
 
     Of the stretch of the segment beyond the rim, part 2 is the minimum of the distance that is met first from the end
@@ -201,14 +203,21 @@ def frustum_rims(rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, hal
 
 
 @func
+def frustum_edge(rim: section, along: section, length: wide, x: wide3, part: int):
+    """Distance [m] of x from the rim, the edge of both parts 2 and 3."""
+    distance, _normal = frustum_distance(rim, along, wide(0.0), x)
+    return distance
+
+
+@func
 def frustum_rod(
-    rim: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, part: int, met: wide, on: wide,
+    rim: section, along: section, length: wide, x: wide3, a: wide3, half: wide, part: int, met: wide, on: wide,
     other: wide, back: wide,
 ):  # fmt: skip
     """Distance [m] of a part of a rod from the plate, unit normal, and where on the segment it is; see `walls`.
 
     x: centre [m]; a: unit axis; half: half the length of the segment [m]. met, on, other, back: both edges, as
-    `frustum_rims` gives them.
+    `frustum_edges` gives them.
     """
     distance, normal, s = frustum_part(rim, along, length, x, a, half, part, on if part == 2 else back)
     return (distance if part < 2 else (met if part == 2 else other)), normal, s
@@ -218,4 +227,4 @@ def parameters(shape: Frustum) -> tuple[float, ...]:
     """Lower end (radius, z) [m], unit direction (radial, axial), length [m]."""
     (r, z), (r1, z1) = shape.lower, shape.upper
     length = math.hypot(r1 - r, z1 - z)
-    return r, z, (r1 - r) / length, (z1 - z) / length, length, 0.0
+    return r, z, (r1 - r) / length, (z1 - z) / length, length

@@ -5,6 +5,8 @@ import math
 from labbook.scene import Plane
 from labbook_dem.words import dot, func, wide, wide3
 
+PARTS = 2
+
 
 @func
 def plane_distance(point: wide3, normal: wide3, x: wide3):
@@ -20,7 +22,8 @@ def plane_rod(point: wide3, normal: wide3, x: wide3, a: wide3, half: wide, part:
     """
     s = -half if part == 0 else half
     distance = dot(x + a * s - point, normal)
-    return (wide(1e9) if part > 0 and half == wide(0.0) else distance), normal, s
+    there = part == 0 or (part == 1 and half > wide(0.0))
+    return (distance if there else wide(1e9)), normal, s
 
 
 def parameters(shape: Plane) -> tuple[float, ...]:

@@ -3,11 +3,13 @@
 import math
 
 from labbook.scene import Strip
-from labbook_dem.words import func, sqrt, wide, wide3
+from labbook_dem.words import func, section, sqrt, wide, wide3
+
+PARTS = 4
 
 
 @func
-def strip_distance(start: wide3, along: wide3, length: wide, x: wide3):
+def strip_distance(start: section, along: section, length: wide, x: wide3):
     """Distance [m] of x from the nearest point of the segment, and the unit normal from there to x.
 
     start, along: first end [m] and unit direction, with zero y; length [m].
@@ -24,14 +26,22 @@ def strip_distance(start: wide3, along: wide3, length: wide, x: wide3):
 
 
 @func
-def strip_over(start: wide3, along: wide3, x: wide3):
+def strip_over(start: section, along: section, x: wide3):
     """How far along the plate x is [m]."""
     return (x.x - start.x) * along.x + (x.z - start.z) * along.z
 
 
 @func
+def strip_edge(start: section, along: section, length: wide, x: wide3, part: int):
+    """Distance [m] of x from an edge, that at `start` for part 2."""
+    edge = start if part == 2 else start + along * length
+    distance, _normal = strip_distance(edge, along, wide(0.0), x)
+    return distance
+
+
+@func
 def strip_rod(
-    start: wide3, along: wide3, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
+    start: section, along: section, length: wide, x: wide3, a: wide3, half: wide, radius: wide, part: int
 ):  # fmt: skip
     """Distance [m] of a part of a rod from the plate, unit normal, and where on the segment it is; see `walls`.
 
@@ -77,4 +87,4 @@ def parameters(shape: Strip) -> tuple[float, ...]:
     """First end (x, z) [m], unit direction (x, z), length [m]."""
     (x, z), (x1, z1) = shape.start, shape.end
     length = math.hypot(x1 - x, z1 - z)
-    return x, z, (x1 - x) / length, (z1 - z) / length, length, 0.0
+    return x, z, (x1 - x) / length, (z1 - z) / length, length

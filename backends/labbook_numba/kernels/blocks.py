@@ -8,7 +8,7 @@ offsets unknown to the compiler (hence one buffer, constant offsets), and a law 
 
 from labbook_dem.words import FRICTION, func, real, vec3, wide
 
-from labbook_numba.kernels.features import COEFFICIENTS, KINDS, LANES, RODS, STRIDE, kernel, uint64
+from labbook_numba.kernels.features import COEFFICIENTS, KINDS, LANES, ORIENTED, STRIDE, kernel, uint64
 from labbook_numba.state import MIXTURES, SPHERES
 from labbook_numba.state import RODS as LAYOUT_OF_RODS
 
@@ -79,7 +79,7 @@ def put_vector(b, place, v):
 def put_forces(b, t, force, torque, spring):
     """What a law gives of contact t, in the places of velocities, spins and springs."""
     put_vector(b, UX + t, force)
-    if FRICTION or RODS:
+    if FRICTION or ORIENTED:
         put_vector(b, AX + t, torque)
     if FRICTION:
         put_vector(b, SX + t, spring)

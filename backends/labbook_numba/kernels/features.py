@@ -31,6 +31,7 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     PAD,
     PAIRS,
     REBUILDS,
+    RODS,
     SPARE_CELLS,
     SPEED,
     SPRING,
@@ -51,7 +52,6 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     W,
     X,
 )
-from labbook_numba.state import RODS as RODS_LAYOUT
 
 Function = TypeVar("Function", bound=Callable)
 
@@ -67,15 +67,13 @@ def entry(function: Function) -> Function:
 
 
 MOVING = True  # some wall's surface moves
-PLANES = True
-STRIPS = True
-FRUSTUMS = True
-RODS = True  # grains have an orientation
-GRAIN, WALL_PARTS = RODS_LAYOUT.GRAIN, RODS_LAYOUT.WALL_PARTS
+ORIENTED = True  # grains have an orientation
+GRAIN, WALL_PARTS = RODS.GRAIN, RODS.WALL_PARTS
 CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
+TOGETHER = True  # some wall finds both edges that a rod may lie across at once
 KINDS = 1  # kinds of grains
 LANES = 8  # numbers of the precision of laws in a register
 

@@ -4,7 +4,7 @@ from labbook_dem.words import wide
 
 from labbook_numba.kernels.cells import fill_cells
 from labbook_numba.kernels.features import GRAINS, PAD, kernel
-from labbook_numba.kernels.spheres import near_grain, near_wall
+from labbook_numba.kernels.shape import near_grain, near_wall
 from labbook_numba.state import Params, State
 
 
@@ -44,7 +44,7 @@ def near_walls(st: State, p: Params, first, grain):
     first[0] = 0
     for w in range(len(p.wall_kind)):
         for i in range(st.count[GRAINS]):
-            if near_wall(st.grains, st.body, i, p.wall_shape, p.wall_kind, w, p.radius, p.half, half_skin):
+            if near_wall(st.grains, st.body, i, p.walls, p.wall_kind, w, p.radius, p.half, half_skin):
                 if found < len(grain) - PAD:
                     grain[found] = i
                 found += 1

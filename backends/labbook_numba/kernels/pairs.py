@@ -19,13 +19,13 @@ from labbook_numba.kernels.features import (
     LAST_PAIR,
     LEDGER,
     MAX_OVERLAP,
-    RODS,
+    ORIENTED,
     TOUCHING,
     int64,
     kernel,
     uint64,
 )
-from labbook_numba.kernels.sphere_pairs import pack_pairs, pair_contact
+from labbook_numba.kernels.shape import pack_pairs, pair_contact
 from labbook_numba.kernels.transfer import fill_up, gather_pairs, gather_springs, scatter_forces, scatter_springs
 from labbook_numba.state import Params, State
 
@@ -41,7 +41,7 @@ def pair_law(b, count, coefficients, radius, mass, inertia, dt):
     for t in range(whole(count)):
         force, torque, other, kept, delta = pair_contact(b, t, c, radius, mass, rate, dt)
         put_forces(b, t, force, torque, kept)
-        if FRICTION or RODS:
+        if FRICTION or ORIENTED:
             put_vector(b, BX + t, other)
         b[DEPTH + t] = delta
 

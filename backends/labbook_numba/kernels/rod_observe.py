@@ -46,7 +46,7 @@ def contact_rows(st: State, p: Params, out):
     for w in range(len(p.wall_kind)):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
-            now = measure_rod(st.grains, st.near, p.wall_shape, p.wall_kind, w, i, p.half, p.radius)
+            now = measure_rod(st.grains, st.near, p.walls, p.wall_kind, w, i, p.half, p.radius)
             was = int(st.wall_held[k])
             for part in range(WALL_PARTS):
                 if (now >> part) & 1:

@@ -1,10 +1,8 @@
 """Forces of walls on rods, one rod and wall at a time: few rods are at walls, and each touches at up to four points."""
 
+from labbook_dem.chosen import wall_edge, wall_edges, wall_part
 from labbook_dem.contact import rolling_rate
 from labbook_dem.rods import has, heir, rod_on_wall
-from labbook_dem.walls.frustum import frustum_distance, frustum_rims, frustum_rod
-from labbook_dem.walls.plane import plane_rod
-from labbook_dem.walls.strip import strip_rod
 from labbook_dem.words import func, narrow, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import reals
@@ -12,12 +10,10 @@ from labbook_numba.kernels.bodies import rolling_inertia
 from labbook_numba.kernels.features import (
     FAIL_GRAIN,
     FRICTION,
-    FRUSTUMS,
     LEDGER,
     MAX_OVERLAP,
     MOVING,
-    PLANES,
-    STRIPS,
+    TOGETHER,
     TOUCHING,
     WALL_PARTS,
     A,
@@ -30,49 +26,37 @@ from labbook_numba.kernels.features import (
     X,
     kernel,
 )
-from labbook_numba.kernels.surfaces import plane_of, section_of, wall_velocity
+from labbook_numba.kernels.surfaces import wall_velocity
 from labbook_numba.kernels.transfer import load
 from labbook_numba.state import Params, State
 
 
 @func
-def edges(shape, kind, w, x, a, half, radius):
-    """`frustum_rims` of wall w; no edges if it is none, or far: most rods at a wall are far from its rim."""
+def edges(walls, kind, w, x, a, half, radius):
+    """`wall_edges` of wall w; no edges if they are far: most rods at a wall are far from its rim."""
     none = wide(1e9)
     zero = wide(0.0)
-    if FRUSTUMS and (kind[w] == 2 or not (PLANES or STRIPS)):
-        rim, along = section_of(shape, w)
-        centre, _ = frustum_distance(rim, along, zero, x)
-        if centre <= half + radius:
-            return frustum_rims(rim, along, shape[w, 4], x, a, half, radius)
+    if TOGETHER and wall_edge(walls, w, kind[w], x, 2) <= half + radius:
+        return wall_edges(walls, w, kind[w], x, a, half, radius)
     return none, zero, none, zero
 
 
 @func
-def wall_part(shape, kind, w, x, a, half, radius, part, found):
+def part_of_rod(walls, kind, w, x, a, half, radius, part, found):
     """Distance [m] of a part of a rod from wall w, unit normal, where on the segment it is [m]; `found`: by `edges`."""
-    if FRUSTUMS and (kind[w] == 2 or not (PLANES or STRIPS)):
-        rim, along = section_of(shape, w)
-        met, on, other, back = found
-        return frustum_rod(rim, along, shape[w, 4], x, a, half, part, met, on, other, back)
-    if STRIPS and (kind[w] == 1 or not PLANES):
-        start, along = section_of(shape, w)
-        return strip_rod(start, along, shape[w, 4], x, a, half, radius, part)
-    point, normal = plane_of(shape, w)
-    if part > 1:
-        return wide(1e9), normal, wide(0.0)
-    return plane_rod(point, normal, x, a, half, part)
+    met, on, other, back = found
+    return wall_part(walls, w, kind[w], x, a, half, radius, part, met, on, other, back)
 
 
 @kernel
-def measure_rod(grains, near, shape, kind, w, i, half, radius):
+def measure_rod(grains, near, walls, kind, w, i, half, radius):
     """Distance, unit normal and place of each part of rod i at wall w, to `near`; which touch, as bits."""
     x = load(grains, i, X)
     a = load(grains, i, A)
-    found = edges(shape, kind, w, x, a, half, radius)
+    found = edges(walls, kind, w, x, a, half, radius)
     now = 0
     for part in range(WALL_PARTS):
-        distance, normal, s = wall_part(shape, kind, w, x, a, half, radius, part, found)
+        distance, normal, s = part_of_rod(walls, kind, w, x, a, half, radius, part, found)
         if distance < radius:
             now |= 1 << part
             near[part * 5] = distance
@@ -126,7 +110,7 @@ def wall_forces(st: State, p: Params):
     for w in range(len(p.wall_kind)):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
-            now = measure_rod(st.grains, st.near, p.wall_shape, p.wall_kind, w, i, p.half, p.radius)
+            now = measure_rod(st.grains, st.near, p.walls, p.wall_kind, w, i, p.half, p.radius)
             was = int(st.wall_held[k])
             if FRICTION:
                 st.wall_held[k] = now

@@ -6,7 +6,7 @@ from labbook_dem.segments import closest
 from labbook_dem.words import dot, func, sqrt, wide, wide3
 
 from labbook_numba.kernels.features import GRAIN, GRAINS, WALL_PARTS, A, F, M, P, Q, T, V, W, X, kernel, uint64
-from labbook_numba.kernels.rod_walls import edges, wall_part
+from labbook_numba.kernels.rod_walls import edges, part_of_rod
 from labbook_numba.kernels.transfer import load
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
@@ -25,15 +25,15 @@ def near_grain(grains, body, i, j, reach, half, skin):
 
 
 @func
-def near_wall(grains, body, i, shape, kind, w, radius, half, skin):
+def near_wall(grains, body, i, walls, kind, w, radius, half, skin):
     """Whether some part of rod i is closer than a radius and a skin to wall w."""
     x = load(grains, i, X)
     a = load(grains, i, A)
     reach = radius + skin
-    found = edges(shape, kind, w, x, a, half, reach)
+    found = edges(walls, kind, w, x, a, half, reach)
     near = False
     for part in range(WALL_PARTS):
-        distance, _, _ = wall_part(shape, kind, w, x, a, half, reach, part, found)
+        distance, _, _ = part_of_rod(walls, kind, w, x, a, half, reach, part, found)
         near = near or distance < reach
     return near
 

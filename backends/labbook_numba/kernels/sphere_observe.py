@@ -1,5 +1,6 @@
 """Reading forces without changing the motion."""
 
+from labbook_dem.chosen import wall_distance
 from labbook_dem.contact import rolling_rate
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import dot, func, narrow, real, vec3, wide
@@ -7,7 +8,7 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
 from labbook_numba.kernels.features import ANY_WALLS, KINDS, MOVING, PAIRS, F, T, U, V, W, X, entry
-from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
+from labbook_numba.kernels.surfaces import wall_velocity
 from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
@@ -44,7 +45,7 @@ def contact_rows(st: State, p: Params, out):
         for k in range(st.wall_first[w], st.wall_first[w + 1]):
             i = st.wall_grain[k]
             x = load(st.grains, i, X)
-            distance, normal_w = wall_distance(p.wall_shape, p.wall_kind, w, x)
+            distance, normal_w = wall_distance(p.walls, w, p.wall_kind[w], x)
             radius = radius_of(st.body, i, p.radius)
             if distance < radius:
                 u = load(st.grains, i, U)

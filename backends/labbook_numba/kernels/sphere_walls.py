@@ -1,5 +1,6 @@
 """Forces of walls on spheres, wall by wall, a block at a time: measure, pack, gather, law, scatter."""
 
+from labbook_dem.chosen import wall_distance
 from labbook_dem.contact import rolling_rate
 from labbook_dem.spheres import sphere_on_wall
 from labbook_dem.words import VARIED, real, vec3, wide, wide3
@@ -44,7 +45,7 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
-from labbook_numba.kernels.surfaces import wall_distance, wall_velocity
+from labbook_numba.kernels.surfaces import wall_velocity
 from labbook_numba.kernels.transfer import (
     eights_at,
     fill_up,
@@ -66,14 +67,14 @@ XX, XY, XZ, NEAR_OVERLAP, QX, QY, QZ = (uint64(column * STRIDE) for column in ra
 
 
 @kernel
-def measure_walls(grains, body, wall_grain, near, shape, kind, motion, w, k, count, radius):
+def measure_walls(grains, body, wall_grain, near, walls, kind, motion, w, k, count, radius):
     """Normal, overlap and surface velocity of wall w for its near grains k..k + count, touching or not."""
     for t in range(uint64(0), count, uint64(8)):
         x, y, z, _ = columns(rows_at(grains, wall_grain, k + t, GRAIN, X))
         put_vectors(near, XX + t, x, y, z)
     for t in range(count):
         x = wide3(near[XX + t], near[XY + t], near[XZ + t])
-        distance, normal = wall_distance(shape, kind, w, x)
+        distance, normal = wall_distance(walls, w, kind[w], x)
         if MOVING:
             surface = wall_velocity(motion, w, x - normal * distance)
             near[QX + t] = surface.x
@@ -155,7 +156,7 @@ def wall_forces(st: State, p: Params):
         for k in range(uint64(start), last, BLOCK):
             near = min(last - k, BLOCK)
             measure_walls(
-                st.grains, st.body, st.wall_grain, st.near, p.wall_shape, p.wall_kind, p.wall_motion, w, k, near,
+                st.grains, st.body, st.wall_grain, st.near, p.walls, p.wall_kind, p.wall_motion, w, k, near,
                 p.radius,
             )  # fmt: skip
             count = pack_walls(st.near, st.wall_grain, st.wall_held, b, i, slot, k, near)

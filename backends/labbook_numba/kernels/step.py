@@ -19,10 +19,10 @@ from labbook_numba.kernels.features import (
     LEDGER,
     MAX_OVERLAP,
     MOVED,
+    ORIENTED,
     OUTLET,
     OVERLAP,
     REBUILD,
-    RODS,
     SPEED,
     STEP,
     WORK,
@@ -37,8 +37,7 @@ from labbook_numba.kernels.features import (
 from labbook_numba.kernels.meet import agree
 from labbook_numba.kernels.move import move
 from labbook_numba.kernels.pairs import pair_forces
-from labbook_numba.kernels.sphere_walls import wall_forces
-from labbook_numba.kernels.spheres import contact_work
+from labbook_numba.kernels.shape import contact_work, wall_forces
 from labbook_numba.state import Params, State
 
 
@@ -74,7 +73,7 @@ def leave(st: State, p: Params, dt):
                 c[row, 3 + axis] = g[i, X + axis]
                 c[row, 6 + axis] = g[i, V + axis]
                 c[row, 9 + axis] = g[i, W + axis]
-            if RODS:
+            if ORIENTED:
                 for column in range(4):
                     c[row, 12 + column] = g[i, Q + column]
         if OUTLET and z < p.drop:

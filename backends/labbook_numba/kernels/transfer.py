@@ -32,7 +32,7 @@ from labbook_numba.kernels.features import (
     GRAIN,
     LOAD,
     MOVING,
-    RODS,
+    ORIENTED,
     SPRING,
     STRIDE,
     F,
@@ -74,7 +74,7 @@ def gather_pairs(g, i, j, b, count):
     """
     for t in range(uint64(0), count, uint64(8)):
         ux, uy, uz, _ = columns(rows_at(g, i, t, GRAIN, U) - rows_at(g, j, t, GRAIN, U))
-        if RODS:
+        if ORIENTED:
             px, py, pz, _ = columns(rows_at(g, i, t, GRAIN, P))
             ox, oy, oz, _ = columns(rows_at(g, j, t, GRAIN, P))
         if FRICTION:
@@ -85,7 +85,7 @@ def gather_pairs(g, i, j, b, count):
             put_vectors(b, AX + t, ax, ay, az)
             put_vectors(b, BX + t, bx, by, bz)
         put_vectors(b, UX + t, ux, uy, uz)
-        if RODS:
+        if ORIENTED:
             put_vectors(b, PX + t, px, py, pz)
             put_vectors(b, OX + t, ox, oy, oz)
 
@@ -133,7 +133,7 @@ def scatter_forces(loads, i, j, b, count, pairs):
     nothing = spread(0.0)
     for t in range(uint64(0), count, uint64(8)):
         force = rows(eight_at(b, UX + t), eight_at(b, UY + t), eight_at(b, UZ + t), nothing)
-        if FRICTION or RODS:
+        if FRICTION or ORIENTED:
             torque = rows(eight_at(b, AX + t), eight_at(b, AY + t), eight_at(b, AZ + t), nothing)
             if pairs:
                 torque_j = rows(eight_at(b, BX + t), eight_at(b, BY + t), eight_at(b, BZ + t), nothing)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from labbook_dem.words import wide
 
-from labbook_warp.kernels.spheres import at_walls, grain
+from labbook_warp.kernels.shape import at_walls, grain
 from labbook_warp.kernels.sums import Sums, put_aside
 from labbook_warp.kernels.system import System, material
 from labbook_warp.kernels.words import EDGES, PARKED, Words, kernel, this_thread, wall_kernel, wp

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from labbook_dem.words import FRICTION, func, struct, wide
 
-from labbook_warp.kernels.spheres import Grain, at_walls, with_neighbour
+from labbook_warp.kernels.shape import Grain, at_walls, with_neighbour
 from labbook_warp.kernels.sums import Sums, amount, joined_sums, of_walls, over_lanes, plus
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.words import (

@@ -9,10 +9,23 @@ from __future__ import annotations
 from labbook_dem.words import FRICTION, func, wide
 
 from labbook_warp.kernels.bodies import listed2
-from labbook_warp.kernels.mixed import spot
-from labbook_warp.kernels.spheres import Grain, apart2, grain, mark, near_walls, strayed
+from labbook_warp.kernels.shape import Grain, apart2, grain, mark, parts_near, strayed
+from labbook_warp.kernels.shown import spot
 from labbook_warp.kernels.system import Material, Place, System, entry, has_bit, material
-from labbook_warp.kernels.words import ANY_WALLS, LANES, PARKED, REACH, SHARED, Words, float32, kernel, wp
+from labbook_warp.kernels.walls import wall_at
+from labbook_warp.kernels.words import (
+    ANY_WALLS,
+    LANES,
+    LISTED,
+    PARKED,
+    REACH,
+    SHARED,
+    WALL_PARTS,
+    Words,
+    float32,
+    kernel,
+    wp,
+)
 
 
 @kernel
@@ -88,7 +101,7 @@ def fill(a: System, p: Words):
             if place < a.depth:
                 a.cell_rows[c * a.depth + place] = i - s * a.cap
             else:
-                wp.atomic_max(a.overflow, 2 * s + 1, place + 1)
+                wp.atomic_max(a.overflow, 3 * s + 1, place + 1)
 
 
 @func
@@ -159,15 +172,63 @@ def build(a: System, p: Words):
                 at = entry(a, s, a.near, k, r)
                 insert(a, s, r, k, a.new_nbr[at], a.new_key[at])
             if found > a.near:
-                wp.atomic_max(a.overflow, 2 * s, found)
+                wp.atomic_max(a.overflow, 3 * s, found)
                 found = a.near
             if ANY_WALLS:
-                near = near_walls(a, m, s, g)
+                near = near_walls(a, m, s, r, g)
         if ANY_WALLS:
             a.wall_near[i] = near
             if near == wp.uint32(0):  # nobody will look at its springs again
                 a.wall_held[i] = near
         carry(a, s, r, i, found)
+
+
+@func
+def near_walls(a: System, m: Material, s: int, r: int, g: Grain):
+    """The entries of row r at walls that it may touch before its list is built again, WALL_PARTS each, as bits."""
+    near = wp.uint32(0)
+    if LISTED:
+        near = seat_walls(a, m, s, r, g)
+    else:
+        for q in range(a.place[s].walls):
+            near = near | (parts_near(a, m, g, s * a.walls + q) << wp.uint32(q * WALL_PARTS))
+    return near
+
+
+@func
+def seat_walls(a: System, m: Material, s: int, r: int, g: Grain):
+    """`near_walls` where members have more walls than a grain has entries for: one that stays near keeps its own."""
+    i = s * a.cap + r
+    every = wp.uint32((1 << WALL_PARTS) - 1)
+    was = a.wall_near[i]
+    held = a.wall_held[i]
+    near = wp.uint32(0)
+    crowd = int(0)
+    for q in range(a.seats):
+        if (was >> wp.uint32(q * WALL_PARTS)) & every != wp.uint32(0):
+            near = near | (parts_near(a, m, g, wall_at(a, s, r, q)) << wp.uint32(q * WALL_PARTS))
+    for w in range(a.place[s].walls):
+        mine = int(-1)
+        free = int(-1)
+        for q in range(a.seats):
+            if (near >> wp.uint32(q * WALL_PARTS)) & every == wp.uint32(0):
+                free = q
+            elif a.wall_seat[entry(a, s, a.seats, q, r)] == w:
+                mine = q
+        if mine >= 0:
+            crowd = crowd + 1
+        else:
+            parts = parts_near(a, m, g, s * a.walls + w)
+            if parts != wp.uint32(0):
+                crowd = crowd + 1
+                if free >= 0:
+                    a.wall_seat[entry(a, s, a.seats, free, r)] = w
+                    near = near | (parts << wp.uint32(free * WALL_PARTS))
+                    held = held & ~(every << wp.uint32(free * WALL_PARTS))
+    a.wall_held[i] = held
+    if crowd > a.seats:
+        wp.atomic_max(a.overflow, 3 * s + 2, crowd)
+    return near
 
 
 @func
@@ -217,6 +278,6 @@ def finish(a: System):
     if a.flag[s] == 1:
         a.rebuilds[s] = a.rebuilds[s] + 1
         a.flag[s] = 0
-        if a.overflow[2 * s] > 0 or a.overflow[2 * s + 1] > 0:
+        if a.overflow[3 * s] > 0 or a.overflow[3 * s + 1] > 0 or a.overflow[3 * s + 2] > 0:
             a.rows[s] = 0
     a.any_flag[0] = 0

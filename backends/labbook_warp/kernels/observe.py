@@ -6,8 +6,9 @@ from labbook_dem.words import dot, func, narrow, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces, listed
-from labbook_warp.kernels.spheres import at_wall, grain, own, spinning, whole, with_neighbour
+from labbook_warp.kernels.shape import at_wall, grain, own, spinning, whole, with_neighbour
 from labbook_warp.kernels.system import System, entry, has_bit, material
+from labbook_warp.kernels.walls import wall_at
 from labbook_warp.kernels.words import (
     ANY_WALLS,
     LANES,
@@ -109,7 +110,7 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                     if c.touches:
                         row(out, 10 * wp.atomic_add(counter, 0, 1), s, a.ids[i], a.ids[j], -1, c.force, c.branch)
             if ANY_WALLS:
-                for k in range(a.walls * WALL_PARTS):
+                for k in range(a.seats * WALL_PARTS):
                     if has_bit(a.wall_near[i], k):
                         c = at_wall(a, m, s, r, k, a.wall_near[i], a.wall_held[i], g)
                         if c.touches:
@@ -119,7 +120,7 @@ def contacts(a: System, p: Words, counter: Ints, out: Wides):
                                 s,
                                 a.ids[i],
                                 -1,
-                                k // WALL_PARTS,
+                                wall_at(a, s, r, k // WALL_PARTS) - s * a.walls,
                                 c.force,
                                 c.branch,
                             )

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from labbook_dem.chosen import wall_distance
 from labbook_dem.rods import has, heir, rod_on_rod, rod_on_wall
 from labbook_dem.segments import closest_from
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, vec3, wide, wide3
 
-from labbook_warp.kernels.mixed_rods import motion, spot
 from labbook_warp.kernels.rod_walls import edge_near, edge_of_two, edges, part_distance
 from labbook_warp.kernels.rods import Grain
+from labbook_warp.kernels.shown import motion, spot
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry
-from labbook_warp.kernels.walls import wall_distance, wall_velocity
+from labbook_warp.kernels.walls import wall_at, wall_velocity
 from labbook_warp.kernels.words import LANES, MOVING, SHARED, WALL_PARTS, Words, first_bit, or_lanes, uint32, wp
 
 
@@ -90,8 +91,8 @@ def meet(
     advanced in memory.
     """
     source = heir(part, was, now)
-    first = entry(a, s, a.walls * WALL_PARTS, q * WALL_PARTS, r)
-    c = with_wall(a, m, s * a.walls + q, first + source * a.cap, source >= 0, g, distance, normal, at)
+    first = entry(a, s, a.seats * WALL_PARTS, q * WALL_PARTS, r)
+    c = with_wall(a, m, wall_at(a, s, r, q), first + source * a.cap, source >= 0, g, distance, normal, at)
     if FRICTION:
         if keep:
             a.wall_spring[first + part * a.cap] = c.spring
@@ -110,7 +111,7 @@ def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: u
     q = k // WALL_PARTS
     part = k - q * WALL_PARTS
     now = int(0)
-    wall = s * a.walls + q
+    wall = wall_at(a, s, r, q)
     met, on, twin, back = edges(a, wall, g.x, g.axis, m.half, m.reach, parts_of(near, q))
     for other in range(WALL_PARTS):
         if has(parts_of(near, q), other):
@@ -163,7 +164,7 @@ def abreast(
         q = first_bit(near) // WALL_PARTS
         parts = parts_of(near, q)
         near = without_walls(near, LANES // WALL_PARTS)
-        wall = s * a.walls + q
+        wall = wall_at(a, s, r, q)
         met, on = edge_of_two(a, wall, g.x, g.axis, m.half, m.reach, parts, part)
         distance, normal, at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part, met, on, met, on)
         touches = wp.uint32(0)
@@ -190,13 +191,12 @@ def one_by_one(
         # once to see which parts touch, and once more for their forces: who inherits a spring depends on all
         now = int(0)
         looking = bool(True)
-        met, on, twin, back = edges(a, s * a.walls + q, g.x, g.axis, m.half, m.reach, left)
+        wall = wall_at(a, s, r, q)
+        met, on, twin, back = edges(a, wall, g.x, g.axis, m.half, m.reach, left)
         while left != 0:
             part = first_bit(wp.uint32(left))
             left = left & (left - 1)
-            distance, normal, at = part_distance(
-                a, s * a.walls + q, g.x, g.axis, m.half, m.reach, part, met, on, twin, back
-            )  # fmt: skip
+            distance, normal, at = part_distance(a, wall, g.x, g.axis, m.half, m.reach, part, met, on, twin, back)
             if looking:
                 if distance < m.reach:
                     now = now | (1 << part)
@@ -211,21 +211,19 @@ def one_by_one(
 
 
 @func
-def near_walls(a: System, m: Material, s: int, g: Grain):
+def parts_near(a: System, m: Material, g: Grain, wall: int):
     """The parts that may touch a wall before the grain's list is built again, as bits.
 
     An end counts wherever the plate is near.
     """
     near = wp.uint32(0)
-    for q in range(a.place[s].walls):
-        wall = s * a.walls + q
-        for part in range(WALL_PARTS):
-            if part < 2:
-                end = m.half if part == 1 else -m.half
-                distance, _normal = wall_distance(a, wall, g.x + g.axis * end)
-                if distance < m.reach + m.half_skin:
-                    near = near | (wp.uint32(1) << wp.uint32(q * WALL_PARTS + part))
-            else:
-                if edge_near(a, wall, part, g.x, g.axis, m.half, m.reach + m.half_skin):
-                    near = near | (wp.uint32(1) << wp.uint32(q * WALL_PARTS + part))
+    for part in range(WALL_PARTS):
+        if part < 2:
+            end = m.half if part == 1 else -m.half
+            distance, _normal = wall_distance(a.wall_numbers, wall, a.wall_kind[wall], g.x + g.axis * end)
+            if distance < m.reach + m.half_skin:
+                near = near | (wp.uint32(1) << wp.uint32(part))
+        else:
+            if edge_near(a, wall, part, g.x, g.axis, m.half, m.reach + m.half_skin):
+                near = near | (wp.uint32(1) << wp.uint32(part))
     return near

@@ -2,43 +2,32 @@
 
 from __future__ import annotations
 
-from labbook_dem.walls.frustum import (
-    frustum_distance,
-    frustum_part,
-    frustum_rims,
-    is_across,
-    leaves_plate,
-    nearest_to_rim,
-    rim_met,
-    two_minima,
-)
-from labbook_dem.walls.plane import plane_rod
-from labbook_dem.walls.strip import strip_distance, strip_rod
+from labbook_dem.chosen import wall_edge, wall_edges, wall_part
+from labbook_dem.walls.frustum import is_across, leaves_plate, nearest_to_rim, rim_met, two_minima
 from labbook_dem.words import func, wide, wide3
 
 from labbook_warp.kernels.system import System
-from labbook_warp.kernels.words import FRUSTUMS, LOOKS, PLANES, STRIPS, other_of_two, rare_func
+from labbook_warp.kernels.walls import wall_number
+from labbook_warp.kernels.words import FRUSTUM, LOOKS, OTHERS_TOGETHER, TOGETHER, Wides, other_of_two, rare_func
 
 
 @rare_func
-def rims(rim: wide3, along: wide3, length: wide, x: wide3, axis: wide3, half: wide, radius: wide):
-    """Of both edges of a frustum: distance [m] and where on the segment; see `frustum_rims`."""
-    met, s, other, back = frustum_rims(rim, along, length, x, axis, half, radius)
+def rare_edges(walls: Wides, w: int, kind: int, x: wide3, axis: wide3, half: wide, radius: wide):
+    """`wall_edges`."""
+    met, s, other, back = wall_edges(walls, w, kind, x, axis, half, radius)
     return met, s, other, back
 
 
 @func
 def edges(a: System, wall: int, x: wide3, axis: wide3, half: wide, radius: wide, parts: int):
-    """`rims` of a wall where one of its edges is among `parts`, as bits."""
+    """`wall_edges` of a wall where one of its edges is among `parts`, as bits."""
     met = wide(1e9)
     s = wide(0.0)
     other = wide(1e9)
     back = wide(0.0)
-    if FRUSTUMS:
-        if a.wall_kind[wall] == 2 and parts > 3:
-            b = a.wall_shape[wall]
-            rim = wide3(b[0], wide(0.0), b[1])
-            met, s, other, back = rims(rim, wide3(b[2], wide(0.0), b[3]), b[4], x, axis, half, radius)
+    if TOGETHER:
+        if parts > 3:
+            met, s, other, back = rare_edges(a.wall_numbers, wall, a.wall_kind[wall], x, axis, half, radius)
     return met, s, other, back
 
 
@@ -61,17 +50,26 @@ def rim_of_two(rim: wide3, along: wide3, length: wide, x: wide3, axis: wide3, ha
 
 @func
 def edge_of_two(a: System, wall: int, x: wide3, axis: wide3, half: wide, radius: wide, parts: int, part: int):
-    """Of part 2 or 3, by threads side by side: distance [m] from a frustum's edge, and where on the segment.
+    """Of part 2 or 3, by threads side by side: distance [m] from the edge, and where on the segment.
 
+    Those of a frustum look from one end each; of other walls that find both edges together, each thread finds both.
     parts: those that are near the wall, as bits.
     """
     met = wide(1e9)
     s = wide(0.0)
-    if FRUSTUMS:
-        if a.wall_kind[wall] == 2 and parts > 3 and part > 1:
-            b = a.wall_shape[wall]
-            rim = wide3(b[0], wide(0.0), b[1])
-            met, s = rim_of_two(rim, wide3(b[2], wide(0.0), b[3]), b[4], x, axis, half, radius, part == 3)
+    kind = a.wall_kind[wall]
+    if TOGETHER:
+        if parts > 3 and part > 1:
+            if kind == FRUSTUM:
+                b = a.wall_numbers
+                rim = wide3(wall_number(b, wall, 0), wide(0.0), wall_number(b, wall, 1))
+                along = wide3(wall_number(b, wall, 2), wide(0.0), wall_number(b, wall, 3))
+                met, s = rim_of_two(rim, along, wall_number(b, wall, 4), x, axis, half, radius, part == 3)
+            elif OTHERS_TOGETHER:
+                met, s, other, back = rare_edges(a.wall_numbers, wall, kind, x, axis, half, radius)
+                if part == 3:
+                    met = other
+                    s = back
     return met, s
 
 
@@ -84,44 +82,16 @@ def part_distance(
 
     met, on, other, back: what `edges` gave.
     """
-    b = a.wall_shape[wall]
-    kind = a.wall_kind[wall]
-    distance = wide(1e9)
-    s = wide(0.0)
-    normal = wide3(wide(0.0), wide(0.0), wide(0.0))
-    if PLANES:
-        if kind == 0:
-            distance, normal, s = plane_rod(wide3(b[0], b[1], b[2]), wide3(b[3], b[4], b[5]), x, axis, half, part)
-    if STRIPS:
-        if kind == 1:
-            start = wide3(b[0], wide(0.0), b[1])
-            distance, normal, s = strip_rod(start, wide3(b[2], wide(0.0), b[3]), b[4], x, axis, half, radius, part)
-    if FRUSTUMS:
-        if kind == 2:
-            rim = wide3(b[0], wide(0.0), b[1])
-            along = wide3(b[2], wide(0.0), b[3])
-            distance, normal, s = frustum_part(rim, along, b[4], x, axis, half, part, on if part == 2 else back)
-            if part > 1:
-                distance = met if part == 2 else other
+    distance, normal, s = wall_part(
+        a.wall_numbers, wall, a.wall_kind[wall], x, axis, half, radius, part, met, on, other, back
+    )  # fmt: skip
     return distance, normal, s
 
 
 @func
 def edge_distance(a: System, wall: int, part: int, x: wide3):
     """Distance [m] of x from the edge that a part of a rod lies across; 1e9 where a wall has none."""
-    b = a.wall_shape[wall]
-    kind = a.wall_kind[wall]
-    low = wide3(b[0], wide(0.0), b[1])
-    along = wide3(b[2], wide(0.0), b[3])
-    distance = wide(1e9)
-    if STRIPS:
-        if kind == 1:
-            edge = low if part == 2 else low + along * b[4]
-            distance, _normal = strip_distance(edge, along, wide(0.0), x)
-    if FRUSTUMS:
-        if kind == 2:
-            distance, _normal = frustum_distance(low, along, wide(0.0), x)
-    return distance
+    return wall_edge(a.wall_numbers, wall, a.wall_kind[wall], x, part)
 
 
 @func

@@ -7,7 +7,7 @@ from labbook_dem.rotation import axis, spin, turn
 from labbook_dem.segments import closest_from
 from labbook_dem.words import cross, dot, func, narrow, real, sqrt, struct, vec3, wide, wide3
 
-from labbook_warp.kernels.mixed_rods import motion, put, spot
+from labbook_warp.kernels.shown import motion, put, spot
 from labbook_warp.kernels.system import Material, System
 from labbook_warp.kernels.words import (
     Words,
@@ -56,7 +56,7 @@ class Own:
 
     q: wide4
     w: vec3
-    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `mixed`
+    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `shown`
 
 
 @func

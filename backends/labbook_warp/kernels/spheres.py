@@ -6,14 +6,15 @@ steps do not.
 
 from __future__ import annotations
 
+from labbook_dem.chosen import wall_distance
 from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
 from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, sqrt, struct, vec3, wide, wide3
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
-from labbook_warp.kernels.mixed import motion, put, rest, spot
+from labbook_warp.kernels.shown import motion, put, rest, spot
 from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
 from labbook_warp.kernels.system import Material, System, entry, has_bit
-from labbook_warp.kernels.walls import wall_distance, wall_velocity
+from labbook_warp.kernels.walls import wall_at, wall_velocity
 from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, uint32, widen, without_first, wp
 
 
@@ -48,7 +49,7 @@ def grain(p: Words, m: Material, i: int):
 class Own:
     """What a grain does not show to others."""
 
-    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `mixed`
+    rest: real  # what rounding has kept from the vertical velocity [m/s]; see `shown`
 
 
 @func
@@ -72,7 +73,7 @@ def store(a: System, q: Words, i: int, g: Grain, more: real):
 
 
 @func
-def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn: wide3):
+def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc: wide3):
     """The grain at its new place, with what it has of new velocities; w is not yet rounded."""
     new = Grain()
     new.x = x
@@ -142,7 +143,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
 def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
     """The contact with a wall, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
-    distance, normal = wall_distance(a, wall, g.x)
+    distance, normal = wall_distance(a.wall_numbers, wall, a.wall_kind[wall], g.x)
     one = body(a, m, g.index)
     overlap = rounded(one.reach - distance)
     c.touches = overlap > real(0.0)
@@ -166,9 +167,9 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
 
 
 @func
-def at_wall(a: System, m: Material, s: int, r: int, q: int, near: uint32, old: uint32, g: Grain):
-    """The contact of row r with wall q; `old`: at which walls springs are held."""
-    return with_wall(a, m, s * a.walls + q, entry(a, s, a.walls, q, r), has_bit(old, q), g)
+def at_wall(a: System, m: Material, s: int, r: int, k: int, near: uint32, old: uint32, g: Grain):
+    """The contact of row r at entry k of its walls; `old`: at which springs are held."""
+    return with_wall(a, m, wall_at(a, s, r, k), entry(a, s, a.seats, k, r), has_bit(old, k), g)
 
 
 @func
@@ -182,8 +183,8 @@ def at_walls(
     while near != wp.uint32(0):
         q = first_bit(near)
         near = without_first(near, LANES)
-        at = entry(a, s, a.walls, q, r)
-        c = with_wall(a, m, s * a.walls + q, at, has_bit(old, q), g)
+        at = entry(a, s, a.seats, q, r)
+        c = with_wall(a, m, wall_at(a, s, r, q), at, has_bit(old, q), g)
         if c.touches:
             sums = plus(sums, c, m)
             held = held | (wp.uint32(1) << wp.uint32(q))
@@ -218,11 +219,10 @@ def apart2(p: Words, m: Material, g: Grain, j: int):
 
 
 @func
-def near_walls(a: System, m: Material, s: int, g: Grain):
-    """The walls that the grain may touch before its list is built again, as bits."""
+def parts_near(a: System, m: Material, g: Grain, wall: int):
+    """1 if the grain may touch a wall before its list is built again, else 0."""
     near = wp.uint32(0)
-    for q in range(a.place[s].walls):
-        distance, _normal = wall_distance(a, s * a.walls + q, g.x)
-        if distance < body(a, m, g.index).reach + m.half_skin:
-            near = near | (wp.uint32(1) << wp.uint32(q))
+    distance, _normal = wall_distance(a.wall_numbers, wall, a.wall_kind[wall], g.x)
+    if distance < body(a, m, g.index).reach + m.half_skin:
+        near = wp.uint32(1)
     return near

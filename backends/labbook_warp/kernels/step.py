@@ -7,7 +7,7 @@ from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces, listed
-from labbook_warp.kernels.spheres import Grain, Own, at_rest, grain, moved, own, spinning, store, whole
+from labbook_warp.kernels.shape import Grain, Own, at_rest, grain, moved, own, spinning, store, whole
 from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.words import (
     APART,
@@ -21,10 +21,10 @@ from labbook_warp.kernels.words import (
     LANES,
     LEDGER,
     NO_NUMBER,
+    ORIENTED,
     OUTLET,
     PARKED,
     REPORTED,
-    RODS,
     SHARED,
     WORDS,
     Bits,
@@ -70,7 +70,7 @@ def crosses(a: System, plane: wide, dt: wide, s: int, i: int, now: int64, before
         a.cross[row + 4 + c] = g.x[c]
         a.cross[row + 7 + c] = wide(g.v[c])
         a.cross[row + 10 + c] = wide(g.spin[c])
-    if RODS:
+    if ORIENTED:
         for c in range(4):
             a.cross[row + 13 + c] = g.q[c]
 
@@ -197,13 +197,14 @@ def end(a: System, steps: int, told: Longs):
     at = 1 + REPORTED * s
     told[at] = a.fail[s]
     told[at + 1] = wp.int64(a.late[s])
-    told[at + 2] = wp.int64(a.overflow[2 * s])
-    told[at + 3] = wp.int64(a.overflow[2 * s + 1])
-    told[at + 4] = wp.int64(a.left[s])
+    told[at + 2] = wp.int64(a.overflow[3 * s])
+    told[at + 3] = wp.int64(a.overflow[3 * s + 1])
+    told[at + 4] = wp.int64(a.overflow[3 * s + 2])
+    told[at + 5] = wp.int64(a.left[s])
     a.fail[s] = (wp.int64(1) << wp.int64(62)) - wp.int64(1)  # NO_FAILURE
     a.late[s] = 0
-    a.overflow[2 * s] = 0
-    a.overflow[2 * s + 1] = 0
+    for k in range(3):
+        a.overflow[3 * s + k] = 0
     if s == 0:
         told[0] = wp.int64(a.crossed[0])
         a.crossed[0] = 0

@@ -2,8 +2,8 @@
 
 Slot s holds one member in rows s * CAP .. s * CAP + rows[s] - 1 of the arrays of grains. Arrays of several entries a
 grain (near neighbours, walls) are blocks of one slot each, entry by entry: entry k of row r of slot s stands at
-(s * ENTRIES + k) * CAP + r. Each wall has WALL_PARTS entries. Neighbours are named by their row in the slot: nothing
-depends on which slot it is.
+(s * ENTRIES + k) * CAP + r. Each near wall has WALL_PARTS entries. Neighbours are named by their row in the slot:
+nothing depends on which slot it is.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from labbook_warp.kernels.words import (
     Quanta,
     Reals,
     Reals4,
-    Shapes,
     Vectors,
     Wides,
     Wides3,
@@ -83,6 +82,7 @@ class System:
     cap: int  # rows a slot
     near: int  # neighbours a grain
     walls: int  # walls a member, at most
+    seats: int  # walls that a grain has entries for: all of them, or as many as a mask has bits for
     cells: int  # cells a slot
     depth: int  # grains a cell
     rows: Ints
@@ -92,7 +92,7 @@ class System:
     place: wp.array(dtype=Place)  # pyright: ignore[reportInvalidTypeForm]
     pair_c: Coefs  # of kinds a and b of slot s at (s * KINDS + a) * KINDS + b, where grains differ
     wall_c: Coefs  # of wall g = s * walls + w, or of kind k there at g * KINDS + k
-    wall_shape: Shapes
+    wall_numbers: Wides  # WALL_NUMBERS of each wall (`labbook_dem.dispatch`)
     wall_kind: Ints
     wall_motion: Motions
     body: Bodies  # radius, mass, moment of inertia and kind, where grains differ
@@ -110,6 +110,7 @@ class System:
     wall_near: Bits
     wall_held: Bits
     wall_spring: Vectors
+    wall_seat: Ints  # where members have more walls than seats: which of them each is of
     # where walls are met apart: rows of a slot that have a wall near, those by an edge at the end, and how many of each
     beside: Ints
     beside_count: Ints
@@ -134,7 +135,7 @@ class System:
     late: Ints
     rebuilds: Ints
     left: Ints
-    overflow: Ints  # per slot: the largest number of neighbours, and of grains in a cell, beyond what fits
+    overflow: Ints  # per slot: the largest number of neighbours, of grains in a cell, of near walls, beyond what fits
     fail: Longs
     bad: Wides
     crossed: Ints

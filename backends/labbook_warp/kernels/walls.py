@@ -1,37 +1,27 @@
-"""Where the walls of a member are, and how their surfaces move."""
+"""What describes the walls of a member, which of them a grain is near, and how their surfaces move; where they are:
+`labbook_dem.chosen`."""
 
 from __future__ import annotations
 
-from labbook_dem.walls.frustum import frustum_distance
-from labbook_dem.walls.plane import plane_distance
-from labbook_dem.walls.strip import strip_distance
-from labbook_dem.words import func, wide, wide3
+from labbook_dem.words import func, wide3
 
-from labbook_warp.kernels.system import System
-from labbook_warp.kernels.words import FRUSTUMS, PLANES, STRIPS
+from labbook_warp.kernels.system import System, entry
+from labbook_warp.kernels.words import LISTED, WALL_NUMBERS, Wides
 
 
 @func
-def wall_distance(a: System, g: int, x: wide3):
-    """Distance [m] of x from wall g, and the unit normal from the wall to x."""
-    b = a.wall_shape[g]
-    zero = wide(0.0)
-    if PLANES:
-        distance, normal = plane_distance(wide3(b[0], b[1], b[2]), wide3(b[3], b[4], b[5]), x)
-        if STRIPS:
-            if a.wall_kind[g] == 1:
-                distance, normal = strip_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
-        if FRUSTUMS:
-            if a.wall_kind[g] == 2:
-                distance, normal = frustum_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
-    elif STRIPS:
-        distance, normal = strip_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
-        if FRUSTUMS:
-            if a.wall_kind[g] == 2:
-                distance, normal = frustum_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
-    else:
-        distance, normal = frustum_distance(wide3(b[0], zero, b[1]), wide3(b[2], zero, b[3]), b[4], x)
-    return distance, normal
+def wall_number(walls: Wides, w: int, k: int):
+    """Number k of wall w (`labbook_dem.dispatch`)."""
+    return walls[w * WALL_NUMBERS + k]
+
+
+@func
+def wall_at(a: System, s: int, r: int, q: int):
+    """The wall that entry q of row r of slot s is of: its own number, where all walls of a member have an entry."""
+    wall = s * a.walls + q
+    if LISTED:
+        wall = s * a.walls + a.wall_seat[entry(a, s, a.seats, q, r)]
+    return wall
 
 
 @func

@@ -52,9 +52,9 @@ def rare_func(function: F) -> F:
 
 wp: Any = None  # Warp itself
 int64 = uint32 = float32 = Any
-Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Longs = Bits = Coefs = Shapes = Motions = (
-    Bodies
-) = Quanta = Any
+Words = Vectors = Wides = Wides3 = Wides4 = Reals = Reals4 = Floats = Ints = Longs = Bits = Coefs = Motions = Bodies = (
+    Quanta
+) = Any
 real4: Any = None
 widen: Any = None
 load_word: Any = None
@@ -79,14 +79,16 @@ joined: Any = None
 halved: Any = None
 
 MOVING = True
-PLANES = True
-STRIPS = True
-FRUSTUMS = True
-RODS = False
+ORIENTED = False  # whether grains have an orientation
 CROSSING = True
 OUTLET = True
 LEDGER = True
 ANY_WALLS = True
+TOGETHER = True  # whether some wall finds both edges that a rod may lie across at once
+OTHERS_TOGETHER = False  # whether one that is no frustum does
+FRUSTUM = 2  # the kind of these
+WALL_NUMBERS = 6  # that a wall takes up
+LISTED = False  # whether members have more walls than a grain has entries for
 
 APART = False  # whether walls are met by a kernel of their own
 KINDS = 1  # kinds of grains a member
@@ -102,7 +104,7 @@ LOOKS = 16  # gaps between points of a rod that are looked at to tell how near a
 TORQUES = True  # whether contacts turn grains
 REACH = 1  # how many cells away a neighbour may be
 COLUMNS = 13  # of a row of crossings
-REPORTED = 5  # numbers that a beat leaves behind for each slot
+REPORTED = 6  # numbers that a beat leaves behind for each slot
 PARKED = -1.0e9
 """z [m] at which grains are kept that have left."""
 BAD_STATE, BAD_SPEED, BAD_FORCE, BAD_OVERLAP = 0, 1, 2, 3

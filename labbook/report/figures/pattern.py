@@ -9,7 +9,6 @@ import numpy as np
 from labbook.fields import Ring
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house
 from labbook.results.recorded import Flowing, Section
-from labbook.scene.walls import Strip
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -139,14 +138,7 @@ def draw_walls(ax: "Axes", one: Flowing, top: float) -> None:
     """Walls in the plane of the map, up to the height `top` [m], and axes in mm, with numbers at the edges only."""
     half = _half_width(one)
     for wall in one.container.walls():
-        if hasattr(wall.shape, "lower"):  # a frustum: in a plane through the axis, a line on either side
-            (r0, z0), (r1, z1) = wall.shape.lower, wall.shape.upper
-            ends = [((side * r0, z0), (side * r1, z1)) for side in (-1, 1)]
-        elif isinstance(wall.shape, Strip):
-            ends = [(wall.shape.start, wall.shape.end)]
-        else:
-            continue
-        for (x0, z0), (x1, z1) in ends:
+        for (x0, z0), (x1, z1) in wall.shape.section():
             ax.plot([x0 * 1e3, x1 * 1e3], [z0 * 1e3, z1 * 1e3], color=INK, linewidth=1.2, zorder=4)
     half *= 1e3
     ax.set_axis_on()

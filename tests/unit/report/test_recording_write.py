@@ -18,7 +18,7 @@ from labbook.export.recording import (
     top_speed,
     write,
 )
-from labbook.export.wall_shapes import flat_walls, round_walls
+from labbook.export.wall_shapes import flat_walls, meshed_walls
 from labbook.scene import Box, CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders
 
 rerun = pytest.importorskip("rerun")
@@ -187,7 +187,7 @@ def test_all_grains_and_walls_are_in_view_and_fill_it(synthetic, kind):
     ways = np.random.default_rng(2).normal(size=(100, 3))
     around = (grains[:, None] + size * ways / np.linalg.norm(ways, axis=1)[:, None]).reshape(-1, 3)
     walls = [polygon for _, polygon, _ in flat_walls(changed, grains)]
-    walls += [wall.vertices for wall in round_walls(changed, grains)]
+    walls += [wall.vertices for wall in meshed_walls(changed, grains)]
     seen = np.concatenate([around, *walls]) - eye
     high = np.abs(seen @ up) / (seen @ forward) / np.tan(np.radians(55 / 2))
     wide = np.abs(seen @ right) / (seen @ forward) / np.tan(np.radians(55 / 2)) / 0.9
@@ -271,7 +271,7 @@ def test_round_walls_are_meshes_of_their_surface():
     rods = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=1)
     law = LinearSpringDashpot(normal_stiffness=1.0)
     scene = Scene(grains=rods, contact=law, container=silo)
-    side, bottom = round_walls(scene, np.array([[0, 0, 0.1]]))
+    side, bottom = meshed_walls(scene, np.array([[0, 0, 0.1]]))
     assert np.hypot(*side.vertices.T[:2]) == pytest.approx(np.full(len(side.vertices), 0.095))
     assert side.vertices[:, 2].max() == pytest.approx(0.1 + 5 * 3e-3)
     radii = np.hypot(*bottom.vertices.T[:2])

@@ -1,0 +1,30 @@
+"""Which kernels a shape of grains has, and how it lies in memory."""
+
+from types import ModuleType
+from typing import NamedTuple
+
+from labbook_numba.kernels import (
+    rod_observe,
+    rod_pairs,
+    rod_walls,
+    rods,
+    sphere_observe,
+    sphere_pairs,
+    sphere_walls,
+    spheres,
+)
+from labbook_numba.state import LAYOUTS, Layout
+
+
+class Shape(NamedTuple):
+    """layout: of equal grains; kernels: the modules that define what `labbook_numba.kernels.shape` lists."""
+
+    layout: Layout
+    kernels: tuple[ModuleType, ...]
+
+
+SHAPES = {
+    "sphere": Shape(LAYOUTS["sphere"], (sphere_pairs, sphere_walls, spheres, sphere_observe)),
+    "spherocylinder": Shape(LAYOUTS["spherocylinder"], (rod_pairs, rod_walls, rods, rod_observe)),
+}
+"""Shapes by the names that scenes know."""
