@@ -110,21 +110,18 @@ def run(
     closed = scene.close()
     say(f"settling {grains} grains")
     packing = settled(backend, closed, FAN_STEP, SETTLED)
-    start = opened(packing, closed, scene)
-    rates = []
-    for precision in every:
-        numerics = FAN_STEP.model_copy(update={"precision": precision})
-        say(f"timing the settled bed, {precision} (compiles)")
-        rates.append(timed(backend, "fan settled", closed, numerics, packing, repeats))
-        say(f"timing its discharge, {precision} (compiles)")
-        rates.append(timed(backend, "fan flowing", scene, numerics, start, repeats, [Crossing(0.0)], OUTFLOW))
+    rates = _settled_and_flowing(backend, "fan", scene, FAN_STEP, packing, repeats, say, every, OUTFLOW)
     for count in boxes if extent != "quick" else ():
         say(f"timing a box of {count}")
         stack, at_rest = box(count)
         rates.append(timed(backend, "box at rest", stack, BOX_STEP, at_rest, repeats))
     can = backend.capabilities
     if extent != "quick" and "spherocylinder" in can.shapes and "frustum" in can.walls:
-        rates += _rod_rates(backend, repeats, say, rods, every if extent == "full" else ["double"])
+        silo, filling = cylinder(rods=True, grains=rods), CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP})
+        say(f"settling {rods} rods")
+        bed = settled(backend, silo.close(), filling, RODS_SETTLED)
+        some = every if extent == "full" else ["double"]
+        rates += _settled_and_flowing(backend, "rods", silo, CYLINDER_STEP, bed, repeats, say, some, RODS_OUTFLOW)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # peak; Linux counts in KiB
     say("timing members side by side")
     members = cores()
@@ -137,23 +134,27 @@ def run(
     return BackendBench(name, hardware(), tuple(rates), members, speed_up, large, memory)
 
 
-def _rod_rates(
-    backend: Backend, repeats: int, say: Callable[[str], None], rods: int, precisions: Sequence[str]
+def _settled_and_flowing(
+    backend: Backend,
+    name: str,
+    scene: Scene,
+    step: Numerics,
+    bed: Packing,
+    repeats: int,
+    say: Callable[[str], None],
+    precisions: Sequence[str],
+    outflow: float,
 ) -> list[Rate]:
-    """Rates in the closed cylinder, and in the open one, whose bottom turns. The bed settles with a larger time step
-    than it is timed with."""
-    scene = cylinder(rods=True, grains=rods)
+    """Rates of a bed in the closed container, and of its discharge after `outflow` [s]."""
     closed = scene.close()
-    say(f"settling {rods} rods")
-    bed = settled(backend, closed, CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP}), RODS_SETTLED)
     start = opened(bed, closed, scene)
     rates = []
     for precision in precisions:
-        numerics = CYLINDER_STEP.model_copy(update={"precision": precision})
-        say(f"timing settled rods, {precision} (compiles)")
-        rates.append(timed(backend, "rods settled", closed, numerics, bed, repeats))
-        say(f"timing the discharge of rods, {precision} (compiles)")
-        rates.append(timed(backend, "rods flowing", scene, numerics, start, repeats, [Crossing(0.0)], RODS_OUTFLOW))
+        numerics = step.model_copy(update={"precision": precision})
+        say(f"timing the settled bed, {precision} (compiles)")
+        rates.append(timed(backend, f"{name} settled", closed, numerics, bed, repeats))
+        say(f"timing its discharge, {precision} (compiles)")
+        rates.append(timed(backend, f"{name} flowing", scene, numerics, start, repeats, [Crossing(0.0)], outflow))
     return rates
 
 

@@ -2,9 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook_dem.features import finest
+from labbook_dem.features import finest, specialise
+from labbook_dem.ledger import kinetic, status
+from labbook_dem.reading import Readable, read
 
 LONGEST = 2**53
 """Steps from which on their number has no exact time."""
@@ -29,25 +31,32 @@ class Failure:
     message: str
 
 
-class Standing(Protocol):
+class Standing(Readable):
     """What a backend knows of a member, as far as every backend knows it."""
 
     failure: Failure | None
 
     @property
-    def step(self) -> int:
-        """Steps taken."""
-        ...
-
-    @property
-    def time(self) -> float:
-        """Time [s] since step 0."""
-        ...
-
-    @property
+    @abstractmethod
     def grains(self) -> int:
         """Grains that have not left."""
-        ...
+
+    @abstractmethod
+    def checkpoint(self) -> Checkpoint:
+        """The exact state, copied."""
+
+    @abstractmethod
+    def packing(self) -> Packing:
+        """The portable state."""
+
+    def energy(self) -> float:
+        """Kinetic energy [J] at the time of positions."""
+        now = self.look()
+        return kinetic(now.bodies or self.scene.grains, now.v, now.m, now.q)
+
+    def status(self) -> Status:
+        """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
+        return status(self.scene, self.step, self.time, self.grains, self.energy())
 
 
 @dataclass
@@ -68,7 +77,7 @@ R = TypeVar("R", bound=Standing)
 
 
 class Ensemble(ABC, Generic[R]):
-    """See `labbook.backend.Ensemble`. A backend adds how a member begins, is stepped and is read."""
+    """See `labbook.backend.Ensemble`. A backend adds how a member begins and is stepped."""
 
     def __init__(self, capabilities: Capabilities, spec: Spec):
         self._can, self._spec = capabilities, spec
@@ -77,19 +86,15 @@ class Ensemble(ABC, Generic[R]):
         self._rows: dict[Probe, list[Table]] = defaultdict(list)
         self._next = 0
 
-    @abstractmethod
-    def _specialise(self, scene: Scene, numerics: Numerics) -> Spec: ...
+    def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
+        return specialise(self._can, scene, numerics, self._spec.probes)
 
     @abstractmethod
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> R: ...
 
     @abstractmethod
-    def _read(self, run: R, beat: int) -> Mapping[Probe, Table]:
-        """Rows, without members, of the probes that are due on this beat."""
-
-    @abstractmethod
-    def status(self, member: Member) -> Status:
-        """Where a member stands."""
+    def advance(self, beats: int = 1) -> Sequence[Event]:
+        """Let every member take `beats` beats; those that failed or emptied rest."""
 
     def admit(
         self,
@@ -116,6 +121,22 @@ class Ensemble(ABC, Generic[R]):
         del self._runs[member]
         self._settling.pop(member, None)
 
+    def status(self, member: Member) -> Status:
+        """Where a member stands."""
+        return self._runs[member].status()
+
+    def checkpoint(self, member: Member) -> Checkpoint:
+        """The exact state of a member."""
+        return self._runs[member].checkpoint()
+
+    def packing(self, member: Member) -> Packing:
+        """The portable state of a member."""
+        return self._runs[member].packing()
+
+    def close(self) -> None:
+        """Free all arrays."""
+        self._runs.clear()
+
     def _going(self) -> dict[Member, R]:
         """Members that take steps: those that failed or emptied rest."""
         return {member: run for member, run in self._runs.items() if run.failure is None and run.grains > 0}
@@ -124,11 +145,11 @@ class Ensemble(ABC, Generic[R]):
         """Rows of the probes that are due, and what happened; of a failed member, only that it failed."""
         if failure := run.failure:
             return {}, [Failed(member, failure.guard, failure.step, failure.grain, failure.message)]
-        rows = self._read(run, run.step // self._spec.steps_per_beat)
+        rows = read(run, run.step // self._spec.steps_per_beat)
         if run.grains == 0:
             return rows, [Emptied(member, run.time)]
         settling = self._settling.get(member)
-        if settling and settling.after(self.status(member).kinetic):
+        if settling and settling.after(run.status().kinetic):
             return rows, [Settled(member, run.time)]
         return rows, []
 

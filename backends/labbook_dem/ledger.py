@@ -17,8 +17,7 @@ def kinetic(grains: Grains | Bodies, v: np.ndarray, m: np.ndarray, q: np.ndarray
     """
     if isinstance(grains, Bodies):
         return 0.5 * float(grains.mass @ np.sum(v**2, axis=1) + grains.inertia @ np.sum(m**2, axis=1))
-    omega = m if q is None else spins(grains, m, q)
-    return 0.5 * grains.mass * float(np.sum(v**2)) + 0.5 * grains.inertia * float(np.sum(m * omega))
+    return 0.5 * grains.mass * float(np.sum(v**2)) + 0.5 * grains.inertia * float(np.sum(m * spins(grains, m, q)))
 
 
 def energy_scale(scene: Scene) -> float:

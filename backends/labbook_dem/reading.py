@@ -1,11 +1,15 @@
 """Rows of the probes, from what a backend reads of a member between two beats."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
+from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table, Zone, due
+from labbook.scene import Bodies, Scene
+from labbook_dem.ledger import totals
 
 CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
 OF_RODS = ("qw", "qx", "qy", "qz")
@@ -19,45 +23,67 @@ def crossing_columns(rods: bool) -> tuple[str, ...]:
 
 
 class Grains(NamedTuple):
-    """Grains that have not left, by id: ids [n]; x [m], and at the whole step v [m/s], w [rad/s], shape [n, 3].
+    """Grains that have not left, by id. Arrays of shape [n, 3] unless they say otherwise.
 
-    q: orientations of rods, shape [n, 4].
+    ids: shape [n]; x [m]. At the time of x: v [m/s], angular velocities w [rad/s] and reduced angular momenta m [rad/s]
+    (`labbook_dem.rotation`; of spheres w). Half a step before: v_half, m_half. q: orientations of rods, shape [n, 4].
+    bodies: what each grain is, where they differ.
     """
 
     ids: np.ndarray
     x: np.ndarray
     v: np.ndarray
     w: np.ndarray
+    m: np.ndarray
+    v_half: np.ndarray
+    m_half: np.ndarray
     q: np.ndarray | None = None
+    bodies: Bodies | None = None
 
 
-class Readable(Protocol):
-    """A member, as probes see it."""
+class Readable(ABC):
+    """A member, as probes see it. A backend tells how its memory is read."""
+
+    scene: Scene
+    numerics: Numerics
+    probes: Sequence[Probe]
+    """All that look at it."""
+    step: int
+    """Steps taken."""
 
     @property
-    def probes(self) -> Sequence[Probe]:
-        """All that look at it."""
-        ...
+    def time(self) -> float:
+        """Time [s] since step 0."""
+        return self.step * self.numerics.dt
 
-    def clock(self) -> tuple[int, float]:
-        """Step, and time [s]."""
-        ...
+    @property
+    def since_half(self) -> float:
+        """Time [s] since velocities were kicked; at the start they are of the same time as positions."""
+        return 0.5 * self.numerics.dt if self.step > 0 else 0.0
 
+    @abstractmethod
     def crossings(self) -> np.ndarray:
         """First passages of the last beat, in `crossing_columns`."""
-        ...
 
-    def grains(self, moving: bool) -> Grains:
-        """Its grains; v and w may be anything of their shape unless `moving`."""
-        ...
+    @abstractmethod
+    def look(self, moving: bool = True) -> Grains:
+        """Its grains; v, w and m may be those of half a step before unless `moving`."""
 
+    @abstractmethod
     def contacts(self) -> np.ndarray:
         """Its touching contacts, in CONTACT_COLUMNS."""
-        ...
+
+    @abstractmethod
+    def counted(self) -> Mapping[str, float]:
+        """`work` of contacts in all kicks so far [J], and the columns of `Ledger` that are counted while it steps:
+        max_overlap, touching, rebuilds."""
 
     def totals(self) -> Mapping[str, float]:
         """The columns of `Ledger`."""
-        ...
+        now, counted = self.look(), dict(self.counted())
+        halves, work = (now.v_half, now.m_half, self.since_half), counted.pop("work")
+        found = totals(self.scene, now.x, now.v, now.m, *halves, work, now.q, now.bodies)
+        return {"grains": len(now.ids), **found, **counted}
 
 
 def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
@@ -71,14 +97,14 @@ def _rows(member: Readable, probe: Probe) -> Table:
             rows = member.crossings()
             return _columns(crossing_columns(rows.shape[1] > len(CROSSING_COLUMNS)), rows, ("id", "step"))
         case Sample():
-            return _stamped(member, _sampled(member.grains(bool({"v", "omega"} & set(probe.fields))), probe.fields))
+            return _stamped(member, _sampled(member.look(bool({"v", "omega"} & set(probe.fields))), probe.fields))
         case Slab():
-            grains = member.grains(True)
-            return _stamped(member, _within(grains, probe.holds(grains.x[:, 2]), ("x", "v")))
+            grains = member.look()
+            return _stamped(member, _sampled(grains, ("x", "v"), probe.holds(grains.x[:, 2])))
         case Zone():
-            grains = member.grains(True)
+            grains = member.look()
             fields = ("x", "v") if grains.q is None else ("x", "v", "q")
-            return _stamped(member, _within(grains, probe.holds(grains.x), fields))
+            return _stamped(member, _sampled(grains, fields, probe.holds(grains.x)))
         case Contacts():
             return _stamped(member, _columns(CONTACT_COLUMNS, member.contacts(), ("i", "j", "wall")))
         case Ledger():
@@ -90,23 +116,17 @@ def _columns(names: Sequence[str], rows: np.ndarray, whole: Sequence[str]) -> Ta
     return {**table, **{name: table[name].astype(np.int64) for name in whole}}
 
 
-def _sampled(grains: Grains, fields: Sequence[str]) -> Table:
+def _sampled(grains: Grains, fields: Sequence[str], inside: np.ndarray | slice = slice(None)) -> Table:
     parts = {"x": ("", grains.x), "v": ("v", grains.v), "omega": ("w", grains.w), "q": ("q", grains.q)}
-    table = {"id": grains.ids}
+    table = {"id": grains.ids[inside].copy()}
     for name in fields:
         prefix, array = parts[name]
         assert array is not None  # `features.check` has seen to it
         axes = "wxyz" if name == "q" else "xyz"
-        table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate(axes)}
+        table |= {prefix + axis: array[inside, c].copy() for c, axis in enumerate(axes)}
     return table
-
-
-def _within(grains: Grains, inside: np.ndarray, fields: Sequence[str]) -> Table:
-    q = None if grains.q is None else grains.q[inside]
-    return _sampled(Grains(grains.ids[inside], grains.x[inside], grains.v[inside], grains.w[inside], q), fields)
 
 
 def _stamped(member: Readable, table: Table) -> Table:
     n = len(next(iter(table.values())))
-    step, time = member.clock()
-    return {"step": np.full(n, step), "time": np.full(n, time), **table}
+    return {"step": np.full(n, member.step), "time": np.full(n, member.time), **table}

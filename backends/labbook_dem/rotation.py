@@ -63,13 +63,18 @@ def slenderness(grains: Grains) -> float:
     return grains.inertia / grains.inertia_axis - 1
 
 
-def spins(grains: Grains, m: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Angular velocities [rad/s] from reduced angular momenta m [n, 3] and orientations q [n, 4]."""
+def spins(grains: Grains, m: np.ndarray, q: np.ndarray | None) -> np.ndarray:
+    """Angular velocities [rad/s] from reduced angular momenta m [n, 3] and orientations q [n, 4]; m if q is None."""
+    if q is None:
+        return m
     a = axes(q)
     return m + slenderness(grains) * np.sum(m * a, axis=1)[:, None] * a
 
 
-def momenta(grains: Grains, omega: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Reduced angular momenta [rad/s] from angular velocities omega [n, 3] and orientations q [n, 4]."""
+def momenta(grains: Grains, omega: np.ndarray, q: np.ndarray | None) -> np.ndarray:
+    """Reduced angular momenta [rad/s] from angular velocities omega [n, 3] and orientations q [n, 4]; omega if q is
+    None."""
+    if q is None:
+        return omega
     a = axes(q)
     return omega + (grains.inertia_axis / grains.inertia - 1) * np.sum(omega * a, axis=1)[:, None] * a

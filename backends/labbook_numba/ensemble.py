@@ -6,16 +6,14 @@ from types import ModuleType
 
 from labbook_dem import ensemble
 from labbook_dem.features import specialise
-from labbook_dem.reading import read
 
-from labbook.backend import Capabilities, Checkpoint, Event, Member, Spec, Status
+from labbook.backend import Capabilities, Checkpoint, Event, Member, Spec
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook_numba.domains import threads_for
 from labbook_numba.member import Run
-from labbook_numba.reading import Seen
 
 
 class Ensemble(ensemble.Ensemble[Run]):
@@ -45,9 +43,6 @@ class Ensemble(ensemble.Ensemble[Run]):
             run.start(start)
         return run
 
-    def _read(self, run: Run, beat: int) -> Mapping[Probe, Table]:
-        return read(Seen(run), beat)
-
     def advance(self, beats: int = 1) -> Sequence[Event]:
         """Let every member take `beats` beats; those that failed or emptied rest."""
         events: list[Event] = []
@@ -66,19 +61,7 @@ class Ensemble(ensemble.Ensemble[Run]):
             found.append(self._after_beat(member, run))
         return found
 
-    def status(self, member: Member) -> Status:
-        """Where a member stands."""
-        return self._runs[member].status()
-
-    def checkpoint(self, member: Member) -> Checkpoint:
-        """The exact state of a member."""
-        return self._runs[member].checkpoint()
-
-    def packing(self, member: Member) -> Packing:
-        """The portable state of a member."""
-        return self._runs[member].packing()
-
     def close(self) -> None:
         """Free threads and arrays."""
         self._pool.shutdown()
-        self._runs.clear()
+        super().close()

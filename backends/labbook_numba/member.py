@@ -1,14 +1,15 @@
 """One running scene: its arrays, its kernels, and how it starts, stops and is read."""
 
+from collections.abc import Mapping
 from types import ModuleType
 
 import numpy as np
-from labbook_dem.ensemble import Failure, check_checkpoint, explain, places
+from labbook_dem.ensemble import Failure, Standing, check_checkpoint, explain, places
 from labbook_dem.features import is_oriented
-from labbook_dem.ledger import kinetic, status
+from labbook_dem.reading import Grains
 from labbook_dem.rotation import axes, momenta
 
-from labbook.backend import Capabilities, Checkpoint, Status
+from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing
 from labbook.scene import Bodies, Packing, Scene
@@ -22,7 +23,7 @@ PAIRS_PER_GRAIN, WALLS_PER_GRAIN = 6, 3  # first guesses; arrays grow when they 
 GUARDS = {2: "state", 3: "speed", 4: "overlap"}
 
 
-class Run:
+class Run(Standing):
     """A scene being stepped by compiled kernels."""
 
     def __init__(self, can: Capabilities, kernels: ModuleType, scene: Scene, numerics: Numerics, probes):
@@ -111,11 +112,6 @@ class Run:
         return int(self.state.count[S.STEP])
 
     @property
-    def time(self) -> float:
-        """Time [s] since step 0."""
-        return self.step * self.numerics.dt
-
-    @property
     def grains(self) -> int:
         """Grains that have not left."""
         return int(self.state.count[S.GRAINS])
@@ -162,11 +158,24 @@ class Run:
 
     # how it is read
 
-    def status(self) -> Status:
-        """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
+    def look(self, moving: bool = True) -> Grains:
+        """Its grains, always at the whole step; views, but for v, w and m."""
         v, w = self.whole_step()
-        energy = kinetic(self.bodies() or self.scene.grains, v, self.momenta(w), self.q)
-        return status(self.scene, self.step, self.time, self.grains, energy)
+        st, n, m = self.state, len(v), momenta(self.scene.grains, w, self.q)
+        half = st.m if self.rods else st.w
+        return Grains(st.ids[:n], st.x[:n], v, w, m, st.v[:n], half[:n], self.q, self.bodies())
+
+    def counted(self) -> Mapping[str, float]:
+        """See `labbook_dem.reading.Readable`."""
+        sums, count = self.state.sums, self.state.count
+        counters = {"touching": int(count[S.TOUCHING]), "rebuilds": int(count[S.REBUILDS])}
+        return {"work": float(sums[S.WORK]), "max_overlap": float(sums[S.MAX_OVERLAP]), **counters}
+
+    def crossings(self) -> np.ndarray:
+        """First passages since the last call."""
+        rows = self.state.cross[: self.state.count[S.CROSSED]].copy()
+        self.state.count[S.CROSSED] = 0
+        return rows
 
     def bodies(self) -> Bodies | None:
         """What each grain is; None where all are alike."""
@@ -204,10 +213,6 @@ class Run:
         """Orientations, shape [n, 4], a view; None for spheres."""
         return self.state.q[: self.grains] if self.rods else None
 
-    def momenta(self, w: np.ndarray) -> np.ndarray:
-        """Reduced angular momenta [rad/s] of grains with spins w; those of spheres are the same."""
-        return w if self.q is None else momenta(self.scene.grains, w, self.q)
-
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and spins [rad/s], shape [n, 3], at the same time as the positions."""
         self._fresh_lists()
@@ -217,8 +222,7 @@ class Run:
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
         if n:
             assert advance(self.kernels, copy, self.params, self.step) == self.kernels.DONE
-        later = 0.5 * self.params.dt if self.step > 0 else 0.0
-        self.kernels.whole_step(copy.grains, copy.loads, copy.body, later, self.params, v, w)
+        self.kernels.whole_step(copy.grains, copy.loads, copy.body, self.since_half, self.params, v, w)
         return v, w
 
     def contacts(self) -> np.ndarray:

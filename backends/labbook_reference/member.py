@@ -9,19 +9,18 @@ from labbook_dem import motion, rods, rotation, segments, spheres
 from labbook_dem.chosen import choose
 from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
-from labbook_dem.ensemble import LONGEST, Failure, explain
+from labbook_dem.ensemble import LONGEST, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, finest, is_oriented, outlet, planes
-from labbook_dem.ledger import kinetic, status
-from labbook_dem.reading import CONTACT_COLUMNS, crossing_columns
+from labbook_dem.reading import CONTACT_COLUMNS, Grains, crossing_columns
 from labbook_dem.words import coefs, dot, vec3
 from scipy.spatial import KDTree
 
-from labbook.backend import Capabilities, Checkpoint, Status
+from labbook.backend import Capabilities, Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.scene import Bodies, Scene
-from labbook.scene.orientation import axes
+from labbook.scene.orientation import axes, distances
 from labbook.scene.packing import Packing
 
 NONE, LOST = vec3(0.0, 0.0, 0.0), vec3(np.nan, np.nan, np.nan)
@@ -64,7 +63,7 @@ class Forces:
         self.t[i] += (torque.x, torque.y, torque.z)
 
 
-class Run:
+class Run(Standing):
     """A scene being stepped. Arrays of n grains: x [m], v [m/s] half a step before (u: predicted for the whole step),
     m: reduced angular momenta [rad/s] likewise (of spheres: angular velocities; y: predicted), q: orientations."""
 
@@ -79,7 +78,6 @@ class Run:
     """Which have passed the plane whose crossings are recorded."""
     bodies: Bodies
     springs: dict[Key, vec3]
-    step: int
     work: float
     """Of contacts, in all kicks so far [J]."""
     clear: np.ndarray
@@ -132,7 +130,7 @@ class Run:
         run.q = None
         if run.rods and packing.q is not None:
             run.q = packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
-        run.m = run.momenta(packing.omega.copy())
+        run.m = rotation.momenta(scene.grains, packing.omega.copy(), run.q)
         run.y = run.m.copy()
         run.gone = packing.x[:, 2] < run._plane
         run.step, run.work, run.max_overlap, run.touching = 0, 0.0, 0.0, 0
@@ -189,11 +187,6 @@ class Run:
     # how it runs
 
     @property
-    def time(self) -> float:
-        """Time [s] since step 0."""
-        return self.step * self.numerics.dt
-
-    @property
     def grains(self) -> int:
         """Grains that have not left."""
         return len(self.x)
@@ -235,8 +228,7 @@ class Run:
         """Work [J] of contacts while grains are kicked, at their mean velocities."""
         weight = np.zeros_like(forces.f)
         weight[:, 2] = -self.bodies.mass * self.scene.gravity
-        spins = m if self.q is None else rotation.spins(self.scene.grains, m, self.q)
-        return float(np.sum((forces.f - weight) * v) + np.sum(forces.t * spins)) * dt
+        return float(np.sum((forces.f - weight) * v) + np.sum(forces.t * self._spins(m))) * dt
 
     def _guard(self) -> Failure | None:
         """Whether a grain, or the end of a rod, is too fast."""
@@ -263,9 +255,9 @@ class Run:
             before = z[i] - self.v[i, 2] * dt
             fraction = (before - self._plane) / (before - z[i]) if before > z[i] else 0.0
             time = (self.step - 1 + min(max(fraction, 0.0), 1.0)) * dt
-            spin = self.m if self.q is None else rotation.spins(self.scene.grains, self.m, self.q)
             of_rod = () if self.q is None else tuple(self.q[i].tolist())
-            self._crossed.append((self.ids[i], self.step, time, *self.x[i], *self.v[i], *spin[i], *of_rod))
+            spin = self._spins(self.m)[i]
+            self._crossed.append((self.ids[i], self.step, time, *self.x[i], *self.v[i], *spin, *of_rod))
             self.gone[i] = True
         stays = z >= self._drop
         if not stays.all():
@@ -289,9 +281,8 @@ class Run:
             return found
         with self._law():
             a = axes(self.q) if self.q is not None else np.zeros_like(self.x)
-            spins = [self.m, self.y] if self.q is None else [self._spins(self.m), self._spins(self.y)]
-            reach = 2 * (self.bodies.radius.max() + self.scene.grains.half_length)
-            for i, j in sorted(KDTree(self.x).query_pairs(reach)):
+            spins = self._spins(self.m), self._spins(self.y)
+            for i, j in self._close(a):
                 try:
                     self._pair(found, i, j, a, *spins)
                 except ArithmeticError:  # Python raises where processors give NaN: two grains in the same place
@@ -301,6 +292,17 @@ class Run:
                 for i in self._near(w, wall):
                     self._wall(found, i, w, a, *spins)
         return found
+
+    def _close(self, a: np.ndarray) -> list[tuple[int, int]]:
+        """Pairs of grains that may touch: those within reach, and of rods along `a` those that nearly meet."""
+        radius, half = float(self.bodies.radius.max()), self.scene.grains.half_length
+        pairs = sorted(KDTree(self.x).query_pairs(2 * (radius + half)))
+        if not self.rods or not pairs:
+            return pairs
+        i, j = np.array(pairs).T
+        # by far more than what the distances of `segments.closest`, which decide, may differ by
+        near = distances(self.x[i] - self.x[j], a[i], a[j], half) < 2.001 * radius
+        return [pair for pair, meets in zip(pairs, near.tolist(), strict=True) if meets]
 
     def _near(self, w: int, wall: PlainWall) -> list[int]:
         """Grains that may touch a wall: others are farther off than they have moved since they were looked at."""
@@ -396,27 +398,25 @@ class Run:
         return rolling_rate(inertia, self.numerics.dt)
 
     def _spins(self, m: np.ndarray) -> np.ndarray:
-        assert self.q is not None
         return rotation.spins(self.scene.grains, m, self.q)
 
     # how it is read
 
-    def momenta(self, w: np.ndarray) -> np.ndarray:
-        """Reduced angular momenta [rad/s] of grains with angular velocities w; those of spheres are the same."""
-        return w if self.q is None else rotation.momenta(self.scene.grains, w, self.q)
-
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and angular velocities [rad/s], shape [n, 3], at the time of the positions."""
-        later, forces = (0.5 * self.numerics.dt if self.step else 0.0), self.forces()
-        v = kick(self.v, forces.f / self.bodies.mass[:, None], later)
-        m = kick(self.m, forces.t / self.bodies.inertia[:, None], later)
-        return v, m if self.q is None else self._spins(m)
+        forces = self.forces()
+        v = kick(self.v, forces.f / self.bodies.mass[:, None], self.since_half)
+        return v, self._spins(kick(self.m, forces.t / self.bodies.inertia[:, None], self.since_half))
 
-    def status(self) -> Status:
-        """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
+    def look(self, moving: bool = True) -> Grains:
+        """Its grains, always at the whole step."""
         v, w = self.whole_step()
-        grains = self.bodies if self.scene.grains.varied else self.scene.grains
-        return status(self.scene, self.step, self.time, self.grains, kinetic(grains, v, self.momenta(w), self.q))
+        m, bodies = rotation.momenta(self.scene.grains, w, self.q), self.bodies if self.scene.grains.varied else None
+        return Grains(self.ids, self.x, v, w, m, self.v, self.m, self.q, bodies)
+
+    def counted(self) -> Mapping[str, float]:
+        """See `labbook_dem.reading.Readable`; there are no lists to rebuild."""
+        return {"work": self.work, "max_overlap": self.max_overlap, "touching": self.touching, "rebuilds": 0}
 
     def contacts(self) -> np.ndarray:
         """Touching contacts, as the probe `Contacts` gives them."""

@@ -5,11 +5,9 @@ from collections.abc import Mapping, Sequence
 import warp as wp
 from labbook_dem import ensemble
 from labbook_dem.ensemble import explain
-from labbook_dem.reading import read
 
-from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Spec, Status
+from labbook.backend import Capabilities, Checkpoint, Event, Load, Member, Spec
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe, Table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook_warp.build import specialise
@@ -24,7 +22,7 @@ from labbook_warp.view import View
 GUARDS = {0: "state", 1: "speed", 2: "state", 3: "overlap"}
 
 
-class Ensemble(ensemble.Ensemble[Run]):
+class Ensemble(ensemble.Ensemble[Seen]):
     """See `labbook.backend.Ensemble`. Members get their slots, all at once, when something is first asked of them."""
 
     def __init__(
@@ -37,15 +35,12 @@ class Ensemble(ensemble.Ensemble[Run]):
     def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
         return specialise(self._can, scene, numerics, self._spec.probes)
 
-    def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
+    def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Seen:
         if isinstance(start, Checkpoint):
             check(self._can, self._spec, scene, numerics, start)
-        run = Run(scene, numerics, self._spec.probes, start)
+        run = Seen(scene, numerics, self._spec.probes, start, view=self._view)
         self._stage.wait(run)
         return run
-
-    def _read(self, run: Run, beat: int) -> Mapping[Probe, Table]:
-        return read(Seen(self._view, run), beat)
 
     def advance(self, beats: int = 1) -> Sequence[Event]:
         """Let every member take `beats` beats; those that failed or emptied rest."""
@@ -55,7 +50,7 @@ class Ensemble(ensemble.Ensemble[Run]):
             going = self._going()
             if not going:
                 break
-            self._beat(list(going.values()))
+            self._beat(list[Run](going.values()))
             for member, run in going.items():
                 rows, found = self._after_beat(member, run)
                 self._keep(member, rows)
@@ -105,18 +100,6 @@ class Ensemble(ensemble.Ensemble[Run]):
         message = explain(guard, grain, step, value, run.scene, run.numerics)
         run.failure = ensemble.Failure(guard, step, grain, message)
 
-    def status(self, member: Member) -> Status:
-        """Where a member stands."""
-        return self._view.status(self._runs[member])
-
-    def checkpoint(self, member: Member) -> Checkpoint:
-        """The exact state of a member."""
-        return self._view.checkpoint(self._runs[member])
-
-    def packing(self, member: Member) -> Packing:
-        """The portable state of a member."""
-        return self._view.packing(self._runs[member])
-
     def retire(self, member: Member) -> None:
         """Drop a member; its slot is free."""
         self._stage.leave(self._runs[member])
@@ -128,6 +111,6 @@ class Ensemble(ensemble.Ensemble[Run]):
 
     def close(self) -> None:
         """Free the device's memory."""
-        self._runs.clear()
+        super().close()
         self._view.close()
         self._stage.close()

@@ -1,69 +1,67 @@
 """A member, as probes see it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
-from labbook_dem.ledger import totals
+from labbook_dem.ensemble import Standing
 from labbook_dem.reading import Grains
 from labbook_dem.rotation import spins
 
-from labbook.backend.probes import Probe
+from labbook.backend import Checkpoint
+from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.arrays import fetch
 from labbook_warp.run import Run
 from labbook_warp.view import View
 
 
-class Seen:
-    """See `labbook_dem.reading.Readable`."""
+@dataclass(eq=False)
+class Seen(Run, Standing):
+    """A run, and the view through which it is read; see `labbook_dem.reading.Readable`."""
 
-    def __init__(self, view: View, run: Run):
-        self._view, self._run, self._arrays = view, run, view.stage.arrays
-        self.probes: Sequence[Probe] = run.probes
+    view: View = field(kw_only=True)
 
-    def clock(self) -> tuple[int, float]:
-        """Step, and time [s]."""
-        return self._run.step, self._run.time
+    def energy(self) -> float:
+        """Kinetic energy [J] at the time of positions."""
+        return self.view.energy(self)
+
+    def checkpoint(self) -> Checkpoint:
+        """The exact state, copied."""
+        return self.view.checkpoint(self)
+
+    def packing(self) -> Packing:
+        """The portable state."""
+        return self.view.packing(self)
 
     def crossings(self) -> np.ndarray:
         """First passages of the last beat."""
-        return self._run.crossed
+        return self.crossed
 
-    def grains(self, moving: bool) -> Grains:
-        """Its grains; v and w are half a step old unless `moving`."""
-        run, arrays = self._run, self._arrays
-        x, v, m, q = arrays.states(run.slot, run.rows)
-        ids = arrays.read("ids", run.slot, run.rows).astype(np.int64)
+    def look(self, moving: bool = True) -> Grains:
+        """Its grains; v, w and m are half a step old unless `moving`."""
+        arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
+        x, v_half, m_half, q = arrays.states(slot, n)
+        v, m = self.view.whole_step(self) if moving else (v_half, m_half)
+        ids = arrays.read("ids", slot, n).astype(np.int64)
         order = transfer.here(x, ids)
-        if moving:
-            v, m = self._view.whole_step(run)
-        if q is None:
-            return Grains(ids[order], x[order], v[order], m[order])
-        q = q[order]
-        return Grains(ids[order], x[order], v[order], spins(run.scene.grains, m[order], q), q)
+        m, now = m[order], None if q is None else q[order]
+        bodies = transfer.bodies(arrays, slot, n, self.scene, order)
+        w = spins(self.scene.grains, m, now)
+        return Grains(ids[order], x[order], v[order], w, m, v_half[order], m_half[order], now, bodies)
 
     def contacts(self) -> np.ndarray:
         """Its touching contacts."""
-        return self._view.contacts(self._run)
+        return self.view.contacts(self)
 
-    def totals(self) -> Mapping[str, float]:
-        """Energies, momenta, and what the kernels counted."""
-        run, arrays, slot, n = self._run, self._arrays, self._run.slot, self._run.rows
-        x, v_half, m_half, q = arrays.states(slot, n)
-        order = transfer.here(x, arrays.read("ids", slot, n))
-        v, m = self._view.whole_step(run)
-        work = math.fsum([*arrays.read("work", slot, n), *run.past_work])  # exact, so that no order matters
-        bodies = transfer.bodies(arrays, slot, n, run.scene, order)
-        since_half = 0.5 * run.numerics.dt if run.step > 0 else 0.0
+    def counted(self) -> Mapping[str, float]:
+        """What the kernels counted; see `labbook_dem.reading.Readable`."""
+        arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
         pairs, walls = (int(np.bitwise_count(arrays.read(name, slot, n)).sum()) for name in ("held", "wall_held"))
-        now = None if q is None else q[order]
         return {
-            "grains": len(order),
-            **totals(
-                run.scene, x[order], v[order], m[order], v_half[order], m_half[order], since_half, work, now, bodies
-            ),
-            "max_overlap": self._view.deepest(run),
+            "work": math.fsum([*arrays.read("work", slot, n), *self.past_work]),  # exact, so that no order matters
+            "max_overlap": self.view.deepest(self),
             "touching": pairs // 2 + walls,
             "rebuilds": int(fetch(arrays.system.rebuilds)[slot]),
         }

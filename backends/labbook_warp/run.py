@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from labbook_dem.ensemble import Failure
-from labbook_dem.ledger import kinetic, status
+from labbook_dem.ledger import kinetic
 from labbook_dem.rotation import momenta
 
-from labbook.backend import Checkpoint, Status
+from labbook.backend import Checkpoint
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Bodies, Packing, Scene
@@ -66,23 +66,14 @@ class Run:
         return self.rows - self.left
 
     @property
-    def time(self) -> float:
-        """Time [s] since step 0."""
-        return self.step * self.numerics.dt
-
-    @property
     def cells(self) -> int:
         """Cells of its lattice."""
         return math.prod(self.lattice)
-
-    def status(self, energy: float) -> Status:
-        """Where it stands, given its kinetic energy [J]."""
-        return status(self.scene, self.step, self.time, self.grains, energy)
 
     def first_energy(self) -> float:
         """Kinetic energy [J] of the packing it starts from."""
         start = self.begin
         assert isinstance(start, Packing)
-        m = start.omega if start.q is None else momenta(self.scene.grains, start.omega, start.q)
         grains = self.scene.grains
+        m = momenta(grains, start.omega, start.q)
         return kinetic(Bodies.of(grains, start) if grains.varied else grains, start.v, m, start.q)

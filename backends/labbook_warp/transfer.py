@@ -113,15 +113,12 @@ def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m
     by_wall = np.lexsort((place[g], k_wall % parts, of))
     by_wall = by_wall[place[g[by_wall]] >= 0]
     k_wall, g, of = k_wall[by_wall], g[by_wall], of[by_wall]
-    omega, q = m[order], None
-    if turned is not None:
-        q = turned[order]
-        omega = spins(scene.grains, omega, q)
+    q = None if turned is None else turned[order]
     own = bodies(arrays, slot, rows, scene, order)
     return Packing(
         x=x[order],
         v=v[order],
-        omega=omega,
+        omega=spins(scene.grains, m[order], q),
         q=q,
         ids=ids[order],
         pairs=np.column_stack([i[kept], j[kept]])[by_pair],

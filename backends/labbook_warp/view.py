@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.backend import Checkpoint, Status
+from labbook.backend import Checkpoint
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.arrays import fetch
@@ -57,12 +57,12 @@ class View:
             self._touched_at = stage.changes
         return self._touching.get(run.slot, np.zeros((0, 9)))
 
-    def status(self, run: Run) -> Status:
-        """Where a member stands."""
+    def energy(self, run: Run) -> float:
+        """Kinetic energy [J] of a member at the whole step."""
         if run.slot < 0 and isinstance(run.begin, Packing):
-            return run.status(run.first_energy())
+            return run.first_energy()
         self._look()
-        return run.status(float(self._energies[run.slot]))
+        return float(self._energies[run.slot])
 
     def packing(self, run: Run) -> Packing:
         """The portable state of a member."""

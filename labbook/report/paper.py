@@ -58,5 +58,5 @@ class Paper(Analysis):
 
 
 def papers() -> Iterator[Paper]:
-    """Those that are installed."""
+    """Those that are installed. An entry of the group that is an `Analysis` or a `Vocabulary` only shows nothing."""
     return (paper for paper in PAPERS.values() if isinstance(paper, Paper))

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from labbook.results.points import PointResult
 from labbook.results.reference import Comparison
@@ -22,9 +22,11 @@ class Analysis(Vocabulary):
     columns: ClassVar[Mapping[str, Mapping[str, str]]] = MappingProxyType({})
     """SI units of the columns of its frames that mean the same in every row, by frame."""
 
-    def fit(self, name: str, points: Sequence[PointResult]) -> FurtherFit:
-        """One of its `fits` to the points of a series, which are in the order of their orifice. Raises FitError."""
-        raise NotImplementedError(f"{type(self).__name__} lists {name} among its fits, and has no method `fit`")
+    if TYPE_CHECKING:  # no class that lists `fits` is without it: `Vocabulary` sees to that
+
+        def fit(self, name: str, points: Sequence[PointResult]) -> FurtherFit:
+            """One of its `fits` to the points of a series, which are in the order of their orifice. Raises FitError."""
+            ...
 
     def compared(self, results: Results, quantity: str, at: Mapping[str, float | str]) -> Sequence[Comparison] | None:
         """Ours for a quantity of its own that a reference names, at the points `at`, the reference being left NaN; None
@@ -42,7 +44,7 @@ class Analysis(Vocabulary):
 
 
 def analyses() -> Iterator[Analysis]:
-    """Those of all papers."""
+    """Those of all papers. An entry of the group that is a `Vocabulary` only adds words to studies and nothing here."""
     return (paper for paper in PAPERS.values() if isinstance(paper, Analysis))
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from labbook.fit import LAWS
 from labbook.measure import Quantity
@@ -32,7 +32,11 @@ class Asked:
 
 
 class Vocabulary:
-    """Words that studies may use. `labbook.papers.Paper` is the whole of what a paper adds."""
+    """Words that studies may use. `labbook.papers.Paper` is the whole of what a paper adds.
+
+    A class that lists `fits` has a method `fit` (`labbook.results.paper.Analysis`). Without it, defining the class
+    raises TypeError.
+    """
 
     name: ClassVar[str]
     fits: ClassVar[Mapping[str, str]] = MappingProxyType({})
@@ -41,6 +45,14 @@ class Vocabulary:
     """Quantities called `HEAD.NAME`, such as a parameter of a fit: how they are shown, and their units."""
     heads: ClassVar[tuple[str, ...]] = ()
     """Further words before the first dot of a quantity, if `unit` knows what may follow."""
+
+    def __init_subclass__(cls, **further: Any):
+        super().__init_subclass__(**further)
+        if cls.fits and not hasattr(cls, "fit"):
+            raise TypeError(
+                f"{cls.__qualname__} lists {', '.join(cls.fits)} in `fits` and has no method `fit`; "
+                "add `def fit(self, name, points)`, which returns a FurtherFit, or leave `fits` out"
+            )
 
     @property
     def words(self) -> tuple[str, ...]:

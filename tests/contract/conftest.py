@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stands import stands, where
+from stands import Bundled, stands, where
 
 from labbook.backend import Checkpoint, Ensemble, Member
 from labbook.backend.numerics import Numerics
@@ -16,7 +16,7 @@ from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook.verify.stand import Stand, rows_of
+from labbook.verify.stand import rows_of
 from labbook.verify.symmetry import DT, hopper
 
 STEPS = 250
@@ -24,7 +24,7 @@ STEPS = 250
 
 
 @pytest.fixture(scope="session", params=[where(stand) for stand in stands()])
-def stand(request) -> Stand:
+def stand(request) -> Bundled:
     return request.param
 
 
@@ -32,7 +32,7 @@ def stand(request) -> Stand:
 class Silo:
     """A small hopper that is about to flow out, and how to open ensembles of it."""
 
-    stand: Stand
+    stand: Bundled
     scene: Scene
     start: Packing
     crossing = Crossing()
@@ -53,7 +53,7 @@ class Silo:
         numerics: Numerics | None = None,
         probes: Sequence[Probe] = (Crossing(), Ledger()),
         slots: int | None = None,
-        stand: Stand | None = None,
+        stand: Bundled | None = None,
     ) -> Iterator[Ensemble]:
         backend = (stand or self.stand).backend
         spec = backend.specialise(scene or self.scene, numerics or self.numerics(), probes)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from labbook_dem.features import ALWAYS
 from labbook_dem.walls import WALLS
-from stands import second, specialised
+from stands import specialised
 
 from labbook.backend.probes import Contacts
 from labbook.scene import Frustum, Kind, Plane, Primitives, Scene, Spheres, Spherocylinders, Wall
@@ -72,9 +72,9 @@ SCENES = {"free": free, "in a tube": in_a_tube, "over a floor": over_a_floor}
 
 
 @pytest.fixture
-def numba(silo):
-    if silo.stand.backend.capabilities.name != "numba":
-        pytest.skip("each scene has kernels of its own on this backend, in tests too")
+def sharing(silo):
+    if not silo.stand.wide:
+        pytest.skip("each scene has kernels of its own on this backend, in tests too, or there are none")
     return silo
 
 
@@ -96,24 +96,24 @@ def moved(silo, stand, scene: Scene, start: Packing) -> tuple[Packing, bool]:
 
 
 @pytest.mark.parametrize("name", ["silo", *SCENES])
-def test_they_move_grains_as_specialised_ones_do(numba, name):
-    if name not in ("silo", "free") and second(numba.stand):
+def test_they_move_grains_as_specialised_ones_do(sharing, name):
+    if name not in ("silo", "free") and sharing.stand.second:
         pytest.skip("mixtures and rods are compared in one precision")
-    scene, start = taken_from(numba, name)
-    (wide, _), (own, at_a_wall) = (moved(numba, s, scene, start) for s in (numba.stand, specialised(numba.stand)))
+    scene, start = taken_from(sharing, name)
+    (wide, _), (own, at_a_wall) = (moved(sharing, s, scene, start) for s in (sharing.stand, specialised(sharing.stand)))
     # where all fell freely there would be nothing to see
     pushed = np.linalg.norm(own.v - start.v + [0, 0, scene.gravity * STEPS * DT], axis=1) > 0.01
     assert pushed.sum() > len(start) / 2
     assert at_a_wall == (name != "free")
-    limit = ROUNDINGS * numba.rounding
+    limit = ROUNDINGS * sharing.rounding
     assert np.abs(wide.x - own.x).max() / D < limit
     assert np.abs(wide.v - own.v).max() / np.sqrt(G * D) < limit
     assert np.abs(wide.omega - own.omega).max() / np.sqrt(G / D) < limit
 
 
-def test_they_leave_out_every_feature(numba):
-    numerics, backend = numba.numerics(), specialised(numba.stand).backend
-    features = {name: backend.specialise(taken_from(numba, name)[0], numerics) for name in ("silo", *SCENES)}
+def test_they_leave_out_every_feature(sharing):
+    numerics, backend = sharing.numerics(), specialised(sharing.stand).backend
+    features = {name: backend.specialise(taken_from(sharing, name)[0], numerics) for name in ("silo", *SCENES)}
     out = {name: {switch for switch in ALWAYS if not spec.feature(switch)} for name, spec in features.items()}
     out = {name: switches | set(WALLS) - set(features[name].feature("walls")) for name, switches in out.items()}
     every = {*ALWAYS, *WALLS}
@@ -121,6 +121,6 @@ def test_they_leave_out_every_feature(numba):
     assert out["free"] == every, "of a scene with nothing but grains"
     assert out["in a tube"] >= {"ROLLING", "plane", "strip", "OUTLET"}
     assert out["over a floor"] == every - {"plane", "ANY_WALLS"}
-    shared = {name: numba.stand.backend.specialise(taken_from(numba, name)[0], numerics) for name in out}
+    shared = {name: sharing.stand.backend.specialise(taken_from(sharing, name)[0], numerics) for name in out}
     assert all(spec.feature(switch) for spec in shared.values() for switch in ALWAYS)
     assert all(set(spec.feature("walls")) == set(WALLS) for spec in shared.values())

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stands import identical, second
+from stands import identical
 
 from labbook.backend.probes import Crossing, Ledger
 from labbook.filling import opened, place
@@ -21,7 +21,7 @@ from labbook.verify.stand import rows_of
 @pytest.fixture(scope="module")
 def flowing(stand):
     """A mixture that is about to flow out, and its ensemble. Who is who does not depend on the precision of forces."""
-    if second(stand):
+    if stand.second:
         pytest.skip("mixtures are checked in one precision of a backend on a processor")
     scene, numerics = graded_hopper(80), stand.numerics(DT / 2, steps_per_beat=500)
     closed = scene.close()

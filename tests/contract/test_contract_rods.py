@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from stands import identical
+from stands import Bundled, identical
 
 from labbook.backend import Unsupported
 from labbook.backend.numerics import Numerics
@@ -12,34 +12,36 @@ from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Ta
 from labbook.filling import opened, place
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders
 from labbook.scene.orientation import axes
-from labbook.verify.stand import Stand, rows_of
+from labbook.verify.stand import rows_of
 from labbook.verify.symmetry import hopper
 
 DT, STEPS = 1e-5, 200
-ROD = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=60)
+RODS, FALLEN, RESTING = 60, 100, 700
+"""How many rods there are, beats until they have fallen and until they rest, where a stand takes the whole."""
 SILO = CylinderSilo(diameter=60e-3, height=0.5, orifice=36e-3, rotation=1.0)
 ZONE = Zone(radius=20e-3, low=-0.01, high=0.02, core=0.01, top=0.05)
 PROBES = SAMPLE, CROSSING, LEDGER, CONTACTS, _ = Sample(("x", "omega", "q")), Crossing(), Ledger(), Contacts(), ZONE
 
 
-def silo() -> Scene:
+def silo(stand: Bundled) -> Scene:
+    grains = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=round(RODS * stand.part))
     law = LinearSpringDashpot(normal_stiffness=200.0, friction=0.5, rolling_friction=0.01, restitution=0.5)
-    return Scene(grains=ROD, contact=law, container=SILO, gravity=9.81)
+    return Scene(grains=grains, contact=law, container=SILO, gravity=9.81)
 
 
 @pytest.fixture(scope="module")
-def rods(stand: Stand) -> Stand:
+def rods(stand: Bundled) -> Bundled:
     can = stand.backend.capabilities
     if not {"spherocylinder"} <= can.shapes or "frustum" not in can.walls:
         pytest.skip(f"the backend {can.name} has no rods in round silos")
     return stand
 
 
-def numerics(stand: Stand) -> Numerics:
+def numerics(stand: Bundled) -> Numerics:
     return stand.numerics(DT, steps_per_beat=STEPS)
 
 
-def run(stand: Stand, scene: Scene, start, splits=(1,) * 10, probes=PROBES, members: int = 1):
+def run(stand: Bundled, scene: Scene, start, splits=(1,) * 10, probes=PROBES, members: int = 1):
     """End and rows of the first of some members."""
     backend = stand.backend
     ensemble = backend.open(backend.specialise(scene, numerics(stand), probes), members, stand.device)
@@ -55,16 +57,16 @@ def run(stand: Stand, scene: Scene, start, splits=(1,) * 10, probes=PROBES, memb
 
 
 @pytest.fixture(scope="module")
-def bed(rods: Stand) -> Packing:
+def bed(rods: Bundled) -> Packing:
     """Rods that have fallen into the closed silo and still move."""
-    closed = silo().close()
-    end, _, _ = run(rods, closed, place(closed, "gas", 1), (100,), (LEDGER,))
-    return opened(end, closed, silo())
+    closed = silo(rods).close()
+    end, _, _ = run(rods, closed, place(closed, "gas", 1), (round(FALLEN * rods.part),), (LEDGER,))
+    return opened(end, closed, silo(rods))
 
 
 @pytest.fixture(scope="module")
-def discharge(rods: Stand, bed: Packing):
-    return run(rods, silo(), bed, (40,))
+def discharge(rods: Bundled, bed: Packing):
+    return run(rods, silo(rods), bed, (40,))
 
 
 def test_tables_of_rods_have_orientations(discharge):
@@ -90,19 +92,19 @@ def test_a_zone_has_the_orientations_of_the_sample(discharge):
 
 
 def test_a_crossing_that_saw_no_rod_has_the_columns_too(rods, bed):
-    _, rows, _ = run(rods, silo(), bed, (1,))
+    _, rows, _ = run(rods, silo(rods), bed, (1,))
     assert len(rows[CROSSING]["id"]) == 0
     assert set(rows[CROSSING]) == set(columns(CROSSING, rods=True))
 
 
 def test_bits_depend_on_neither_splits_nor_neighbours(rods, bed, discharge):
-    assert identical(run(rods, silo(), bed, (1,) * 40)[0], discharge[0])
-    assert identical(run(rods, silo(), bed, (40,), members=3)[0], discharge[0])
+    assert identical(run(rods, silo(rods), bed, (1,) * 40)[0], discharge[0])
+    assert identical(run(rods, silo(rods), bed, (40,), members=3)[0], discharge[0])
 
 
 def test_a_checkpoint_continues_bit_for_bit(rods, bed, discharge):
-    _, before, stored = run(rods, silo(), bed, (15,))
-    end, after, _ = run(rods, silo(), stored, (25,))
+    _, before, stored = run(rods, silo(rods), bed, (15,))
+    end, after, _ = run(rods, silo(rods), stored, (25,))
     assert identical(end, discharge[0])
     for probe in (SAMPLE, CROSSING, CONTACTS):
         for name, column in discharge[1][probe].items():
@@ -111,9 +113,9 @@ def test_a_checkpoint_continues_bit_for_bit(rods, bed, discharge):
 
 def test_a_packing_holds_all_there_is(rods, bed, discharge):
     """Started again from a packing, rods go where they would have gone, but for the half steps of the leapfrog."""
-    middle, _, _ = run(rods, silo(), bed, (15,))
-    again, _, _ = run(rods, silo(), middle, (1,))
-    straight, _, _ = run(rods, silo(), bed, (16,))
+    middle, _, _ = run(rods, silo(rods), bed, (15,))
+    again, _, _ = run(rods, silo(rods), middle, (1,))
+    straight, _, _ = run(rods, silo(rods), bed, (16,))
     assert np.array_equal(np.asarray(again.ids), np.asarray(straight.ids))
     # a beat is 2 ms; grains fall 20 um in it from rest, and move by some 1 mm
     assert np.abs(again.x - straight.x).max() < 2e-5
@@ -122,13 +124,13 @@ def test_a_packing_holds_all_there_is(rods, bed, discharge):
 
 
 def test_a_resting_bed_s_walls_carry_its_weight(rods):
-    closed = silo().close()
-    start = place(closed, "gas", 2)
-    seldom = contacts, ledger = Contacts(every=700), Ledger(every=700)
-    _, rows, _ = run(rods, closed, start, (700,), seldom)
+    closed, beats = silo(rods).close(), round(RESTING * rods.part)
+    start, rod = place(closed, "gas", 2), closed.grains
+    seldom = contacts, ledger = Contacts(every=beats), Ledger(every=beats)
+    _, rows, _ = run(rods, closed, start, (beats,), seldom)
     contacts, ledger = rows[contacts], rows[ledger]
-    weight = 60 * ROD.mass * 9.81
-    assert ledger["kinetic"][-1] < 1e-7 * weight * ROD.diameter
+    weight = rod.count * rod.mass * closed.gravity
+    assert ledger["kinetic"][-1] < 1e-7 * weight * rod.diameter
     walls = contacts["wall"] >= 0
     assert contacts["fz"][walls].sum() == pytest.approx(weight, rel=1e-4)
     assert np.abs([contacts[name][walls].sum() for name in ("fx", "fy")]).max() < 1e-4 * weight
@@ -137,7 +139,7 @@ def test_a_resting_bed_s_walls_carry_its_weight(rods):
 
 
 def test_energy_is_accounted_for(rods, bed):
-    _, rows, _ = run(rods, silo().close(), bed, (1,) * 20, (LEDGER,))
+    _, rows, _ = run(rods, silo(rods).close(), bed, (1,) * 20, (LEDGER,))
     table = rows[LEDGER]
     balance = table["kinetic"] + table["potential"] - table["contact_work"]
     # closed to second order in the step, and in `mixed` to the rounding of forces
@@ -153,4 +155,4 @@ def test_spheres_have_no_orientation_to_sample(rods):
 def test_rods_cannot_start_from_a_packing_of_spheres(rods, bed):
     spheres = Packing(x=bed.x, v=bed.v, omega=bed.omega)
     with pytest.raises(ValueError, match="without orientations"):
-        run(rods, silo(), spheres, (1,))
+        run(rods, silo(rods), spheres, (1,))

@@ -5,7 +5,9 @@ The CPU backend takes ten seconds to compile a kernel, twenty for rods. On these
 `tests/contract/test_contract_kernels.py` compares them with those that users' runs have, which `specialised` gives.
 """
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,46 +18,64 @@ from labbook.scene import LinearSpringDashpot, Primitives, Scene, Spheres
 from labbook.scene.packing import Packing
 from labbook.verify.stand import Stand
 
-BUNDLED = ("numba", "reference", "warp")
-FIRST = {"numba": "double", "reference": "double", "warp": "mixed"}
-"""The precision in which a backend takes every check; those that say so it takes in no other on a processor."""
+
+@dataclass(frozen=True)
+class Bundled(Stand):
+    """A stand of a bundled backend, and what tests must know of it."""
+
+    first: str = "double"
+    """The precision in which it takes every check; those that say so it takes in no other on a processor."""
+    lists: bool = True
+    """Whether its backend keeps lists of neighbours, which it rebuilds."""
+    wide: bool = False
+    """Whether its kernels have all features in, so that tests share them."""
+    part: float = 1.0
+    """Part of the grains and beats of long tests that it takes. Less than one: it is slow, and takes the long way."""
+
+    @property
+    def second(self) -> bool:
+        """Whether it is the backend in its other precision, on a processor."""
+        return self.device == "cpu" and self.precision != self.first
 
 
-def stands() -> list[Stand]:
+BUNDLED: Mapping[str, Mapping[str, Any]] = {
+    "numba": {"wide": True},
+    "reference": {"lists": False, "part": 0.6},
+    "warp": {"first": "mixed"},
+}
+"""What the stands of each bundled backend are like."""
+
+
+def stands() -> list[Bundled]:
     """One for each bundled backend that is there, in each of its precisions, on each of its devices."""
     found = []
     for name in sorted(set(installed()).intersection(BUNDLED)):
+        traits = BUNDLED[name]
         try:
-            backend = load(name)
+            backend: Any = load(name)
         except BackendMissing:
             continue
-        if name == "numba":
-            backend = type(backend)(wide=True)  # pyright: ignore[reportCallIssue]
+        if traits.get("wide"):
+            backend = type(backend)(wide=True)
         can = backend.capabilities
-        found += [Stand(backend, precision, device) for precision in sorted(can.precisions) for device in can.devices]
+        ways = [(precision, device) for precision in sorted(can.precisions) for device in can.devices]
+        found += [Bundled(backend, precision, device, **traits) for precision, device in ways]
     return found
 
 
-def specialised(stand: Stand) -> Stand:
+def specialised(stand: Bundled) -> Bundled:
     """The stand with kernels that have in only what each scene needs, as in users' runs."""
-    return replace(stand, backend=load(stand.backend.capabilities.name))
+    return replace(stand, backend=load(stand.backend.capabilities.name), wide=False)
 
 
-def lists(stand: Stand) -> bool:
-    """Whether its backend keeps lists of neighbours, which it rebuilds."""
-    return stand.backend.capabilities.name != "reference"
-
-
-def second(stand: Stand) -> bool:
-    """Whether a stand is the backend in its other precision, on a processor."""
-    return stand.device == "cpu" and stand.precision != FIRST[stand.backend.capabilities.name]
-
-
-def where(stand: Stand):
-    """The stand as a parameter; skipped where its device is missing. The reference is slow: it takes the long way."""
-    name, reason = f"{stand.backend.capabilities.name}-{stand.precision}-{stand.device}", missing(stand)
-    marks = [pytest.mark.skip(reason=reason)] if reason else [] if lists(stand) else [pytest.mark.ring]
-    return pytest.param(stand, id=name, marks=marks)
+def where(stand: Bundled, slow: pytest.MarkDecorator = pytest.mark.ring):
+    """The stand as a parameter; skipped where its device is missing. `slow`: mark of a stand that is slow."""
+    marks = []
+    if reason := missing(stand):
+        marks.append(pytest.mark.skip(reason=reason))
+    if stand.part < 1:
+        marks.append(slow)
+    return pytest.param(stand, id=f"{stand.backend.capabilities.name}-{stand.precision}-{stand.device}", marks=marks)
 
 
 def missing(stand: Stand) -> str | None:

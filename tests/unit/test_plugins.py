@@ -16,6 +16,7 @@ from toy_lab import ROOT, study_file
 from labbook import plugins
 from labbook.cli.options import told
 from labbook.fit import LAWS, Law
+from labbook.papers import Paper
 from labbook.plugins import BrokenPlugin, Registry
 
 OUTSIDE = ROOT / "tests/toy/outside"
@@ -189,3 +190,10 @@ def test_a_study_names_a_law_a_wall_and_a_start_from_outside(tmp_path):
         ended = labbook("plan", study, *there)
         assert ended.returncode == 1
         assert {"law": "quadratic", "kind": "stack"}[name] in ended.stderr, "what is known is listed"
+
+
+def test_a_paper_that_lists_a_fit_which_it_cannot_make_is_told_where_it_is_defined():
+    with pytest.raises(TypeError, match=r"Half lists drain in `fits` and has no method `fit`; add `def fit"):
+        type("Half", (Paper,), {"name": "half", "fits": {"drain": "half_time"}})
+    whole = type("Whole", (Paper,), {"name": "whole", "fits": {"drain": "half_time"}, "fit": lambda *_: None})
+    assert type("Narrower", (whole,), {"name": "narrower"}).fits == whole.fits

@@ -8,7 +8,7 @@ import labbook_reference
 import numpy as np
 import pytest
 from labbook_reference.member import Run
-from stands import lists, stands, where
+from stands import stands, where
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -53,7 +53,7 @@ def run(stand: Stand, scene: Scene, start: Packing, beats: int, **further):
     return advanced(stand.backend, scene, how, start, beats, PROBES, stand.device)
 
 
-@pytest.fixture(scope="module", params=[where(stand) for stand in stands() if stand.device == "cpu" and lists(stand)])
+@pytest.fixture(scope="module", params=[where(stand) for stand in stands() if stand.device == "cpu" and stand.lists])
 def stand(request) -> Stand:
     return request.param
 

@@ -1,7 +1,9 @@
 """Every case of `labbook verify` on every backend that is there, and most in both precisions."""
 
+from collections.abc import Sequence
+
 import pytest
-from stands import lists, second, specialised, stands, where
+from stands import Bundled, specialised, stands, where
 
 from labbook.backend import Unsupported
 from labbook.verify.case import Case, Measure, judge
@@ -64,21 +66,20 @@ BY_THE_REFERENCE = {
 test_reference_spheres, and the whole contract."""
 
 
-def left_out(case: Case, stand: Stand) -> bool:
-    if not lists(stand):
+def left_out(case: Case, stand: Bundled) -> bool:
+    if stand.part < 1:
         return case.name not in BY_THE_REFERENCE
     warp = stand.device == "cpu" and stand.backend.capabilities.name == "warp"
-    return (second(stand) and case.name in IN_ONE) or (warp and case.name in ON_A_GPU)
+    return (stand.second and case.name in IN_ONE) or (warp and case.name in ON_A_GPU)
 
 
-def checks():
+def checks(among: Sequence[Bundled]):
     """Every case on every stand that takes it."""
-    for stand in stands():
-        here = where(stand)
+    for stand in among:
+        here = where(stand, slow=pytest.mark.slow)
         for case in CASES:
             if not left_out(case, stand):
-                marks = [mark for mark in here.marks if mark.name != "ring"]
-                marks += [pytest.mark.slow] if case.slow or not lists(stand) else []
+                marks = [*here.marks, *([pytest.mark.slow] if case.slow else [])]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
 
@@ -88,13 +89,13 @@ def faults(case: Case, stand: Stand) -> str:
     return "\n".join(f"{v.measure}: {v.note or f'{v.error:.3g} > {v.limit:.3g} {v.unit}'}" for v in bad)
 
 
-@pytest.mark.parametrize(("case", "stand"), list(checks()))
+@pytest.mark.parametrize(("case", "stand"), list(checks(stands())))
 def test_case(case, stand):
     assert not faults(case, stand)
 
 
 @pytest.mark.ring
-@pytest.mark.parametrize(("case", "stand"), [one for one in checks() if "-numba-" in str(one.id)])
+@pytest.mark.parametrize(("case", "stand"), list(checks([stand for stand in stands() if stand.wide])))
 def test_case_on_the_kernels_of_users(case, stand):
     """Each compiled for the scene, as by `labbook verify`; test_contract_kernels holds them against the shared ones."""
     assert not faults(case, specialised(stand))

@@ -4,8 +4,8 @@ shape of profiles approaches that in the middle of a hopper."""
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -315,27 +315,27 @@ def approaches(ratios: Sequence[Ratio], definition: str) -> Mapping[str, Approac
 
     Every point counts alike, whatever its outlet and the width of its hopper: s* is what they are said to depend on.
     """
-    shown = [one for one in ratios if one.result.outlets(definition) and _fitted(one.result, definition)]
-    found = {}
+    fitted = [(one, fit) for one in ratios if (fit := _own(one.result, definition)) is not None]
+    points, places = tuple(one.result for one, _ in fitted), tuple(one.at for one, _ in fitted)
+    several, found = len(set(places)) >= FEWEST, {}
     for name in SHAPE:
-        parameters = tuple(_own(one.result, definition).parameters[name] for one in shown)
-        places = tuple(one.at for one in shown)
-        several = len(set(places)) >= FEWEST
+        parameters = tuple(fit.parameters[name] for _, fit in fitted)
         law = fit_approach(places, [one.value for one in parameters]) if several else None
-        found[name] = Approached(tuple(one.result for one in shown), places, parameters, law)
+        found[name] = Approached(points, places, parameters, law)
     return found
 
 
-def _fitted(result: PointResult, definition: str) -> bool:
-    """Whether its profiles can be fitted: some grains must have moved across the outlet."""
-    try:
-        _own(result, definition)
-    except FitError:
-        return False
-    return True
+_OWN: WeakKeyDictionary[PointResult, dict[str, ProfileFit | None]] = WeakKeyDictionary()
+"""Fits to single points, by definition, for as long as someone holds the point: page and comparison want the same, and
+a bootstrap takes long."""
 
 
-@lru_cache(maxsize=4096)
-def _own(result: PointResult, definition: str) -> ProfileFit:
-    """The fit to one point alone; its bootstrap is worth keeping: page and comparison both want it."""
-    return fit_profiles([result.outlets(definition)], context([result]))
+def _own(result: PointResult, definition: str) -> ProfileFit | None:
+    """The fit to one point alone; None without profiles, or if no grain moved across the outlet in one of its runs."""
+    kept = _OWN.setdefault(result, {})
+    if definition not in kept:
+        try:
+            kept[definition] = fit_profiles([result.outlets(definition)], context([result]))
+        except FitError:
+            kept[definition] = None
+    return kept[definition]

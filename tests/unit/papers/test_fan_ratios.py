@@ -1,6 +1,8 @@
 """Flow rates relative to a plain hopper."""
 
+import gc
 import math
+import weakref
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -14,9 +16,10 @@ from labbook.fit import Parameter
 from labbook.measure.outlet import COVERAGE
 from labbook.papers import fan2023
 from labbook.papers.fan2023 import figures, profiles, ratios
-from labbook.papers.fan2023.laws import TERMS, brown
+from labbook.papers.fan2023.laws import TERMS, brown, rose_tanaka
 from labbook.papers.fan2023.pages import angle_table, approach_table, farthest
 from labbook.papers.fan2023.ratios import by_angle, by_position
+from labbook.results.frames import frames
 from labbook.results.paper import compared
 from labbook.results.reference import compare
 from labbook.stats import pool
@@ -120,6 +123,15 @@ def test_distances_from_the_laws_are_told(angles):
     assert f"standard errors at {worst.result.label}" in farthest(found)
 
 
+def test_ratios_have_their_laws_beside_them(synthetic):
+    points = [synthetic.point(k, 0.03, angle) for k, angle in enumerate((0.5, np.pi / 2))]
+    runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
+    found = frames(analyse(synthetic.study_of(points), runs))["ratios"].set_index("container.angle")
+    assert found.loc[np.pi / 2, "value"] == 1
+    assert found.loc[0.5, "brown"] == pytest.approx(brown(0.5))
+    assert found.loc[0.5, "rose_tanaka"] == pytest.approx(rose_tanaka(0.5, np.arctan(0.5)))
+
+
 def test_a_reference_can_name_a_ratio(synthetic):
     points = [aside(synthetic, k, 0.03, gap) for k, gap in enumerate((None, 0.0, 0.007))]
     runs = [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2, 3)]
@@ -147,7 +159,6 @@ def test_a_reference_can_name_how_a_shape_approaches_the_middle(monkeypatch, syn
         return SimpleNamespace(parameters={name: Parameter(v, v, v, 0.01, "") for name, v in values.items()})
 
     aside = [ratios.Ratio(r, found[-1], s, 1.0, 0.1, 0.8, 1.2) for r, s in zip(found, places, strict=True)]
-    monkeypatch.setattr(type(found[0]), "outlets", lambda self, definition: ("any",))
     monkeypatch.setattr(profiles, "_own", own)
     monkeypatch.setattr(fan2023, "by_position", lambda points: aside)
     stated = [ReferenceEntry(f"outlet_profiles.sigma1.{term}", {}, v) for term, v in zip(TERMS, FAN, strict=True)]
@@ -162,6 +173,28 @@ def test_a_reference_can_name_how_a_shape_approaches_the_middle(monkeypatch, syn
     (few,) = compare(Reference("a paper", tuple(stated[:1])), found, (), partial(compared, results))
     assert few.ours is None
     assert "4 distances from the wall" in few.why
+
+
+def test_a_point_is_fitted_once_and_its_fit_goes_with_it(monkeypatch, synthetic):
+    fits = []
+
+    def fitted(seeds, context):
+        zero = Parameter(0.0, 0.0, 0.0, 0.0, "")
+        fits.append(profiles.ProfileFit(dict.fromkeys(profiles.SHAPE, zero)))
+        return fits[-1]
+
+    monkeypatch.setattr(profiles, "fit_profiles", fitted)
+    point = synthetic.point(0, 0.03)
+    results = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, s) for s in (1, 2)])
+    one = ratios.Ratio(results.points[0], results.points[0], 0.0, 1.0, 0.1, 0.8, 1.2)
+    for _ in range(2):
+        assert profiles.approaches([one], COVERAGE)["sigma1"].of == (results.points[0],)
+    assert len(fits) == 1
+    kept, held = weakref.ref(fits.pop()), weakref.ref(results.points[0])
+    del results, one
+    gc.collect()
+    assert held() is None
+    assert kept() is None
 
 
 FAN = (0.39, 0.12, 3.74)

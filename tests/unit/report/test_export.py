@@ -13,7 +13,6 @@ from labbook.export.study import NoParquet, write_numbers, write_recordings
 from labbook.export.vtk import write_fields, write_grains
 from labbook.fields import Contacts, Grains, Layer, Ring, Space, coarse_grain
 from labbook.lab.evaluations import evaluate
-from labbook.papers.fan2023.laws import brown, rose_tanaka
 from labbook.results.frames import frames
 from labbook.scene import Kind, Spherocylinders
 from labbook.study.schema import Reference, ReferenceEntry, Statement
@@ -264,12 +263,3 @@ def test_every_rod_of_a_recorded_run_is_there_with_its_axis_and_length(synthetic
         )
         assert set(found["length"]) == {0.009}
         assert set(found["radius"]) == {0.0015}
-
-
-def test_ratios_have_their_laws_beside_them(synthetic):
-    points = [synthetic.point(k, 0.03, angle) for k, angle in enumerate((0.5, np.pi / 2))]
-    runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
-    found = frames(analyse(synthetic.study_of(points), runs))["ratios"].set_index("container.angle")
-    assert found.loc[np.pi / 2, "value"] == 1
-    assert found.loc[0.5, "brown"] == pytest.approx(brown(0.5))
-    assert found.loc[0.5, "rose_tanaka"] == pytest.approx(rose_tanaka(0.5, np.arctan(0.5)))
