@@ -32,6 +32,7 @@ from labbook_numba.kernels import (
     move,
     near,
     neighbours,
+    observe,
     pairs,
     shape,
     step,
@@ -44,7 +45,7 @@ from labbook_numba.shapes import SHAPES
 PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
 BEFORE = (cells, blocks, bodies, transfer)
-AFTER = (pairs, near, move, neighbours, meet, step)
+AFTER = (pairs, near, move, neighbours, meet, step, observe)
 """Kernels that all shapes share, before and after their own in the generated module."""
 
 

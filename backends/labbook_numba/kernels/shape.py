@@ -53,11 +53,17 @@ def wall_forces(st: State, p: Params) -> None:
     raise NotImplementedError(_OF_SHAPE)
 
 
-def contact_rows(st: State, p: Params, out) -> Any:
-    """Rows i, j, wall, force on i [N], branch vector from i [m] of all touching contacts; how many there are."""
+def pair_now(st: State, p: Params, i, j, k, dt) -> Any:
+    """Of grains i and j, listed pair k: whether they touch, the force on i [N], and the branch from i to j [m]."""
     raise NotImplementedError(_OF_SHAPE)
 
 
-def whole_step(grains, loads, body, later, p: Params, v, w) -> None:
-    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `later` [s] later by `loads`."""
+def walls_now(st: State, p: Params, w, k, dt, out, found) -> Any:
+    """Write a row of `out`, from `found` on, for each contact of the grain of entry k with wall w; how many rows there
+    are then."""
+    raise NotImplementedError(_OF_SHAPE)
+
+
+def spin_later(grains, loads, body, i, later, p: Params) -> Any:
+    """Spin [rad/s] of grain i, `later` [s] later by the torque in `loads`."""
     raise NotImplementedError(_OF_SHAPE)

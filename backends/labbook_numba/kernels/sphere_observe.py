@@ -1,4 +1,4 @@
-"""Reading forces without changing the motion."""
+"""A sphere, and what it touches, as they are now."""
 
 from labbook_dem.chosen import wall_distance
 from labbook_dem.contact import rolling_rate
@@ -7,62 +7,60 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide
 
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
-from labbook_numba.kernels.features import ANY_WALLS, KINDS, MOVING, PAIRS, F, T, U, V, W, X, entry
+from labbook_numba.kernels.features import KINDS, MOVING, T, U, V, W, X
 from labbook_numba.kernels.surfaces import wall_velocity
 from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
 
-@entry
-def contact_rows(st: State, p: Params, out):
-    """Rows i, j, wall, force on i [N], branch vector from i [m] of all touching contacts; how many there are."""
-    found = 0
-    dt = real(p.dt)
+@func
+def pair_now(st: State, p: Params, i, j, k, dt):
+    """Whether listed pair k touches, the force on i [N], and the branch from i to j [m]."""
     zero = real(0.0)
-    for k in range(st.count[PAIRS]):
-        i = st.pair_i[k]
-        j = st.pair_j[k]
-        away = load(st.grains, i, X) - load(st.grains, j, X)
-        ri, rj = radius_of(st.body, i, p.radius), radius_of(st.body, j, p.radius)
-        mi, mj = mass_of(st.body, i, p.mass), mass_of(st.body, j, p.mass)
-        overlap2 = (ri + rj) * (ri + rj) - dot(away, away)
-        if overlap2 > wide(0.0):
-            force, _, _, _, _ = sphere_on_sphere(
-                reals(row_of(p.pair_c, kind_of(st.body, i) * KINDS + kind_of(st.body, j))),
-                real(ri), real(rj), real(mi), real(mj), narrow(away), real(overlap2),
-                narrow(load(st.grains, i, U) - load(st.grains, j, U)),
-                narrow(load(st.grains, i, V) - load(st.grains, j, V)),
-                narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
-                spring_of(st.spring, st.held, k), advance_of(st.held, k, dt),
-                rate_of(st.body, i, p), rate_of(st.body, j, p),
-            )  # fmt: skip
-            write_row(out, found, st.ids[i], st.ids[j], -1, force, -away)
-            found += 1
-    if not ANY_WALLS:
-        return found
-    for w in range(len(p.wall_kind)):
-        spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
-        for k in range(st.wall_first[w], st.wall_first[w + 1]):
-            i = st.wall_grain[k]
-            x = load(st.grains, i, X)
-            distance, normal_w = wall_distance(p.walls, w, p.wall_kind[w], x)
-            radius = radius_of(st.body, i, p.radius)
-            if distance < radius:
-                u = load(st.grains, i, U)
-                v = load(st.grains, i, V)
-                if MOVING:
-                    surface = wall_velocity(p.wall_motion, w, x - normal_w * distance)
-                    u = u - surface
-                    v = v - surface
-                force, _, _ = sphere_on_wall(
-                    reals(row_of(p.wall_c, w * KINDS + kind_of(st.body, i))),
-                    real(radius), real(mass_of(st.body, i, p.mass)), real(radius - distance), narrow(normal_w),
-                    narrow(u), narrow(v), narrow(load(st.grains, i, W)), spin,
-                    spring_of(st.wall_spring, st.wall_held, k), advance_of(st.wall_held, k, dt),
-                    rate_of(st.body, i, p),
-                )  # fmt: skip
-                write_row(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
-                found += 1
+    away = load(st.grains, i, X) - load(st.grains, j, X)
+    ri, rj = radius_of(st.body, i, p.radius), radius_of(st.body, j, p.radius)
+    mi, mj = mass_of(st.body, i, p.mass), mass_of(st.body, j, p.mass)
+    overlap2 = (ri + rj) * (ri + rj) - dot(away, away)
+    touches = overlap2 > wide(0.0)
+    force = vec3(zero, zero, zero)
+    if touches:
+        force, _, _, _, _ = sphere_on_sphere(
+            reals(row_of(p.pair_c, kind_of(st.body, i) * KINDS + kind_of(st.body, j))),
+            real(ri), real(rj), real(mi), real(mj), narrow(away), real(overlap2),
+            narrow(load(st.grains, i, U) - load(st.grains, j, U)),
+            narrow(load(st.grains, i, V) - load(st.grains, j, V)),
+            narrow(load(st.grains, i, W)), narrow(load(st.grains, j, W)),
+            spring_of(st.spring, st.held, k), advance_of(st.held, k, dt),
+            rate_of(st.body, i, p), rate_of(st.body, j, p),
+        )  # fmt: skip
+    return touches, force, -away
+
+
+@func
+def walls_now(st: State, p: Params, w, k, dt, out, found):
+    """Write the contact of entry k at wall w, if they touch; how many rows there are then."""
+    zero = real(0.0)
+    spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
+    i = st.wall_grain[k]
+    x = load(st.grains, i, X)
+    distance, normal_w = wall_distance(p.walls, w, int(p.wall_kind[w]), x)
+    radius = radius_of(st.body, i, p.radius)
+    if distance < radius:
+        u = load(st.grains, i, U)
+        v = load(st.grains, i, V)
+        if MOVING:
+            surface = wall_velocity(p.wall_motion, w, x - normal_w * distance)
+            u = u - surface
+            v = v - surface
+        force, _, _ = sphere_on_wall(
+            reals(row_of(p.wall_c, w * KINDS + kind_of(st.body, i))),
+            real(radius), real(mass_of(st.body, i, p.mass)), real(radius - distance), narrow(normal_w),
+            narrow(u), narrow(v), narrow(load(st.grains, i, W)), spin,
+            spring_of(st.wall_spring, st.wall_held, k), advance_of(st.wall_held, k, dt),
+            rate_of(st.body, i, p),
+        )  # fmt: skip
+        write_row(out, found, st.ids[i], -1, w, force, -(normal_w * distance))
+        found += 1
     return found
 
 
@@ -72,10 +70,7 @@ def rate_of(body, i, p):
     return rolling_rate(real(inertia_of(body, i, p.inertia)), real(p.dt))
 
 
-@entry
-def whole_step(grains, loads, body, later, p: Params, v, w):
-    """Velocities [m/s] and spins [rad/s] into v and w: those of `grains`, `later` [s] later by `loads`."""
-    for i in range(len(v)):
-        for c in range(3):
-            v[i, c] = grains[i, V + c] + loads[i, F + c] * (later / mass_of(body, i, p.mass))
-            w[i, c] = grains[i, W + c] + loads[i, T + c] * (later / inertia_of(body, i, p.inertia))
+@func
+def spin_later(grains, loads, body, i, later, p: Params):
+    """Spin [rad/s] of grain i, `later` [s] later."""
+    return load(grains, i, W) + load(loads, i, T) * (later / inertia_of(body, i, p.inertia))
