@@ -86,7 +86,9 @@ def functions(kinds: Sequence[str], rods: bool) -> str:
         none = f"{nothing}, {away}, wide(0.0)"
         rod = "x: wide3, a: wide3, half: wide, radius: wide"
         parts += [
-            _function("wall_part", f"{rod}, part: int, {found}", kinds, "rod", none),
+            # under a branch, also where there is one kind: else a GPU's compiler fuses products and sums of the formula
+            # with what stands around it, which differs between kernels that must agree bit for bit
+            _function("wall_part", f"{rod}, part: int, {found}", kinds, "rod", none, others=True),
             _function("wall_edge", "x: wide3, part: int", edged, "edge", nothing, others=len(edged) < len(kinds)),
             _function(
                 "wall_edges", rod, together, "edges", f"{nothing}, wide(0.0), {nothing}, wide(0.0)",

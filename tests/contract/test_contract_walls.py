@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from labbook_reference import Backend
 from stands import Bundled, identical
 
-from labbook.backend import Overflow, load
+from labbook.backend import Overflow
 from labbook.backend.probes import Contacts
 from labbook.scene import Plane, Primitives, Scene, Spheres, Spherocylinders, Strip, Wall
 from labbook.scene.packing import Packing
@@ -80,7 +81,7 @@ def slid(stand: Bundled, shape: str):
 
 
 def test_a_body_slides_over_many_tiles_as_in_plain_python(stand: Bundled, shape: str, slid):
-    plain = Bundled(load("reference"), "double", "cpu")
+    plain = Bundled(Backend(), "double", "cpu")
     expected, _, _ = end(plain, tiled(shape))
     found, _, contacts = slid
     assert len(np.unique(contacts["wall"])) >= 3, "else nothing was handed over"
