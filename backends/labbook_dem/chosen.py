@@ -63,7 +63,7 @@ _WRITTEN = "written by labbook_dem.dispatch for the walls of a scene; plain Pyth
 def wall_distance(walls: Any, w: int, kind: int, x: wide3) -> tuple[wide, wide3]:
     """Distance [m] of the point x from wall w, and the unit normal from the wall to it.
 
-    walls: the numbers of all walls; kind: that of wall w (`labbook_dem.walls.number`).
+    walls: the numbers of walls, as a backend keeps them; kind: that of wall w (`labbook_dem.walls.number`).
     """
     raise NotImplementedError(_WRITTEN)
 

@@ -70,15 +70,16 @@ def _besides(kind: str, what: str) -> Iterator[str]:
 # for compilers
 
 
-def functions(kinds: Sequence[str], rods: bool) -> str:
+def functions(kinds: Sequence[str], rods: bool, at: str, looks_first: bool = False) -> str:
     """Source of `wall_distance`, and of `wall_part`, `wall_edge` and `wall_edges` for rods, for walls of these kinds.
 
-    They take the numbers of all walls, `walls: Numbers`, of which a backend's `wall_number(walls, w, k)` gives number k
-    of wall w, and the `kind` of that wall as `number` knows it.
+    They take `walls: Numbers`, and the `kind` of wall w as `number` knows it. at: how a backend writes number {k} of
+    wall w, for example `walls[w, {k}]`. looks_first: whether `wall_edges` first looks whether an edge is near, and
+    gives none if not: most rods at a wall are far from its edges.
     """
     away = "wide3(wide(0.0), wide(0.0), wide(0.0))"
     nothing = f"wide({NOWHERE})"
-    parts = [_function("wall_distance", "x: wide3", kinds, "distance", f"{nothing}, {away}")]
+    parts = [_function("wall_distance", "x: wide3", kinds, "distance", f"{nothing}, {away}", at)]
     if rods:
         edged = [kind for kind in kinds if WALLS[kind].PARTS > 2]
         together = [kind for kind in kinds if finds_edges_together(kind)]
@@ -88,41 +89,49 @@ def functions(kinds: Sequence[str], rods: bool) -> str:
         parts += [
             # under a branch, also where there is one kind: else a GPU's compiler fuses products and sums of the formula
             # with what stands around it, which differs between kernels that must agree bit for bit
-            _function("wall_part", f"{rod}, part: int, {found}", kinds, "rod", none, others=True),
-            _function("wall_edge", "x: wide3, part: int", edged, "edge", nothing, others=len(edged) < len(kinds)),
+            _function("wall_part", f"{rod}, part: int, {found}", kinds, "rod", none, at, others=True),
+            _function("wall_edge", "x: wide3, part: int", edged, "edge", nothing, at, others=len(edged) < len(kinds)),
             _function(
-                "wall_edges", rod, together, "edges", f"{nothing}, wide(0.0), {nothing}, wide(0.0)",
-                others=len(together) < len(kinds),
+                "wall_edges", rod, together, "edges", f"{nothing}, wide(0.0), {nothing}, wide(0.0)", at,
+                others=looks_first or len(together) < len(kinds), guard=_NEAR if looks_first else "",
             ),
         ]  # fmt: skip
     return "\n\n".join([f"# written by {__name__}", *parts])
 
 
 def _function(
-    name: str, takes: str, kinds: Sequence[str], what: str, nothing: str, others: bool = False
+    name: str, takes: str, kinds: Sequence[str], what: str, nothing: str, at: str, others: bool = False,
+    guard: str = "",
 ) -> str:  # fmt: skip
-    """A function that calls `WALL_what` of the kind at hand, and gives `nothing` of `others`."""
+    """A function that calls `WALL_what` of the kind at hand, and gives `nothing` of `others`; guard: see `_call`."""
     lines = ["@func", f"def {name}(walls: Numbers, w: int, kind: int, {takes}):"]
     for place, kind in enumerate(reversed(kinds)):
         last = place == len(kinds) - 1 and not others
         if not last:
             lines.append(f"    if kind == {number(kind)}:")
-        lines += [f"{'    ' if last else '        '}{line}" for line in _call(kind, what)]
+        lines += [f"{'    ' if last else '        '}{line}" for line in _call(kind, what, at, guard)]
     if not kinds or others:
         lines.append(f"    return {nothing}")
     return "\n".join(lines) + "\n"
 
 
-def _call(kind: str, what: str) -> Iterator[str]:
+_NEAR = "min({wall}_edge({p}, x, 2), {wall}_edge({p}, x, 3)) <= half + radius"
+
+
+def _call(kind: str, what: str, at: str, guard: str) -> Iterator[str]:
+    """Lines that give what `WALL_what` gives, if it is as `guard` says, of a {wall} with the numbers {p}."""
     names, k = [], 0
     for name, of in _of_wall(kind, what):
-        at = [f"wall_number(walls, w, {k + i})" for i in range(_TAKES[of])]
-        at = at if of != "section" else [at[0], "wide(0.0)", at[1]]
-        parts = ", ".join(at)
+        mine = [at.format(k=k + i) for i in range(_TAKES[of])]
+        mine = mine if of != "section" else [mine[0], "wide(0.0)", mine[1]]
+        parts = ", ".join(mine)
         yield f"{name} = {parts if of == 'wide' else f'wide3({parts})'}"
         names.append(name)
         k += _TAKES[of]
-    yield f"return {prefix(kind)}_{what}({', '.join([*names, *_besides(kind, what)])})"
+    given = f"return {prefix(kind)}_{what}({', '.join([*names, *_besides(kind, what)])})"
+    if guard:
+        yield f"if {guard.format(wall=prefix(kind), p=', '.join(names))}:"
+    yield f"    {given}" if guard else given
 
 
 # for plain Python

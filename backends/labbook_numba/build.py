@@ -76,12 +76,13 @@ def module_text(spec: Spec) -> str:
     places = {name: value for module in (blocks, *own.kernels) for name, value in _numbers(module).items()}
     places |= {name: shared[name] for name in PLACES}
     named: dict[str, object] = {**_numbers(vocabulary), **shared, **constants(spec)}
-    named["TOGETHER"] = any(map(dispatch.finds_edges_together, kinds))
     named |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in named}
     del named["LANES"]  # the header's
     physics = [LAWS[spec.feature("law")], contact, motion, *(WALLS[kind] for kind in kinds), *PHYSICS[grains].physics]
-    walls = dispatch.functions(kinds, rods=layout.ORIENTED)
-    modules = [*physics, surfaces, walls, *BEFORE, *own.kernels, *AFTER]
+    walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)
+    named["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)
+    numbers = f"@func\ndef wall_numbers(walls, w):\n    return {''.join(f'walls[w, {k}], ' for k in range(width))}\n"
+    modules = [*physics, surfaces, numbers, walls, *BEFORE, *own.kernels, *AFTER]
     text = source.generate(dialect.header(spec.feature("precision")), named, modules)
     # annotations name the backend's Python types, which compiled code has no use for
     return re.sub(r": (State|Params|Lists|Grid|Numbers)\b", "", text)

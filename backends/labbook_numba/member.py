@@ -29,7 +29,7 @@ class Run(Standing):
     def __init__(self, can: Capabilities, kernels: ModuleType, scene: Scene, numerics: Numerics, probes):
         self._can, self.kernels = can, kernels
         self.scene, self.numerics, self.probes = scene, numerics, tuple(probes)
-        self.params: Params = parameters(scene, numerics, probes)
+        self.params: Params = parameters(scene, numerics, probes, kernels.WALL_NUMBERS)
         self.names = [wall.name for wall in scene.container.walls()]
         self.rods = is_oriented(scene)
         self.layout = layout_of(scene)

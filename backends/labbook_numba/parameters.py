@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from math import inf
 
+import numpy as np
 from labbook_dem import features
 from labbook_dem.features import finest
 from labbook_dem.rotation import slenderness
@@ -13,8 +14,8 @@ from labbook.scene import Scene
 from labbook_numba.state import Params
 
 
-def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Params:
-    """Arguments of the kernels for one member."""
+def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_numbers: int) -> Params:
+    """Arguments of the kernels for one member, which take up so many numbers of a wall."""
     grains = scene.grains
     d = grains.diameter
     plane, drop = features.planes(scene, probes)
@@ -23,6 +24,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
     drop = drop if features.outlet(scene) is not None else -inf
     pair_c = features.pair_table(scene, numerics)
     walls = features.wall_tables(scene, numerics)
+    spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),
         pair_c=pair_c,
@@ -39,7 +41,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Par
         plane=plane,
         drop=drop,
         wall_c=walls.c,
-        walls=walls.numbers,
+        walls=np.pad(walls.numbers, ((0, 0), (0, spare))),
         wall_kind=walls.kind,
         wall_motion=walls.motion,
     )

@@ -78,7 +78,13 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     # the formulas of frustums are there for `rod_walls`, whether a scene has one or not
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
     physics = [LAWS[spec.feature("law")], contact, motion, *physics, *PHYSICS[grains].physics]
-    modules = [*physics, system, kernel_text(codec), walls, dispatch.functions(kinds, rods=turns)]
+    modules = [
+        *physics,
+        system,
+        kernel_text(codec),
+        walls,
+        dispatch.functions(kinds, turns, "walls[w * WALL_NUMBERS + {k}]"),
+    ]
     modules += [bodies, sums, *own.kernels, forces, step, neighbours, observe, *([beside] if apart else [])]
     header = dialect.header(precision, registers, apart, own.unroll, several=lanes > 1)
     return source.generate(header, named, modules)

@@ -63,7 +63,7 @@ def wall(tmp_path, monkeypatch):
         exec(compile(text, module.__file__, "exec"), vars(module))
         monkeypatch.setattr(dispatch, "WALLS", {"plane": plane, "mine": module})
         monkeypatch.setattr(walls, "WALLS", {"plane": plane, "mine": module})
-        return dispatch.functions(("plane", "mine"), rods=True)
+        return dispatch.functions(("plane", "mine"), rods=True, at="walls[w, {k}]")
 
     return made
 
@@ -76,8 +76,8 @@ def test_numbers_are_taken_up_in_the_order_of_the_annotations(wall):
     text = wall("centre: wide3, width: wide, way: section", "(0.0,) * 6")
     assert dispatch.how_many("mine") == 6
     assert len(dispatch.numbers(Mine())) == 6  # pyright: ignore[reportArgumentType]
-    assert "width = wall_number(walls, w, 3)" in text
-    assert "way = wide3(wall_number(walls, w, 4), wide(0.0), wall_number(walls, w, 5))" in text
+    assert "width = walls[w, 3]" in text
+    assert "way = wide3(walls[w, 4], wide(0.0), walls[w, 5])" in text
     assert "if kind == 1:\n        centre = " in text
     assert text.count("return mine_rod(centre, width, way, x, a, half, part)") == 1
 

@@ -205,8 +205,9 @@ def frustum_edges(rim: section, along: section, length: wide, x: wide3, a: wide3
 @func
 def frustum_edge(rim: section, along: section, length: wide, x: wide3, part: int):
     """Distance [m] of x from the rim, the edge of both parts 2 and 3."""
-    distance, _normal = frustum_distance(rim, along, wide(0.0), x)
-    return distance
+    dr = sqrt(x.x * x.x + x.y * x.y) - rim.x
+    dz = x.z - rim.z
+    return sqrt(dr * dr + dz * dz)
 
 
 @func

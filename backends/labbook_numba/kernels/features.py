@@ -73,7 +73,6 @@ CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
-TOGETHER = True  # some wall finds both edges that a rod may lie across at once
 KINDS = 1  # kinds of grains
 LANES = 8  # numbers of the precision of laws in a register
 

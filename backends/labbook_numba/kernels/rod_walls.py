@@ -1,6 +1,6 @@
 """Forces of walls on rods, one rod and wall at a time: few rods are at walls, and each touches at up to four points."""
 
-from labbook_dem.chosen import wall_edge, wall_edges, wall_part
+from labbook_dem.chosen import wall_edges, wall_part
 from labbook_dem.contact import rolling_rate
 from labbook_dem.rods import has, heir, rod_on_wall
 from labbook_dem.words import func, narrow, real, vec3, wide, wide3
@@ -13,7 +13,6 @@ from labbook_numba.kernels.features import (
     LEDGER,
     MAX_OVERLAP,
     MOVING,
-    TOGETHER,
     TOUCHING,
     WALL_PARTS,
     A,
@@ -26,26 +25,9 @@ from labbook_numba.kernels.features import (
     X,
     kernel,
 )
-from labbook_numba.kernels.surfaces import wall_velocity
+from labbook_numba.kernels.surfaces import wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import load
 from labbook_numba.state import Params, State
-
-
-@func
-def edges(walls, kind, w, x, a, half, radius):
-    """`wall_edges` of wall w; no edges if they are far: most rods at a wall are far from its rim."""
-    none = wide(1e9)
-    zero = wide(0.0)
-    if TOGETHER and wall_edge(walls, w, kind[w], x, 2) <= half + radius:
-        return wall_edges(walls, w, kind[w], x, a, half, radius)
-    return none, zero, none, zero
-
-
-@func
-def part_of_rod(walls, kind, w, x, a, half, radius, part, found):
-    """Distance [m] of a part of a rod from wall w, unit normal, where on the segment it is [m]; `found`: by `edges`."""
-    met, on, other, back = found
-    return wall_part(walls, w, kind[w], x, a, half, radius, part, met, on, other, back)
 
 
 @kernel
@@ -53,10 +35,11 @@ def measure_rod(grains, near, walls, kind, w, i, half, radius):
     """Distance, unit normal and place of each part of rod i at wall w, to `near`; which touch, as bits."""
     x = load(grains, i, X)
     a = load(grains, i, A)
-    found = edges(walls, kind, w, x, a, half, radius)
+    numbers = wall_numbers(walls, w)
+    met, on, other, back = wall_edges(numbers, w, kind[w], x, a, half, radius)
     now = 0
     for part in range(WALL_PARTS):
-        distance, normal, s = part_of_rod(walls, kind, w, x, a, half, radius, part, found)
+        distance, normal, s = wall_part(numbers, w, kind[w], x, a, half, radius, part, met, on, other, back)
         if distance < radius:
             now |= 1 << part
             near[part * 5] = distance

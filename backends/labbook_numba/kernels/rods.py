@@ -1,12 +1,13 @@
 """A rod: when it is near another or a wall, how it turns, and the work of contacts on it; of spheres see `spheres`."""
 
+from labbook_dem.chosen import wall_edges, wall_part
 from labbook_dem.motion import kick, predict
 from labbook_dem.rotation import axis, spin, turn
 from labbook_dem.segments import closest
 from labbook_dem.words import dot, func, sqrt, wide, wide3
 
 from labbook_numba.kernels.features import GRAIN, GRAINS, WALL_PARTS, A, F, M, P, Q, T, V, W, X, kernel, uint64
-from labbook_numba.kernels.rod_walls import edges, part_of_rod
+from labbook_numba.kernels.surfaces import wall_numbers
 from labbook_numba.kernels.transfer import load
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
@@ -30,10 +31,11 @@ def near_wall(grains, body, i, walls, kind, w, radius, half, skin):
     x = load(grains, i, X)
     a = load(grains, i, A)
     reach = radius + skin
-    found = edges(walls, kind, w, x, a, half, reach)
+    numbers = wall_numbers(walls, w)
+    met, on, other, back = wall_edges(numbers, w, kind[w], x, a, half, reach)
     near = False
     for part in range(WALL_PARTS):
-        distance, _, _ = part_of_rod(walls, kind, w, x, a, half, reach, part, found)
+        distance, _, _ = wall_part(numbers, w, kind[w], x, a, half, reach, part, met, on, other, back)
         near = near or distance < reach
     return near
 

@@ -8,7 +8,7 @@ from labbook_dem.words import dot, func, narrow, real, vec3, wide
 from labbook_numba.kernels.blocks import reals, row_of
 from labbook_numba.kernels.bodies import inertia_of, kind_of, mass_of, radius_of
 from labbook_numba.kernels.features import KINDS, MOVING, T, U, V, W, X
-from labbook_numba.kernels.surfaces import wall_velocity
+from labbook_numba.kernels.surfaces import wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import advance_of, load, spring_of, write_row
 from labbook_numba.state import Params, State
 
@@ -43,7 +43,7 @@ def walls_now(st: State, p: Params, w, k, dt, out, found):
     spin = vec3(zero, zero, real(p.wall_motion[w, 3]))
     i = st.wall_grain[k]
     x = load(st.grains, i, X)
-    distance, normal_w = wall_distance(p.walls, w, int(p.wall_kind[w]), x)
+    distance, normal_w = wall_distance(wall_numbers(p.walls, w), w, int(p.wall_kind[w]), x)
     radius = radius_of(st.body, i, p.radius)
     if distance < radius:
         u = load(st.grains, i, U)

@@ -45,7 +45,7 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
-from labbook_numba.kernels.surfaces import wall_velocity
+from labbook_numba.kernels.surfaces import wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import (
     eights_at,
     fill_up,
@@ -72,9 +72,10 @@ def measure_walls(grains, body, wall_grain, near, walls, kind, motion, w, k, cou
     for t in range(uint64(0), count, uint64(8)):
         x, y, z, _ = columns(rows_at(grains, wall_grain, k + t, GRAIN, X))
         put_vectors(near, XX + t, x, y, z)
+    numbers = wall_numbers(walls, w)
     for t in range(count):
         x = wide3(near[XX + t], near[XY + t], near[XZ + t])
-        distance, normal = wall_distance(walls, w, kind[w], x)
+        distance, normal = wall_distance(numbers, w, kind[w], x)
         if MOVING:
             surface = wall_velocity(motion, w, x - normal * distance)
             near[QX + t] = surface.x

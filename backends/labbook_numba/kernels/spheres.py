@@ -6,6 +6,7 @@ from labbook_dem.words import VARIED, dot, func, wide
 
 from labbook_numba.kernels.bodies import inertia_of, mass_of, radius_of
 from labbook_numba.kernels.features import FIRST, GRAIN, LAST, F, T, V, W, X, kernel, uint64
+from labbook_numba.kernels.surfaces import wall_numbers
 from labbook_numba.kernels.transfer import load
 from labbook_numba.lanes import put_row, row_at, square
 from labbook_numba.state import Params, State
@@ -22,7 +23,7 @@ def near_grain(grains, body, i, j, reach, half, skin):
 @func
 def near_wall(grains, body, i, walls, kind, w, radius, half, skin):
     """Whether sphere i is closer than its radius and a skin to wall w; `radius`: of all, if they are alike."""
-    distance, _ = wall_distance(walls, w, kind[w], load(grains, i, X))
+    distance, _ = wall_distance(wall_numbers(walls, w), w, kind[w], load(grains, i, X))
     return distance < radius_of(body, i, radius) + skin
 
 

@@ -1,12 +1,16 @@
-"""What describes walls, and how their surfaces move; where they are: `labbook_dem.chosen`."""
+"""How the surfaces of walls move; where they are: `labbook_dem.chosen`."""
+
+from typing import Any
 
 from labbook_dem.words import func, wide3
 
 
-@func
-def wall_number(walls, w, k):
-    """Number k of wall w (`labbook_dem.dispatch`)."""
-    return walls[w, k]
+def wall_numbers(walls, w) -> Any:
+    """The numbers of wall w; a generated module has WALL_NUMBERS of them in a tuple, as functions of walls take them.
+
+    (With an array in place of the tuple kernels of rods take a third longer: references to it are counted.)
+    """
+    raise NotImplementedError("written by labbook_numba.build")
 
 
 @func
