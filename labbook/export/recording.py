@@ -196,7 +196,8 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
         stream.log(path, mesh, static=True)
         lines = [*wall.edges, *wall.spokes]
         drawn = [EDGE_COLOUR] * (len(lines) - 1) + [SPOKE_COLOUR if wall.spokes else EDGE_COLOUR]
-        stream.log(f"{path}/outline", rr.LineStrips3D(lines, colors=drawn, radii=edge), static=True)
+        if lines:
+            stream.log(f"{path}/outline", rr.LineStrips3D(lines, colors=drawn, radii=edge), static=True)
         if wall.spin:
             turns = [[0, 0, math.sin(wall.spin * t / 2), math.cos(wall.spin * t / 2)] for t in times]
             stream.send_columns(path, [clock], rr.Transform3D.columns(quaternion=turns))

@@ -140,6 +140,7 @@ def test_bodies_bounce_off_a_wall_from_outside_by_a_law_from_outside(backend):
     ended = run_outside(OUTSIDE / "bounce.py", backend)
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout.splitlines()[-1])
+    assert found["triangles"] == 8, "recordings show it"
     for body, mass in (("sphere", MASS), ("rod", 5.5 * MASS)):
         one = found[body]
         assert one["v"] == pytest.approx([0.0, 0.0, 0.5], abs=1e-7)
