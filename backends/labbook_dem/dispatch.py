@@ -58,6 +58,10 @@ def _of_wall(kind: str, what: str) -> tuple[tuple[str, str], ...]:
         if of not in _TAKES:
             known = ", ".join(_TAKES)
             raise BrokenPlugin(f"the wall {kind}: {name} of {function} is no number of a wall; annotate it {known}")
+    if what != "distance" and [of for _, of in mine] != [of for _, of in _of_wall(kind, "distance")]:
+        raise BrokenPlugin(
+            f"the wall {kind}: {function} takes other numbers than {prefix(kind)}_distance; let them agree"
+        )
     return mine
 
 

@@ -29,6 +29,8 @@ class Bundled(Stand):
     """Whether its backend keeps lists of neighbours, which it rebuilds."""
     wide: bool = False
     """Whether its kernels have all features in, so that tests share them."""
+    crowds: bool = False
+    """Whether a grain has room for so many near walls only, and says so where there are more."""
     part: float = 1.0
     """Part of the grains and beats of long tests that it takes. Less than one: it is slow, and takes the long way."""
 
@@ -41,7 +43,7 @@ class Bundled(Stand):
 BUNDLED: Mapping[str, Mapping[str, Any]] = {
     "numba": {"wide": True},
     "reference": {"lists": False, "part": 0.6},
-    "warp": {"first": "mixed"},
+    "warp": {"first": "mixed", "crowds": True},
 }
 """What the stands of each bundled backend are like."""
 

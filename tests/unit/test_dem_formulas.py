@@ -47,7 +47,7 @@ def mine_distance({first}, x: wide3):
 
 
 @func
-def mine_rod({first}, x: wide3, a: wide3, half: wide, part: int):
+def mine_rod({rod}, x: wide3, a: wide3, half: wide, part: int):
     return wide(0.0), x, half
 """
 
@@ -56,10 +56,10 @@ def mine_rod({first}, x: wide3, a: wide3, half: wide, part: int):
 def wall(tmp_path, monkeypatch):
     """A wall called `mine`, whose module is made of WALL."""
 
-    def made(first: str, numbers: str) -> str:
+    def made(first: str, numbers: str, rod: str = "") -> str:
         module = ModuleType("mine")
         module.__file__ = str(tmp_path / f"mine{len(list(tmp_path.iterdir()))}.py")
-        (tmp_path / module.__file__).write_text(text := WALL.format(first=first, numbers=numbers))
+        (tmp_path / module.__file__).write_text(text := WALL.format(first=first, numbers=numbers, rod=rod or first))
         exec(compile(text, module.__file__, "exec"), vars(module))
         monkeypatch.setattr(dispatch, "WALLS", {"plane": plane, "mine": module})
         monkeypatch.setattr(walls, "WALLS", {"plane": plane, "mine": module})
@@ -88,6 +88,8 @@ def test_a_wall_whose_numbers_do_not_fit_its_functions_is_told(wall):
         dispatch.numbers(Mine())  # pyright: ignore[reportArgumentType]
     with pytest.raises(BrokenPlugin, match=r"width of mine_distance is no number of a wall; annotate it wide"):
         wall("centre: wide3, width: float", "(0.0,) * 4")
+    with pytest.raises(BrokenPlugin, match="mine_rod takes other numbers than mine_distance"):
+        wall("centre: wide3, width: wide", "(0.0,) * 4", rod="centre: wide3")
 
 
 @pytest.mark.parametrize("backend", ["labbook_numba", "labbook_warp"])
