@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def show(run: Key, lab: Lab = LAB, as_json: AsJson = False) -> None:
         """Show one run: how it ended, what was measured, and where its numbers come from."""
-        from labbook.lab.runs import open_run
+        from labbook.lab.runs import open_run, picture
 
         catalogue = existing(lab)
         found = catalogue.matching(run)
@@ -30,13 +30,19 @@ def register(app: typer.Typer) -> None:
         measured = catalogue.measurements(record.run_key)
         if as_json:
             rows = json.loads(measured.to_json(orient="records") or "[]")
-            whole = {"folder": str(folder), "run": record.model_dump(mode="json"), "measurements": rows}
+            seen = picture(folder)
+            whole = {
+                "folder": str(folder),
+                "picture": seen and str(seen),
+                "run": record.model_dump(mode="json"),
+                "measurements": rows,
+            }
             typer.echo(json.dumps(whole, indent=2, allow_nan=False))
         else:
-            _show(record, folder, measured)
+            _show(record, folder, picture(folder), measured)
 
 
-def _show(record, folder, measured) -> None:
+def _show(record, folder, picture, measured) -> None:
     from rich import box
     from rich.markup import escape
     from rich.table import Table
@@ -61,6 +67,7 @@ def _show(record, folder, measured) -> None:
         "packing": record.packing_key,
         "experiment": record.experiment_key,
         "folder": str(folder),
+        "picture": str(picture or "none"),
     }
     console = screen(highlight=False, markup=False)
     for name, value in lines.items():

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-KIND_COLOURS = np.array([(230, 159, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167), (213, 94, 0), (86, 180, 233)])
-"""Okabe and Ito's, which people of all kinds of sight can tell apart."""
+from labbook.picture import KIND_COLOURS
+
 BACKGROUND = (244, 245, 247)
 """Behind grains and bars."""
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.database import add_measurements
-from labbook.lab.folder import EVALUATION, Lab, remove, stamp
+from labbook.lab.folder import EVALUATION, Lab, is_beside, remove, stamp
 from labbook.lab.identity import scene_key
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, read_recording, run_data
@@ -121,8 +121,8 @@ def _kept(path: Path) -> Evaluated | None:
 
 
 def _content(folder: Path) -> str:
-    """A hash of the record in a folder and of the names and sizes of its files: what an evaluation is made of."""
-    entries = [entry for entry in os.scandir(folder) if not entry.name.startswith((EVALUATION, "."))]
+    """A hash of the record in a folder and of the names and sizes of its data: what an evaluation is made of."""
+    entries = [entry for entry in os.scandir(folder) if not (is_beside(entry.name) or entry.name.startswith("."))]
     files = sorted((entry.name, entry.stat().st_size) for entry in entries)
     records = [(folder / name).read_bytes() for name, _ in files if name.endswith(".json")]
     return hashlib.blake2b(b"".join([repr(files).encode(), *records]), digest_size=16).hexdigest()

@@ -24,6 +24,8 @@ from typing import BinaryIO
 DEFAULT = Path("lab")
 EVALUATION = "measured-"
 """How files begin that hold what was evaluated of a run: they can be made again from the others."""
+PICTURE = "picture.png"
+"""The file of a run that shows its bed: nothing is measured in it, and a run without it is whole."""
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -197,15 +199,20 @@ def folders(parent: Path) -> list[str]:
 def stamp(folder: Path) -> int:
     """A number that changes when a file in `folder` comes, goes, or is written to: a hash of names, sizes and times.
 
-    What was evaluated of a run is left out: it may come at any time. 0 if the folder is not there.
+    What is beside a run's data is left out: it may come at any time. 0 if the folder is not there.
     """
     try:
-        entries = (entry for entry in os.scandir(folder) if not entry.name.startswith(EVALUATION))
+        entries = (entry for entry in os.scandir(folder) if not is_beside(entry.name))
         found = [(entry.name, entry.stat(follow_symlinks=False)) for entry in entries]
     except (FileNotFoundError, NotADirectoryError):
         return 0
     files = sorted((name, status.st_mode, status.st_size, status.st_mtime_ns) for name, status in found)
     return int.from_bytes(hashlib.blake2b(repr(files).encode(), digest_size=7).digest(), "big")
+
+
+def is_beside(name: str) -> bool:
+    """Whether the file `name` of a run is no part of its data: what was evaluated of it, and its picture."""
+    return name.startswith(EVALUATION) or name == PICTURE
 
 
 def open_file(path: Path) -> BinaryIO:

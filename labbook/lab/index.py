@@ -28,7 +28,7 @@ from labbook.lab.database import (
     writing,
 )
 from labbook.lab.evaluations import derive, expected, finite
-from labbook.lab.folder import EVALUATION, Lab, LabError, folders, remove, stamp
+from labbook.lab.folder import Lab, LabError, folders, is_beside, remove, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
@@ -266,7 +266,7 @@ def stamps(folder: Path) -> dict[str, int]:
 
 
 def _size(folder: Path) -> int:
-    files = (entry for entry in os.scandir(folder) if entry.is_file() and not entry.name.startswith(EVALUATION))
+    files = (entry for entry in os.scandir(folder) if entry.is_file() and not is_beside(entry.name))
     return sum(entry.stat().st_size for entry in files)
 
 

@@ -15,11 +15,11 @@ from pathlib import Path
 
 from labbook.backend import BackendMissing, Verifies, load
 from labbook.backend.probes import parse_probe, table_name
-from labbook.lab.folder import Lab, remove
+from labbook.lab.folder import PICTURE, Lab, remove
 from labbook.lab.index import Index
 from labbook.lab.packings import ARRAYS, PackingRecord, read_packing
 from labbook.lab.records import LONGEST, RunRecord, Unreadable
-from labbook.lab.runs import CHECKPOINT, RECORDING, open_run, read_end
+from labbook.lab.runs import CHECKPOINT, RECORDING, open_run, picture, read_end
 from labbook.lab.tables import MOST
 
 _CHUNK = 2**20  # bytes copied at a time
@@ -92,6 +92,8 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
     names = {RunRecord.FILE, CHECKPOINT, *(f"{table_name(parse_probe(text))}.npz" for text in record.coverage.probes)}
     if record.coverage.recording is not None:
         names.add(RECORDING)
+    if picture(theirs) is not None:
+        names.add(PICTURE)
     _copy(lab, key, theirs, mine, names, look)
     index.add_run(mine)
     return True

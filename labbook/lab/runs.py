@@ -1,5 +1,6 @@
-"""A run that is there: its record, its tables, its recording, and whether they are whole."""
+"""A run that is there: its record, its tables, its recording, and whether they are whole; and its picture."""
 
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Crossing, Probe, Sample, film_probe, parse_probe, table_name
 from labbook.lab import identity
-from labbook.lab.folder import Lab
+from labbook.lab.folder import PICTURE, Lab, open_file
 from labbook.lab.packings import PackingRecord, read_packing
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_checkpoint
@@ -16,6 +17,8 @@ from labbook.measure import RunData
 
 RECORDING = "recording.npz"
 CHECKPOINT = "checkpoint.npz"
+_SIGNATURE, _END = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"\0\0\0\0IEND\xaeB`\x82"
+_WIDEST, _LARGEST = 1024, 2**20  # pixels along either side, and bytes, of a picture
 _FRAMES = 1000  # of a recording, at most
 _BYTES = 2**16  # of a grain in a checkpoint, at most
 
@@ -85,6 +88,22 @@ def read_end(folder: Path, record: RunRecord) -> Checkpoint:
     if (checkpoint.backend, checkpoint.cache_version) != (record.backend, record.cache_version):
         raise Unreadable(f"{path}: it is of {checkpoint.backend} version {checkpoint.cache_version}")
     return checkpoint
+
+
+def picture(folder: Path) -> Path | None:
+    """Where the picture (PNG) of the bed of the run in `folder` is.
+
+    None if there is none, as of older runs, or if that file is no small PNG, or only the beginning of one.
+    """
+    path = folder / PICTURE
+    try:
+        with open_file(path) as file:
+            content = file.read(_LARGEST + 1)
+    except OSError:
+        return None
+    sides = struct.unpack(">2I", content[16:24].ljust(8, b"\0"))
+    whole = content.startswith(_SIGNATURE) and content.endswith(_END) and len(content) <= _LARGEST
+    return path if whole and max(sides) <= _WIDEST else None
 
 
 def _opened(path: Path, most: float) -> Stored:

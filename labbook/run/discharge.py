@@ -1,5 +1,6 @@
-"""A discharge: from the packing, or from where it was left, until the stop rule ends it."""
+"""A discharge: from the packing, or from where it was left, until the stop rule ends it; and a picture of its bed."""
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -23,18 +24,20 @@ from labbook.backend.probes import (
 )
 from labbook.filling import opened
 from labbook.filling.bed import bed_height, parts_of_mass
-from labbook.lab.folder import Claim
+from labbook.lab.folder import PICTURE, Claim
 from labbook.lab.identity import Keys
 from labbook.lab.journal import PROGRESS, Saved, at_its_end
 from labbook.lab.packings import load_packing
 from labbook.lab.records import Coverage, Failure, Observe, Outcome, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
+from labbook.picture import bed
 from labbook.run.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, failure
 from labbook.run.provenance import now
 from labbook.scene import Packing, Silo
 
+_LOG = logging.getLogger("labbook")
 MOST_FRAMES = 200
 """Of a recording."""
 _WHOLE = {"id": np.int32, "i": np.int32, "j": np.int32, "wall": np.int16, "step": np.int64, "time": np.float64}
@@ -52,6 +55,7 @@ class DischargeJob(Job):
         self._plane = self.scene.container.outlet_plane
         self._crossed, self._discharged, self._last = 0, 0.0, 0.0
         self._failure: Failure | None = None
+        self._seen, self._picture = False, b""
         self.film = demand.film
         self._observes(demand.shared.probes)
 
@@ -66,10 +70,10 @@ class DischargeJob(Job):
         """The packing, with the outlet open."""
         packing = self._packing()
         height = self.scene.container.height if isinstance(self.scene.container, Silo) else math.inf
-        bed = float(packing.x[:, 2].max())
-        if bed > height:
+        level = float(packing.x[:, 2].max())
+        if level > height:
             raise JobFailed(
-                f"{self.label}: the settled bed stands {bed * 1e3:.4g} mm high, above the side walls "
+                f"{self.label}: the settled bed stands {level * 1e3:.4g} mm high, above the side walls "
                 f"({height * 1e3:.4g} mm), and would spill over them; raise container.height or use fewer grains"
             )
         lowest = self.demand.shared.stop.fill_height
@@ -192,6 +196,21 @@ class DischargeJob(Job):
         if probe in self._measured:
             self.keep(table_name(probe), frame_rows(table) if isinstance(probe, Sample | Zone | Contacts) else table)
 
+    def look(self, ensemble: Ensemble, member: Member) -> None:
+        """Draw the bed once the run is in the middle of its window."""
+        middle = (self.observe.start + self.observe.end) / 2
+        if not self._seen and self._plane is not None and self._discharged >= middle:
+            self._draw(ensemble, member)
+
+    def _draw(self, ensemble: Ensemble, member: Member) -> None:
+        """Draw the bed as it is now, once. No run is lost for its picture: it then has none, and the log says why."""
+        self._seen = True
+        try:
+            self._picture = bed(self.scene, self._packing(), ensemble.packing(member))
+        except Exception as problem:
+            _LOG.warning("%s: no picture of its bed: %s: %s", self.label, type(problem).__name__, problem)
+            _LOG.debug("where that was", exc_info=True)
+
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
         """The stop rule."""
         failed = failure(events)
@@ -241,7 +260,7 @@ class DischargeJob(Job):
     # end
 
     def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
-        """Tables, the exact last state, the recording, and the record."""
+        """Tables, the exact last state, the recording, the picture, and the record."""
         tables = self.tables()
         film = tables.pop(FILM_TABLE, None)
         if film is not None and self.film is not None:
@@ -250,6 +269,10 @@ class DischargeJob(Job):
         for name, table in tables.items():
             write_table(folder / f"{name}.npz", table)
         write_checkpoint(folder / CHECKPOINT, ensemble.checkpoint(member), compress=True)
+        if not self._seen:
+            self._draw(ensemble, member)
+        if self._picture:
+            (folder / PICTURE).write_bytes(self._picture)
         self.record(verdict).write(folder)
 
     def record(self, verdict: str) -> RunRecord:

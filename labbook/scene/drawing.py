@@ -30,7 +30,7 @@ def svg(grains: Grains, container: Container) -> str:
 
     Grains are placed for the eye, not by physics.
     """
-    walls = list(_segments(container))
+    walls = list(sections(container))
     if not walls:
         return ""
     ends = np.array(walls).reshape(-1, 2)
@@ -68,7 +68,7 @@ def _mm(length: float) -> str:
     return f"{length * 1e3:.4g} mm"
 
 
-def _segments(container: Container) -> Iterator[Segment]:
+def sections(container: Container) -> Iterator[Segment]:
     """Walls as a section through y = 0 cuts them: x and z of both ends [m]."""
     if isinstance(container, Box):
         half, high = container.width / 2, container.height
