@@ -22,6 +22,7 @@ from labbook.fit import LAWS, FitError, FitResult
 from labbook.lab import Catalogue, LabError
 from labbook.lab import Lab as Folder
 from labbook.lab.folder import DEFAULT
+from labbook.lab.runs import picture
 from labbook.measure.trajectories import Trajectories
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
@@ -310,6 +311,12 @@ class Run(RunResult):
     def folder(self) -> Path:
         """Where it is kept."""
         return self.results.lab.place.run(self.run_key)
+
+    @property
+    def picture(self) -> Path | None:
+        """The picture (PNG) of its bed in the middle of the window, or at its end if that came before; None without
+        one."""
+        return picture(self.folder)
 
     @property
     def tables(self) -> tuple[str, ...]:

@@ -45,6 +45,7 @@ _LIGHT = (-0.62, 0.785)  # along y and z: in the plane x = 0, so that mirror ima
 _AMBIENT, _DIFFUSE, _GLOSS, _SHARP = 0.52, 0.55, 0.25, 20
 _RIM = 0.45  # darkening of outlines
 _DARK, _FADING = 0.45, 3.0  # darkening far behind the front, and the depth [diameters] at which 63 % of it is reached
+_NEARLY = 12  # levels of alpha that make no difference
 _DEPTHS = 2**31 - 1  # levels of the z-buffer
 _ROW = 2**32 - 1
 _NOTHING = 2**63 - 1
@@ -60,8 +61,13 @@ def bed(scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> bytes:
     from PIL import Image
 
     stored = io.BytesIO()
-    image = Image.fromarray(drawn(scene, start, now, size))
-    image.quantize(256, Image.Quantize.FASTOCTREE).save(stored, "PNG", optimize=True)
+    image = Image.fromarray(drawn(scene, start, now, size)).quantize(256, Image.Quantize.FASTOCTREE)
+    colours = np.array(image.getpalette("RGBA"), np.uint8).reshape(-1, 4)
+    # a colour is the mean of some, of which few are those of edges: what is solid stays solid
+    colours[colours[:, 3] >= 255 - _NEARLY, 3] = 255
+    colours[colours[:, 3] <= _NEARLY] = 0
+    image.putpalette(colours.tobytes(), "RGBA")
+    image.save(stored, "PNG", optimize=True)
     return stored.getvalue()
 
 

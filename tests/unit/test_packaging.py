@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-HEAVY = ("numba", "warp", "rerun", "sqlalchemy", "matplotlib", "pandas", "scipy", "pint", "labbook_numba")
+HEAVY = ("numba", "warp", "rerun", "sqlalchemy", "matplotlib", "PIL", "pandas", "scipy", "pint", "labbook_numba")
 
 
 def tracked() -> list[Path]:
