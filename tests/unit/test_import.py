@@ -172,6 +172,7 @@ def test_what_other_programs_put_there_is_not_copied(labs):
         "run.json",
         "crossing.npz",
         "checkpoint.npz",
+        "picture.png",
     }
 
 
