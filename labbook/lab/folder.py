@@ -1,13 +1,14 @@
 """The lab folder: where runs, packings and unfinished work lie, who may work on what, and how files get there whole.
 
-| path               | holds                                                                     |
-|--------------------|---------------------------------------------------------------------------|
-| lab/runs/KEY/      | a finished run, put in place by one rename                                |
-| lab/packings/KEY/  | a settled packing, put in place by one rename                             |
-| lab/work/KEY/      | unfinished work on a run or packing, with its exact checkpoints           |
-| lab/work/KEY.lock  | held by the process that works on KEY                                     |
-| lab/work/KEY.look  | held by the process that evaluates the run KEY                            |
-| lab/catalogue.db   | an index of runs, packings and measured numbers, which can be made again  |
+| path                  | holds                                                                     |
+|-----------------------|---------------------------------------------------------------------------|
+| lab/runs/KEY/         | a finished run, put in place by one rename                                |
+| lab/packings/KEY/     | a settled packing, put in place by one rename                             |
+| lab/studies/NAME.yaml | the text of the study NAME as it was last run                             |
+| lab/work/KEY/         | unfinished work on a run or packing, with its exact checkpoints           |
+| lab/work/KEY.lock     | held by the process that works on KEY                                     |
+| lab/work/KEY.look     | held by the process that evaluates the run KEY, or writes the file KEY    |
+| lab/catalogue.db      | an index of runs, packings and measured numbers, which can be made again  |
 """
 
 import errno
@@ -47,9 +48,14 @@ def room(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in _FULL:
+        if is_full(error):
             raise DiskFull(path) from error
         raise
+
+
+def is_full(error: OSError) -> bool:
+    """Whether an error says that the disk, or the user's part of it, is full."""
+    return error.errno in _FULL
 
 
 class Claim:
@@ -89,11 +95,13 @@ class Lab:
         self.runs = self.folder / "runs"
         self.packings = self.folder / "packings"
         self.works = self.folder / "work"
+        self.studies = self.folder / "studies"
         self.catalogue = self.folder / "catalogue.db"
 
     @property
     def exists(self) -> bool:
-        """Whether the folder is a lab: whether any part of one is there."""
+        """Whether the folder is a lab: whether any part of one is there that no other folder has. Folders called
+        `studies` are common."""
         return any(path.exists() for path in (self.runs, self.packings, self.works, self.catalogue))
 
     def run(self, key: str) -> Path:
@@ -115,7 +123,8 @@ class Lab:
 
     @contextmanager
     def alone(self, key: str) -> Iterator[None]:
-        """Waits until no other process or thread evaluates the run `key`, and keeps others waiting within.
+        """Waits until no other process or thread is within for the same `key`, and keeps others waiting: to evaluate
+        the run `key`, or to write a file that several may write at once.
 
         In a lab that cannot be written to nothing is locked: nothing is kept there either.
         """

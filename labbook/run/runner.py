@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 from labbook.backend import Backend, Compiles, Member, Overflow
 from labbook.backend.machine import cores
+from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import Lab, room
+from labbook.lab.folder import Lab, is_full, room
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.run.board import Board, Started, Tally
@@ -153,6 +154,7 @@ class Runner:
             planner = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of)
             plan = planner.plan()
             check(self.backend, self.device, plan.points)
+            self._keep_study()
             done = [item.keys.run for item in plan.items if item.state == "done"]
             if index.derive(done, observe):
                 plan = planner.plan()
@@ -170,6 +172,16 @@ class Runner:
         wall = time.perf_counter() - begun
         problems, work = tuple(index.found.problems), self._meter.work
         return Summary(self._board.tally, points, self._stop.made, wall, work, problems, self._left_behind)
+
+    def _keep_study(self) -> None:
+        """Keep the text of the study in the lab. Raises OSError for a full disk only."""
+        try:
+            studies.keep(self.lab, self.study.name, self.study.text)
+        except OSError as error:
+            if is_full(error):
+                raise
+            where = error.filename or self.lab.studies
+            self.watcher.tell(f"The study goes on, but its text is not kept in the lab: {where}: {error.strerror}")
 
     def _carry_out(self, slots: int) -> None:
         many = self.lanes or (cores() if self.device == "cpu" else 1)
