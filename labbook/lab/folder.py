@@ -5,6 +5,8 @@
 | lab/runs/KEY/         | a finished run, put in place by one rename                                |
 | lab/packings/KEY/     | a settled packing, put in place by one rename                             |
 | lab/studies/NAME.yaml | the text of the study NAME as it was last run                             |
+| lab/notes/studies/    | notes and tags that people gave to studies, NAME.md                       |
+| lab/notes/runs/       | the same of runs, KEY.md                                                  |
 | lab/work/KEY/         | unfinished work on a run or packing, with its exact checkpoints           |
 | lab/work/KEY.lock     | held by the process that works on KEY                                     |
 | lab/work/KEY.look     | held by the process that evaluates the run KEY, or writes the file KEY    |
@@ -96,12 +98,13 @@ class Lab:
         self.packings = self.folder / "packings"
         self.works = self.folder / "work"
         self.studies = self.folder / "studies"
+        self.notes = self.folder / "notes"
         self.catalogue = self.folder / "catalogue.db"
 
     @property
     def exists(self) -> bool:
         """Whether the folder is a lab: whether any part of one is there that no other folder has. Folders called
-        `studies` are common."""
+        `studies` and `notes` are common."""
         return any(path.exists() for path in (self.runs, self.packings, self.works, self.catalogue))
 
     def run(self, key: str) -> Path:

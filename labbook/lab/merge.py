@@ -1,4 +1,4 @@
-"""Merging the runs, packings and study files of another lab, brought from another machine.
+"""Merging the runs, packings, study files and notes of another lab, brought from another machine.
 
 What is in the other lab may be damaged, or made by somebody who means harm. Only ordinary files that belong to a run or
 a packing are copied, into the work folder of their key; there everything in them is looked at as if it had always been
@@ -13,12 +13,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, get_args
 
 from labbook.backend import BackendMissing, Verifies, load
 from labbook.backend.probes import parse_probe, table_name
-from labbook.lab import studies
-from labbook.lab.folder import Lab, is_full, remove
+from labbook.lab import notes, studies
+from labbook.lab.folder import Lab, LabError, is_full, remove
 from labbook.lab.index import Index
 from labbook.lab.packings import ARRAYS, PackingRecord, read_packing
 from labbook.lab.records import LONGEST, RunRecord, Unreadable
@@ -37,6 +37,8 @@ class Merged:
     """Keys of runs and packings."""
     studies: list[str] = field(default_factory=list)
     """Names of studies whose file was copied."""
+    notes: int = 0
+    """Notes that were copied."""
     stayed: list[str] = field(default_factory=list)
     """What stays as it is here although the other lab has it otherwise, in words."""
     left_out: list[str] = field(default_factory=list)
@@ -44,10 +46,10 @@ class Merged:
 
 def merge(index: Index, source: Path) -> Merged:
     """Copy runs, packings and study files of the lab (or copy of one) in `source` that the lab of `index` lacks, and
-    index them.
+    index them; also notes of studies, and of runs that it has by then.
 
     Where both have a run, the one that covers more stays; one of ours that cannot be read is replaced. Where both have
-    the file of a study, ours stays. Raises FileNotFoundError if `source` is no lab.
+    the file of a study or a note, ours stays. Raises FileNotFoundError if `source` is no lab.
     """
     lab, other = index.lab, Lab(source)
     if not other.runs.is_dir() and not other.packings.is_dir():
@@ -65,6 +67,13 @@ def merge(index: Index, source: Path) -> Merged:
             _take_study(lab, name, theirs, merged)
         except Unreadable as problem:
             merged.left_out.append(str(problem))
+    for kind in get_args(notes.Kind):
+        for name, theirs in notes.named(other, kind).items():
+            try:
+                if kind == "study" or lab.run(name).is_dir():
+                    _take_note(lab, kind, name, theirs, merged)
+            except Unreadable as problem:
+                merged.left_out.append(str(problem))
     return merged
 
 
@@ -114,16 +123,40 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
 
 def _take_study(lab: Lab, name: str, theirs: Path, merged: Merged) -> None:
     text = _text(theirs, MAX_BYTES)
-    try:
+    with _in_the_way(theirs, studies.place(lab, name)):
         before = studies.add(lab, name, text)
-    except OSError as error:
-        if is_full(error):
-            raise
-        raise Unreadable(f"{theirs}: {studies.place(lab, name)}: {error.strerror}") from error
     if before is None:
         merged.studies.append(name)
     elif before != text:
         merged.stayed.append(f"the file of the study {name} is another one here, and stays: {studies.place(lab, name)}")
+
+
+def _take_note(lab: Lab, kind: notes.Kind, name: str, theirs: Path, merged: Merged) -> None:
+    text, mine = _text(theirs, notes.MOST_BYTES), notes.place(lab, kind, name)
+    try:
+        note, before = notes.parsed(text.encode()), notes.read(lab, kind, name)
+    except ValueError as problem:
+        raise Unreadable(f"{theirs}: {problem}") from problem
+    except LabError as problem:
+        merged.stayed.append(f"the note here cannot be read, and stays: {problem}")
+        return
+    if not before and note:
+        with _in_the_way(theirs, mine):
+            notes.write(lab, kind, name, note)
+        merged.notes += 1
+    elif note not in (before, notes.Note()):
+        merged.stayed.append(f"the note of the {kind} {name} is another one here, and stays: {mine}")
+
+
+@contextmanager
+def _in_the_way(theirs: Path, mine: Path) -> Iterator[None]:
+    """Turns an error of writing `mine` into Unreadable, which stops nothing else; a full disk stays an OSError."""
+    try:
+        yield
+    except OSError as error:
+        if is_full(error):
+            raise
+        raise Unreadable(f"{theirs}: {mine}: {error.strerror}") from error
 
 
 def covers_more(theirs: RunRecord, mine: RunRecord) -> bool:

@@ -62,7 +62,7 @@ def test_a_run_keeps_its_study_as_its_author_wrote_it(tmp_path):
 def test_it_is_kept_before_the_first_run_begins(tmp_path):
     lab = Lab(tmp_path / "lab")
     said = Said(lab)
-    carry_out(load(commented(tmp_path)), lab.folder, watcher=said, backend=Backend(delay=0.02))
+    carry_out(load(commented(tmp_path)), lab.folder, watcher=said, backend=Backend(delay=0.005))
     assert said.there
     assert all(said.there)
 
