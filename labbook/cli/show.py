@@ -20,7 +20,11 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def show(run: Key, lab: Lab = LAB, as_json: AsJson = False) -> None:
-        """Show one run: how it ended, its numbers and where they come from, and its note."""
+        """Show one run: how it ended, its numbers and where they come from, and its note.
+
+        Notes are text files that you write: LAB/notes/runs/KEY.md for a run, LAB/notes/studies/NAME.md for a study.
+        Their first line may list tags: `tags: slow, for-the-paper`.
+        """
         from labbook.lab.runs import open_run
 
         catalogue = existing(lab)

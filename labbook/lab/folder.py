@@ -10,6 +10,8 @@
 | lab/work/KEY/         | unfinished work on a run or packing, with its exact checkpoints           |
 | lab/work/KEY.lock     | held by the process that works on KEY                                     |
 | lab/work/KEY.look     | held by the process that evaluates the run KEY, or writes the file KEY    |
+| lab/live/ID.json      | where a process that works on a study stands just now                     |
+| lab/live/ID.lock      | held by that process                                                      |
 | lab/catalogue.db      | an index of runs, packings and measured numbers, which can be made again  |
 """
 
@@ -73,7 +75,7 @@ class Claim:
         os.close(self._handle)
 
 
-def _lock(path: Path, how: int) -> Claim | None:
+def lock(path: Path, how: int) -> Claim | None:
     """A lock on a file, which is made if it is missing; None if it is not to be waited for and another has it."""
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
@@ -89,6 +91,21 @@ def _lock(path: Path, how: int) -> Claim | None:
         os.close(handle)
 
 
+def is_locked(path: Path) -> bool:
+    """Whether some process holds the lock of a file; looking neither waits for it nor disturbs it."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
 class Lab:
     """Paths below one lab folder; nothing is made before something is written."""
 
@@ -99,6 +116,7 @@ class Lab:
         self.works = self.folder / "work"
         self.studies = self.folder / "studies"
         self.notes = self.folder / "notes"
+        self.live = self.folder / "live"
         self.catalogue = self.folder / "catalogue.db"
 
     @property
@@ -122,7 +140,7 @@ class Lab:
     def claim(self, key: str) -> Claim | None:
         """The right to work on `key`, or None while another process has it."""
         self.works.mkdir(parents=True, exist_ok=True)
-        return _lock(self.works / f"{key}.lock", fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return lock(self.works / f"{key}.lock", fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     @contextmanager
     def alone(self, key: str) -> Iterator[None]:
@@ -134,7 +152,7 @@ class Lab:
         path = self.works / f"{key}.look"
         try:
             self.works.mkdir(parents=True, exist_ok=True)
-            claim = _lock(path, fcntl.LOCK_EX)
+            claim = lock(path, fcntl.LOCK_EX)
             assert claim is not None
         except OSError as error:
             if error.errno not in (errno.EROFS, errno.EACCES, errno.EPERM):
@@ -148,17 +166,7 @@ class Lab:
 
     def held(self, key: str) -> bool:
         """Whether some process is working on `key`; looking does not disturb it."""
-        try:
-            handle = os.open(self.works / f"{key}.lock", os.O_RDONLY)
-        except FileNotFoundError:
-            return False
-        try:
-            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        finally:
-            os.close(handle)
-        return False
+        return is_locked(self.works / f"{key}.lock")
 
     def working(self) -> list[str]:
         """Keys with unfinished work."""

@@ -18,6 +18,7 @@ from labbook.run.demand import PackingsOf
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.lane import Lane, Turn, slots
+from labbook.run.live import Publisher
 from labbook.run.plan import Planner, PointPlan, check, counted
 from labbook.run.progress import duration
 from labbook.run.stopping import Request
@@ -162,7 +163,9 @@ class Runner:
             self._board = Board(bench, planner, index, observe, packings_only=self.packings_only)
             self._board.beginning = self._tell_beginning
             self._board.pin(plan)
-            with self._stop.listening(self.watcher.tell):
+            name = self.backend.capabilities.name
+            self._publisher = Publisher(self.lab, self.study.name, name, self.device, self.watcher)
+            with self._stop.listening(self.watcher.tell), self._publisher:
                 self._carry_out(slots(self.backend, self.device, plan.points))
             self._tell()
         finally:
@@ -308,7 +311,7 @@ class Runner:
             rate=self._meter.rate(),
             open_ended=board.open_ended(),
         )
-        self.watcher.show(view)
+        self._publisher.show(view)
         now = time.perf_counter()
         self._next_tell = now + max(_LOOK, (now - begun) / _TELLING)  # counting 10^5 runs takes a while
 
