@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -173,6 +173,7 @@ def describe_probe(probe: Probe) -> str:
     return canonical({"kind": table_name(probe), **vars(probe)})
 
 
+@lru_cache(maxsize=4096)
 def parse_probe(text: str) -> Probe:
     """The probe that `describe_probe` described. Raises ValueError for a text that describes none."""
     try:

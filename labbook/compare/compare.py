@@ -10,7 +10,7 @@ from labbook.compare.contrast import ALPHA, COMPARED, contrast, of_packings, of_
 from labbook.compare.lockstep import divergence
 from labbook.compare.sides import CannotCompare, Pair, Side, from_shared
 from labbook.compare.verdict import Cost, NoVerdict, PointVerdict, Verdict, path_of
-from labbook.lab import Catalogue, FinishedRun
+from labbook.lab import Catalogue, Entry, FinishedRun, RunRecord
 from labbook.lab.evaluations import numbers
 from labbook.lab.folder import Lab, stamp
 from labbook.lab.records import Observe
@@ -163,10 +163,11 @@ def _run(study: Study, lab: Lab, pair: Pair, watcher: Watcher) -> list[Summary]:
 def _finished(lab: Lab, one: Side, plans: Sequence[PointPlan]) -> list[FinishedRun]:
     """The runs that are there; one that several points share comes once."""
     done = {item.keys.run: item for plan in plans for item in plan.items if item.state == "done"}
-    version, found = one.can.cache_version, []
+    found = []
     for key, item in done.items():
-        folder, outcome = lab.run(key), item.outcome or ""
-        found.append(FinishedRun(item.demand.point, item.demand.seed, key, folder, outcome, stamp(folder), version))
+        folder = lab.run(key)
+        entry = Entry.of(RunRecord.read(folder), stamp(folder))
+        found.append(FinishedRun(item.demand.point, item.demand.seed, folder, entry))
     return found
 
 

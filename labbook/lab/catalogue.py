@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
-from sqlalchemy import Connection, Engine, func, select
+from sqlalchemy import Connection, Engine, Row, func, select
 from sqlalchemy.exc import DatabaseError
 
 from labbook.lab.database import (
@@ -26,7 +26,7 @@ from labbook.lab.database import (
 )
 from labbook.lab.folder import Lab, LabError, stamp
 from labbook.lab.packings import read_packing
-from labbook.lab.records import Coverage, Unreadable
+from labbook.lab.records import Coverage, RunRecord, Unreadable
 from labbook.measure import Window
 
 if TYPE_CHECKING:
@@ -45,6 +45,22 @@ class Entry:
     problem: str | None = None
     stamp: int = 0
     """Of the folder, as it was indexed."""
+    packing_key: str = ""
+    """Key of the packing that it started from."""
+    backend: str = ""
+    device: str = ""
+    finished: str = ""
+    """When it ended (UTC, ISO 8601)."""
+
+    @classmethod
+    def of(cls, record: RunRecord, stamp: int) -> "Entry":
+        """What a run says of itself; `stamp`: of its folder."""
+        said = {name: getattr(record, name) for name in _SAID}
+        return cls(coverage=record.coverage, stamp=stamp, **said)
+
+
+_SAID = ("run_key", "lineage_key", "cache_version", "outcome", "packing_key", "backend", "device", "finished")
+"""Of a run, in its record as in the index."""
 
 
 class Catalogue:
@@ -122,18 +138,13 @@ class Catalogue:
         with self._asking() as connection:
             rows = among(connection, query, runs.c.run_key, run_keys)
             rows += among(connection, query, runs.c.lineage_key, lineages)
-            return [
-                Entry(
-                    row.run_key,
-                    row.lineage_key or "",
-                    row.cache_version or 0,
-                    row.outcome,
-                    Coverage.model_validate_json(row.coverage) if row.coverage else None,
-                    row.problem,
-                    row.stamp,
-                )
-                for row in rows
-            ]
+            return [_entry(row) for row in rows]
+
+    def damaged(self) -> list[Entry]:
+        """What is known of runs that cannot be read."""
+        query = select(*(runs.c[name] for name in Entry.__dataclass_fields__)).where(runs.c.problem.is_not(None))
+        with self._asking() as connection:
+            return [_entry(row) for row in connection.execute(query)]
 
     def versions(self, backend: str) -> list[int]:
         """Versions of `backend` of which there are runs."""
@@ -224,6 +235,13 @@ class Catalogue:
         with self._asking() as connection:
             result = connection.execute(query)
             return pd.DataFrame.from_records(result.fetchall(), columns=list(result.keys()))
+
+
+def _entry(row: Row) -> Entry:
+    """A row of the index; what a damaged run does not tell is empty."""
+    said: dict[str, Any] = {name: getattr(row, name) or ("" if name != "cache_version" else 0) for name in _SAID}
+    coverage = Coverage.model_validate_json(row.coverage) if row.coverage else None
+    return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, **said)
 
 
 def _problem(folder: Path) -> str | None:

@@ -33,7 +33,7 @@ from sqlalchemy.exc import DatabaseError
 
 from labbook.lab.folder import DiskFull, Lab, LabError
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 metadata = MetaData()
 
@@ -66,9 +66,10 @@ runs = Table(
     Column("stamp", Integer, nullable=False),
     Column("problem", Text),
     Index("runs_by_lineage", "lineage_key"),
-    Index("runs_by_study", "study"),
+    Index("runs_by_study", "study", "backend", "outcome", "finished"),
     Index("runs_by_finish", "finished"),
     Index("runs_by_packing", "packing_key"),
+    Index("runs_damaged", "run_key", sqlite_where=text("problem IS NOT NULL")),
     sqlite_with_rowid=True,
 )
 """One row a run folder. `coverage`: that of `run.json`, as JSON; `stamp`: that of the folder

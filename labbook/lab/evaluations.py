@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from labbook.lab.catalogue import Catalogue
+from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.database import add_measurements
 from labbook.lab.folder import EVALUATION, Lab, remove, stamp
 from labbook.lab.identity import scene_key
@@ -41,6 +41,10 @@ _CANNOT_WRITE = (errno.EROFS, errno.EACCES, errno.EPERM)
 _ODD = (ValueError, ArithmeticError, LookupError, TypeError)
 """What a measure raises on a run that it was not made for: one odd run must not stop the others."""
 Row = Mapping[str, Any]
+
+
+class NotEvaluated(LookupError):
+    """A measure was not evaluated of a run yet, and who asks for it evaluates nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,16 +134,12 @@ def _content(folder: Path) -> str:
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A run that covers what a study asks. `stamp`: of its folder, when it was indexed; `cache_version`: of the backend
-    that made it."""
+    """A run that covers what a study asks. `entry`: what the index knows of it."""
 
     point: Point
     seed: int
-    run_key: str
     folder: Path
-    outcome: str
-    stamp: int
-    cache_version: int
+    entry: Entry
 
     @cached_property
     def record(self) -> RunRecord:
@@ -147,14 +147,44 @@ class FinishedRun:
         return RunRecord.read(self.folder)
 
     @property
+    def run_key(self) -> str:
+        """Its key."""
+        return self.entry.run_key
+
+    @property
     def packing_key(self) -> str:
-        """Key of the packing that it started from. Raises Unreadable."""
-        return self.record.packing_key
+        """Key of the packing that it started from."""
+        return self.entry.packing_key
+
+    @property
+    def outcome(self) -> str:
+        """How it ended."""
+        return self.entry.outcome
 
     @property
     def ended(self) -> str:
-        """When it ended (UTC, ISO 8601). Raises Unreadable."""
-        return self.record.finished
+        """When it ended (UTC, ISO 8601)."""
+        return self.entry.finished
+
+    @property
+    def backend(self) -> str:
+        """The backend that made it."""
+        return self.entry.backend
+
+    @property
+    def cache_version(self) -> int:
+        """Version of that backend."""
+        return self.entry.cache_version
+
+    @property
+    def device(self) -> str:
+        """Where its last stretch was computed."""
+        return self.entry.device
+
+    @property
+    def recorded(self) -> bool:
+        """Whether frames were recorded of it."""
+        return self.entry.coverage is not None and self.entry.coverage.recording is not None
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -163,7 +193,7 @@ class FinishedRun:
 
     def data(self) -> RunData:
         """Start and tables, for measuring. Raises Unreadable, where the folder changed also for what is not read."""
-        if stamp(self.folder) != self.stamp:
+        if stamp(self.folder) != self.entry.stamp:
             return open_run(self.folder)[1]
         return run_data(self.folder, self.record)
 
@@ -171,15 +201,21 @@ class FinishedRun:
         """What a measure gave of the run: kept beside it, or evaluated now. Raises Unreadable; ImportError."""
         return evaluated(self.folder, measure, window, self.data)
 
-    @property
-    def recorded(self) -> bool:
-        """Whether frames were recorded of it. Raises Unreadable."""
-        return self.record.coverage.recording is not None
-
     def recording(self) -> dict[str, np.ndarray] | None:
         """Recorded frames (columns id, step, time, x, y, z, vx, vy, vz; single precision), or None without
         any. Raises Unreadable."""
         return read_recording(self.folder, self.record)
+
+
+class KeptRun(FinishedRun):
+    """A finished run for those who only look: what was not evaluated of it stays so."""
+
+    def evaluated(self, measure: Measure, window: Window) -> Evaluated:
+        """What a measure gave of the run, as it is kept beside it. Raises NotEvaluated."""
+        found = _kept(path_of(self.folder, measure, window))
+        if found is None:
+            raise NotEvaluated(f"{measure.name} was not evaluated of the run {self.run_key}")
+        return found
 
 
 def wanted(observe: Observe) -> list[Measure]:
@@ -233,6 +269,8 @@ class Numbers:
 
     measured: dict[str, dict[str, Measured]] = field(default_factory=dict)
     problems: dict[str, str] = field(default_factory=dict)
+    lacking: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Measures that were not evaluated of a run yet, where nothing is evaluated."""
 
 
 def numbers(
@@ -269,6 +307,20 @@ def numbers(
             progress(done)
     finally:
         add_measurements(catalogue.lab, new)
+    return found
+
+
+def kept_numbers(catalogue: Catalogue, runs: Iterable[FinishedRun], observe: Observe) -> Numbers:
+    """What the index has of each run, of what `observe` asks for. Nothing is evaluated, and no folder is looked at."""
+    found, every = Numbers(), {run.run_key: run for run in runs}
+    stored = catalogue.measured(every, observe)
+    for key, run in every.items():
+        found.measured[key], had = {}, stored.get(key, {})
+        for measure in wanted(observe):
+            if (rows := had.get((measure.name, measure.version))) is not None:
+                _take(found, run, measure, rows)
+            else:
+                found.lacking[key] = (*found.lacking.get(key, ()), measure.name)
     return found
 
 

@@ -167,6 +167,9 @@ def concerns(results: Results) -> list[str]:
         sentences.append(f"Runs are lacking at {_listed(partial)}: the first to end are no fair sample.")
     if results.unreadable:
         sentences.append(f"{_count(len(results.unreadable), 'run')} could not be read: {results.unreadable[0]}.")
+    if results.unevaluated:
+        runs = f"Numbers of {_count(len(results.unevaluated), 'run')} are not evaluated yet"
+        sentences.append(f"{runs}: labbook fit {study.path.name} evaluates them.")
     for how in ("clogged", "diverged"):
         ended = [(one, one.outcomes[how]) for one in points if one.outcomes[how]]
         if ended:

@@ -146,11 +146,7 @@ def _backend(results: Results) -> Iterator[str]:
     """Each backend that made runs, with version, precision and device, and how many runs."""
     made: Counter[str] = Counter()
     for run in (run for result in results.points for run in result.runs):
-        facts = run.provenance
-        version = facts.get("cache_version")
-        parts = [str(facts.get("backend", "not known")) + (f" (version {version})" if version is not None else "")]
-        parts += [str(facts[name]) for name in ("precision", "device") if facts.get(name)]
-        made[", ".join(parts)] += 1
+        made[f"{run.backend} (version {run.cache_version}), {run.run.point.numerics.precision}, {run.device}"] += 1
     yield "; ".join(made if len(made) == 1 else (f"{text}: {n} runs" for text, n in made.items()))
 
 

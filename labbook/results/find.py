@@ -6,7 +6,7 @@ from functools import partial
 
 from labbook.backend import BackendMissing, load
 from labbook.lab import Catalogue
-from labbook.lab.evaluations import numbers
+from labbook.lab.evaluations import FinishedRun, KeptRun, kept_numbers, numbers
 from labbook.lab.records import Observe
 from labbook.results.numerical import numerical
 from labbook.results.paper import compared, further_fits, judged
@@ -16,6 +16,7 @@ from labbook.results.series import series_of
 from labbook.results.statements import judge
 from labbook.results.study import Results
 from labbook.run.coverage import finished, unreadable
+from labbook.run.demand import Demand
 from labbook.stats import Measured
 from labbook.study import Study
 
@@ -66,8 +67,28 @@ def find(
     observe = Observe(measure=study.measure, start=study.window.start, end=study.window.end)
     found = numbers(catalogue, runs, observe, progress)
     results = results_of(study, runs, found.measured, found.problems, lost)
+    return replace(results, stale=_stale(runs, backend))
+
+
+def kept(
+    study: Study, catalogue: Catalogue, backend: str, asked: Mapping[str, Sequence[Demand]] | None = None
+) -> Results:
+    """The same for those who only look: nothing is evaluated, and no folder is looked at.
+
+    `asked`: what `labbook.run.coverage.asked` gives of the study, where it is known already. Profiles, traces and
+    fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for.
+    """
+    runs, lost = finished(catalogue, study, backend, asked, KeptRun), unreadable(catalogue, study, backend)
+    observe = Observe(measure=study.measure, start=study.window.start, end=study.window.end)
+    found = kept_numbers(catalogue, runs, observe)
+    results = results_of(study, runs, found.measured, found.problems, lost)
+    return replace(results, stale=_stale(runs, backend), unevaluated=tuple(found.lacking))
+
+
+def _stale(runs: Sequence[FinishedRun], backend: str) -> frozenset[int]:
+    """Versions of runs other than the one installed; none where the backend is not: a lab may be read anywhere."""
     try:
         installed = load(backend).capabilities.cache_version
-    except BackendMissing:  # the lab may be read where its backend is not installed
-        return results
-    return replace(results, stale=frozenset({run.cache_version for run in runs} - {installed}))
+    except BackendMissing:
+        return frozenset()
+    return frozenset({run.cache_version for run in runs} - {installed})

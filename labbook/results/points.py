@@ -55,7 +55,11 @@ class Finished(Protocol):
         ...
 
     @property
+    def backend(self) -> str: ...
+    @property
     def cache_version(self) -> int: ...
+    @property
+    def device(self) -> str: ...
     @property
     def provenance(self) -> Mapping[str, Any]: ...
     @property
@@ -105,9 +109,19 @@ class RunResult:
         return self.run.ended
 
     @property
+    def backend(self) -> str:
+        """The backend that made it."""
+        return self.run.backend
+
+    @property
     def cache_version(self) -> int:
-        """Version of the backend that made it."""
+        """Version of that backend."""
         return self.run.cache_version
+
+    @property
+    def device(self) -> str:
+        """Where it was computed."""
+        return self.run.device
 
     @property
     def provenance(self) -> Mapping[str, Any]:

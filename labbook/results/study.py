@@ -27,6 +27,8 @@ class Results:
     """Statements of the reference, held against ours."""
     numerical: tuple[Numerical, ...] = ()
     """Points that differ in numerics only."""
+    unevaluated: tuple[str, ...] = ()
+    """Keys of runs that lack a number which was not evaluated yet, where nothing is evaluated (`find.kept`)."""
     stale: frozenset[int] = frozenset()
     """Versions of the backend whose runs count though another one is installed: `labbook run` would make them again."""
 

@@ -1,7 +1,7 @@
 """Whether a run that exists covers what is asked: how far it went, and what it observed; and a study's runs that do."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
@@ -45,20 +45,33 @@ def shortfall(
     )
 
 
-def finished(catalogue: Catalogue, study: Study, backend: str) -> list[FinishedRun]:
+def asked(study: Study, backend: str) -> Mapping[str, Sequence[Demand]]:
+    """All runs that a study may have on `backend`, by lineage: points that come to the same scene share theirs."""
+    found: dict[str, list[Demand]] = defaultdict(list)
+    for demand in demands(study, stopping_rule(study).cap):
+        found[demand.lineage(backend)].append(demand)
+    return found
+
+
+def finished(
+    catalogue: Catalogue,
+    study: Study,
+    backend: str,
+    known: Mapping[str, Sequence[Demand]] | None = None,
+    kind: type[FinishedRun] = FinishedRun,
+) -> list[FinishedRun]:
     """Runs of `study` on `backend` that cover its stop rule and measures, by point and seed.
 
     Replicates beyond the minimum count too. The runs of one point are all of one version of the backend, the
-    newest that has any: what several versions computed is never pooled.
+    newest that has any: what several versions computed is never pooled. `known`: what `asked` gives, where it is
+    known already; `kind`: what is made of each run.
     """
-    asked: dict[str, list[Demand]] = defaultdict(list)  # points that come to the same scene share their runs
-    for demand in demands(study, stopping_rule(study).cap):
-        asked[demand.lineage(backend)].append(demand)
+    wanted = asked(study, backend) if known is None else known
     found: list[tuple[Demand, Entry]] = []
-    for entry in catalogue.entries(lineages=asked):
+    for entry in catalogue.entries(lineages=wanted):
         if entry.coverage is None:
             continue
-        for demand in asked[entry.lineage_key]:
+        for demand in wanted[entry.lineage_key]:
             shared = demand.shared
             if not shortfall(entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names):
                 found.append((demand, entry))
@@ -68,15 +81,7 @@ def finished(catalogue: Catalogue, study: Study, backend: str) -> list[FinishedR
     found.sort(key=lambda pair: (pair[0].point.index, pair[0].seed))
     lab = catalogue.lab
     return [
-        FinishedRun(
-            demand.point,
-            demand.seed,
-            entry.run_key,
-            lab.run(entry.run_key),
-            entry.outcome,
-            entry.stamp,
-            entry.cache_version,
-        )
+        kind(demand.point, demand.seed, lab.run(entry.run_key), entry)
         for demand, entry in found
         if entry.cache_version == newest[demand.point.index]
     ]
@@ -84,8 +89,10 @@ def finished(catalogue: Catalogue, study: Study, backend: str) -> list[FinishedR
 
 def unreadable(catalogue: Catalogue, study: Study, backend: str) -> list[str]:
     """Why runs of `study` on `backend` that are there cannot be read, as far as is known of each whose it is."""
-    asked = list(demands(study, stopping_rule(study).cap))
-    versions = catalogue.versions(backend)
-    whose = [demand.run_key(backend, version) for demand in asked for version in versions]
-    found = catalogue.entries(whose, {demand.lineage(backend) for demand in asked})
-    return sorted({entry.problem for entry in found if entry.problem})
+    damaged = catalogue.damaged()
+    if not damaged:
+        return []
+    versions, whose = catalogue.versions(backend), set[str]()
+    for demand in demands(study, stopping_rule(study).cap):
+        whose |= {demand.lineage(backend), *(demand.run_key(backend, version) for version in versions)}
+    return sorted({one.problem for one in damaged if one.problem and {one.run_key, one.lineage_key} & whose})

@@ -275,7 +275,7 @@ class Planner:
             record, _ = open_run(folder)
         except Unreadable as problem:
             return Entry(key, "", 0, "unreadable", None, str(problem), seen)
-        return Entry(key, record.lineage_key, record.cache_version, record.outcome, record.coverage, None, seen)
+        return Entry.of(record, seen)
 
 
 QUANTITY = "flow_rate"

@@ -31,6 +31,8 @@ class Run:
     filmed: bool = False
     every: float = 0.04
     cache_version: int = 1
+    backend: str = "double"
+    device: str = "cpu"
 
     @property
     def run_key(self):

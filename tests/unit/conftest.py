@@ -126,6 +126,8 @@ class FinishedDouble:
     outcome: str = "emptied"
     recorded: bool = False
     cache_version: int = 1
+    backend: str = "double"
+    device: str = "cpu"
 
     @property
     def run_key(self) -> str:

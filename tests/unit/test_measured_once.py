@@ -11,12 +11,13 @@ import pytest
 from toy_lab import carry_out, labbook, study_file
 
 from labbook.lab import Catalogue, Lab
-from labbook.lab.evaluations import evaluated
+from labbook.lab.evaluations import NotEvaluated, evaluated
 from labbook.lab.folder import EVALUATION
 from labbook.lab.runs import open_run
 from labbook.measure import MEASURES, Evaluation, MeasureError
 from labbook.measure.packing import PackingStructure
 from labbook.results.find import find
+from labbook.results.find import kept as kept_results
 from labbook.study import load
 from labbook.study.schema import Window
 
@@ -71,6 +72,25 @@ def kept(lab: Path) -> dict[Path, int]:
 
 
 @pytest.mark.slow
+def test_who_only_looks_evaluates_nothing(made, counted):
+    path, lab = made
+    study, catalogue = load(path), Catalogue(lab)
+    found, looked = find(study, catalogue, "toy"), kept_results(study, catalogue, "toy")
+    assert [one.pooled for one in looked.points] == [one.pooled for one in found.points]
+    assert looked.unevaluated == ()
+    assert looked.series[0].used == found.series[0].used == {0, 1}
+    assert looked.points[0].runs[0].trace is not None
+    later = study.change({"window.end": 0.5})
+    looked = kept_results(later, catalogue, "toy")
+    runs = [run for one in looked.points for run in one.runs]
+    assert len(runs) == 4
+    assert looked.unevaluated == tuple(run.run_key for run in runs)
+    assert not any(run.measured for run in runs)
+    with pytest.raises(NotEvaluated, match=runs[0].run_key):
+        assert runs[0].trace
+    assert not counted
+
+
 def test_over_all_verbs_a_run_is_measured_once(tmp_path, counted):
     path = asked(tmp_path)
     there = ("--lab", tmp_path / "lab", "--backend", "toy")

@@ -33,6 +33,8 @@ class Double:
     ended: str = "2026-01-02T03:04:05+00:00"
     recorded: bool = False
     cache_version: int = 1
+    backend: str = "double"
+    device: str = "cpu"
 
     @property
     def run_key(self) -> str:
