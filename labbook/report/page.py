@@ -144,9 +144,7 @@ def _outcomes(results: Results, folder: Path) -> list[Section]:
 def _provenance(results: Results, folder: Path) -> list[Section]:
     blocks: list[Block] = [Folded("What made the runs", (tables.provenance_table(results),))]
     blocks.append(Folded("Keys of all runs", (tables.runs_table(results),)))
-    study = results.study
-    text = study.path.read_text(encoding="utf-8") if study.path.is_file() else study.yaml()
-    blocks.append(Folded("The study file", (Verbatim(text),)))
+    blocks.append(Folded("The study file", (Verbatim(results.study.text),)))
     return [Section("Provenance", tuple(blocks))]
 
 
