@@ -1,10 +1,13 @@
 """The command line: `labbook VERB`, one module a verb.
 
 Each module of `VERBS` has `register(app)`, which adds its command; modules import what is heavy inside the command,
-so that `labbook --help` stays quick.
+so that `labbook --help` stays quick. Packages add verbs by such functions, which they announce in the entry-point group
+`labbook.verbs`.
 """
 
+import sys
 from importlib import import_module
+from importlib.metadata import entry_points
 
 import typer
 from typer.core import TyperGroup
@@ -58,6 +61,12 @@ def build() -> typer.Typer:
     )
     for verb in VERBS:
         import_module(f"labbook.cli.{verb}").register(app)
+    for entry in sorted(entry_points(group="labbook.verbs"), key=lambda entry: entry.name):
+        try:
+            entry.load()(app)
+        except Exception as error:  # whatever a package does when it is imported: other verbs stay
+            told = f"{entry.value} ({type(error).__name__}: {error}); mend or uninstall the package"
+            print(f"Warning: the verb {entry.name} cannot be loaded: {told}", file=sys.stderr)
     return app
 
 

@@ -30,6 +30,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.dialects.sqlite import insert
 from sqlalchemy.exc import DatabaseError
+from sqlalchemy.pool import QueuePool
 
 from labbook.lab.folder import DiskFull, Lab, LabError
 
@@ -140,7 +141,9 @@ def connect(path: Path, *, read_only: bool) -> Engine:
         mode += "&immutable=1"
     uri = f"file:{quote(str(path.resolve()))}?mode={mode}"
     engine = create_engine(
-        "sqlite://", creator=lambda: sqlite3.connect(uri, uri=True, timeout=BUSY, isolation_level=None)
+        "sqlite://",
+        creator=lambda: sqlite3.connect(uri, uri=True, timeout=BUSY, isolation_level=None, check_same_thread=False),
+        poolclass=QueuePool,  # of an address like this SQLAlchemy would think that it is in memory: one each thread
     )
     if not read_only:
 

@@ -1,18 +1,18 @@
 """The lab folder: where runs, packings and unfinished work lie, who may work on what, and how files get there whole.
 
-| path                  | holds                                                                     |
-|-----------------------|---------------------------------------------------------------------------|
-| lab/runs/KEY/         | a finished run, put in place by one rename                                |
-| lab/packings/KEY/     | a settled packing, put in place by one rename                             |
-| lab/studies/NAME.yaml | the text of the study NAME as it was last run                             |
-| lab/notes/studies/    | notes and tags that people gave to studies, NAME.md                       |
-| lab/notes/runs/       | the same of runs, KEY.md                                                  |
-| lab/work/KEY/         | unfinished work on a run or packing, with its exact checkpoints           |
-| lab/work/KEY.lock     | held by the process that works on KEY                                     |
-| lab/work/KEY.look     | held by the process that evaluates the run KEY, or writes the file KEY    |
-| lab/live/ID.json      | where a process that works on a study stands just now                     |
-| lab/live/ID.lock      | held by that process                                                      |
-| lab/catalogue.db      | an index of runs, packings and measured numbers, which can be made again  |
+| path                      | holds                                                                    |
+|---------------------------|--------------------------------------------------------------------------|
+| lab/runs/KEY/             | a finished run, put in place by one rename                               |
+| lab/packings/KEY/         | a settled packing, put in place by one rename                            |
+| lab/study-files/NAME.yaml | the text of the study NAME as it was last run                            |
+| lab/notes/studies/        | notes and tags that people gave to studies, NAME.md                      |
+| lab/notes/runs/           | the same of runs, KEY.md                                                 |
+| lab/work/KEY/             | unfinished work on a run or packing, with its exact checkpoints          |
+| lab/work/KEY.lock         | held by the process that works on KEY                                    |
+| lab/work/KEY.look         | held by the process that evaluates the run KEY, or writes the file KEY   |
+| lab/live/ID.json          | where a process that works on a study stands just now                    |
+| lab/live/ID.lock          | held by that process                                                     |
+| lab/catalogue.db          | an index of runs, packings and measured numbers, which can be made again |
 """
 
 import errno
@@ -116,7 +116,7 @@ class Lab:
         self.runs = self.folder / "runs"
         self.packings = self.folder / "packings"
         self.works = self.folder / "work"
-        self.studies = self.folder / "studies"
+        self.studies = self.folder / "study-files"
         self.notes = self.folder / "notes"
         self.live = self.folder / "live"
         self.catalogue = self.folder / "catalogue.db"

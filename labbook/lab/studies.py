@@ -1,4 +1,4 @@
-"""The texts of the studies that were run in a lab, as their authors wrote them: `lab/studies/NAME.yaml`.
+"""The texts of the studies that were run in a lab, as their authors wrote them: `lab/study-files/NAME.yaml`.
 
 A text is that of the last run under its name. Nothing here reads what a text says: `labbook.study.load` does.
 """

@@ -25,8 +25,8 @@ Pixels = Callable[[float, float], tuple[float, float]]
 """From x and z [m] to a place in the picture."""
 
 
-def svg(grains: Grains, container: Container) -> str:
-    """The scene as an SVG element: walls, grains and the main sizes; empty where the section shows no wall.
+def svg(grains: Grains, container: Container, sized: bool = True) -> str:
+    """The scene as an SVG element: walls, grains and, if `sized`, the main sizes; empty where the section shows no wall.
 
     Grains are placed for the eye, not by physics.
     """
@@ -43,8 +43,8 @@ def svg(grains: Grains, container: Container) -> str:
     bed = _drawn(grains, container, at, scale)
     lines = "".join(_line(at(*start), at(*end)) for start, end in walls)
     width, height = (right - left) * scale + 2 * _MARGIN, (high - low) * scale
-    sizes = _sizes(grains, container, at, width, height)
-    across, down = width + _BESIDE, height + _MARGIN + _BELOW
+    sizes = _sizes(grains, container, at, width, height) if sized else ""
+    across, down = width + (_BESIDE if sized else 0.0), height + _MARGIN + _BELOW
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{across:.0f}" height="{down:.0f}" '
         f'viewBox="0 0 {across:.0f} {down:.0f}" role="img" '

@@ -7,6 +7,7 @@ length wherever the context names it (`d` -> diameter [m]).
 
 import math
 import re
+import threading
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import lru_cache
@@ -16,11 +17,19 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticCustomError
 
 
-@lru_cache(maxsize=1)
 def _registry():
+    with _setting_up:  # quantities of two registries do not go together
+        return _made_registry()
+
+
+@lru_cache(maxsize=1)
+def _made_registry():
     import pint  # here, not above: building its registry takes longer than the rest of `import labbook`
 
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
+_setting_up = threading.Lock()
 
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*/\s*\d+\.?\d*)?(?![\d.])")

@@ -49,7 +49,7 @@ class Said(Unwatched):
 def test_a_run_keeps_its_study_as_its_author_wrote_it(tmp_path):
     path, lab = commented(tmp_path, orifices="[18, 24]"), Lab(tmp_path / "lab")
     labbook("run", path, "--lab", lab.folder, "--backend", "toy")
-    assert studies.kept(lab) == {"toy-study": lab.folder / "studies/toy-study.yaml"}
+    assert studies.kept(lab) == {"toy-study": lab.folder / "study-files/toy-study.yaml"}
     kept = studies.kept(lab)["toy-study"]
     assert kept.read_bytes() == path.read_bytes()
     again, asked = load(kept), load(path)
@@ -124,7 +124,7 @@ def test_a_full_disk_ends_the_run_before_it_begins_and_leaves_no_half_file(tmp_p
     lab, write = Lab(tmp_path / "lab"), os.replace
 
     def full(part, path):
-        if Path(path).parent.name == "studies":
+        if Path(path).parent.name == "study-files":
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         write(part, path)
 
@@ -165,7 +165,7 @@ def test_a_pipe_in_place_of_the_file_is_not_waited_for(tmp_path):
 
 
 def test_a_folder_of_studies_alone_is_no_lab(tmp_path):
-    (tmp_path / "studies").mkdir()
+    (tmp_path / "study-files").mkdir()
     assert not Lab(tmp_path).exists
 
 

@@ -1,0 +1,351 @@
+"""The app: addresses, and what is answered to each."""
+
+import hashlib
+import json
+import logging
+import os
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+import anyio.to_thread
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from labbook.backend import BackendMissing
+from labbook.export.recording import NotRecorded, ViewerMissing
+from labbook.lab import LabError, Unreadable, notes
+from labbook.lab.catalogue import RUN_COLUMNS
+from labbook.lab.folder import PICTURE
+from labbook.lab.notes import Note
+from labbook.study import StudyError
+from labbook_web import viewer
+from labbook_web.guard import Guard
+from labbook_web.page import Links, Page
+from labbook_web.pages import lab, run, runs, study
+from labbook_web.pages.compare import Malformed, compare_page
+from labbook_web.pages.lab import card, lab_page
+from labbook_web.pages.point import point_page
+from labbook_web.pages.run import file_of, key_of, run_page
+from labbook_web.pages.runs import runs_page
+from labbook_web.pages.study import study_page
+from labbook_web.render import html, part
+from labbook_web.shelf import NotThere, Shelf
+
+LINKS = Links()
+STATIC = files("labbook_web") / "static"
+_KINDS = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".txt": "text/plain"}
+_LASTING = {"cache-control": "private, max-age=31536000, immutable"}
+_log = logging.getLogger("labbook.web")
+_ALLOWED = {
+    "lab": {"q", "page", "token"},
+    "study": {"backend", "as", "x", "y", "series", "scale", "law", "fits", "brush", "sort", "find", "point"},
+    "point": {"backend"},
+    "run": set[str](),
+    "runs": {*runs.FILTERS, "sort", "page"},
+    "compare": {"item"},
+}
+"""What may stand behind the question mark of a page, each once."""
+
+
+def application(shelf: Shelf, *, read_only: bool = False, hosts: frozenset[str] = frozenset(), token: str = ""):
+    """The app for the studies of a shelf. read_only: whether notes are not written; hosts, token: see `Guard`."""
+    made = App(shelf, read_only)
+    return Guard(made.starlette, hosts, token)
+
+
+class App:
+    """Answers for one shelf."""
+
+    def __init__(self, shelf: Shelf, read_only: bool):
+        self.shelf, self.read_only = shelf, read_only
+        name = "/study/{name:str}"
+        pages: list[tuple[str, Callable[[Request], Page]]] = [
+            (name + "/point/{number:int}", self._point),
+            (name, self._study),
+            ("/runs", self._runs),
+            ("/run/{key:str}", self._run),
+            ("/compare", self._compare),
+            ("/index", self._lab),
+        ]
+        routes = [Route("/", self._answer(self._lab, ""))]
+        for path, make in pages:
+            routes += [Route(f"{path}.{ending}", self._answer(make, ending)) for ending in ("json", "csv")]
+            routes += [Route(path, self._answer(make, ""))] if path != "/index" else []
+        routes += [
+            Route("/card/{name}", self._threaded(self._card)),
+            Route("/progress/{name}", self._threaded(self._progress)),
+            Route("/study/{name}/figure/{figure}", self._threaded(self._figure)),
+            Route("/study/{name}/{file}.yaml", self._threaded(self._yaml)),
+            Route("/note/{kind}/{name}", self._write_note, methods=["POST"]),
+            Route("/run/{key}/picture.png", self._threaded(self._picture)),
+            Route("/run/{key}/viewer", self._threaded(self._viewer)),
+            Route("/run/{key}/recording.rrd", self._threaded(self._recording)),
+            Route("/run/{key}/file/{file}", self._threaded(self._file)),
+            Route("/viewer/{version}/{file:path}", self._threaded(self._viewer_file)),
+            Route("/static/{file:path}", self._threaded(self._static)),
+            Route("/favicon.ico", self._threaded(lambda request: RedirectResponse(LINKS.asset("icon.svg"), 301))),
+        ]
+        self.starlette = Starlette(
+            routes=routes, exception_handlers={HTTPException: self._wrong, Exception: self._broken}
+        )
+
+    # how answers are made
+
+    def _threaded(self, make: Callable[[Request], Response]):
+        async def answer(request: Request) -> Response:
+            return await anyio.to_thread.run_sync(self._made, make, request)
+
+        return answer
+
+    def _answer(self, make: Callable[[Request], Page], ending: str):
+        def respond(request: Request) -> Response:
+            page = make(request)
+            if ending == "json":
+                return Response(page.json(), media_type="application/json")
+            if ending == "csv":
+                return Response(page.csv(), media_type="text/csv; charset=utf-8")
+            return HTMLResponse(html(page, LINKS, **self._common()))
+
+        return self._threaded(respond)
+
+    def _made(self, make: Callable[[Request], Response], request: Request) -> Response:
+        """What `make` answers; what cannot be answered is said in words, with a status that fits."""
+        try:
+            return make(request)
+        except HTTPException:
+            raise
+        except NotThere as error:
+            raise HTTPException(404, str(error)) from error
+        except (Malformed, StudyError) as error:
+            raise HTTPException(400 if isinstance(error, Malformed) else 422, str(error)) from error
+        except (LabError, Unreadable, BackendMissing) as error:
+            raise HTTPException(503, str(error)) from error
+
+    def _common(self) -> dict[str, Any]:
+        return {"read_only": self.read_only, "lab": self.shelf.lab.folder.resolve().name}
+
+    async def _wrong(self, request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        return await anyio.to_thread.run_sync(self._said, request, error.status_code, str(error.detail))
+
+    async def _broken(self, request: Request, error: Exception) -> Response:
+        _log.error("%s could not be answered", request.url.path, exc_info=error)
+        return await anyio.to_thread.run_sync(self._said, request, 500, "Something is wrong with labbook itself; "
+                                              "the terminal in which it runs says what.")  # fmt: skip
+
+    def _said(self, request: Request, status: int, why: str) -> Response:
+        if request.url.path.endswith(".json"):
+            return Response(json.dumps({"error": why}), status, media_type="application/json")
+        if request.headers.get("hx-request"):
+            return HTMLResponse(part("problem.html.j2", LINKS, why=why), status)
+        page = Page("error.html.j2", "", f"{status}", dict, _no_frame, {"status": status, "why": why})
+        return HTMLResponse(html(page, LINKS, **self._common()), status)
+
+    # pages
+
+    def _lab(self, request: Request) -> Page:
+        return lab_page(self.shelf, asked(request, "lab"))
+
+    def _study(self, request: Request) -> Page:
+        return study_page(self.shelf, request.path_params["name"], asked(request, "study"))
+
+    def _point(self, request: Request) -> Page:
+        number = request.path_params["number"]
+        return point_page(self.shelf, request.path_params["name"], number, asked(request, "point"))
+
+    def _run(self, request: Request) -> Page:
+        return run_page(self.shelf, hex_of(request), asked(request, "run"))
+
+    def _runs(self, request: Request) -> Page:
+        return runs_page(self.shelf, asked(request, "runs"))
+
+    def _compare(self, request: Request) -> Page:
+        every = parse_qsl(request.url.query, keep_blank_values=True)
+        if unknown := {name for name, _ in every} - _ALLOWED["compare"]:
+            raise HTTPException(400, f"{sorted(unknown)[0][:60]} is not known here; use item=run:KEY and the like")
+        return compare_page(self.shelf, [value for _, value in every if value])
+
+    # parts of pages, and files
+
+    def _card(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        for one in self.shelf.listed():
+            if one.name == name:
+                return HTMLResponse(part("card.html.j2", LINKS, **card(self.shelf, one)))
+        raise NotThere(f"there is no study {name}")
+
+    def _progress(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        found = self.shelf.found(name, self.shelf.backend_of(name, request.query_params.get("backend")))
+        shown = {"progress": lab.progress(found, self.shelf.running()), "found": found, "polls": True}
+        return HTMLResponse(part("progress.html.j2", LINKS, **shown))
+
+    def _figure(self, request: Request) -> Response:
+        name, figure = request.path_params["name"], request.path_params["figure"]
+        found = self.shelf.found(name, self.shelf.backend_of(name, request.query_params.get("backend")))
+        if figure.endswith(".svg"):
+            drawn = study.picture(self.shelf, found, figure.removesuffix(".svg"))
+            return Response(
+                drawn, media_type="image/svg+xml", headers=_LASTING if "state" in request.query_params else {}
+            )
+        title, why = study.draw(found, figure)[0], ""
+        try:
+            study.picture(self.shelf, found, figure)
+        except study.CANNOT_DRAW as error:
+            why = study.why_not(error, found)
+        return HTMLResponse(part("figure.html.j2", LINKS, found=found, address=figure, title=title, why=why))
+
+    def _yaml(self, request: Request) -> Response:
+        text = self.shelf.study(request.path_params["name"])[1]
+        return Response(
+            text, media_type="text/yaml; charset=utf-8", headers=saved_as(f"{request.path_params['name']}.yaml")
+        )
+
+    def _picture(self, request: Request) -> Response:
+        key = key_of(self.shelf, hex_of(request))
+        path = self.shelf.lab.run(key) / PICTURE
+        if path.is_file():
+            return FileResponse(path, media_type="image/png", headers={"cache-control": "private, max-age=60"})
+        sketch = run.sketch(self.shelf, key)
+        return Response(sketch, media_type="image/svg+xml", headers={"cache-control": "private, max-age=60"})
+
+    def _viewer(self, request: Request) -> Response:
+        key = key_of(self.shelf, hex_of(request))
+        try:
+            viewer.viewer_files()
+            viewer.recording(self.shelf.lab.run(key), key[:10])
+        except (viewer.NoViewer, ViewerMissing, NotRecorded, OSError) as error:
+            return HTMLResponse(part("problem.html.j2", LINKS, why=str(error)))
+        host = f"{request.url.scheme}://{request.headers['host']}"
+        shown = {"key": key, "version": viewer.version(), "source": f"{host}/run/{key}/recording.rrd"}
+        return HTMLResponse(part("viewer.html.j2", LINKS, **shown))
+
+    def _recording(self, request: Request) -> Response:
+        key = key_of(self.shelf, hex_of(request))
+        try:
+            path = viewer.recording(self.shelf.lab.run(key), key[:10])
+        except (ViewerMissing, NotRecorded) as error:
+            raise NotThere(str(error)) from error
+        return FileResponse(path, media_type="application/octet-stream", headers=saved_as(f"{key[:10]}.rrd"))
+
+    def _file(self, request: Request) -> Response:
+        key = key_of(self.shelf, hex_of(request))
+        path = file_of(self.shelf, key, request.path_params["file"])
+        return FileResponse(path, media_type="application/octet-stream", headers=saved_as(f"{key[:10]}-{path.name}"))
+
+    def _viewer_file(self, request: Request) -> Response:
+        file, wanted = request.path_params["file"] or "index.html", request.path_params["version"]
+        try:
+            if file not in viewer.FILES or wanted != viewer.version():
+                raise NotThere(f"the viewer {wanted} has no file {file}")
+            folder = viewer.viewer_files()
+        except viewer.NoViewer as error:
+            raise NotThere(str(error)) from error
+        headers = dict(_LASTING)
+        if file.endswith(".wasm"):
+            headers |= {"content-encoding": "gzip", "rerun-final-length": (folder / f"{file}.length").read_text()}
+            return FileResponse(folder / f"{file}.gz", media_type=viewer.FILES[file], headers=headers)
+        return FileResponse(folder / file, media_type=viewer.FILES[file], headers=headers)
+
+    def _static(self, request: Request) -> Response:
+        content = asset(request.path_params["file"])
+        if content is None:
+            raise NotThere(f"there is no file {request.path_params['file']}")
+        kind = _KINDS[Path(request.path_params["file"]).suffix]
+        tag = f'"{hashlib.blake2b(content, digest_size=8).hexdigest()}"'
+        headers = {"etag": tag, "cache-control": "private, max-age=0, must-revalidate"}
+        if request.headers.get("if-none-match") == tag:
+            return Response(status_code=304, headers=headers)
+        return Response(content, media_type=kind, headers=headers)
+
+    # the only thing that is written
+
+    async def _write_note(self, request: Request) -> Response:
+        if self.read_only:
+            raise HTTPException(403, "Notes cannot be written: the app was started with --read-only.")
+        body = (await request.body()).decode("utf-8", "replace")
+        sent = dict(parse_qsl(body, keep_blank_values=True))
+        return await anyio.to_thread.run_sync(self._made, lambda _: self._noted(request, sent), request)
+
+    def _noted(self, request: Request, sent: Mapping[str, str]) -> Response:
+        kind, name = request.path_params["kind"], request.path_params["name"]
+        if kind == "run":
+            name = key_of(self.shelf, hex_of(request, "name"))
+        elif kind != "study" or name not in {one.name for one in self.shelf.listed()}:
+            raise NotThere(f"there is no {kind[:20]} {name[:80]}")
+        tags = tuple(filter(None, (tag.strip() for tag in sent.get("tags", "").split(","))))
+        why = ""
+        try:
+            notes.write(self.shelf.lab, kind, name, Note(sent.get("text", "").replace("\r\n", "\n").strip(), tags))
+        except (ValueError, OSError) as error:
+            why = str(error)
+        note = Note(sent.get("text", ""), tags) if why else self.shelf.note(kind, name)
+        shown = {"kind": kind, "name": name, "note": note, "why": why, "saved": not why, "read_only": False}
+        return HTMLResponse(part("note.html.j2", LINKS, **shown), 400 if why else 200)
+
+
+def asked(request: Request, page: str) -> dict[str, str]:
+    """What stands behind the question mark, each name once. Raises HTTPException for what the page does not know."""
+    every = parse_qsl(request.url.query, keep_blank_values=True)
+    found = {name: value for name, value in every if value}
+    if len(every) != len({name for name, _ in every}):
+        raise HTTPException(400, "Something is asked for twice.")
+    allowed = _ALLOWED[page]
+    if unknown := set(found) - allowed:
+        raise HTTPException(
+            400, f"{sorted(unknown)[0][:60]} is not known here; use: {', '.join(sorted(allowed)) or 'nothing'}"
+        )
+    if "page" in found and not (found["page"].isascii() and found["page"].isdigit() and len(found["page"]) < 7):
+        raise HTTPException(400, "page: it is no whole number")
+    if page == "runs" and found.get("sort", "finished").removeprefix("-") not in RUN_COLUMNS:
+        raise HTTPException(
+            400, f"sort: use one of {', '.join(runs.SORTED_BY)}, with - before it for the greatest first"
+        )
+    return found
+
+
+def hex_of(request: Request, name: str = "key") -> str:
+    """The beginning of a run's key. Raises HTTPException for what cannot be one."""
+    key = request.path_params[name]
+    if not 4 <= len(key) <= 64 or set(key) - set("0123456789abcdef"):
+        raise HTTPException(400, f"{key[:80]} is no key of a run: at least four of its digits 0-9 and a-f")
+    return key
+
+
+def saved_as(name: str) -> dict[str, str]:
+    """Headers of a file that is downloaded under a name."""
+    return {"content-disposition": f'attachment; filename="{name}"'}
+
+
+@cache
+def assets() -> dict[str, bytes]:
+    """Files of the app itself, by path."""
+    found, folders = {}, [("", STATIC)]
+    while folders:
+        above, folder = folders.pop()
+        for one in folder.iterdir():
+            if one.is_dir():
+                folders.append((f"{above}{one.name}/", one))
+            elif Path(one.name).suffix in _KINDS:
+                found[f"{above}{one.name}"] = one.read_bytes()
+    return found
+
+
+def asset(name: str) -> bytes | None:
+    """A file of the app itself."""
+    if os.environ.get("LABBOOK_WEB_FRESH"):  # while the app is being written
+        assets.cache_clear()
+    return assets().get(name)
+
+
+def _no_frame():
+    import pandas as pd
+
+    return pd.DataFrame()

@@ -1,0 +1,125 @@
+"""Who may ask for what: hosts, a token where others than this machine can reach the app, sizes, and what a page may do.
+
+Every answer carries the policy that keeps a page from asking anything of any other machine.
+"""
+
+import hmac
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+LONGEST_ADDRESS = 4000
+"""Characters of path and query."""
+LARGEST_BODY = 100_000
+COOKIE = "labbook-token"
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self'; "
+    "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'self'"
+)
+"""Styles may stand within a page since Plotly puts its own there; scripts may not."""
+VIEWER_POLICY = (
+    "default-src 'self'; script-src 'self' 'wasm-unsafe-eval' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; base-uri 'none'; "
+    "frame-ancestors 'self'"
+)
+"""Of the rerun viewer, which starts itself by a script within its page."""
+
+
+class Guard:
+    """Stands before the app. `hosts`: names under which it may be asked, with their port; empty: any. `token`: what
+    whoever asks must know; empty: nothing."""
+
+    def __init__(self, app: ASGIApp, hosts: frozenset[str] = frozenset(), token: str = ""):
+        self._app, self._hosts, self._token = app, hosts, token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        refusal = self._refusal(scope)
+        app = refusal or self._app
+        await app(scope, _limited(receive), _marked(scope, send))
+
+    def _refusal(self, scope: Scope) -> ASGIApp | None:
+        """What is answered in place of the app, if something is wrong."""
+        headers = Headers(scope=scope)
+        if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
+            return _say("The address is too long.", 414)
+        host = headers.get("host", "")
+        if self._hosts and host not in self._hosts:  # a page elsewhere may have given its own name our address
+            return _say(f"This app is not known as {host[:100]}.", 421)
+        if scope["method"] not in ("GET", "HEAD", "POST"):
+            return _say("Only GET, HEAD and POST are answered.", 405)
+        if scope["method"] == "POST" and (why := _foreign(headers, host)):
+            return _say(why, 403)
+        try:
+            long = int(headers.get("content-length") or 0)
+        except ValueError:
+            return _say("The length of what was sent is no number.", 400)
+        if not 0 <= long <= LARGEST_BODY:
+            return _say(f"More than {LARGEST_BODY} bytes were sent.", 413)
+        return self._ask_for_token(scope, headers) if self._token else None
+
+    def _ask_for_token(self, scope: Scope, headers: Headers) -> ASGIApp | None:
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        if given and hmac.compare_digest(given.encode(), self._token.encode()):
+            answer = RedirectResponse(scope["path"], 303)
+            answer.set_cookie(COOKIE, given, httponly=True, samesite="strict", max_age=30 * 24 * 3600)
+            return answer
+        try:
+            kept = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        except CookieError:
+            kept = None
+        if kept is not None and hmac.compare_digest(kept.value.encode(), self._token.encode()):
+            return None
+        return _say("Open the address with the token that `labbook web` has printed.", 401)
+
+
+def _foreign(headers: Headers, host: str) -> str:
+    """Why a POST does not come from one of our own pages; empty if it does."""
+    origin = headers.get("origin")
+    if headers.get("sec-fetch-site", "same-origin") != "same-origin":
+        return "This was sent from another site."
+    if origin is None or urlsplit(origin).netloc != host:
+        return "This was not sent from a page of this app."
+    return ""
+
+
+def _limited(receive: Receive) -> Receive:
+    """Receives no more than LARGEST_BODY, whatever was announced."""
+    taken = 0
+
+    async def wrapped() -> Message:
+        nonlocal taken
+        message = await receive()
+        taken += len(message.get("body", b""))
+        if taken > LARGEST_BODY:
+            return {"type": "http.disconnect"}
+        return message
+
+    return wrapped
+
+
+def _marked(scope: Scope, send: Send) -> Send:
+    """Adds the policy to every answer."""
+    policy = VIEWER_POLICY if scope["path"].startswith("/viewer/") else POLICY
+
+    async def wrapped(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            headers["content-security-policy"] = policy
+            headers["x-content-type-options"] = "nosniff"
+            headers["referrer-policy"] = "no-referrer"
+            headers["cross-origin-resource-policy"] = "same-origin"
+            headers["cross-origin-opener-policy"] = "same-origin"
+            headers.setdefault("cache-control", "no-store")
+        await send(message)
+
+    return wrapped
+
+
+def _say(text: str, status: int) -> ASGIApp:
+    return PlainTextResponse(f"{text}\n", status)

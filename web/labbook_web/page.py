@@ -1,0 +1,121 @@
+"""What a page is: data, a table of them, and a template; and the addresses by which pages name one another."""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote, urlencode
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page before it is written as HTML, JSON or CSV.
+
+    `path`: its address without the leading slash and without an ending; `data`: makes what the JSON twin holds;
+    `frame`: the table of the CSV twin; `shown`: what else the template draws; `plotted`: what scripts draw.
+    """
+
+    template: str
+    path: str
+    title: str
+    data: Callable[[], Mapping[str, Any]]
+    frame: Callable[[], "pd.DataFrame"]
+    shown: Mapping[str, Any] = field(default_factory=dict)
+    plotted: Mapping[str, Any] | None = None
+    query: Mapping[str, str] = field(default_factory=dict)
+    """The part of the address behind the question mark that its twins need too."""
+
+    def json(self) -> str:
+        """The JSON twin: SI units, null for what is unknown."""
+        return json.dumps(plain(self.data()), indent=1, allow_nan=False)
+
+    def csv(self) -> str:
+        """The CSV twin; empty cells for what is unknown."""
+        return self.frame().to_csv(index=False) or ""
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it: NaN and infinities become None, arrays lists."""
+    if isinstance(value, Mapping):
+        return {str(name): plain(one) for name, one in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, str | int | float):
+        return value
+    return str(value)
+
+
+class Links:
+    """Addresses of pages in a running app."""
+
+    static = False
+
+    def at(self, path: str, query: Mapping[str, Any] | None = None) -> str:
+        """The address of the page at a path."""
+        asked = {name: value for name, value in (query or {}).items() if value not in (None, "")}
+        return f"/{quote(path)}" + (f"?{urlencode(asked)}" if asked else "")
+
+    def file(self, path: str) -> str:
+        """The address of a file that is shown or downloaded as it is."""
+        return f"/{quote(path)}"
+
+    def twin(self, page: Page, ending: str) -> str:
+        """The address of the same page as `json` or `csv`."""
+        return self.at(f"{page.path or 'index'}.{ending}", page.query)
+
+    def study(self, name: str, **query: Any) -> str:
+        """A study."""
+        return self.at(f"study/{name}", query)
+
+    def point(self, name: str, number: int, **query: Any) -> str:
+        """A point of a study, counted from 1."""
+        return self.at(f"study/{name}/point/{number}", query)
+
+    def run(self, key: str) -> str:
+        """A run, by the beginning of its key."""
+        return self.at(f"run/{key[:16]}")
+
+    def runs(self, **query: Any) -> str:
+        """A list of runs."""
+        return self.at("runs", query)
+
+    def asset(self, name: str) -> str:
+        """A file of the app itself."""
+        return self.file(f"static/{name}")
+
+
+@dataclass(frozen=True)
+class FileLinks(Links):
+    """Addresses of the same pages as files in a folder, as seen from the page at `path`.
+
+    What only a server can give has no address: it is empty.
+    """
+
+    path: str
+    have: frozenset[str]
+    """Paths of the pages that there are."""
+    static = True
+
+    def at(self, path: str, query: Mapping[str, Any] | None = None) -> str:
+        name = path or "index"
+        if name not in self.have:
+            return ""
+        return self.file(f"{name}.html")
+
+    def file(self, path: str) -> str:
+        return "../" * self.path.count("/") + quote(path)
+
+    def twin(self, page: Page, ending: str) -> str:
+        return self.file(f"{page.path or 'index'}.{ending}")

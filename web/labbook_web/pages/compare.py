@@ -1,0 +1,167 @@
+"""Studies, points or runs side by side: in what they differ, their curves in one chart, their numbers, two viewers."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from labbook.lab import RunRecord, Unreadable
+from labbook.report.setting import differences
+from labbook.results import display
+from labbook.results.against import ratio_of
+from labbook.results.points import PointResult
+from labbook.study import Point
+from labbook_web.page import Page
+from labbook_web.pages.point import curve_of, point_of
+from labbook_web.pages.run import curve, key_of, point_of_run
+from labbook_web.pages.study import plotted
+from labbook_web.shelf import Found, NotThere, Shelf
+
+MOST = 6
+_ITEM = re.compile(r"(?P<kind>study|point|run):(?P<name>[A-Za-z][\w-]{0,79}|[0-9a-f]{4,64})(?::(?P<number>\d{1,6}))?"
+                   r"(?:@(?P<backend>[\w-]{1,40}))?")  # fmt: skip
+
+
+class Malformed(ValueError):
+    """What was asked for is not written as it should be; the message says how."""
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """One of the things that are compared. `stated`: what tells it from others, by key; `run`: whose bed is shown."""
+
+    text: str
+    """As the address has it."""
+    label: str
+    address: str
+    point: Point | None
+    result: PointResult | None
+    found: Found | None
+    curves: Sequence[Mapping[str, Any]]
+    run: str | None
+    recorded: bool
+
+
+def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
+    """The things that `items` name: `run:KEY`, `point:STUDY:3`, `study:STUDY`, the last two also `...@BACKEND`.
+
+    Raises Malformed, NotThere.
+    """
+    if len(items) > MOST:
+        raise Malformed(f"{len(items)} things are too many to compare; {MOST} is the most")
+    lacking: list[str] = []
+    found = [_item(shelf, text, lacking) for text in dict.fromkeys(items)]
+    labels = [one.label for one in found]
+    differ = _differences(found)
+    numbers = _numbers(found)
+    return Page(
+        "compare.html.j2",
+        "compare",
+        "Compare",
+        lambda: {"items": [one.text for one in found], "labels": labels, "differences": differ, "numbers": numbers},
+        lambda: pd.DataFrame(
+            [{"key": name, **dict(zip(labels, values, strict=True))} for name, values in differ]
+            + [{"key": row["name"], **dict(zip(labels, row["values"], strict=True))} for row in numbers]
+        ),
+        {"items": found, "differences": differ, "numbers": numbers, "lacking": lacking,
+         "studies": [one.name for one in shelf.listed() if one.path is not None]},
+        {
+            "curves": [{**curve, "label": f"{one.label}: {curve['label']}" if len(one.curves) > 1 else one.label,
+                        "group": place} for place, one in enumerate(found) for curve in one.curves],
+            "studies": [{**plotted(one.found.results), "label": one.label}
+                        for one in found if one.found is not None and one.result is None],
+        },
+    )  # fmt: skip
+
+
+def _item(shelf: Shelf, text: str, lacking: list[str]) -> Item:
+    said = _ITEM.fullmatch(text)
+    if said is None or (said["kind"] == "point") != (said["number"] is not None):
+        raise Malformed(f"{text[:80]} names nothing: use run:KEY, point:STUDY:NUMBER or study:STUDY")
+    if said["kind"] == "run":
+        return _run(shelf, text, said["name"], lacking)
+    found = shelf.found(said["name"], shelf.backend_of(said["name"], said["backend"]))
+    on = f" on {found.backend}" if said["backend"] else ""
+    if said["kind"] == "study":
+        label = f"{found.study.name}{on}"
+        return Item(text, label, f"study/{found.study.name}", None, None, found, (), None, False)
+    number = int(said["number"])
+    result = point_of(found, number)
+    curves = [one for run in result.runs if (one := curve_of(run, f"seed {run.seed}", lacking)) is not None]
+    label = f"{found.study.name}, {result.label or 'the only point'}{on}"
+    filmed = next((run for run in result.runs if run.recorded), result.runs[0])
+    address = f"study/{found.study.name}/point/{number}"
+    return Item(text, label, address, result.point, result, found, curves, filmed.run_key, filmed.recorded)
+
+
+def _run(shelf: Shelf, text: str, prefix: str, lacking: list[str]) -> Item:
+    key = key_of(shelf, prefix)
+    folder, entry = shelf.lab.run(key), shelf.catalogue.entries([key])[0]
+    try:
+        record = RunRecord.read(folder)
+    except Unreadable as problem:
+        raise NotThere(f"the run {key[:10]} cannot be read: {problem}") from problem
+    curves, why = curve(folder, entry, record)
+    lacking += why
+    label = f"{record.study}, {record.label}, seed {record.seed} on {record.backend}"
+    recorded = record.coverage.recording is not None
+    return Item(text, label, f"run/{key[:16]}", point_of_run(record), None, None, curves, key, recorded)
+
+
+def _differences(items: Sequence[Item]) -> list[tuple[str, tuple[str, ...]]]:
+    """In what they differ; of studies, in what their files state."""
+    if len(items) < 2:
+        return []
+    points = [one.point for one in items]
+    if all(point is not None for point in points):
+        found = differences([point for point in points if point is not None])
+        backends = tuple(_backend(one) for one in items)
+        return found + ([("backend", backends)] if len(set(backends)) > 1 else [])
+    stated = [_flat(one.found.study.stated) if one.found else {} for one in items]
+    names = dict.fromkeys(name for one in stated for name in one)
+    return [
+        (name, tuple(str(one.get(name, "–")) for one in stated))
+        for name in names
+        if name != "name" and len({str(one.get(name)) for one in stated}) > 1
+    ]
+
+
+def _backend(one: Item) -> str:
+    return one.found.backend if one.found is not None else one.label.rpartition(" on ")[2]
+
+
+def _numbers(items: Sequence[Item]) -> list[dict[str, Any]]:
+    """What was measured of points, and how each lies to the first: ratio with a 95 % interval, of independent runs."""
+    results = [one.result for one in items]
+    names = dict.fromkeys(name for one in results if one is not None for name in one.pooled)
+    rows = []
+    for name in names:
+        unit = next(run.measured[name].unit for one in results if one is not None for run in one.runs
+                    if name in run.measured)  # fmt: skip
+        shown = display.quantity(name, unit)
+        pooled = [one.pooled.get(name) if one is not None else None for one in results]
+        values = ["–" if one is None else f"{display.with_error(one.value, one.error, shown.scale)} (n = {one.n})"
+                  for one in pooled]  # fmt: skip
+        ratios = [] if shown.about_zero else [_ratio(one, results[0], name) for one in results[1:]]
+        rows.append({"name": shown.heading, "values": values, "ratios": ratios})
+    return rows
+
+
+def _ratio(one: PointResult | None, first: PointResult | None, name: str) -> str:
+    if one is None or first is None or name not in one.pooled or name not in first.pooled:
+        return "–"
+    if first.pooled[name].value == 0:
+        return "–"
+    ratio, pairs = ratio_of(one, first, name)
+    ends = " to ".join(display.number(end, ratio.error) for end in (ratio.low, ratio.high))
+    rests = f"{pairs} pairs" if pairs else "independent runs"
+    return f"{display.with_error(ratio.value, ratio.error)} ({ends}; {rests})"
+
+
+def _flat(stated: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in stated.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+    return found

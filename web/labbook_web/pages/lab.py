@@ -1,0 +1,123 @@
+"""The first page: the studies of a lab as cards, what is running now, and how runs ended."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from labbook.lab import LabError
+from labbook.lab.journal import unfinished
+from labbook.report.result_box import concerns, headline
+from labbook.results.study import Results
+from labbook.run.live import Running
+from labbook.run.progress import duration
+from labbook.study import StudyError
+from labbook_web.page import Page
+from labbook_web.pages.sheet import sheet
+from labbook_web.shelf import Found, Listed, NotThere, Shelf
+
+CARDS = 24
+"""Studies on a page."""
+_ROWS, _COLUMNS = 3, 6
+"""Of the contact sheet on a card."""
+
+
+def lab_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
+    """The studies whose name, sentence or tags have the text `q` in them, page by page; the first page is number 1."""
+    text, number = query.get("q", "").strip(), int(query.get("page", "1"))
+    every = shelf.listed()
+    found = [one for one in every if _has(shelf, one, text)]
+    pages = max(1, -(-len(found) // CARDS))
+    if not 1 <= number <= pages:
+        raise NotThere(f"there is no page {number}; the last one is {pages}")
+    shown = found[CARDS * (number - 1) : CARDS * number]
+    counts, packings = shelf.catalogue.counts(), shelf.catalogue.packing_count()
+    studies = [_told(one) for one in found]
+    return Page(
+        "lab.html.j2",
+        "",
+        "Lab",
+        lambda: {"studies": studies, "runs": counts, "packings": packings,
+                 "running": [one.plain() for one in shelf.running()]},
+        lambda: pd.DataFrame(studies),
+        {"listed": shown, "text": text, "number": number, "pages": pages, "found": len(found), "every": len(every),
+         "counts": counts, "packings": packings, "left": len(unfinished(shelf.lab))},
+        query={"q": text} if text else {},
+    )  # fmt: skip
+
+
+def card(shelf: Shelf, listed: Listed) -> dict[str, Any]:
+    """What the card of one study shows: contact sheet, progress, outcomes and result; or why it cannot be read."""
+    shown: dict[str, Any] = {"one": listed, "problem": listed.problem, "found": None}
+    if listed.path is None or listed.problem:
+        return shown
+    try:
+        found = shelf.found(listed.name, shelf.backend_of(listed.name, None))
+    except (StudyError, LabError, NotThere) as problem:
+        return {**shown, "problem": str(problem)}
+    results = found.results
+    return {
+        **shown,
+        "found": found,
+        "sheet": sheet(results, _ROWS, _COLUMNS),
+        "headline": headline(results),
+        "concerns": concerns(results) if results.points else [],
+        "progress": progress(found, shelf.running()),
+        "outcomes": outcomes(results),
+    }
+
+
+def progress(found: Found, running: Sequence[Running]) -> dict[str, Any]:
+    """How many runs of a study are there, of how many; and the processes that run it now on this backend."""
+    results, study = found.results, found.study
+    done = sum(len(one.runs) for one in results.points)
+    asked = sum(max(one.asked, len(one.runs)) for one in results.points) + study.replicates * len(results.missing)
+    going = [
+        {"rate": one.rate, "left": _left(one), "jobs": one.going, "more": one.jobs - len(one.going)}
+        for one in running
+        if one.study == study.name and one.backend == found.backend
+    ]
+    return {"done": done, "asked": asked, "part": done / asked if asked else 0.0, "running": going}
+
+
+def _left(one: Running) -> str:
+    """The time that is left, in words; empty while it is not known."""
+    if one.seconds_left is None:
+        return ""
+    return f"{'at least' if one.open_ended else 'about'} {duration(one.seconds_left)}"
+
+
+def outcomes(results: Results) -> dict[str, int]:
+    """How many runs ended in which way."""
+    found: dict[str, int] = {}
+    for one in results.points:
+        for name, count in one.outcomes.items():
+            found[name] = found.get(name, 0) + count
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _has(shelf: Shelf, one: Listed, text: str) -> bool:
+    if not text:
+        return True
+    about = ""
+    if one.path is not None and not one.problem:
+        try:
+            about = shelf.study(one.name)[0].about
+        except (StudyError, NotThere, OSError):
+            about = ""
+    return text.lower() in " ".join((one.name, about, *one.note.tags)).lower()
+
+
+def _told(one: Listed) -> dict[str, Any]:
+    ended: dict[str, int] = {}
+    for count in one.counts:
+        ended[count.outcome] = ended.get(count.outcome, 0) + count.runs
+    return {
+        "study": one.name,
+        "runs": one.runs,
+        **{f"runs_{name.replace('-', '_')}": count for name, count in sorted(ended.items())},
+        "backends": ", ".join(one.backends),
+        "latest": one.latest,
+        "tags": ", ".join(one.note.tags),
+        "problem": one.problem,
+    }

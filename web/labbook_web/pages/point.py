@@ -1,0 +1,89 @@
+"""The page of a point of a study: its runs side by side, and their W(t)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from labbook.lab import Unreadable
+from labbook.lab.evaluations import NotEvaluated
+from labbook.results import display
+from labbook.results.frames import frames
+from labbook.results.points import PointResult, RunResult
+from labbook_web.page import Page
+from labbook_web.shelf import Found, NotThere, Shelf
+
+
+def point_page(shelf: Shelf, name: str, number: int, query: Mapping[str, str]) -> Page:
+    """The point `number` (from 1) of a study on one backend. Raises NotThere."""
+    found = shelf.found(name, shelf.backend_of(name, query.get("backend")))
+    result = point_of(found, number)
+    last = len(found.study.points)
+    lacking: list[str] = []
+    curves = [curve for run in result.runs if (curve := curve_of(run, f"seed {run.seed}", lacking)) is not None]
+    rows = frames(found.results, ("runs",)).get("runs", pd.DataFrame())
+    mine = rows.loc[rows["point"] == number] if len(rows) else rows
+    return Page(
+        "point.html.j2",
+        f"study/{name}/point/{number}",
+        f"{name}, {result.label or 'the only point'}",
+        lambda: {"study": name, "backend": found.backend, "point": number, "at": dict(result.at),
+                 "label": result.label, "runs": mine.to_dict(orient="records")},
+        lambda: mine,
+        {"found": found, "result": result, "number": number, "last": last, "runs": run_rows(result),
+         "lacking": lacking, "quantities": quantities(result)},
+        {"curves": curves},
+        {"backend": query["backend"]} if "backend" in query else {},
+    )  # fmt: skip
+
+
+def point_of(found: Found, number: int) -> PointResult:
+    """A point with its runs. Raises NotThere."""
+    for result in found.results.points:
+        if result.point.index + 1 == number:
+            return result
+    if 1 <= number <= len(found.study.points):
+        label = found.study.points[number - 1].label
+        raise NotThere(f"no run of point {number} ({label}) is finished on {found.backend}")
+    raise NotThere(f"{found.study.name} has {len(found.study.points)} points, and no point {number}")
+
+
+def quantities(result: PointResult) -> list[tuple[str, str, str, int]]:
+    """What was measured: name with unit, mean with error, 95 % interval, and how many runs are in the mean."""
+    rows = []
+    for name, pooled in result.pooled.items():
+        unit = next(one.measured[name].unit for one in result.runs if name in one.measured)
+        shown = display.quantity(name, unit)
+        ends = (display.number(end, pooled.error, shown.scale) for end in (pooled.low, pooled.high))
+        value = display.with_error(pooled.value, pooled.error, shown.scale)
+        rows.append((shown.heading, value, " to ".join(ends) if pooled.n > 1 else "one run", pooled.n))
+    return rows
+
+
+def run_rows(result: PointResult) -> list[dict[str, Any]]:
+    """Every run: seed, key, outcome, flow rate with error, and notes."""
+    rows = []
+    for run in result.runs:
+        flow = run.measured.get("flow_rate") or run.measured.get("flow_rate_flowing")
+        shown = display.quantity("flow_rate")
+        rows.append({
+            "run": run,
+            "flow": display.with_error(flow.value, flow.error, shown.scale) if flow is not None else "–",
+            "note": flow.note if flow is not None else "",
+        })  # fmt: skip
+    return rows
+
+
+def curve_of(run: RunResult, label: str, lacking: list[str]) -> dict[str, Any] | None:
+    """W(t) of a run with its window [SI]; None without any. Why it cannot be had is added to `lacking`."""
+    try:
+        trace = run.trace
+    except (NotEvaluated, Unreadable) as problem:
+        lacking.append(str(problem))
+        return None
+    if trace is None:
+        return None
+    window = [float(end) for end in trace.window] if trace.window is not None else None
+    flow = run.measured.get("flow_rate")
+    mean = [flow.value, flow.error] if flow is not None else None
+    return {"label": label, "time": trace.time, "rate": trace.rate, "window": window, "mean": mean, "run": run.run_key}

@@ -1,0 +1,218 @@
+"""The page of a run: its bed, W(t), how it ended, what was measured, and where it comes from."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labbook.backend import BackendMissing, load
+from labbook.lab import LabError, RunRecord, Unreadable
+from labbook.lab.catalogue import Entry, Listing
+from labbook.lab.evaluations import KeptRun, NotEvaluated
+from labbook.lab.folder import EVALUATION, PICTURE, stamp
+from labbook.lab.tables import read_table
+from labbook.measure import MEASURES
+from labbook.measure.flow import Trace
+from labbook.report.blocks import Facts
+from labbook.report.setting import common
+from labbook.results import display
+from labbook.run.progress import duration
+from labbook.scene import drawing
+from labbook.study import Point
+from labbook.study.schema import Fill
+from labbook_web.page import Page
+from labbook_web.shelf import NotThere, Shelf
+
+LEDGER = "ledger.npz"
+_MOST = 2.0**28
+"""Bytes that a ledger may unpack to."""
+_SIBLINGS = 60
+
+
+def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
+    """The run whose key begins so. Raises NotThere."""
+    key = key_of(shelf, prefix)
+    entry = shelf.catalogue.entries([key])[0]
+    folder = shelf.lab.run(key)
+    measured = shelf.catalogue.measurements(key)
+    note = shelf.note("run", key)
+    shown: dict[str, Any] = {"key": key, "entry": entry, "note": note, "problem": entry.problem, "record": None}
+    path = f"run/{key[:16]}"
+    try:
+        record = RunRecord.read(folder)
+    except Unreadable as problem:
+        shown["problem"] = why = str(problem)
+        return Page("run.html.j2", path, key[:10], lambda: {"run_key": key, "problem": why},
+                    lambda: measured, shown, {"curves": []})  # fmt: skip
+    curves, lacking = curve(folder, entry, record)
+    ledger = _ledger(folder, record)
+    siblings, several = shelf.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
+    shown |= {
+        "record": record,
+        "title": f"{record.study}, {record.label}, seed {record.seed}",
+        "known": _known(shelf, record),
+        "facts": _facts(record),
+        "setting": Facts(tuple(row for row in common([point_of_run(record)]) if row[0] != "Filling")),
+        "provenance": Facts(tuple(_flat(record.provenance))),
+        "measured": _rows(measured),
+        "changed": stamp(folder) != entry.stamp,
+        "stale": _stale(record),
+        "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _may_be_had(path)],
+        "recorded": record.coverage.recording is not None,
+        "picture": (folder / PICTURE).is_file(),
+        "siblings": [one for one in siblings.to_dict(orient="records") if one["run_key"] != key],
+        "several": several - 1,
+        "lacking": lacking,
+        "largest_overlap": ledger.get("largest") if ledger else None,
+    }
+    return Page(
+        "run.html.j2",
+        path,
+        f"{record.study}, {record.label}, seed {record.seed}",
+        lambda: {"run": record.model_dump(mode="json"), "measurements": measured.to_dict(orient="records")},
+        lambda: measured,
+        shown,
+        {"curves": curves, "ledger": ledger},
+    )
+
+
+def key_of(shelf: Shelf, prefix: str) -> str:
+    """The key that begins so. Raises NotThere for none or several."""
+    found = shelf.catalogue.matching(prefix)
+    if len(found) == 1:
+        return found[0]
+    several = f"several runs have a key that begins with {prefix}: {', '.join(key[:12] for key in found)}"
+    raise NotThere(several if found else f"no run in this lab has a key that begins with {prefix}")
+
+
+def sketch(shelf: Shelf, key: str) -> str:
+    """A drawing of the scene of a run that has no picture. Raises NotThere."""
+    try:
+        scene = RunRecord.read(shelf.lab.run(key)).scene
+    except Unreadable as problem:
+        raise NotThere(str(problem)) from problem
+    return drawing.svg(scene.grains, scene.container, sized=False) or _NOTHING
+
+
+_NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
+
+
+def file_of(shelf: Shelf, key: str, name: str) -> Path:
+    """A file of a run, by its name. Raises NotThere."""
+    folder = shelf.lab.run(key)
+    path = folder / name
+    if "/" in name or not _may_be_had(path):
+        raise NotThere(f"the run {key[:10]} has no file {name}")
+    return path
+
+
+def _may_be_had(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink() and not path.name.startswith((EVALUATION, "."))
+
+
+def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str, Any]], list[str]]:
+    """W(t) with its window, and why there is none."""
+    if record.scene.container.outlet_plane is None:
+        return [], []
+    run = KeptRun(point_of_run(record), record.seed, folder, entry)
+    try:
+        trace = Trace.of(run.evaluated(MEASURES["flow_rate"], record.observe).evaluation)
+    except NotEvaluated as problem:
+        return [], [f"{problem}: labbook reindex evaluates it"]
+    if trace is None:
+        return [], ["No grain left."]
+    ends = [float(end) for end in trace.window] if trace.window is not None else None
+    return [{"label": f"seed {record.seed}", "time": trace.time, "rate": trace.rate, "window": ends, "mean": None}], []
+
+
+def _ledger(folder: Path, record: RunRecord) -> dict[str, Any] | None:
+    """Energies and the largest overlap against time, where the run observed them [SI]."""
+    path = folder / LEDGER
+    if not path.is_file():
+        return None
+    try:
+        table = read_table(path, _MOST)
+    except (OSError, ValueError):
+        return None
+    if not len(table["time"]):
+        return None
+    diameter = record.scene.grains.diameter
+    overlap = np.asarray(table["max_overlap"]) / diameter
+    return {
+        "time": table["time"],
+        "kinetic": table["kinetic"],
+        "potential": table["potential"],
+        "work": table["contact_work"],
+        "overlap": overlap,
+        "largest": float(np.max(overlap)),
+    }
+
+
+def _stale(record: RunRecord) -> str:
+    """Why `labbook run` would make the run again; empty if it would not."""
+    try:
+        installed = load(record.backend).capabilities.cache_version
+    except BackendMissing:
+        return ""
+    if installed == record.cache_version:
+        return ""
+    return f"made by version {record.cache_version} of {record.backend}, which is at {installed}"
+
+
+def _known(shelf: Shelf, record: RunRecord) -> bool:
+    """Whether the lab has the file of the study, with a point where the run says that it belongs."""
+    try:
+        study, _ = shelf.study(record.study)
+    except (NotThere, LabError, ValueError):
+        return False
+    return record.point < len(study.points) and study.points[record.point].label == record.label
+
+
+def _facts(record: RunRecord) -> Facts:
+    coverage = record.coverage
+    ended = record.outcome + (f": {record.failure.message}" if record.failure else "")
+    left = f"{coverage.crossed} of {coverage.grains} grains ({coverage.discharged:.1%})"
+    rows = [
+        ("Outcome", ended),
+        ("Simulated", f"{coverage.duration:.4g} s, {coverage.steps} steps of {record.numerics.dt * 1e6:.4g} µs"),
+        ("Discharged", f"{left}, the last one {coverage.waiting:.3g} s before the end"),
+        ("Backend", f"{record.backend} (version {record.cache_version}), {record.numerics.precision}, {record.device}"),
+        ("Speed", f"{record.rate / 1e6:.2f} M grain-steps/s, {duration(record.wall_time)}"
+         if math.isfinite(record.rate) else "–"),
+        ("Ended", record.finished.replace("T", " ").partition("+")[0] + " UTC"),
+    ]  # fmt: skip
+    return Facts(tuple(rows))
+
+
+def point_of_run(record: RunRecord) -> Point:
+    """The point that the run was made for, but for its filling."""
+    return Point(record.point, record.scene, Fill(), record.numerics, record.at, record.label)
+
+
+def _flat(facts: Mapping[str, Any], prefix: str = "") -> "list[tuple[str, str]]":
+    found: list[tuple[str, str]] = []
+    for name, value in facts.items():
+        if isinstance(value, Mapping):
+            found.append((f"{prefix}{name}".replace("_", " "), ", ".join(f"{k} {v}" for k, v in value.items())))
+        else:
+            text = "not known" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+            found.append((f"{prefix}{name}".replace("_", " "), text))
+    return found
+
+
+def _rows(measured) -> list[dict[str, Any]]:
+    """Measured numbers as they are shown; what could not be measured says why."""
+    rows = []
+    for row in measured.itertuples(index=False):
+        shown = display.quantity(row.quantity, row.unit)
+        value, error = (math.nan if one is None else float(one) for one in (row.value, row.error))
+        rows.append({
+            "name": shown.heading,
+            "value": display.with_error(value, error, shown.scale) if math.isfinite(value) else "–",
+            "window": row.window,
+            "method": row.method,
+            "note": row.note,
+        })  # fmt: skip
+    return rows

@@ -1,0 +1,255 @@
+"""The page of a study: its result, a chart of what was measured against what was swept, tables, figures, its file."""
+
+import json
+import re
+import threading
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from labbook.api import Lab
+from labbook.api import Results as Tabled
+from labbook.fit import Law
+from labbook.lab.evaluations import NotEvaluated
+from labbook.measure import MeasureError
+from labbook.report import gallery, style, tables
+from labbook.report.blocks import Facts, slug
+from labbook.report.fitted_tables import fit_table
+from labbook.report.paper import Draw
+from labbook.report.result_box import headline, result_box
+from labbook.report.setting import setting
+from labbook.report.statement_tables import statement_digest, statement_table
+from labbook.report.tables import Table
+from labbook.results import display
+from labbook.results.frames import to_json
+from labbook.results.points import ORIFICE, PointResult
+from labbook.results.reference import at_series
+from labbook.results.series import Series
+from labbook.results.study import Results
+from labbook_web.page import Page
+from labbook_web.pages.lab import outcomes, progress
+from labbook_web.pages.sheet import sheet
+from labbook_web.shelf import Found, NotThere, Shelf
+
+PARALLEL = 2
+"""Swept keys from which on parallel coordinates are drawn."""
+
+
+def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
+    """A study on one backend (`backend`; None: the one with most runs). `as`: the state in which it was linked to."""
+    backend = shelf.backend_of(name, query.get("backend"))
+    found = shelf.found(name, backend)
+    results, study = found.results, found.study
+    path = f"study/{name}"
+    asked = {"backend": query["backend"]} if "backend" in query else {}
+    linked = query.get("as")
+    return Page(
+        "study.html.j2",
+        path,
+        name,
+        lambda: {"study": name, "about": study.about, "backend": backend, "state": found.state,
+                 "headline": headline(results), **json.loads(to_json(results))},
+        lambda: tabled(results, shelf).frame(),
+        {
+            "found": found,
+            "results": results,
+            "backends": sorted({backend, *next((one.backends for one in shelf.listed() if one.name == name), ())}),
+            "box": result_box(results) if results.points else None,
+            "constants": _constants(results),
+            "progress": progress(found, shelf.running()),
+            "outcomes": outcomes(results),
+            "sheet": sheet(results),
+            "flow": tables.flow_table(results) if results.points else None,
+            "further": tables.further_table(results),
+            "fits": _fits(results),
+            "comparisons": tables.comparison_table(results.comparisons) if results.comparisons else None,
+            "comparisons_digest": tables.digest_table(results.comparisons),
+            "statements": statement_table(results.judged) if results.judged else None,
+            "statements_digest": statement_digest(results.judged) if results.judged else None,
+            "numerics": tables.numerical_table(results.numerical) if results.numerical else None,
+            "figures": figures(results),
+            "note": shelf.note("study", name),
+            "linked": linked,
+            "outdated": linked is not None and linked != found.state,
+            "copied": copied(found.text, name),
+            "command": f"labbook run {study.path} --lab {shelf.lab.folder}",
+        },
+        plotted(results),
+        asked,
+    )  # fmt: skip
+
+
+def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
+    """Every law that was fitted to a series: label of the series, name, the law, and its parameters."""
+    return [
+        (one.label, law, fit.law, fit_table(law, fit, at_series(results.comparisons, law, one), results.source))
+        for one in results.series
+        for law, fit in one.fits.items()
+    ]
+
+
+def tabled(results: Results, shelf: Shelf) -> Tabled:
+    """The results with the tables of the Python interface."""
+    values = {one.name: getattr(results, one.name) for one in fields(results)}
+    return Tabled(**values, lab=Lab(shelf.lab.folder))
+
+
+def figures(results: Results) -> dict[str, str]:
+    """Titles of the figures of the report that the page shows, by address: all but those that the chart shows."""
+    found = {}
+    for address, (title, _) in drawn(results).items():
+        found[address] = title
+    return found
+
+
+def drawn(results: Results) -> dict[str, tuple[str, Draw]]:
+    """Figures of the report by address, each with its title and what draws it."""
+    found: dict[str, tuple[str, Draw]] = {}
+    for name, draw in gallery.of_results(results).items():
+        found[slug(name)] = _title(name), draw
+    for number, series in enumerate(results.series, 1):
+        label = f", {series.label}" if series.label else ""
+        try:
+            own = gallery.of_series(results, series)
+        except NotEvaluated:
+            continue
+        for name, draw in own.items():
+            if name not in _CHARTED:
+                address = slug(name) + (f"-{number}" if len(results.series) > 1 else "")
+                found[address] = _title(name) + label, draw
+    return found
+
+
+_CHARTED = ("flow_rate",)
+
+
+def draw(found: Found, address: str) -> "tuple[str, Draw]":
+    """The title of a figure, and what draws it. Raises NotThere."""
+    known = drawn(found.results)
+    if address not in known:
+        raise NotThere(f"{found.study.name} has no figure {address}; it has: {', '.join(known) or 'none'}")
+    return known[address]
+
+
+def picture(shelf: Shelf, found: Found, address: str) -> bytes:
+    """A figure as SVG, drawn once for what it shows. Raises NotThere, and what CANNOT_DRAW lists."""
+
+    def make() -> bytes:
+        with _drawing:
+            return style.encode(draw(found, address)[1](), "svg")
+
+    return shelf.pictures.get((found.study.name, found.backend, address), found.state, make)
+
+
+_drawing = threading.Lock()  # matplotlib's settings are those of the whole process
+
+
+def why_not(error: Exception, found: Found) -> str:
+    """Why a figure cannot be drawn, and what to do."""
+    if isinstance(error, NotEvaluated):
+        return f"{str(error)[:1].upper()}{str(error)[1:]}: labbook report {found.study.path.name} evaluates it."
+    return f"{str(error)[:1].upper()}{str(error)[1:]}."
+
+
+CANNOT_DRAW = (NotEvaluated, LookupError, MeasureError, ImportError)
+"""What drawing a figure may raise of results that lack something."""
+
+
+def _title(name: str) -> str:
+    head, _, key = name.partition("against_")
+    text = (
+        f"W against {key.rpartition('-')[2]}" if not head and key else name.replace("_", " ").replace("-", " ").strip()
+    )
+    return text[:1].upper() + text[1:]
+
+
+def _constants(results: Results) -> Facts:
+    from datetime import UTC, datetime
+
+    return setting(results, datetime.now(UTC).date())
+
+
+def copied(text: str, name: str) -> str:
+    """The text of a study with another name, to begin a new one from."""
+    number = re.search(r"-(\d+)$", name)
+    other = f"{name[: number.start()]}-{int(number[1]) + 1}" if number else f"{name}-2"
+    return re.sub(rf"^(name:\s*)(['\"]?){re.escape(name)}\2", rf"\g<1>{other}", text, count=1, flags=re.MULTILINE)
+
+
+# what the charts draw
+
+
+def plotted(results: Results) -> dict[str, Any]:
+    """Points, fits and their bands as the scripts of the page draw them: SI, with the factors to the units shown."""
+    units = {
+        name: next(one.measured[name].unit for one in result.runs if name in one.measured)
+        for result in results.points
+        for name in result.pooled
+    }
+    keys = dict.fromkeys(name for result in results.points for name in result.at)
+    quantities = dict.fromkeys(name for result in results.points for name in result.pooled)
+    return {
+        "study": results.study.name,
+        "keys": {name: _shown_key(name, results) for name in keys},
+        "quantities": {name: _shown(name, units[name]) for name in quantities},
+        "points": [_point(result) for result in results.points],
+        "references": [
+            {"quantity": one.quantity.rpartition(".")[2], "point": one.points[0].point.index + 1,
+             "value": one.reference, "error": one.reference_error, "source": results.source}
+            for one in results.comparisons if len(one.points) == 1
+        ],
+        "series": [_series(one) for one in results.series if one.fits],
+        "source": results.source,
+    }  # fmt: skip
+
+
+def _shown_key(name: str, results: Results) -> dict[str, Any]:
+    shown = display.key(name)
+    words = any(isinstance(result.at.get(name), str) for result in results.points)
+    return {"label": shown.name, "unit": shown.unit, "scale": shown.scale, "words": words, "orifice": name == ORIFICE}
+
+
+def _shown(name: str, unit: str) -> dict[str, Any]:
+    shown = display.quantity(name, unit)
+    return {"label": shown.name, "unit": shown.unit, "scale": shown.scale}
+
+
+def _point(result: PointResult) -> dict[str, Any]:
+    outcomes = result.outcomes
+    return {
+        "n": result.point.index + 1,
+        "at": dict(result.at),
+        "label": result.label or "the only point",
+        "runs": len(result.runs),
+        "asked": result.asked,
+        "remark": result.remark,
+        "trending": result.trending,
+        "clogged": outcomes["clogged"],
+        "values": {name: [one.value, one.error, one.low, one.high, one.n] for name, one in result.pooled.items()},
+    }
+
+
+_PLACES = 80
+
+
+def _series(series: Series) -> dict[str, Any]:
+    laws = {}
+    for law, fit in series.fits.items():
+        D = np.linspace(fit.D.min(), fit.D.max(), _PLACES)
+        value, low, high = fit.predict(D)
+        table = fit_table(law, fit)
+        laws[law] = {
+            "label": display.law(law),
+            "parameters": ", ".join(f"{row[0]} = {row[1]}" for row in table.rows),
+            "x": D,
+            "value": value,
+            "low": low,
+            "high": high,
+            "at": fit.D,
+            "residuals": 100 * np.expm1(fit.residuals),
+            "error": 100 * fit.relative_error,
+        }
+    return {"label": series.label, "at": dict(series.at), "points": [one.point.index + 1 for one in series.points],
+            "laws": laws}  # fmt: skip

@@ -1,0 +1,87 @@
+"""Serving the app."""
+
+import ipaddress
+import os
+import secrets
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import uvicorn
+
+from labbook_web.app import application
+from labbook_web.shelf import Shelf
+
+_POLITE = 10
+"""How much later than others the app gets its turn on a processor: studies come first."""
+_BEHIND = 64
+"""Answers that are worked on at once; more are told to come again."""
+
+
+class CannotServe(Exception):
+    """The app cannot be served; the message says why and what to do."""
+
+
+def serve(
+    lab: Path,
+    studies: Sequence[Path] = (),
+    host: str = "127.0.0.1",
+    port: int = 8321,
+    *,
+    remote: bool = False,
+    read_only: bool = False,
+    browse: bool = False,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Serve the pages of a lab until Ctrl-C. remote: allow an address that is not this machine's own, with a token.
+
+    Raises CannotServe.
+    """
+    own = is_loopback(host)
+    if not own and not remote:
+        raise CannotServe(
+            f"{host} can be reached by other machines: add --remote, and a token is asked of whoever opens it"
+        )
+    token = "" if own else secrets.token_urlsafe(24)
+    listening = _listen(host, port)
+    port = listening.getsockname()[1]
+    name = f"[{host}]" if ":" in host else host
+    hosts = frozenset(f"{one}:{port}" for one in (name, "localhost", "127.0.0.1", "[::1]")) if own else frozenset()
+    app = application(Shelf(lab, studies), read_only=read_only, hosts=hosts, token=token)
+    address = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
+    say(f"Serving {lab} at {address} (Ctrl-C ends it)")
+    with suppress(OSError):
+        os.nice(_POLITE)
+    config = uvicorn.Config(
+        app, log_level="warning", access_log=False, server_header=False, limit_concurrency=_BEHIND, proxy_headers=False,
+        timeout_keep_alive=10, h11_max_incomplete_event_size=16_384,
+    )  # fmt: skip
+    if browse:
+        threading.Timer(0.5, webbrowser.open, [address]).start()
+    with suppress(KeyboardInterrupt):
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is one that only this machine reaches."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((host, port))
+    except OSError as error:
+        listening.close()
+        raise CannotServe(f"{host} port {port}: {error.strerror}; choose another one with --port") from error
+    return listening

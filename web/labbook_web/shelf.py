@@ -1,0 +1,249 @@
+"""What the pages show: the studies of a lab and their results, read when asked for and kept while nothing changed.
+
+Several threads ask at once. Nothing here writes, holds a lock that a running study waits for, or evaluates a run.
+"""
+
+import hashlib
+import threading
+import time
+from collections import OrderedDict, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from labbook.backend import installed
+from labbook.lab import Catalogue, LabError, notes, studies
+from labbook.lab import Lab as Folder
+from labbook.lab.catalogue import StudyCount
+from labbook.lab.notes import Note
+from labbook.results.find import kept
+from labbook.results.study import Results
+from labbook.run.coverage import asked
+from labbook.run.demand import Demand
+from labbook.run.live import Running, running
+from labbook.study import Study, StudyError, load
+
+_KEPT = 64
+"""Studies of which results are kept in memory."""
+_SPARED = 20
+"""Results of a lab that changes all the time are as old as that many times what it takes to find them: looking on then
+costs a running study at most 5 % of one core."""
+_T = TypeVar("_T")
+
+
+class NotThere(LookupError):
+    """Nothing of this name is in the lab; the message says what is."""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A study as a list shows it.
+
+    `path`: its file, None if the lab has only its runs; `problem`: why the file cannot be read.
+    """
+
+    name: str
+    path: Path | None
+    counts: tuple[StudyCount, ...] = ()
+    note: Note = field(default_factory=Note)
+    problem: str = ""
+
+    @property
+    def runs(self) -> int:
+        """How many runs were first made for it."""
+        return sum(one.runs for one in self.counts)
+
+    @property
+    def latest(self) -> str:
+        """When the last of them ended (UTC, ISO 8601); empty without any."""
+        return max((one.latest for one in self.counts), default="")
+
+    @property
+    def backends(self) -> tuple[str, ...]:
+        """Backends that made runs of it, the one with most of them first."""
+        made: dict[str, int] = defaultdict(int)
+        for one in self.counts:
+            made[one.backend] += one.runs
+        return tuple(sorted(filter(None, made), key=lambda name: (-made[name], name)))
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the lab holds of a study on a backend, and when it was looked at (seconds since 1970)."""
+
+    study: Study
+    text: str
+    """Of its file."""
+    backend: str
+    results: Results
+    when: float
+
+    @cached_property
+    def state(self) -> str:
+        """A short name of what is shown: it changes when the study, its runs or their numbers do."""
+        runs = [
+            (run.run_key, run.outcome, sorted((name, one.value) for name, one in run.measured.items()))
+            for result in self.results.points
+            for run in result.runs
+        ]
+        return hashlib.blake2b(repr((self.text, runs)).encode(), digest_size=5).hexdigest()
+
+
+class Kept:
+    """Values by key, each made once by whoever asks first, while others wait for it; the oldest are forgotten."""
+
+    def __init__(self, most: int):
+        self._most = most
+        self._values: OrderedDict[Any, tuple[Any, Any, float, float]] = OrderedDict()
+        self._making: dict[Any, threading.Lock] = defaultdict(threading.Lock)
+        self._own = threading.Lock()
+
+    def get(self, key: Any, state: Any, make: Callable[[], _T], spare: float = 0.0) -> _T:
+        """What `make` gives for `key` in this `state`; of an earlier state if it is younger than `spare` times what it
+        took to make."""
+        with self._own:
+            lock = self._making[key]
+        with lock:
+            had = self._values.get(key)
+            if had is not None and (had[0] == state or time.monotonic() - had[2] < spare * had[3]):
+                return had[1]
+            begun = time.monotonic()
+            made = make()
+            ended = time.monotonic()
+            with self._own:
+                self._values[key] = state, made, ended, ended - begun
+                self._values.move_to_end(key)
+                while len(self._values) > self._most:
+                    self._values.popitem(last=False)
+            return made
+
+
+class Shelf:
+    """The studies of one lab. `given`: study files shown besides those that the lab keeps; of two with one name the
+    given one counts. `only`: show no others."""
+
+    def __init__(self, lab: Path, given: Sequence[Path] = (), *, only: bool = False):
+        self.lab, self._only = Folder(lab), only
+        self._given = tuple(given)
+        self._studies, self._asked, self._results = Kept(1000), Kept(_KEPT), Kept(_KEPT)
+        self._counts = Kept(1)
+        self.pictures = Kept(400)
+        """Figures that were drawn, by study, backend and address."""
+        self._opening = threading.Lock()
+        self._opened: tuple[Any, Catalogue] | None = None
+
+    @property
+    def catalogue(self) -> Catalogue:
+        """The index of the lab, opened again if its file was replaced. Raises LabError."""
+        identity = _identity(self.lab.catalogue)
+        with self._opening:
+            if self._opened is None or self._opened[0] != identity:
+                self._opened = identity, Catalogue(self.lab)
+            return self._opened[1]
+
+    @property
+    def state(self) -> Any:
+        """Something that changes whenever the index does."""
+        path = self.lab.catalogue
+        return tuple(_stamp(one) for one in (path, path.with_name(f"{path.name}-wal")))
+
+    def listed(self) -> list[Listed]:
+        """All studies that have a file or runs, the one with the latest run first. Raises LabError."""
+        counts: dict[str, list[StudyCount]] = defaultdict(list)
+        for one in self._counts.get("counts", self.state, self.catalogue.studies, _SPARED):
+            counts[one.study].append(one)
+        files = self._files()
+        names = dict.fromkeys((*files, *(() if self._only else filter(None, counts))))
+        found = [Listed(name, files.get(name), tuple(counts.get(name, ())), self.note("study", name)) for name in names]
+        found += [Listed(path.stem, path, problem=why) for path, why in self._wrong().items()]
+        return sorted(found, key=lambda one: (one.latest, one.name), reverse=True)
+
+    def note(self, kind: notes.Kind, name: str) -> Note:
+        """The note on a study or a run; an empty one in place of one that cannot be read."""
+        try:
+            return notes.read(self.lab, kind, name)
+        except LabError as problem:
+            return Note(text=f"(this note cannot be read: {problem})")
+
+    def study(self, name: str) -> tuple[Study, str]:
+        """A study and the text of its file. Raises NotThere; StudyError."""
+        path = self._files().get(name)
+        if path is None:
+            known = ", ".join(self._files()) or "none"
+            raise NotThere(f"the lab has no study file called {name}; it has: {known}")
+        return self._studies.get(path, _stamp(path), lambda: _read(path))
+
+    def backend_of(self, name: str, wanted: str | None) -> str:
+        """The backend whose runs are shown: the one that is wanted, else the one with most runs. Raises NotThere."""
+        made = next((one.backends for one in self.listed() if one.name == name), ())
+        if wanted is None:
+            return made[0] if made else "numba"
+        if wanted in made or wanted in installed():
+            return wanted
+        raise NotThere(f"no backend is called {wanted}; there are: {', '.join(sorted({*made, *installed()}))}")
+
+    def found(self, name: str, backend: str) -> Found:
+        """What the lab holds of a study on a backend. Raises NotThere, StudyError, LabError."""
+        study, text = self.study(name)
+        path = self._files()[name]
+
+        def find() -> Found:
+            results = kept(study, self.catalogue, backend, self._demands(path, study, backend))
+            return Found(study, text, backend, results, time.time())
+
+        return self._results.get((path, backend), (_stamp(path), self.state), find, _SPARED)
+
+    def running(self) -> list[Running]:
+        """Processes that run studies in this lab now."""
+        return running(self.lab)
+
+    def _demands(self, path: Path, study: Study, backend: str) -> Mapping[str, Sequence[Demand]]:
+        return self._asked.get((path, backend), _stamp(path), lambda: asked(study, backend))
+
+    def _files(self) -> dict[str, Path]:
+        """Study files by name: those of the lab, and those that were given."""
+        found = {} if self._only else studies.kept(self.lab)
+        for path in self._given:
+            try:
+                found[self._studies.get(path, _stamp(path), lambda path=path: _read(path))[0].name] = path
+            except (StudyError, OSError):
+                continue  # told by `listed`
+        return found
+
+    def _wrong(self) -> dict[Path, str]:
+        """Why files that were given are no studies."""
+        wrong = {}
+        for path in self._given:
+            try:
+                self._studies.get(path, _stamp(path), lambda path=path: _read(path))
+            except (StudyError, OSError) as problem:
+                wrong[path] = str(problem)
+        return wrong
+
+
+def _read(path: Path) -> tuple[Study, str]:
+    with _loading:
+        study = load(path)
+    return study, study.text
+
+
+_loading = threading.Lock()  # units and models are set up when the first study is read: by one thread
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Which file it is, whatever is in it."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino

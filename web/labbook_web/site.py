@@ -1,0 +1,152 @@
+"""The same pages as files: what `labbook site` writes.
+
+A page asks for nothing but files beside it. What needs a server is left out: lists of runs that are filtered,
+comparisons, the embedded viewer.
+"""
+
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from labbook.export.recording import NotRecorded, ViewerMissing
+from labbook.lab import LabError, Unreadable
+from labbook.lab.folder import PICTURE
+from labbook.study import StudyError
+from labbook_web import viewer
+from labbook_web.app import asset, assets
+from labbook_web.page import FileLinks, Page
+from labbook_web.pages import study as study_module
+from labbook_web.pages.lab import card, lab_page
+from labbook_web.pages.point import point_page
+from labbook_web.pages.run import run_page, sketch
+from labbook_web.pages.study import study_page
+from labbook_web.render import html, part
+from labbook_web.shelf import NotThere, Shelf
+
+MARK = "labbook-site.txt"
+"""A file by which a folder is known to hold a site, and may be written again."""
+_MOST = 5000
+"""Runs of a site."""
+
+
+class CannotWrite(Exception):
+    """The site cannot be written; the message says why and what to do."""
+
+
+def write(
+    out: Path,
+    lab: Path,
+    studies: Sequence[Path],
+    *,
+    recordings: bool = False,
+    say: Callable[[str], None] = lambda text: None,
+) -> Path:
+    """Write the pages of `studies` into the folder `out`; the path of the first page.
+
+    recordings: whether to take recordings along. `say` is told what is being written. Raises CannotWrite.
+    """
+    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
+        raise CannotWrite(f"{out} is there and is no site of labbook: give a folder that is new or empty")
+    shelf = Shelf(lab, studies, only=True)
+    listed = shelf.listed()
+    if wrong := [one.problem for one in listed if one.problem]:
+        raise CannotWrite(wrong[0])
+    try:
+        writer = _Writer(out, shelf, [one.name for one in listed], recordings, say)
+        writer.write()
+    except (StudyError, LabError, NotThere, Unreadable) as error:
+        raise CannotWrite(str(error)) from error
+    return out / "index.html"
+
+
+class _Writer:
+    def __init__(self, out: Path, shelf: Shelf, names: Sequence[str], recordings: bool, say: Callable[[str], None]):
+        self._out, self._shelf, self._names, self._recordings, self._say = out, shelf, names, recordings, say
+        self._found = {name: shelf.found(name, shelf.backend_of(name, None)) for name in names}
+        points = [one for found in self._found.values() for one in found.results.points]
+        self._runs = tuple(dict.fromkeys(run.run_key for one in points for run in one.runs))
+        if len(self._runs) > _MOST:
+            raise CannotWrite(f"{len(self._runs)} runs are too many for a site; {_MOST} is the most")
+        places = [
+            f"study/{name}/point/{one.point.index + 1}"
+            for name, found in self._found.items()
+            for one in found.results.points
+        ]
+        self._have = frozenset(
+            ["index", *(f"study/{name}" for name in names), *places, *(f"run/{key[:16]}" for key in self._runs)]
+        )
+
+    def write(self) -> None:
+        """Write everything."""
+        if (self._out / MARK).is_file():
+            shutil.rmtree(self._out)
+        self._out.mkdir(parents=True, exist_ok=True)
+        (self._out / MARK).write_text("Written by labbook site, which may write this folder again.\n")
+        for name in assets():
+            if "htmx" not in name:
+                self._file(f"static/{name}", asset(name) or b"")
+        links = self._links("index")
+        cards = {one.name: _raw(part("card.html.j2", links, **card(self._shelf, one))) for one in self._shelf.listed()}
+        self._page(lab_page(self._shelf, {}), cards=cards)
+        for name, found in self._found.items():
+            self._say(f"{name}: {len(found.results.points)} points")
+            self._study(name)
+            for one in found.results.points:
+                self._page(point_page(self._shelf, name, one.point.index + 1, {}))
+        for place, key in enumerate(self._runs, 1):
+            if place % 100 == 0:
+                self._say(f"{place} of {len(self._runs)} runs")
+            self._run(key)
+
+    def _study(self, name: str) -> None:
+        found, page = self._found[name], study_page(self._shelf, name, {})
+        links, drawn = self._links(page.path), {}
+        for address, title in page.shown["figures"].items():
+            why = ""
+            try:
+                self._file(f"{page.path}/figure/{address}.svg", study_module.picture(self._shelf, found, address))
+            except study_module.CANNOT_DRAW as error:
+                why = study_module.why_not(error, found)
+            drawn[address] = _raw(part("figure.html.j2", links, found=found, address=address, title=title, why=why))
+        self._file(f"{page.path}/{name}.yaml", found.text.encode())
+        self._page(page, drawn=drawn, command=f"labbook run {name}.yaml")
+
+    def _run(self, key: str) -> None:
+        page = run_page(self._shelf, key, {})
+        picture = self._shelf.lab.run(key) / PICTURE
+        recording = ""
+        if picture.is_file():
+            self._file(f"{page.path}/picture.png", picture.read_bytes())
+        else:
+            self._file(f"{page.path}/picture.png", sketch(self._shelf, key).encode())
+        if self._recordings and page.shown.get("recorded"):
+            try:
+                made = viewer.recording(self._shelf.lab.run(key), key[:10])
+                recording = f"{page.path}/recording.rrd"
+                self._file(recording, made.read_bytes())
+            except (NotRecorded, ViewerMissing) as error:
+                raise CannotWrite(str(error)) from error
+        self._page(page, recording=recording)
+
+    def _page(self, page: Page, **more: Any) -> None:
+        links = self._links(page.path or "index")
+        shown = Page(**{**vars(page), "shown": {**page.shown, **more}, "query": {}})
+        name = page.path or "index"
+        self._file(f"{name}.html", html(shown, links).encode())
+        self._file(f"{name}.json", page.json().encode())
+        self._file(f"{name}.csv", page.csv().encode())
+
+    def _links(self, path: str) -> FileLinks:
+        return FileLinks(path, self._have)
+
+    def _file(self, name: str, content: bytes) -> None:
+        path = self._out / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+
+def _raw(text: str):
+    from markupsafe import Markup
+
+    return Markup(text)

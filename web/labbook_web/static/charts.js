@@ -1,0 +1,238 @@
+// Charts of a page: what was measured against what was swept, W(t) of runs, and ledgers. Data stand in the page.
+"use strict";
+
+(() => {
+  const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#7a5195", "#444b54"];
+  const COLOURS_DARK = ["#56b4e9", "#ff8c42", "#3ccb9b", "#e39ac4", "#f0c75e", "#9ad1f5", "#b794e0", "#c3cad2"];
+  const SYMBOLS = ["circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "star"];
+  const DASHES = ["solid", "dash", "dot", "dashdot"];
+  const VIRIDIS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39"];
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+
+  function theme() {
+    const style = getComputedStyle(document.documentElement), get = (name) => style.getPropertyValue(name).trim();
+    return { ink: get("--ink"), soft: get("--soft"), line: get("--line"), paper: get("--paper"), tint: get("--tint"), colours: scheme.matches ? COLOURS_DARK : COLOURS };
+  }
+
+  function layout(t, more) {
+    const axis = { gridcolor: t.line, zerolinecolor: t.line, linecolor: t.soft, tickcolor: t.soft, automargin: true, ticks: "outside" };
+    const { xaxis = {}, yaxis = {}, ...rest } = more;
+    return {
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: t.ink, family: "system-ui, sans-serif", size: 13 },
+      margin: { l: 64, r: 16, t: 12, b: 52 }, hovermode: "closest", hoverlabel: { bgcolor: t.paper, bordercolor: t.soft, font: { color: t.ink } },
+      legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: { size: 12 } },
+      xaxis: { ...axis, ...xaxis }, yaxis: { ...axis, ...yaxis }, ...rest,
+    };
+  }
+
+  const CONFIG = { displaylogo: false, responsive: true, displayModeBar: false, showTips: false };
+  const heading = (shown) => (shown.unit ? `${pretty(shown.label)} [${pretty(shown.unit)}]` : pretty(shown.label));
+  const pretty = (text) => escape(text).replace(/\^\(([^)]*)\)/g, "<sup>$1</sup>").replace(/\b(\w)_(\w+)/g, "$1<sub>$2</sub>");
+  const escape = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;");
+  const alpha = (colour, part) => colour + Math.round(255 * part).toString(16).padStart(2, "0");
+  const said = (value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString().replace("-", "−"));
+
+  // ---- measured against swept
+
+  function studies(data) { return data.studies ? data.studies : data.points ? [data] : []; }
+
+  function controls(form, data, state, redraw) {
+    const every = studies(data), keys = {}, quantities = {}, laws = {};
+    for (const one of every) {
+      Object.assign(keys, one.keys);
+      Object.assign(quantities, one.quantities);
+      for (const series of one.series) for (const [law, fit] of Object.entries(series.laws)) laws[law] = fit.label;
+    }
+    form.replaceChildren();
+    const select = (name, label, options) => {
+      const holder = document.createElement("label"), field = document.createElement("select");
+      holder.append(label, field);
+      field.name = name;
+      for (const [value, text] of options) field.add(new Option(text, value, false, value === state[name]));
+      field.addEventListener("change", () => { state[name] = field.value; redraw(); });
+      form.append(holder);
+    };
+    const text = (shown) => (shown.unit ? `${shown.label} [${shown.unit}]` : shown.label).replace(/\^\(([^)]*)\)/g, "^$1");
+    if (!(state.x in keys)) state.x = Object.keys(keys).find((key) => keys[key].orifice) || Object.keys(keys)[0] || "";
+    if (!(state.y in quantities)) state.y = Object.keys(quantities)[0] || "";
+    if (Object.keys(keys).length) select("x", "Horizontal", Object.entries(keys).map(([key, one]) => [key, text(one)]));
+    select("y", "Vertical", Object.entries(quantities).map(([key, one]) => [key, text(one)]));
+    select("scale", "Scale", [["linear", "linear"], ["log", "logarithmic"], ["power", "W to the power 2/3"], ["power5", "W to the power 2/5"]]);
+    for (const [law, label] of Object.entries(laws)) {
+      const holder = document.createElement("label"), box = document.createElement("input");
+      holder.className = "check";
+      box.type = "checkbox";
+      box.checked = !state.off.includes(law);
+      box.addEventListener("change", () => {
+        state.off = box.checked ? state.off.filter((one) => one !== law) : [...state.off, law];
+        redraw();
+      });
+      holder.append(box, label);
+      form.append(holder);
+    }
+    return { keys, quantities, laws };
+  }
+
+  function groups(study, x) {
+    // Points that differ in nothing but what is on the horizontal axis are one curve.
+    const found = new Map();
+    for (const point of study.points) {
+      const rest = Object.entries(point.at).filter(([key]) => key !== x);
+      const id = JSON.stringify(rest);
+      if (!found.has(id)) found.set(id, { rest, points: [] });
+      found.get(id).points.push(point);
+    }
+    return [...found.values()];
+  }
+
+  function called(rest, keys) {
+    return rest.map(([key, value]) => `${keys[key].label} = ${typeof value === "string" ? value : said(value * keys[key].scale)} ${keys[key].unit}`.trim()).join(", ");
+  }
+
+  function drawStudy(holder, form, note, data) {
+    const asked = (name, other) => labbook.get(name) || other;
+    const state = { x: asked("x", ""), y: asked("y", "flow_rate"), scale: asked("scale", "linear"), off: asked("fits", "").split(",").filter(Boolean) };
+    let known = null;
+    const redraw = () => {
+      known = controls(form, data, state, redraw);
+      labbook.set({ x: state.x, y: state.y === "flow_rate" ? "" : state.y, scale: state.scale === "linear" ? "" : state.scale, fits: state.off.join(",") });
+      render();
+    };
+    const render = () => {
+      const t = theme(), traces = [], every = studies(data), several = every.length > 1;
+      const X = known.keys[state.x] || { label: "point", unit: "", scale: 1, words: true, orifice: false }, Y = known.quantities[state.y];
+      if (!Y) { note.textContent = "Nothing was measured at these points."; Plotly.purge(holder); return; }
+      const power = state.scale === "power" ? 2 / 3 : state.scale === "power5" ? 2 / 5 : 1;
+      const raised = (value) => (value === null ? null : power === 1 ? value : Math.sign(value) * Math.abs(value) ** power);
+      const chosen = labbook.chosen;
+      const list = every.flatMap((study, place) => groups(study, state.x).map((group) => ({ study, place, ...group })));
+      const numeric = !several && list.length > t.colours.length;
+      const colour = (at) => (numeric ? VIRIDIS[Math.round(((VIRIDIS.length - 1) * at) / (list.length - 1))] : t.colours[at % t.colours.length]);
+      const fitted = X.orifice && state.y === "flow_rate";
+      let residuals = false, lacking = 0, marks = 0;
+      list.forEach((group, at) => {
+        const keys = group.study.keys, name = [several ? group.study.label : "", called(group.rest, keys)].filter(Boolean).join(": ") || (several ? group.study.label : Y.label);
+        const here = group.points.filter((point) => point.values[state.y] && point.values[state.y][0] !== null && (state.x === "" || point.at[state.x] !== undefined));
+        const x = (point) => (state.x === "" ? point.label : X.words ? point.at[state.x] : point.at[state.x] * X.scale);
+        if (!X.words) here.sort((a, b) => x(a) - x(b));
+        const value = (point, k) => point.values[state.y][k];
+        const end = (point, k) => (value(point, k) === null ? null : raised(value(point, k) * Y.scale));
+        const middle = here.map((point) => raised(value(point, 0) * Y.scale));
+        const dim = chosen && here.length && !here.some((point) => chosen.has(point.n));
+        traces.push({
+          type: "scatter", mode: fitted || X.words ? "markers" : "lines+markers", name: pretty(name), legendgroup: `g${at}`, x: here.map(x), y: middle, customdata: here.map((point) => [point.n, group.study.study]),
+          line: { color: alpha(colour(at), 0.45), width: 1 },
+          marker: { color: here.map((point) => (point.remark ? t.paper : colour(at))), size: 9, symbol: SYMBOLS[at % SYMBOLS.length], line: { color: colour(at), width: 2 }, opacity: here.map((point) => (!chosen || chosen.has(point.n) ? 1 : 0.15)) },
+          error_y: { type: "data", symmetric: false, array: here.map((point, k) => (end(point, 3) === null ? 0 : end(point, 3) - middle[k])), arrayminus: here.map((point, k) => (end(point, 2) === null ? 0 : middle[k] - end(point, 2))), color: colour(at), thickness: 1.5, width: 4 },
+          opacity: dim ? 0.3 : 1,
+          hovertemplate: here.map((point) => `<b>${pretty(point.label)}</b><br>${pretty(Y.label)} = ${said(value(point, 0) * Y.scale)} ± ${said(value(point, 1) === null ? null : value(point, 1) * Y.scale)} ${pretty(Y.unit)}<br>n = ${value(point, 4)} of ${point.runs} runs${point.remark ? "<br>" + escape(point.remark) : ""}<extra></extra>`),
+          showlegend: list.length > 1,
+        });
+        marks += here.filter((point) => point.remark).length;
+        const none = group.points.filter((point) => !here.includes(point) && (state.x === "" || point.at[state.x] !== undefined));
+        if (none.length) {
+          lacking += none.length;
+          traces.push({ type: "scatter", mode: "markers", x: none.map(x), y: none.map(() => 0), customdata: none.map((point) => [point.n, group.study.study]), marker: { symbol: "x-thin", size: 10, line: { color: colour(at), width: 2.5 } }, showlegend: false, legendgroup: `g${at}`, hovertemplate: none.map((point) => `<b>${pretty(point.label)}</b><br>no ${pretty(Y.label)}: ${escape(point.remark || "not measured")}<extra></extra>`) });
+        }
+        if (!fitted) return;
+        const inside = new Set(group.points.map((point) => point.n));
+        for (const series of group.study.series) {
+          if (!series.points.some((n) => inside.has(n))) continue;
+          Object.entries(series.laws).forEach(([law, fit]) => {
+            if (state.off.includes(law)) return;
+            const place = Object.keys(known.laws).indexOf(law), x = fit.x.map((value) => value * X.scale), scaled = (values) => values.map((one) => raised(one === null ? null : one * Y.scale));
+            const paint = list.length > 1 ? colour(at) : t.colours[(place + 1) % t.colours.length];
+            if (list.length <= 4) {
+              traces.push({ type: "scatter", mode: "lines", x, y: scaled(fit.low), line: { width: 0 }, hoverinfo: "skip", showlegend: false, legendgroup: `g${at}` });
+              traces.push({ type: "scatter", mode: "lines", x, y: scaled(fit.high), line: { width: 0 }, fill: "tonexty", fillcolor: alpha(paint, 0.16), hoverinfo: "skip", showlegend: false, legendgroup: `g${at}` });
+            }
+            traces.push({ type: "scatter", mode: "lines", name: pretty(fit.label), meta: "fit", x, y: scaled(fit.value), line: { color: paint, width: 2, dash: DASHES[place % DASHES.length] }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: list.length === 1, hovertemplate: `${pretty(fit.label)}: ${pretty(fit.parameters)}<extra></extra>` });
+            residuals = true;
+            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.error, color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
+          });
+        }
+      });
+      for (const study of every) {
+        const theirs = study.references.filter((one) => one.quantity === state.y);
+        const at = new Map(study.points.map((point) => [point.n, point]));
+        const here = theirs.filter((one) => at.has(one.point) && (state.x === "" || at.get(one.point).at[state.x] !== undefined));
+        if (here.length) traces.push({ type: "scatter", mode: "markers", name: escape(study.source), meta: "reference", x: here.map((one) => (state.x === "" ? at.get(one.point).label : X.words ? at.get(one.point).at[state.x] : at.get(one.point).at[state.x] * X.scale)), y: here.map((one) => raised(one.value * Y.scale)), marker: { symbol: "diamond-open", size: 13, color: t.ink, line: { width: 2 } }, hovertemplate: `${escape(study.source)}: %{y:.4g}<extra></extra>` });
+      }
+      if (list.length > 1 && residuals) {
+        Object.entries(known.laws).forEach(([law, label], place) => {
+          if (!state.off.includes(law)) traces.push({ type: "scatter", mode: "lines", name: pretty(label), x: [null], y: [null], line: { color: t.soft, width: 2, dash: DASHES[place % DASHES.length] }, hoverinfo: "skip" });
+        });
+      }
+      const yTitle = power === 1 ? heading(Y) : `(${heading(Y)})<sup>${state.scale === "power" ? "2/3" : "2/5"}</sup>`;
+      const log = state.scale === "log";
+      const shape = layout(t, {
+        xaxis: { title: { text: state.x === "" ? "" : heading(X) }, type: X.words ? "category" : log ? "log" : "linear" },
+        yaxis: { title: { text: yTitle }, type: log ? "log" : "linear", domain: residuals ? [0.3, 1] : [0, 1], rangemode: log || Y.label.includes("drift") ? "normal" : "tozero" },
+      });
+      if (residuals) shape.yaxis2 = { ...shape.yaxis, type: "linear", title: { text: "residual [%]" }, domain: [0, 0.2], rangemode: "normal", zeroline: true, zerolinecolor: t.soft };
+      if (residuals) shape.xaxis.anchor = "y2";
+      shape.height = list.length > 8 ? 560 : residuals ? 500 : 420;
+      Plotly.react(holder, traces, shape, CONFIG);
+      const points = traces.filter((one) => one.customdata && one.marker.symbol !== "x-thin").reduce((sum, one) => sum + one.x.length, 0);
+      holder.dataset.points = points;
+      holder.dataset.fits = traces.filter((one) => one.meta === "fit").length;
+      const bits = [`${points} point${points === 1 ? "" : "s"}; bars are 95 % intervals over runs.`];
+      if (fitted && list.length > 4 && residuals) bits.push("Bands are left out where there are more than four curves.");
+      if (marks) bits.push("Hollow points have a remark.");
+      if (lacking) bits.push(`Crosses at zero: ${lacking} without a number.`);
+      bits.push("Click a point to see its runs.");
+      note.textContent = bits.join(" ");
+    };
+    redraw();
+    if (labbook.once(holder, "listening")) {
+      holder.on("plotly_click", (event) => {
+        const point = event.points[0].customdata;
+        if (!point) return;
+        const row = document.querySelector(`#points tr[data-point="${point[0]}"] a`);
+        if (row) location.assign(row.href); else if (!document.body.dataset.static !== undefined) location.assign(`/study/${encodeURIComponent(point[1])}/point/${point[0]}`);
+      });
+      document.addEventListener("labbook:chosen", render);
+      scheme.addEventListener("change", render);
+    }
+  }
+
+  // ---- W(t)
+
+  function drawCurves(holder, curves) {
+    const t = theme(), traces = [], shapes = [];
+    curves.forEach((curve, at) => {
+      const group = curve.group === undefined ? at : curve.group, colour = t.colours[group % t.colours.length];
+      traces.push({ type: "scatter", mode: "lines", name: pretty(curve.label), x: curve.time, y: curve.rate.map((one) => one * 1e3), line: { color: colour, width: 1.6, shape: "hvh" }, hovertemplate: `<b>${pretty(curve.label)}</b><br>t = %{x:.3g} s, W = %{y:.4g} g/s<extra></extra>`, showlegend: curves.length > 1 });
+      if (curve.window) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0: curve.window[0], x1: curve.window[1], y0: 0, y1: 1, fillcolor: alpha(colour, curves.length > 1 ? 0.06 : 0.13), line: { width: 0 } });
+      if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${said(curve.mean[0] * 1e3)} ± ${said(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s<extra></extra>`, showlegend: false });
+    });
+    Plotly.react(holder, traces, layout(t, { shapes, height: curves.length > 6 ? 420 : 320, xaxis: { title: { text: "t [s]" } }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
+    holder.dataset.points = curves.length;
+    if (labbook.once(holder, "listening")) {
+      holder.on("plotly_hover", (event) => {
+        const at = event.points[0].curveNumber;
+        Plotly.restyle(holder, { opacity: traces.map((_, k) => (k === at ? 1 : 0.25)) });
+      });
+      holder.on("plotly_unhover", () => Plotly.restyle(holder, { opacity: traces.map(() => 1) }));
+      scheme.addEventListener("change", () => drawCurves(holder, curves));
+    }
+  }
+
+  function drawLedger(holder, ledger) {
+    const t = theme(), line = (name, y, at, more = {}) => ({ type: "scatter", mode: "lines", name, x: ledger.time, y, line: { color: t.colours[at], width: 1.6 }, ...more });
+    const traces = [line("kinetic", ledger.kinetic, 0), line("potential", ledger.potential, 1), line("work of contacts", ledger.work, 2), line("largest overlap", ledger.overlap.map((one) => 100 * one), 3, { yaxis: "y2" })];
+    const shape = layout(t, { height: 340, xaxis: { title: { text: "t [s]" } }, yaxis: { title: { text: "energy [J]" } } });
+    shape.yaxis2 = { ...shape.yaxis, overlaying: "y", side: "right", showgrid: false, title: { text: "largest overlap [% of d]" }, rangemode: "tozero" };
+    Plotly.react(holder, traces, shape, CONFIG);
+    if (labbook.once(holder, "listening")) scheme.addEventListener("change", () => drawLedger(holder, ledger));
+  }
+
+  labbook.ready(() => {
+    const data = labbook.data();
+    if (!data || typeof Plotly === "undefined") return;
+    const chart = document.getElementById("chart"), curves = document.getElementById("curves"), ledger = document.getElementById("ledger");
+    if (labbook.once(chart, "drawn")) drawStudy(chart, document.getElementById("axes"), document.getElementById("chart-note"), data);
+    if (labbook.once(curves, "drawn") && data.curves.length) drawCurves(curves, data.curves);
+    if (labbook.once(ledger, "drawn") && data.ledger) drawLedger(ledger, data.ledger);
+  });
+})();

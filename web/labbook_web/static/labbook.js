@@ -1,0 +1,150 @@
+// What all pages share: copying, tables that sort and filter, choosing things to compare, and pages that follow a run.
+"use strict";
+
+const labbook = {
+  // Whoever wants to set up what is new on the page: at the start, and after a part of it was replaced.
+  ready(setUp) {
+    const run = () => setUp(document);
+    if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", run);
+    else run();
+    document.addEventListener("htmx:afterSettle", run);
+  },
+  // The state of the page stands in its address, so that a link shows what one sees.
+  get(name) { return new URLSearchParams(location.search).get(name); },
+  set(values) {
+    const asked = new URLSearchParams(location.search);
+    for (const [name, value] of Object.entries(values)) {
+      if (value === null || value === "") asked.delete(name); else asked.set(name, value);
+    }
+    const text = asked.toString();
+    history.replaceState(history.state, "", location.pathname + (text ? "?" + text : "") + location.hash);
+  },
+  data() {
+    const holder = document.getElementById("data");
+    return holder ? JSON.parse(holder.textContent) : null;
+  },
+  // Points that ranges leave, or null: all.
+  chosen: null,
+  choose(points) {
+    labbook.chosen = points;
+    document.dispatchEvent(new CustomEvent("labbook:chosen"));
+  },
+  once(element, name) {
+    if (!element || element.dataset[name]) return false;
+    element.dataset[name] = "1";
+    return true;
+  },
+};
+
+function number(text) {
+  const plain = text.replace(/−/g, "-").trim();
+  if (plain === "" || plain === "–") return NaN;
+  const value = parseFloat(plain.replace(/^[^\d.-]+/, ""));
+  return value;
+}
+
+function sortable(table) {
+  const heads = [...table.tHead.rows[0].cells];
+  heads.forEach((head, column) => {
+    const button = head.querySelector("button");
+    if (!button) return;
+    button.addEventListener("click", () => sort(table, column, head.getAttribute("aria-sort") === "ascending" ? "descending" : "ascending", true));
+  });
+  const wanted = table.id === "points" && labbook.get("sort");
+  if (wanted) {
+    const column = Number(wanted.replace("-", ""));
+    if (heads[column]) sort(table, column, wanted.startsWith("-") ? "descending" : "ascending", false);
+  }
+}
+
+function sort(table, column, order, keep) {
+  const body = table.tBodies[0], sign = order === "ascending" ? 1 : -1;
+  const rows = [...body.rows].map((row, place) => ({ row, place, text: row.cells[column].textContent.trim(), value: number(row.cells[column].textContent) }));
+  const numeric = rows.some((one) => !Number.isNaN(one.value));
+  rows.sort((a, b) => {
+    if (numeric) {
+      if (Number.isNaN(a.value) || Number.isNaN(b.value)) return Number.isNaN(a.value) - Number.isNaN(b.value) || a.place - b.place;
+      return sign * (a.value - b.value) || a.place - b.place;
+    }
+    return sign * a.text.localeCompare(b.text) || a.place - b.place;
+  });
+  body.append(...rows.map((one) => one.row));
+  for (const head of table.tHead.rows[0].cells) if (head.hasAttribute("aria-sort")) head.setAttribute("aria-sort", "none");
+  table.tHead.rows[0].cells[column].setAttribute("aria-sort", order);
+  if (keep && table.id === "points") labbook.set({ sort: (sign < 0 ? "-" : "") + column });
+}
+
+function filterPoints() {
+  const table = document.getElementById("points"), field = document.getElementById("points-find");
+  if (!table) return;
+  const text = field.value.trim().toLowerCase(), rows = [...table.tBodies[0].rows];
+  let shown = 0;
+  for (const row of rows) {
+    const fits = row.textContent.toLowerCase().includes(text) && (!labbook.chosen || labbook.chosen.has(Number(row.dataset.point)));
+    row.hidden = !fits;
+    shown += fits;
+  }
+  document.getElementById("points-count").textContent = shown === rows.length ? `${rows.length} points` : `${shown} of ${rows.length} points`;
+}
+
+function comparing() {
+  const button = document.querySelector("button.compare");
+  if (!button) return;
+  const items = [...document.querySelectorAll("input.choose:checked")].map((one) => one.value);
+  button.disabled = items.length < 2 || items.length > 6;
+  button.title = items.length > 6 ? "six at most" : "";
+}
+
+document.addEventListener("change", (event) => { if (event.target.matches("input.choose")) comparing(); });
+document.addEventListener("click", (event) => {
+  const compare = event.target.closest("button.compare");
+  if (compare) {
+    const items = [...document.querySelectorAll("input.choose:checked")].map((one) => "item=" + encodeURIComponent(one.value));
+    location.assign(compare.dataset.address + "?" + items.join("&"));
+  }
+  const copy = event.target.closest("button.copy");
+  if (copy) {
+    const said = copy.parentElement.querySelector(".copied");
+    const done = (text) => { if (said) said.textContent = text; };
+    if (navigator.clipboard) {
+      navigator.clipboard.writeText(copy.dataset.copy).then(() => done(copy.textContent + ": done"), () => done("The browser did not allow it."));
+    } else done("Copying needs a secure address (https or localhost).");
+  }
+});
+
+// A page that shows a study which runs now is shown anew when more runs are there.
+let lastDone = null, lastShown = performance.now();
+document.addEventListener("htmx:afterSettle", () => {
+  const bar = document.querySelector("#chart") && document.querySelector(".progress[data-done]");
+  const empty = document.querySelector(".panel.empty") && document.querySelector(".progress[data-done]");
+  const here = bar || empty;
+  if (!here) return;
+  const done = Number(here.dataset.done);
+  if (lastDone !== null && done > lastDone && performance.now() - lastShown > 5000 && !document.querySelector("form :focus")) {
+    lastShown = performance.now();
+    lastDone = done;
+    htmx.ajax("GET", location.pathname + location.search, { target: "#main", select: "#main", swap: "outerHTML" });
+  } else if (lastDone === null) lastDone = done;
+});
+
+// The viewer is as light or dark as the page.
+function viewers() {
+  for (const frame of document.querySelectorAll("iframe[data-theme]")) {
+    frame.removeAttribute("data-theme");
+    const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+    frame.src = frame.getAttribute("src") + "&theme=" + (dark ? "dark" : "light");
+  }
+}
+
+labbook.ready((root) => {
+  for (const table of root.querySelectorAll("table[data-sortable]")) if (labbook.once(table, "sorting")) sortable(table);
+  const field = document.getElementById("points-find");
+  if (labbook.once(field, "filtering")) {
+    field.value = labbook.get("find") || "";
+    field.addEventListener("input", () => { labbook.set({ find: field.value }); filterPoints(); });
+    filterPoints();
+  }
+  comparing();
+  viewers();
+});
+document.addEventListener("labbook:chosen", filterPoints);

@@ -1,0 +1,139 @@
+"""The rerun viewer within a page: its files, as the installed wheel brings them, and recordings made for it.
+
+Both are kept in the user's cache folder: the viewer by its version, recordings by what they show.
+"""
+
+import gzip
+import os
+import re
+import socket
+import subprocess
+import threading
+import time
+import urllib.error
+import urllib.request
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed_version
+from pathlib import Path
+
+from labbook.export.recording import NotRecorded, holds, recording_id, write
+from labbook.export.viewer import viewer_command
+from labbook.lab import RunRecord
+from labbook.lab.runs import read_recording, run_data
+
+FILES = {
+    "index.html": "text/html; charset=utf-8",
+    "re_viewer.js": "text/javascript; charset=utf-8",
+    "re_viewer_bg.wasm": "application/wasm",
+    "favicon.ico": "image/x-icon",
+}
+_PATIENCE = 60.0  # s, for the viewer's own server to answer
+_LATER = 0.1  # s between two attempts
+_MOST_KEPT = 60
+"""Recordings that are kept; the ones that were not looked at for longest go first."""
+_one_at_a_time = threading.Lock()
+
+
+class NoViewer(Exception):
+    """There is no viewer to be had; the message says why and what to do."""
+
+
+def cache_folder() -> Path:
+    """Where files are kept that can be made again: $LABBOOK_CACHE, or labbook in the user's cache folder."""
+    home = os.environ.get("LABBOOK_CACHE")
+    if home:
+        return Path(home) / "web"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "labbook" / "web"
+
+
+def version() -> str:
+    """Of the installed viewer. Raises NoViewer."""
+    try:
+        return installed_version("rerun-sdk")
+    except PackageNotFoundError:
+        raise NoViewer("the viewer is not installed; install it: pip install 'labbook[viewer]'") from None
+
+
+def viewer_files() -> Path:
+    """The folder with the viewer's files, made if it is not there (some seconds, once a version). Raises NoViewer."""
+    folder = cache_folder() / f"viewer-{version()}"
+    with _one_at_a_time:
+        if not (folder / "complete").exists():
+            _fetch(folder)
+    return folder
+
+
+def _fetch(folder: Path) -> None:
+    """Ask the viewer's own server, on this machine, for its files: the wheel holds them within a program."""
+    folder.mkdir(parents=True, exist_ok=True)
+    web, data = _free_port(), _free_port()
+    served = subprocess.Popen(
+        [*viewer_command(), "--serve-web", "--port", str(data), "--web-viewer-port", str(web)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        for name in FILES:
+            content = _get(f"http://127.0.0.1:{web}/{name}", served)
+            if name == "index.html":
+                content = _without_fonts(content)
+            if name.endswith(".wasm"):
+                (folder / f"{name}.length").write_text(str(len(content)))
+                content, name = gzip.compress(content, 6), f"{name}.gz"
+            (folder / name).write_bytes(content)
+        (folder / "complete").touch()
+    except (OSError, urllib.error.URLError) as error:
+        raise NoViewer(f"the viewer does not hand out its files: {error}") from error
+    finally:
+        served.terminate()
+        served.wait(_PATIENCE)
+
+
+def _get(address: str, served: subprocess.Popen) -> bytes:
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            with opener.open(address, timeout=_PATIENCE) as answer:
+                return answer.read()
+        except urllib.error.HTTPError:
+            raise
+        except (urllib.error.URLError, ConnectionError):
+            if served.poll() is not None or time.monotonic() > deadline:
+                raise
+            time.sleep(_LATER)
+
+
+def _without_fonts(page: bytes) -> bytes:
+    """The viewer's page without what it asks of other machines."""
+    return re.sub(rb"<link[^>]+https?://[^>]+>|@import\s+url\([^)]*https?://[^)]*\);?", b"", page)
+
+
+def recording(folder: Path, name: str) -> Path:
+    """A recording (.rrd) of the run in `folder` that the installed viewer reads, made if it is not there.
+
+    `name`: what the viewer shows. Raises NotRecorded, Unreadable (of labbook.lab), ViewerMissing (of
+    labbook.export.recording).
+    """
+    record = RunRecord.read(folder)
+    if record.coverage.recording is None:
+        raise NotRecorded("the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it")
+    path = cache_folder() / "recordings" / f"{recording_id(record.run_key)}-{record.coverage.steps}.rrd"
+    with _one_at_a_time:
+        if not path.exists() or not holds(path, record.run_key):
+            write(run_data(folder, record), read_recording(folder, record), path, name=name, run_key=record.run_key)
+            _forget(path.parent)
+        os.utime(path)
+    return path
+
+
+def _forget(folder: Path) -> None:
+    found = sorted(folder.glob("*.rrd"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for path in found[_MOST_KEPT:]:
+        path.unlink(missing_ok=True)
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
