@@ -1,4 +1,4 @@
-"""`labbook import`: merge the runs and packings of another lab."""
+"""`labbook import`: merge the runs, packings, study files and notes of another lab."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,10 +16,11 @@ def register(app: typer.Typer) -> None:
 
     @app.command(name="import")
     def import_(folder: Source, lab: Lab = LAB) -> None:
-        """Copy runs and packings from another lab, brought from another machine, and index them.
+        """Copy runs, packings, study files and notes from another lab, and index them.
 
         Everything is looked at before it is taken; what is damaged or does not belong is named, and left out. Exit
-        status 1 if anything was left out.
+        status 1 if anything was left out. A study file or note of this lab stays as it is; if the other lab has another
+        one under the same name, that is said.
         """
         from labbook.lab.folder import Lab as Folder
         from labbook.lab.folder import room
@@ -34,6 +35,12 @@ def register(app: typer.Typer) -> None:
             merged = merge(index, folder)
             index.close()
         say(f"{len(merged.copied)} runs and packings imported")
+        if merged.studies:
+            say(f"Study files imported: {', '.join(merged.studies)}")
+        if merged.notes:
+            say(f"Notes imported: {merged.notes}")
+        for what in merged.stayed:
+            say(f"Not replaced: {what}")
         for problem in merged.left_out:
             say(f"Not imported: {problem}", err=True)
         if merged.left_out:

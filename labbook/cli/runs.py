@@ -1,15 +1,19 @@
 """`labbook runs`: the runs in the lab."""
 
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from labbook.cli.options import LAB, AsJson, Lab, existing, fail
 from labbook.cli.screen import say, screen
 
+if TYPE_CHECKING:
+    from labbook.lab import Lab as Folder
+
 OfStudy = Annotated[str | None, typer.Option("--study", help="Only runs first made for the study of this name.")]
 OfOutcome = Annotated[str | None, typer.Option("--outcome", help="Only runs that ended so, or `unreadable`.")]
+OfTag = Annotated[str | None, typer.Option("--tag", help="Only runs with this tag in their note.")]
 Limit = Annotated[int, typer.Option("--limit", help="How many, the latest first; 0: all.", min=0)]
 
 
@@ -18,7 +22,12 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def runs(
-        lab: Lab = LAB, study: OfStudy = None, outcome: OfOutcome = None, limit: Limit = 50, as_json: AsJson = False
+        lab: Lab = LAB,
+        study: OfStudy = None,
+        outcome: OfOutcome = None,
+        tag: OfTag = None,
+        limit: Limit = 50,
+        as_json: AsJson = False,
     ) -> None:
         """List runs, the latest first, with outcome, how far they went and how fast."""
         from typing import get_args
@@ -29,7 +38,11 @@ def register(app: typer.Typer) -> None:
         catalogue = existing(lab)
         if outcome is not None and outcome not in (known := (*get_args(Ending), UNREADABLE)):
             fail(f"--outcome {outcome}: no run ends so; use one of: {', '.join(known)}")
-        found = catalogue.runs(study, outcome, limit or None)
+        if tag is None:
+            found = catalogue.runs(study, outcome, limit or None)
+        else:
+            found = catalogue.runs(study, outcome)
+            found = found[found.run_key.isin(_with_tag(catalogue.lab, tag))].head(limit or len(found))
         changed = catalogue.changed(list(found.run_key))
         if as_json:
             records = json.loads(found.to_json(orient="records") or "[]")
@@ -45,6 +58,19 @@ def register(app: typer.Typer) -> None:
                 f"again: labbook reindex --lab {lab}",
                 err=True,
             )
+
+
+def _with_tag(lab: "Folder", tag: str) -> list[str]:
+    """Keys of runs with a tag; notes that cannot be read are named."""
+    from labbook.lab.notes import checked, damaged, tagged
+
+    try:
+        (wanted,) = checked([tag])
+    except ValueError as problem:
+        fail(f"--tag: {problem}")
+    for problem in damaged(lab, "run"):
+        say(f"Unreadable: {problem}", err=True)
+    return [key for key, tags in tagged(lab, "run").items() if wanted in tags]
 
 
 def _show(found) -> None:

@@ -1,12 +1,16 @@
 """`labbook show`: everything about one run."""
 
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from labbook.cli.options import LAB, AsJson, Lab, existing, fail
-from labbook.cli.screen import screen
+from labbook.cli.screen import say, screen
+
+if TYPE_CHECKING:
+    from labbook.lab import Lab as Folder
+    from labbook.lab.notes import Note
 
 Key = Annotated[str, typer.Argument(help="Key of the run, or how it begins.", metavar="RUN", show_default=False)]
 
@@ -16,7 +20,11 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def show(run: Key, lab: Lab = LAB, as_json: AsJson = False) -> None:
-        """Show one run: how it ended, what was measured, and where its numbers come from."""
+        """Show one run: how it ended, its numbers and where they come from, and its note.
+
+        Notes are text files that you write: LAB/notes/runs/KEY.md for a run, LAB/notes/studies/NAME.md for a study.
+        Their first line may list tags: `tags: slow, for-the-paper`.
+        """
         from labbook.lab.runs import open_run, picture
 
         catalogue = existing(lab)
@@ -28,6 +36,7 @@ def register(app: typer.Typer) -> None:
         folder = catalogue.lab.run(found[0])
         record, _ = open_run(folder)
         measured = catalogue.measurements(record.run_key)
+        note, problem = _noted(catalogue.lab, record.run_key)
         if as_json:
             rows = json.loads(measured.to_json(orient="records") or "[]")
             seen = picture(folder)
@@ -36,10 +45,28 @@ def register(app: typer.Typer) -> None:
                 "picture": seen and str(seen),
                 "run": record.model_dump(mode="json"),
                 "measurements": rows,
+                "note": {"tags": note.tags, "text": note.text, "problem": problem},
             }
             typer.echo(json.dumps(whole, indent=2, allow_nan=False))
-        else:
-            _show(record, folder, picture(folder), measured)
+            return
+        _show(record, folder, picture(folder), measured)
+        if note.tags:
+            say(f"{'tags':12} {', '.join(note.tags)}")
+        if note.text:
+            say(f"\n{note.text}")
+        if problem:
+            say(f"Unreadable: {problem}", err=True)
+
+
+def _noted(lab: "Folder", key: str) -> tuple["Note", str | None]:
+    """The note of a run, and why it cannot be read."""
+    from labbook.lab import LabError
+    from labbook.lab.notes import Note, read
+
+    try:
+        return read(lab, "run", key), None
+    except LabError as problem:
+        return Note(), str(problem)
 
 
 def _show(record, folder, picture, measured) -> None:

@@ -13,19 +13,30 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def status(lab: Lab = LAB, as_json: AsJson = False) -> None:
-        """Count runs by outcome and packings, and list unfinished work."""
+        """Count runs by outcome and packings, and list running processes and unfinished work."""
         from labbook.lab.journal import unfinished
+        from labbook.run.live import running
+        from labbook.run.progress import counts as runs_done
+        from labbook.run.progress import remaining
 
         catalogue = existing(lab)
         counts, packings = catalogue.counts(), catalogue.packing_count()
-        works = unfinished(catalogue.lab)
+        works, live = unfinished(catalogue.lab), running(catalogue.lab)
         if as_json:
-            found = {"runs": counts, "packings": packings, "unfinished": [vars(work) for work in works]}
+            found = {
+                "runs": counts,
+                "packings": packings,
+                "unfinished": [vars(work) for work in works],
+                "running": [one.plain() for one in live],
+            }
             typer.echo(json.dumps(found, indent=2, allow_nan=False))
             return
         total = sum(counts.values())
         by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
         say(f"{total} runs{f' ({by})' if by else ''}, {packings} packings")
+        for one in live:
+            where = f"{one.backend} on {one.device}, process {one.pid} on {one.host}"
+            say(f"  {one.study}: {'; '.join(filter(None, (runs_done(one), remaining(one), where)))}")
         for work in works:
             state = "being worked on" if work.held else "left, resumable" if work.saved else "left, starts afresh"
             say(f"  {work.key}  step {work.step}  {state}{f' ({work.problem})' if work.problem else ''}")

@@ -26,7 +26,7 @@ class ViewerFailed(Exception):
 
 def show(recordings: Sequence[Path]) -> None:
     """Open recordings (.rrd) in a window and wait until it is closed. Raises ViewerMissing or ViewerFailed."""
-    command = [*_command(), "--port", "auto", *map(str, recordings)]
+    command = [*viewer_command(), "--port", "auto", *map(str, recordings)]
     done = subprocess.run(command, capture_output=True, text=True, env=_plain())
     if done.returncode:
         raise ViewerFailed(
@@ -41,7 +41,7 @@ def screenshot(recording: Path, picture: Path, at: float = 0.4) -> None:
     The views stand below one another, without the viewer's own bars and panels; each is headed by its name, the first
     by the time too. Raises ViewerMissing or ViewerFailed.
     """
-    command = _command()
+    command = viewer_command()
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -144,7 +144,7 @@ def _wait_until(deadline: float, complaint: str) -> None:
     time.sleep(_LATER)
 
 
-def _command() -> list[str]:
+def viewer_command() -> list[str]:
     """The viewer's binary, listening to this machine only; the `rerun` script on the PATH is a wrapper."""
     need_rerun()
     import rerun_cli

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
-from sqlalchemy import Connection, Engine, Row, func, select
+from sqlalchemy import ColumnElement, Connection, Engine, Row, func, select
 from sqlalchemy.exc import DatabaseError
 
 from labbook.lab.database import (
@@ -63,6 +63,49 @@ _SAID = ("run_key", "lineage_key", "cache_version", "outcome", "packing_key", "b
 """Of a run, in its record as in the index."""
 
 
+@dataclass(frozen=True)
+class StudyCount:
+    """How many runs of a study there are on a backend that ended in one way; `latest`: when the last of them did."""
+
+    study: str
+    backend: str
+    outcome: str
+    runs: int
+    latest: str
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Which runs are listed, and in what order. Whatever is None leaves all runs in."""
+
+    study: str | None = None
+    backend: str | None = None
+    outcome: str | None = None
+    packing: str | None = None
+    """Key of the packing that they started from."""
+    text: str | None = None
+    """What the label, the name of the study or the beginning of the key has in it."""
+    keys: tuple[str, ...] | None = None
+    """Only these runs: at most some hundred."""
+    sort: str = "finished"
+    """One of RUN_COLUMNS."""
+    descending: bool = True
+    offset: int = 0
+    limit: int | None = 100
+
+    def conditions(self) -> "list[ColumnElement[bool]]":
+        """What SQL is asked for."""
+        stated = {"study": self.study, "backend": self.backend, "outcome": self.outcome, "packing_key": self.packing}
+        found: list[ColumnElement[bool]] = [runs.c[name] == one for name, one in stated.items() if one is not None]
+        if self.text:
+            begins = runs.c.run_key.startswith(self.text, autoescape=True)
+            found.append(runs.c.label.contains(self.text, autoescape=True)
+                         | runs.c.study.contains(self.text, autoescape=True) | begins)  # fmt: skip
+        if self.keys is not None:
+            found.append(runs.c.run_key.in_(self.keys))
+        return found
+
+
 class Catalogue:
     """Questions to the index of one lab. Raises NoCatalogue if there are runs but no index of this
     version."""
@@ -114,6 +157,25 @@ class Catalogue:
         if outcome is not None:
             query = query.where(runs.c.outcome == outcome)
         return self._frame(query.limit(limit) if limit is not None else query)
+
+    def listed(self, wanted: "Listing") -> "tuple[pd.DataFrame, int]":
+        """The part of all runs that a listing asks for, with the columns of `runs` and `packing_key`; and how many runs
+        fit it altogether."""
+        columns = (runs.c[name].label(name) for name in (*RUN_COLUMNS, "packing_key"))
+        found = select(*columns).where(*wanted.conditions())
+        column = runs.c[wanted.sort]
+        ordered = found.order_by(column.desc() if wanted.descending else column.asc(), runs.c.run_key)
+        with self._asking() as connection:
+            total = connection.scalar(select(func.count()).select_from(runs).where(*wanted.conditions())) or 0
+        limited = ordered.offset(wanted.offset)
+        return self._frame(limited if wanted.limit is None else limited.limit(wanted.limit)), total
+
+    def studies(self) -> list[StudyCount]:
+        """How many runs there are of each study, backend and outcome."""
+        columns = runs.c.study, runs.c.backend, runs.c.outcome
+        query = select(*columns, func.count(), func.max(runs.c.finished)).group_by(*columns)
+        with self._asking() as connection:
+            return [StudyCount(row[0], row[1] or "", *row[2:4], row[4] or "") for row in connection.execute(query)]
 
     def counts(self) -> dict[str, int]:
         """Number of runs by outcome."""

@@ -1,13 +1,18 @@
 """The lab folder: where runs, packings and unfinished work lie, who may work on what, and how files get there whole.
 
-| path               | holds                                                                     |
-|--------------------|---------------------------------------------------------------------------|
-| lab/runs/KEY/      | a finished run, put in place by one rename                                |
-| lab/packings/KEY/  | a settled packing, put in place by one rename                             |
-| lab/work/KEY/      | unfinished work on a run or packing, with its exact checkpoints           |
-| lab/work/KEY.lock  | held by the process that works on KEY                                     |
-| lab/work/KEY.look  | held by the process that evaluates the run KEY                            |
-| lab/catalogue.db   | an index of runs, packings and measured numbers, which can be made again  |
+| path                  | holds                                                                     |
+|-----------------------|---------------------------------------------------------------------------|
+| lab/runs/KEY/         | a finished run, put in place by one rename                                |
+| lab/packings/KEY/     | a settled packing, put in place by one rename                             |
+| lab/studies/NAME.yaml | the text of the study NAME as it was last run                             |
+| lab/notes/studies/    | notes and tags that people gave to studies, NAME.md                       |
+| lab/notes/runs/       | the same of runs, KEY.md                                                  |
+| lab/work/KEY/         | unfinished work on a run or packing, with its exact checkpoints           |
+| lab/work/KEY.lock     | held by the process that works on KEY                                     |
+| lab/work/KEY.look     | held by the process that evaluates the run KEY, or writes the file KEY    |
+| lab/live/ID.json      | where a process that works on a study stands just now                     |
+| lab/live/ID.lock      | held by that process                                                      |
+| lab/catalogue.db      | an index of runs, packings and measured numbers, which can be made again  |
 """
 
 import errno
@@ -49,9 +54,14 @@ def room(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in _FULL:
+        if is_full(error):
             raise DiskFull(path) from error
         raise
+
+
+def is_full(error: OSError) -> bool:
+    """Whether an error says that the disk, or the user's part of it, is full."""
+    return error.errno in _FULL
 
 
 class Claim:
@@ -67,7 +77,7 @@ class Claim:
         os.close(self._handle)
 
 
-def _lock(path: Path, how: int) -> Claim | None:
+def lock(path: Path, how: int) -> Claim | None:
     """A lock on a file, which is made if it is missing; None if it is not to be waited for and another has it."""
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
@@ -83,6 +93,21 @@ def _lock(path: Path, how: int) -> Claim | None:
         os.close(handle)
 
 
+def is_locked(path: Path) -> bool:
+    """Whether some process holds the lock of a file; looking neither waits for it nor disturbs it."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
 class Lab:
     """Paths below one lab folder; nothing is made before something is written."""
 
@@ -91,11 +116,15 @@ class Lab:
         self.runs = self.folder / "runs"
         self.packings = self.folder / "packings"
         self.works = self.folder / "work"
+        self.studies = self.folder / "studies"
+        self.notes = self.folder / "notes"
+        self.live = self.folder / "live"
         self.catalogue = self.folder / "catalogue.db"
 
     @property
     def exists(self) -> bool:
-        """Whether the folder is a lab: whether any part of one is there."""
+        """Whether the folder is a lab: whether any part of one is there that no other folder has. Folders called
+        `studies` and `notes` are common."""
         return any(path.exists() for path in (self.runs, self.packings, self.works, self.catalogue))
 
     def run(self, key: str) -> Path:
@@ -113,18 +142,19 @@ class Lab:
     def claim(self, key: str) -> Claim | None:
         """The right to work on `key`, or None while another process has it."""
         self.works.mkdir(parents=True, exist_ok=True)
-        return _lock(self.works / f"{key}.lock", fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return lock(self.works / f"{key}.lock", fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     @contextmanager
     def alone(self, key: str) -> Iterator[None]:
-        """Waits until no other process or thread evaluates the run `key`, and keeps others waiting within.
+        """Waits until no other process or thread is within for the same `key`, and keeps others waiting: to evaluate
+        the run `key`, or to write a file that several may write at once.
 
         In a lab that cannot be written to nothing is locked: nothing is kept there either.
         """
         path = self.works / f"{key}.look"
         try:
             self.works.mkdir(parents=True, exist_ok=True)
-            claim = _lock(path, fcntl.LOCK_EX)
+            claim = lock(path, fcntl.LOCK_EX)
             assert claim is not None
         except OSError as error:
             if error.errno not in (errno.EROFS, errno.EACCES, errno.EPERM):
@@ -138,17 +168,7 @@ class Lab:
 
     def held(self, key: str) -> bool:
         """Whether some process is working on `key`; looking does not disturb it."""
-        try:
-            handle = os.open(self.works / f"{key}.lock", os.O_RDONLY)
-        except FileNotFoundError:
-            return False
-        try:
-            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        finally:
-            os.close(handle)
-        return False
+        return is_locked(self.works / f"{key}.lock")
 
     def working(self) -> list[str]:
         """Keys with unfinished work."""

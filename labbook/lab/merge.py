@@ -1,4 +1,4 @@
-"""Merging the runs and packings of another lab, brought from another machine.
+"""Merging the runs, packings, study files and notes of another lab, brought from another machine.
 
 What is in the other lab may be damaged, or made by somebody who means harm. Only ordinary files that belong to a run or
 a packing are copied, into the work folder of their key; there everything in them is looked at as if it had always been
@@ -9,35 +9,47 @@ import errno
 import os
 import shutil
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO, get_args
 
 from labbook.backend import BackendMissing, Verifies, load
 from labbook.backend.probes import parse_probe, table_name
-from labbook.lab.folder import PICTURE, Lab, remove
+from labbook.lab import notes, studies
+from labbook.lab.folder import PICTURE, Lab, LabError, is_full, remove
 from labbook.lab.index import Index
 from labbook.lab.packings import ARRAYS, PackingRecord, read_packing
 from labbook.lab.records import LONGEST, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, open_run, picture, read_end
 from labbook.lab.tables import MOST
+from labbook.study.source import MAX_BYTES
 
 _CHUNK = 2**20  # bytes copied at a time
 
 
 @dataclass
 class Merged:
-    """Keys of what was copied, and what was left out, with the reason."""
+    """What was copied, and what was left out, with the reason."""
 
     copied: list[str] = field(default_factory=list)
+    """Keys of runs and packings."""
+    studies: list[str] = field(default_factory=list)
+    """Names of studies whose file was copied."""
+    notes: int = 0
+    """Notes that were copied."""
+    stayed: list[str] = field(default_factory=list)
+    """What stays as it is here although the other lab has it otherwise, in words."""
     left_out: list[str] = field(default_factory=list)
 
 
 def merge(index: Index, source: Path) -> Merged:
-    """Copy runs and packings of the lab (or copy of one) in `source` that the lab of `index` lacks, and index them.
+    """Copy runs, packings and study files of the lab (or copy of one) in `source` that the lab of `index` lacks, and
+    index them; also notes of studies, and of runs that it has by then.
 
-    Where both have a run, the one that covers more stays; one of ours that cannot be read is replaced. Raises
-    FileNotFoundError if `source` is no lab.
+    Where both have a run, the one that covers more stays; one of ours that cannot be read is replaced. Where both have
+    the file of a study or a note, ours stays. Raises FileNotFoundError if `source` is no lab.
     """
     lab, other = index.lab, Lab(source)
     if not other.runs.is_dir() and not other.packings.is_dir():
@@ -48,6 +60,18 @@ def merge(index: Index, source: Path) -> Merged:
             try:
                 if take(index, lab, theirs / name):
                     merged.copied.append(name)
+            except Unreadable as problem:
+                merged.left_out.append(str(problem))
+    for name, theirs in studies.named(other).items():
+        try:
+            _take_study(lab, name, theirs, merged)
+        except Unreadable as problem:
+            merged.left_out.append(str(problem))
+    for kind in get_args(notes.Kind):
+        for name, theirs in notes.named(other, kind).items():
+            try:
+                if kind == "study" or lab.run(name).is_dir():
+                    _take_note(lab, kind, name, theirs, merged)
             except Unreadable as problem:
                 merged.left_out.append(str(problem))
     return merged
@@ -97,6 +121,44 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
     _copy(lab, key, theirs, mine, names, look)
     index.add_run(mine)
     return True
+
+
+def _take_study(lab: Lab, name: str, theirs: Path, merged: Merged) -> None:
+    text = _text(theirs, MAX_BYTES)
+    with _in_the_way(theirs, studies.place(lab, name)):
+        before = studies.add(lab, name, text)
+    if before is None:
+        merged.studies.append(name)
+    elif before != text:
+        merged.stayed.append(f"the file of the study {name} is another one here, and stays: {studies.place(lab, name)}")
+
+
+def _take_note(lab: Lab, kind: notes.Kind, name: str, theirs: Path, merged: Merged) -> None:
+    text, mine = _text(theirs, notes.MOST_BYTES), notes.place(lab, kind, name)
+    try:
+        note, before = notes.parsed(text.encode()), notes.read(lab, kind, name)
+    except ValueError as problem:
+        raise Unreadable(f"{theirs}: {problem}") from problem
+    except LabError as problem:
+        merged.stayed.append(f"the note here cannot be read, and stays: {problem}")
+        return
+    if not before and note:
+        with _in_the_way(theirs, mine):
+            notes.write(lab, kind, name, note)
+        merged.notes += 1
+    elif note not in (before, notes.Note()):
+        merged.stayed.append(f"the note of the {kind} {name} is another one here, and stays: {mine}")
+
+
+@contextmanager
+def _in_the_way(theirs: Path, mine: Path) -> Iterator[None]:
+    """Turns an error of writing `mine` into Unreadable, which stops nothing else; a full disk stays an OSError."""
+    try:
+        yield
+    except OSError as error:
+        if is_full(error):
+            raise
+        raise Unreadable(f"{theirs}: {mine}: {error.strerror}") from error
 
 
 def covers_more(theirs: RunRecord, mine: RunRecord) -> bool:
@@ -169,17 +231,35 @@ def _remove_empty(folder: Path) -> None:
 def _copy_file(theirs: Path, mine: Path) -> None:
     """Copy an ordinary file, which is not a link, and keep its time. Raises Unreadable, or OSError if there is no
     room."""
+    most = MOST if theirs.suffix == ".npz" else LONGEST
+    with _opened(theirs, most) as (source, status), open(mine, "wb") as target:
+        shutil.copyfileobj(source, target, _CHUNK)
+    os.utime(mine, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+
+def _text(theirs: Path, most: float) -> str:
+    """The text of an ordinary file, which is not a link and has at most so many bytes. Raises Unreadable."""
+    with _opened(theirs, most) as (source, _):
+        try:
+            return source.read().decode()
+        except UnicodeDecodeError as error:
+            raise Unreadable(f"{theirs}: not text in UTF-8") from error
+
+
+@contextmanager
+def _opened(theirs: Path, most: float) -> Iterator[tuple[BinaryIO, os.stat_result]]:
+    """An ordinary file, which is not a link and has at most so many bytes, to read. Raises Unreadable."""
+    if theirs.is_symlink():
+        raise Unreadable(f"{theirs}: it is a link; import copies no links")
     try:
         handle = os.open(theirs, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
     except OSError as error:
         raise Unreadable(f"{theirs}: {error.strerror or error}") from error
+    status = os.fstat(handle)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(handle)
+        raise Unreadable(f"{theirs}: it is no ordinary file")
     with os.fdopen(handle, "rb") as source:
-        status = os.fstat(handle)
-        if not stat.S_ISREG(status.st_mode):
-            raise Unreadable(f"{theirs}: it is no ordinary file")
-        most = MOST if theirs.suffix == ".npz" else LONGEST
         if status.st_size > most:
             raise Unreadable(f"{theirs}: it has {status.st_size} bytes, more than the {most:.0f} that it may have")
-        with open(mine, "wb") as target:
-            shutil.copyfileobj(source, target, _CHUNK)
-    os.utime(mine, ns=(status.st_atime_ns, status.st_mtime_ns))
+        yield source, status

@@ -22,6 +22,7 @@ Whole = Annotated[int, Field(ge=0, lt=2**63)]
 """A count, or another number that SQLite can hold."""
 Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 """A time, a length or a fraction."""
+RunKey = Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
 StoredBackend = Annotated[str, Field(validation_alias="engine", serialization_alias="engine")]
 """Name of a backend; files have it under the key `engine`."""
 LONGEST = 2**26
@@ -212,7 +213,7 @@ class RunRecord(Record):
     KEY = "run_key"
 
     format: Literal[1] = 1
-    run_key: Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
+    run_key: RunKey
     experiment_key: str
     scene_key: str
     packing_key: str

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from labbook import __version__
 from labbook.lab.folder import write_bytes
@@ -24,7 +25,10 @@ from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.results import display
 from labbook.results.study import Results
 
-__all__ = ["FILE", "PARTS", "summary", "write"]
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+__all__ = ["FILE", "PARTS", "environment", "summary", "write"]
 
 FILE = "report.html"
 
@@ -40,14 +44,18 @@ def write(results: Results, folder: Path, today: date | None = None) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     study = results.study
     sections = anchored([section for part in PARTS for section in part(results, folder)], {"result", "contents"})
-    text = _template().render(
-        title=study.name,
-        about=study.about,
-        version=__version__,
-        box=result_box(results),
-        concerned=bool(concerns(results)),
-        setting=setting(results, today or _today()),
-        sections=sections,
+    text = (
+        environment()
+        .get_template("report.html.j2")
+        .render(
+            title=study.name,
+            about=study.about,
+            version=__version__,
+            box=result_box(results),
+            concerned=bool(concerns(results)),
+            setting=setting(results, today or _today()),
+            sections=sections,
+        )
     )
     write_bytes(folder / FILE, text.encode(), durable=False)
     return folder / FILE
@@ -136,9 +144,7 @@ def _outcomes(results: Results, folder: Path) -> list[Section]:
 def _provenance(results: Results, folder: Path) -> list[Section]:
     blocks: list[Block] = [Folded("What made the runs", (tables.provenance_table(results),))]
     blocks.append(Folded("Keys of all runs", (tables.runs_table(results),)))
-    study = results.study
-    text = study.path.read_text(encoding="utf-8") if study.path.is_file() else study.yaml()
-    blocks.append(Folded("The study file", (Verbatim(text),)))
+    blocks.append(Folded("The study file", (Verbatim(results.study.text),)))
     return [Section("Provenance", tuple(blocks))]
 
 
@@ -173,16 +179,17 @@ def _formula(text: str):
     return Markup(mathml(text))
 
 
-def _template():
-    from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+def environment(*packages: str) -> "Environment":
+    """Templates that draw blocks (`blocks.html.j2`): those of the report, and before them those of other packages."""
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, select_autoescape
 
-    environment = Environment(
-        loader=PackageLoader("labbook.report"),
+    made = Environment(
+        loader=ChoiceLoader([PackageLoader(name) for name in (*packages, "labbook.report")]),
         autoescape=select_autoescape(["j2", "html"]),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["typeset"] = _typeset
-    environment.filters["formula"] = _formula
-    return environment.get_template("report.html.j2")
+    made.filters["typeset"] = _typeset
+    made.filters["formula"] = _formula
+    return made

@@ -40,6 +40,19 @@ def summary(results: Results) -> list[str]:
     return [_counted(results), *concerns(results), *(text for _, text in _found(results))]
 
 
+def headline(results: Results) -> str:
+    """What was found, in a line for a list of studies: the parameters of the first law that was fitted, else the range
+    of the flow rates; and whether the data choose a law. Empty if nothing was found."""
+    fitted = [one for one in results.series if one.fits]
+    if fitted:
+        law = next(iter(fitted[0].fits))
+        told = _parameters(law, [one for one in fitted if law in one.fits]).rstrip(".")
+        judged = dict.fromkeys(one.verdict.rstrip(".") for one in fitted if one.verdict)
+        verdict = f"; {next(iter(judged))}" if len(judged) == 1 else "; series differ in the law" if judged else ""
+        return f"{display.law(law)}: {told}{verdict}."
+    return next((text for _, text in _flow_rates(results)), "")
+
+
 def _counted(results: Results) -> str:
     runs = sum(len(result.runs) for result in results.points)
     return f"{_count(runs, 'run')} of {_count(len(results.points), 'point')}."

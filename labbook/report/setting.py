@@ -30,14 +30,43 @@ _VALUES = 8
 def setting(results: Results, today: date) -> Facts:
     """Rows of a term and what there is to say of it. today: the date of the report."""
     points = results.study.points
-    rows = [(term, text) for part, term in _PARTS.items() if (text := _common(points, part))]
-    rows.append(("Gravity", _one(points, "gravity")))
-    rows.append(("Time step", _range(points, "numerics.dt")))
+    rows = common(points)
     rows += [("Swept", text) for text in _swept(points)]
     rows += [("Measured", _measured(results)), ("Replicates", _replicates(results))]
     rows += [("Backend", text) for text in _backend(results)]
     rows.append(("Dates", _dates(results, today)))
     return Facts(tuple((term, text) for term, text in rows if text))
+
+
+def common(points: Sequence[Point]) -> list[tuple[str, str]]:
+    """What points have in common: their grains, contact law, container, walls, filling, gravity and time step."""
+    rows = [(term, text) for part, term in _PARTS.items() if (text := _common(points, part))]
+    rows += [("Gravity", _one(points, "gravity")), ("Time step", _range(points, "numerics.dt"))]
+    return [(term, text) for term, text in rows if text]
+
+
+def differences(points: Sequence[Point]) -> list[tuple[str, tuple[str, ...]]]:
+    """In what points differ: the key of a study, and its value at each of them in the units of the field."""
+    values = [
+        {**{name: value for part in _PARTS for name, value in _leaves(_plain(point, part), part)},
+         **dict(_leaves(point.numerics.model_dump(mode="json"), "numerics")), "gravity": point.scene.gravity}
+        for point in points
+    ]  # fmt: skip
+    found = []
+    for name in dict.fromkeys(name for one in values for name in one):
+        each = [one.get(name) for one in values]
+        if name not in _HIDDEN and any(value != each[0] for value in each):
+            found.append((name, tuple(_valued(name, value) for value in each)))
+    return found
+
+
+def _valued(name: str, value: float | str | bool | None) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool | str):
+        return str(value).lower() if isinstance(value, bool) else value
+    shown = _shown(name)
+    return f"{value * shown.scale:.6g} {shown.unit}".rstrip()
 
 
 def _common(points: Sequence[Point], part: str) -> str:

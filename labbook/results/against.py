@@ -147,14 +147,18 @@ def _line(at: Mapping[str, Value], group: Sequence[Place], quantity: str, start:
 def _over(place: Place, first: Place | None, quantity: str) -> Place:
     if first is None or place.result.pooled.get(quantity) is None:
         return place
-    above, below = by_seed(place.result, quantity), by_seed(first.result, quantity)
-    shared = _shared(place.result, first.result, sorted(above.keys() & below.keys()))
+    return Place(place.result, place.value, *ratio_of(place.result, first.result, quantity))
+
+
+def ratio_of(result: PointResult, first: PointResult, quantity: str) -> tuple[Pooled, int]:
+    """A quantity of a point over that of another, which is not zero; and how many pairs of runs that share a packing it
+    rests on (0: the runs are independent). Both points have the quantity."""
+    above, below = by_seed(result, quantity), by_seed(first, quantity)
+    shared = _shared(result, first, sorted(above.keys() & below.keys()))
     # two pairs among many runs that have none would leave most of what is known unused
     if len(shared) > 1 and 2 * len(shared) >= min(len(above), len(below)):
-        ratio = paired_ratio([above[s] for s in shared], [below[s] for s in shared])
-        return Place(place.result, place.value, ratio, len(shared))
-    ratio = independent_ratio(place.result.pooled[quantity], first.result.pooled[quantity])
-    return Place(place.result, place.value, ratio)
+        return paired_ratio([above[s] for s in shared], [below[s] for s in shared]), len(shared)
+    return independent_ratio(result.pooled[quantity], first.pooled[quantity]), 0
 
 
 def _shared(one: PointResult, other: PointResult, seeds: Sequence[int]) -> list[int]:

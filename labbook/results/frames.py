@@ -25,8 +25,10 @@ _PLACES = 60
 """Orifices at which bands are given."""
 
 
-def frames(results: Results) -> dict[str, "pd.DataFrame"]:
-    """Data frames by name; those without rows are left out. Columns named by a key of the study say what was swept.
+def frames(results: Results, names: Collection[str] | None = None) -> dict[str, "pd.DataFrame"]:
+    """Data frames called `names` (None: all) by name; those without rows are left out.
+
+    Columns named by a key of the study say what was swept.
 
     | frame           | a row                                                                                     |
     |-----------------|-------------------------------------------------------------------------------------------|
@@ -53,7 +55,7 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
         "points": _points(results),
         "runs": _runs(results),
         "flow": _flow(results),
-        "against": against_rows(against(results.points)),
+        "against": _against(results),
         "series": _series(results),
         "fits": _fits(results),
         "bands": _bands(results),
@@ -66,13 +68,14 @@ def frames(results: Results) -> dict[str, "pd.DataFrame"]:
     }
     for paper in analyses():
         made |= paper.frames(results)
-    found = {name: pd.DataFrame(list(rows)) for name, rows in made.items()}
+    asked = made.keys() if names is None else names
+    found = {name: pd.DataFrame(list(rows)) for name, rows in made.items() if name in asked}
     return {name: frame for name, frame in found.items() if len(frame)}
 
 
 def to_json(results: Results, names: Collection[str] | None = None) -> str:
     """The frames called `names` (all but EVERY, if none are given) as JSON: SI, null for what is unknown or endless."""
-    chosen = {name: frame for name, frame in frames(results).items() if (name in names if names else name not in EVERY)}
+    chosen = {name: one for name, one in frames(results, names or None).items() if names or name not in EVERY}
     parts = {
         name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]") for name, frame in chosen.items()
     }
@@ -116,6 +119,10 @@ def _points(results: Results) -> Iterator[Row]:
                 "remark": result.remark,
                 "stale": any(run.cache_version in results.stale for run in result.runs),
             }
+
+
+def _against(results: Results) -> Iterator[Row]:
+    yield from against_rows(against(results.points))
 
 
 def _problems(results: Results) -> Iterator[Row]:

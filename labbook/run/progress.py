@@ -173,9 +173,9 @@ def counts(view: View) -> str:
 
 def remaining(view: View) -> str:
     """How long it will take; nothing as long as the rate is not known."""
-    if not view.rate:
+    left = view.seconds_left
+    if left is None:
         return ""
-    left = view.work_left / view.rate
     if not view.open_ended:
         return f"about {duration(left)} left" if left >= _FEW else "a few seconds left"
     return f"at least {duration(left)} left" if left >= _WORTH_SAYING else "time left unknown"

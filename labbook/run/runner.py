@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 
 from labbook.backend import Backend, Compiles, Member, Overflow
 from labbook.backend.machine import cores
+from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
-from labbook.lab.folder import Lab, room
+from labbook.lab.folder import Lab, is_full, room
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.run.board import Board, Started, Tally
@@ -17,6 +18,7 @@ from labbook.run.demand import PackingsOf
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.lane import Lane, Turn, slots
+from labbook.run.live import Publisher
 from labbook.run.plan import Planner, PointPlan, check, counted
 from labbook.run.progress import duration
 from labbook.run.stopping import Request
@@ -153,6 +155,7 @@ class Runner:
             planner = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of)
             plan = planner.plan()
             check(self.backend, self.device, plan.points)
+            self._keep_study()
             done = [item.keys.run for item in plan.items if item.state == "done"]
             if index.derive(done, observe):
                 plan = planner.plan()
@@ -160,7 +163,9 @@ class Runner:
             self._board = Board(bench, planner, index, observe, packings_only=self.packings_only)
             self._board.beginning = self._tell_beginning
             self._board.pin(plan)
-            with self._stop.listening(self.watcher.tell):
+            name = self.backend.capabilities.name
+            self._publisher = Publisher(self.lab, self.study.name, name, self.device, self.watcher)
+            with self._stop.listening(self.watcher.tell), self._publisher:
                 self._carry_out(slots(self.backend, self.device, plan.points))
             self._tell()
         finally:
@@ -170,6 +175,16 @@ class Runner:
         wall = time.perf_counter() - begun
         problems, work = tuple(index.found.problems), self._meter.work
         return Summary(self._board.tally, points, self._stop.made, wall, work, problems, self._left_behind)
+
+    def _keep_study(self) -> None:
+        """Keep the text of the study in the lab. Raises OSError for a full disk only."""
+        try:
+            studies.keep(self.lab, self.study.name, self.study.text)
+        except OSError as error:
+            if is_full(error):
+                raise
+            where = error.filename or self.lab.studies
+            self.watcher.tell(f"The study goes on, but its text is not kept in the lab: {where}: {error.strerror}")
 
     def _carry_out(self, slots: int) -> None:
         many = self.lanes or (cores() if self.device == "cpu" else 1)
@@ -296,7 +311,7 @@ class Runner:
             rate=self._meter.rate(),
             open_ended=board.open_ended(),
         )
-        self.watcher.show(view)
+        self._publisher.show(view)
         now = time.perf_counter()
         self._next_tell = now + max(_LOOK, (now - begun) / _TELLING)  # counting 10^5 runs takes a while
 

@@ -43,6 +43,11 @@ class View:
     open_ended: bool = False
     """Whether some job goes on for longer than expected, so that `work_left` is a lower bound."""
 
+    @property
+    def seconds_left(self) -> float | None:
+        """Wall time that the work left takes at this rate [s]; None while the rate is not known."""
+        return self.work_left / self.rate if self.rate else None
+
 
 class Watcher(Protocol):
     """Someone to tell how it goes."""

@@ -71,6 +71,8 @@ class Study:
     numerics_stated: Mapping[str, Any] = field(default_factory=dict, repr=False)
     stated: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
     """What its author wrote: keys and values as in YAML."""
+    source: str = field(default="", repr=False, compare=False)
+    """The text of its file as it was read, with comments; empty for a study made in Python."""
 
     def numerics(self, scene: Scene) -> Numerics:
         """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
@@ -100,6 +102,11 @@ class Study:
         names = dict.fromkeys(name for point in self.points for name in point.at)
         units = {name: next((key.unit for key in find(name)), None) for name in names}
         return {name: unit for name, unit in units.items() if unit is not None}
+
+    @property
+    def text(self) -> str:
+        """The study as its author wrote it: the text of its file, or `yaml()` for a study made in Python."""
+        return self.source or self.yaml()
 
     def yaml(self) -> str:
         """The study as a study file has it, without comments."""
@@ -160,6 +167,7 @@ def _resolved(source: Source) -> Study:
         reference=published,
         numerics_stated=reader.numerics_stated,
         stated=source.data,
+        source=source.text,
         **{name: getattr(settings, name) for name in SETTING_KEYS},
     )
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from labbook.filling.placing import STARTS
 from labbook.scene.model import Among, Fault, Model, refuse
@@ -13,6 +13,18 @@ from labbook.scene.scene import Scene
 
 Fraction = Annotated[Ratio, Field(ge=0, le=1)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=80)]
+
+
+_NAME = TypeAdapter(Name)
+
+
+def names_a_study(name: str) -> bool:
+    """Whether a study may be called so. Such names are safe as names of files."""
+    try:
+        _NAME.validate_python(name)
+    except ValidationError:
+        return False
+    return True
 
 
 class Fill(Model):

@@ -29,6 +29,8 @@ class Source:
     path: Path
     data: dict[str, Any]
     lines: dict[Location, int] = field(default_factory=dict)
+    text: str = ""
+    """The file as it was read; empty for a study given in Python."""
 
     def line(self, location: Location) -> int:
         """Line of the key at `location`, or of what encloses it; 0 when nothing does."""
@@ -54,7 +56,7 @@ def read(path: Path) -> Source:
     if not isinstance(data, dict):
         problem = Problem(path, 1, "", "a study is a mapping of keys", "begin with a line such as `name: my-study`")
         raise StudyError([problem])
-    return Source(path, data, walker.lines)
+    return Source(path, data, walker.lines, text)
 
 
 def given(stated: Mapping[str, Any], keys: Mapping[str, Any]) -> Source:

@@ -166,7 +166,7 @@ def test_what_other_programs_put_there_is_not_copied(labs):
     (theirs / "runs" / ".ipynb_checkpoints").mkdir()
     (theirs / "runs" / "notes.txt").write_text("mine")
     (victim / "notes.txt").write_text("mine")
-    assert labbook("import", theirs, "--lab", ours).output.strip() == "2 runs and packings imported"
+    assert labbook("import", theirs, "--lab", ours).output.startswith("2 runs and packings imported\n")
     taken = {path.name for path in (ours / "runs" / victim.name).iterdir()}
     assert {name for name in taken if not name.startswith(EVALUATION)} == {
         "run.json",
@@ -191,7 +191,7 @@ def test_a_damaged_packing_is_left_out_with_the_runs_that_began_from_it(labs, tm
 
 def test_ours_is_replaced_where_it_cannot_be_read(labs):
     ours, theirs = labs
-    assert labbook("import", ours, "--lab", theirs).output.strip() == "0 runs and packings imported", (
+    assert labbook("import", ours, "--lab", theirs).output.startswith("0 runs and packings imported\n"), (
         "theirs are longer"
     )
     for again in (False, True):
@@ -201,7 +201,7 @@ def test_ours_is_replaced_where_it_cannot_be_read(labs):
         (packing / "packing.npz").write_bytes(b"")
         if again:
             labbook("reindex", "--lab", theirs)
-        assert labbook("import", ours, "--lab", theirs).output.strip() == "2 runs and packings imported"
+        assert labbook("import", ours, "--lab", theirs).output.startswith("2 runs and packings imported\n")
         assert arrays(victim) == arrays(ours / "runs" / victim.name)
         assert sorted(Catalogue(theirs).runs().outcome) == ["finished", "time-limit"]
 

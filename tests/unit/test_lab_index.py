@@ -194,12 +194,14 @@ def test_labs_merge(lab, tmp_path):
     other = tmp_path / "other"
     carry_out(study(tmp_path, orifices="[24, 30]"), other)
     code, out = cli("import", other, "--lab", lab)
-    assert (code, out.strip()) == (0, "2 runs and packings imported"), "one point is new, with both seeds"
+    first, second = out.splitlines()
+    assert (code, first) == (0, "2 runs and packings imported"), "one point is new, with both seeds"
+    assert second.startswith("Not replaced: the file of the study toy-study is another one here")
     carry_out(study(tmp_path, orifices="[18, 24, 30]"), tmp_path / "both")
     names = [list(Catalogue(folder).runs().run_key.sort_values()) for folder in (lab, tmp_path / "both")]
     assert names[0] == names[1]
     assert not carry_out(study(tmp_path, orifices="[18, 24, 30]"), lab).tally.ran
-    assert cli("import", other, "--lab", lab)[1].strip() == "0 runs and packings imported"
+    assert cli("import", other, "--lab", lab)[1].startswith("0 runs and packings imported\n")
     assert cli("import", tmp_path / "nothing", "--lab", lab)[0] == 1
 
 
@@ -207,7 +209,10 @@ def test_of_two_the_one_that_covers_more_is_imported(tmp_path):
     short, long = tmp_path / "short", tmp_path / "long"
     carry_out(study(tmp_path, "stop: {max_time: 20 ms}", replicates=1), short)
     carry_out(study(tmp_path, replicates=1), long)
-    assert merge(Index(Lab(long)), short) == Merged([], [])
+    merged = merge(Index(Lab(long)), short)
+    (stayed,) = merged.stayed
+    assert "the study toy-study is another one here" in stayed
+    assert merged == Merged(stayed=[stayed]), "nothing is copied, and nothing left out"
     merged = merge(Index(Lab(short)), long)
     assert (len(merged.copied), merged.left_out) == (2, [])
     assert Catalogue(short).counts() == {"finished": 2}

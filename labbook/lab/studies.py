@@ -1,0 +1,71 @@
+"""The texts of the studies that were run in a lab, as their authors wrote them: `lab/studies/NAME.yaml`.
+
+A text is that of the last run under its name. Nothing here reads what a text says: `labbook.study.load` does.
+"""
+
+from pathlib import Path
+
+from labbook.lab.folder import Lab, open_file, sync_folder, write_bytes
+from labbook.study.schema import names_a_study
+
+SUFFIX = ".yaml"
+
+
+def keep(lab: Lab, name: str, text: str) -> None:
+    """Keep `text` as that of the study `name`, in place of an earlier one. The same text is not written again.
+
+    Raises ValueError for a name that no study may have, and OSError.
+    """
+    path, content = place(lab, name), text.encode()
+    with lab.alone(f"study-{name}"):  # several processes may begin the same study
+        if _content(path) != content:
+            _write(lab, path, content)
+
+
+def add(lab: Lab, name: str, text: str) -> str | None:
+    """Keep `text` as that of the study `name` unless the lab has one.
+
+    Returns the text that the lab had, or None. Raises ValueError for a name that no study may have, and OSError.
+    """
+    path, content = place(lab, name), text.encode()
+    with lab.alone(f"study-{name}"):
+        had = _content(path)
+        if had is None:
+            _write(lab, path, content)
+        return None if had is None else had.decode(errors="replace")
+
+
+def kept(lab: Lab) -> dict[str, Path]:
+    """The files of all studies that are kept, by name, in the order of their names."""
+    return {name: path for name, path in named(lab).items() if path.is_file()}
+
+
+def place(lab: Lab, name: str) -> Path:
+    """Where the text of the study `name` is kept. Raises ValueError for a name that no study may have."""
+    if not names_a_study(name):
+        raise ValueError(f"{name!r} is not the name of a study: letters, digits, - and _, beginning with a letter")
+    return lab.studies / f"{name}{SUFFIX}"
+
+
+def named(lab: Lab) -> dict[str, Path]:
+    """Whatever is named like the file of a study, also links and folders, by name, in the order of their names."""
+    try:
+        paths = sorted(path for path in lab.studies.iterdir() if path.suffix == SUFFIX)
+    except (FileNotFoundError, NotADirectoryError):
+        return {}
+    return {path.stem: path for path in paths if names_a_study(path.stem)}
+
+
+def _content(path: Path) -> bytes | None:
+    """What is in a file; None if there is none that can be read."""
+    try:
+        with open_file(path) as file:
+            return file.read()
+    except OSError:
+        return None
+
+
+def _write(lab: Lab, path: Path, content: bytes) -> None:
+    lab.studies.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, content)
+    sync_folder(lab.studies)
