@@ -203,7 +203,7 @@ class View:
         left, right = max(left - far, min(left, outer)), min(right + far, max(right, other))
         low = max(low - far, min(low, lowest))
         if plane is not None:
-            low = min(low, plane - _BELOW * (high - plane))
+            low = min(low, max(low - far, plane - _BELOW * (high - plane)))
         elif len(now):
             high = min(high + far, max(high, _extent(scene, now)[1][1]))
         scale = (size - 2 * _LINE) / max(right - left, high - low)

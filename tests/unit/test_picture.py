@@ -306,3 +306,8 @@ def test_free_grains_are_followed_within_reason():
     assert view.x + view.across / view.scale / 2 > now.x[:, 0].max()
     gone = packing(*(start.x + np.array([1e3, 0, 0])))
     assert View.of(free, start, gone).across / View.of(free, start, gone).scale < 0.1
+
+
+def test_an_outlet_far_below_leaves_the_bed_in_sight():
+    view = View.of(scene(Primitives(outlet_plane=-10)), floor(), floor())
+    assert view.across > picture.SIZE / 2
