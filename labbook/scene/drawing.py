@@ -26,7 +26,7 @@ Pixels = Callable[[float, float], tuple[float, float]]
 
 
 def svg(grains: Grains, container: Container, sized: bool = True) -> str:
-    """The scene as an SVG element: walls, grains and, if `sized`, the main sizes; empty where the section shows no wall.
+    """The scene as an SVG element: walls, grains and, if `sized`, main sizes; empty where the section shows no wall.
 
     Grains are placed for the eye, not by physics.
     """
