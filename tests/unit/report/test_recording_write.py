@@ -68,8 +68,8 @@ def test_a_recording_whose_frames_begin_late_shows_the_packing_first(run, tmp_pa
     later = whole["time"] > 0
     table = {name: values[later] for name, values in whole.items()}
     parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))["/grains", False]
-    (first,) = (one for one in column(parts, "Points3D:positions") if len(one) == len(run.start))
-    np.testing.assert_allclose(first, run.start.x, atol=1e-7)
+    whole_beds = [one for one in column(parts, "Points3D:positions") if len(one) == len(run.start)]
+    assert any(np.allclose(one, run.start.x, atol=1e-7) for one in whole_beds)
     assert sum(part.num_rows for part in parts) == len(np.unique(whole["time"])) + 1  # the last one is empty
 
 
