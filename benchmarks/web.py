@@ -239,9 +239,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if said.what == "pages":
             found = pages(Path(folder) / "lab", said.runs, said.repeats)
             for one in found:
-                print(
-                    f"{one['page']:50} first {one['first']:8.1f} ms, later {one['later']:7.1f} ms, {one['kilobytes']:.0f} kB"
-                )
+                times = f"first {one['first']:8.1f} ms, later {one['later']:7.1f} ms"
+                print(f"{one['page']:50} {times}, {one['kilobytes']:.0f} kB")
         else:
             found = polling(Path(folder), said.repeats, said.replicates)
             ratios = [one["ratio"] for one in found]

@@ -36,7 +36,7 @@ def lab_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
     return Page(
         "lab.html.j2",
         "",
-        "Lab",
+        shelf.lab.folder.resolve().name,
         lambda: {"studies": studies, "runs": counts, "packings": packings,
                  "running": [one.plain() for one in shelf.running()]},
         lambda: pd.DataFrame(studies),
