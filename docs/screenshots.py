@@ -62,8 +62,8 @@ def main() -> None:
     with served(said.lab) as address, sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         for name, path in pages.items():
-            for look, size, scheme in (("", DESKTOP, "light"), ("-dark", DESKTOP, "dark"), ("-phone", PHONE, "light")):
-                context = browser.new_context(color_scheme=scheme, viewport=size)
+            for look, size in (("", DESKTOP), ("-dark", DESKTOP), ("-phone", PHONE)):
+                context = browser.new_context(color_scheme="dark" if look == "-dark" else "light", viewport=size)
                 page = context.new_page()
                 page.goto(address + path)
                 page.wait_for_load_state("networkidle")
