@@ -25,8 +25,10 @@ _PLACES = 60
 """Orifices at which bands are given."""
 
 
-def frames(results: Results, names: Collection[str] | None = None) -> dict[str, "pd.DataFrame"]:
-    """Data frames called `names` (None: all) by name; those without rows are left out.
+def frames(
+    results: Results, names: Collection[str] | None = None, without: Collection[str] = ()
+) -> dict[str, "pd.DataFrame"]:
+    """Data frames called `names` (None: all), but those called `without`, by name; those without rows are left out.
 
     Columns named by a key of the study say what was swept.
 
@@ -69,13 +71,13 @@ def frames(results: Results, names: Collection[str] | None = None) -> dict[str, 
     for paper in analyses():
         made |= paper.frames(results)
     asked = made.keys() if names is None else names
-    found = {name: pd.DataFrame(list(rows)) for name, rows in made.items() if name in asked}
+    found = {name: pd.DataFrame(list(rows)) for name, rows in made.items() if name in asked and name not in without}
     return {name: frame for name, frame in found.items() if len(frame)}
 
 
 def to_json(results: Results, names: Collection[str] | None = None) -> str:
     """The frames called `names` (all but EVERY, if none are given) as JSON: SI, null for what is unknown or endless."""
-    chosen = {name: one for name, one in frames(results, names or None).items() if names or name not in EVERY}
+    chosen = frames(results, names or None, () if names else EVERY)
     parts = {
         name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]") for name, frame in chosen.items()
     }
