@@ -41,7 +41,7 @@ def rolling_rate(inertia: real, dt: real):
 def rolling(w: vec3, n: vec3, torque: real, inertia_rate: real, full: bool):
     """Torque [N m] on i that resists the relative rotation w = omega_i - omega_j [rad/s] (Fan et al. 2023, eq 8).
 
-    Its size is `torque` = mu_r R F_n, but at most `inertia_rate` |w|. `full`: twist about n is resisted too.
+    Its size is `torque` = mu_r R |F_n|, but at most `inertia_rate` |w|. `full`: twist about n is resisted too.
     """
     w = w if full else w - n * dot(w, n)
     rate = sqrt(dot(w, w))

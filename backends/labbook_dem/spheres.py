@@ -33,7 +33,7 @@ def touch(
         arm = vec3(zero, zero, zero)
         kept = arm
     if ROLLING:
-        roll = rolling(turn, n, c[5] * radius * fn, inertia_rate, TWIST)
+        roll = rolling(turn, n, c[5] * radius * abs(fn), inertia_rate, TWIST)
     else:
         roll = vec3(zero, zero, zero)
     return force, arm, roll, kept

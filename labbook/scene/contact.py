@@ -4,10 +4,10 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from labbook.scene import damping
-from labbook.scene.model import Choice, Model
+from labbook.scene.model import Choice, Fault, Model, refuse
 from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
 
 Restitution = Annotated[Ratio, Field(gt=0, le=1)]
@@ -126,19 +126,28 @@ class ContactLaw(Model, ABC):
         return None
 
 
-class HertzMindlin(ContactLaw):
-    """Hertz normal force with Mindlin's friction spring (Fan et al. 2023, eqs 6-8)."""
+class Hertz(ContactLaw, ABC):
+    """Hertz's normal force, F_n = K delta + C_n sqrt(6 m* K) v with K = (4/3) E* sqrt(R* delta), v the approach speed.
 
-    physics: ClassVar[str] = "labbook_dem.laws.hertz_mindlin"
-    usual_step: ClassVar[str] = "0.1 rayleigh"  # the paper's: at most so much
+    Laws of this family differ in how friction is limited, and in whether the normal force may pull.
+    """
 
-    law: Literal["hertz-mindlin"] = "hertz-mindlin"
+    usual_step: ClassVar[str] = "0.1 rayleigh"  # of Fan et al. 2023: at most so much
+
     shear_modulus: Pressure
     """G of the grains' material."""
     poisson_ratio: PoissonRatio
     """ν of the grains' material, in (-1, 1/2]."""
     tangential_damping: Coefficient = 1.0
-    """C_t / C_n (the paper does not give C_t)."""
+    """C_t / C_n (Fan et al. do not give C_t)."""
+    # what is not stated is left out of what is stored and hashed
+    normal_damping: Annotated[Coefficient | None, Field(exclude_if=lambda value: value is None)] = None
+    """C_n by its value, whatever the coefficient of restitution; none: the one that `damping` makes of it."""
+
+    @property
+    def pulls(self) -> bool:
+        """Whether the normal force may be attractive, as a dashpot is when grains part."""
+        return False
 
     @property
     def effective_modulus(self) -> float:
@@ -151,6 +160,8 @@ class HertzMindlin(ContactLaw):
 
     def damping_ratio(self, restitution: float) -> float:
         """C_n sqrt(6 m* K)/(2 sqrt(m* dF/d delta)) = C_n, as dF/d delta = 3/2 K."""
+        if self.normal_damping is not None:
+            return self.normal_damping
         if self.damping == "clamped":
             return damping.hertz_c_n(restitution)
         return damping.hertz_textbook(restitution)
@@ -172,6 +183,76 @@ class HertzMindlin(ContactLaw):
         """(delta/d)^{3/2} = 3 p/(2 E*), as F = (4/3) E* sqrt(d/4) delta^{3/2} = (2/3) E* d^2 (delta/d)^{3/2}."""
         modulus = 1.5 * pressure / overlap**1.5
         return Softer("shear_modulus", "Pa", self.shear_modulus, modulus * (1 - self.poisson_ratio))
+
+
+class HertzMindlin(Hertz):
+    """Hertz normal force with Mindlin's friction spring (Fan et al. 2023, eqs 6-8).
+
+    The normal force never pulls. The spring is cut where its force reaches mu F_n^e; then spring and dashpot together
+    are cut at mu F_n.
+    """
+
+    physics: ClassVar[str] = "labbook_dem.laws.hertz_mindlin"
+
+    law: Literal["hertz-mindlin"] = "hertz-mindlin"
+
+
+class Tensile(Hertz, ABC):
+    """Hertz's law in which the normal force may pull, unless a study forbids it."""
+
+    damping: Damping = "textbook"
+    """`textbook`: C_n = sqrt(5/6) ln(1/e)/sqrt(pi^2 + ln^2 e), which gives back e if the normal force may pull;
+    `clamped`: solved for one that may not."""
+    tension: bool = True
+    """Whether the normal force may pull while grains part, as in the code or paper that the law is of."""
+
+    @property
+    def pulls(self) -> bool:
+        """Whether the normal force may be attractive."""
+        return self.tension
+
+    @model_validator(mode="after")
+    def _damping_fits(self):
+        if self.tension and self.damping == "clamped" and self.normal_damping is None:
+            reason = "clamped damping is solved for a normal force that never pulls, and here it may (contact.tension)"
+            refuse([Fault("damping", reason, "use textbook, or tension: false")])
+        return self
+
+
+class HertzPrinted(Tensile):
+    """Fan et al. 2023, eqs 6 to 8, to the letter: nothing is cut.
+
+    Friction is F_t^e = mu F_n^e (1 - (1 - min(s, s_max)/s_max)^{3/2}) with a dashpot that vanishes at s_max. The spring
+    goes on growing while the contact slides, so that a reversal first has to take all of that back.
+    """
+
+    physics: ClassVar[str] = "labbook_dem.laws.hertz_printed"
+
+    law: Literal["hertz-printed"] = "hertz-printed"
+
+
+class HertzLiggghts(Tensile):
+    """The model `hertz tangential history` of LIGGGHTS 3.8 (normal_model_hertz.h, tangential_model_history.h).
+
+    Friction is a spring of 8 G* sqrt(R* delta) and a dashpot. The spring is cut at mu |F_n|, and a contact that slides
+    has no dashpot; one that does not slide has both, together not limited.
+    """
+
+    physics: ClassVar[str] = "labbook_dem.laws.hertz_liggghts"
+
+    law: Literal["hertz-liggghts"] = "hertz-liggghts"
+
+
+class HertzLammps(Tensile):
+    """`hertz/material` with `tangential mindlin` of LAMMPS' pair style granular (pair_granular.cpp, January 2022).
+
+    Friction is a spring of 8 G* sqrt(R* delta) and a dashpot, which is `tangential_damping` times the normal one. Their
+    sum is cut at mu |F_n|, and the spring shortened to what then is left of it.
+    """
+
+    physics: ClassVar[str] = "labbook_dem.laws.hertz_lammps"
+
+    law: Literal["hertz-lammps"] = "hertz-lammps"
 
 
 class LinearSpringDashpot(ContactLaw):
@@ -213,7 +294,12 @@ class LinearSpringDashpot(ContactLaw):
         return Softer("normal_stiffness", "N/m", self.normal_stiffness, pressure * diameter / overlap)
 
 
-CONTACT_LAWS = Choice("law", "labbook.contact_laws", ContactLaw, (HertzMindlin, LinearSpringDashpot))
+CONTACT_LAWS = Choice(
+    "law",
+    "labbook.contact_laws",
+    ContactLaw,
+    (HertzMindlin, HertzPrinted, HertzLiggghts, HertzLammps, LinearSpringDashpot),
+)
 """The laws that a study can name under `contact.law`."""
 
 AnyLaw = Annotated[ContactLaw, CONTACT_LAWS]

@@ -222,7 +222,10 @@ def all_keys() -> tuple[Key, ...]:
     """All keys that models validate, in the order in which a study is best written."""
     keys = [*walk(Settings), *walk(Scene)]
     keys += [*walk(Fill, "fill."), *walk(Numerics, "numerics.")]
-    steps = ", ".join(f"{law.usual_step} ({name})" for name, law in CONTACT_LAWS.items())
+    laws: dict[str, list[str]] = {}
+    for name, law in CONTACT_LAWS.items():
+        laws.setdefault(law.usual_step, []).append(name)
+    steps = ", ".join(f"{step} ({', '.join(names)})" for step, names in laws.items())
     return tuple(replace(key, default=steps) if key.name == "numerics.dt" else key for key in keys)
 
 

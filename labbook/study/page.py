@@ -5,6 +5,8 @@ What stands between `<!-- keys SECTION ... -->` and `<!-- end -->` is replaced; 
 
 import re
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from labbook.study.keys import Key, all_keys
@@ -23,9 +25,22 @@ def sections(text: str) -> list[str]:
 
 
 def _table(names: list[str]) -> str:
-    keys = [key for key in all_keys() if key.name.partition(".")[0] in names]
+    keys = _merged([key for key in all_keys() if key.name.partition(".")[0] in names])
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     return "\n".join(rows + [_row(key) for key in keys]) + "\n"
+
+
+def _merged(keys: Sequence[Key]) -> list[Key]:
+    """The keys, those that several choices have in common as one: `law: hertz-printed, hertz-lammps`."""
+    groups: dict[Key, list[str]] = {}
+    for key in keys:
+        groups.setdefault(replace(key, of=""), []).append(key.of)
+    return [replace(key, of=_joined(of)) for key, of in groups.items()]
+
+
+def _joined(of: Sequence[str]) -> str:
+    what = of[0].partition(": ")[0]
+    return ", ".join([of[0], *(one.removeprefix(f"{what}: ") for one in of[1:])])
 
 
 def _row(key: Key) -> str:

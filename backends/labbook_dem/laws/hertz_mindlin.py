@@ -6,12 +6,13 @@ division by the spring: F_t^e = K_t s (1 + u + u^2)/(1 + u^{3/2}) and F_t^v = C_
 is cut at delta_max, then |F_t| <= mu F_n with the total normal force.
 """
 
-from labbook.scene import HertzMindlin, Surface
+from labbook.scene import Surface
+from labbook.scene.contact import Hertz
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 
 def coefficients(
-    law: HertzMindlin, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False
+    law: Hertz, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False
 ) -> coefs:  # fmt: skip
     """(4/3) E* [Pa], C_n, C_t, kappa, mu, mu_r of a contact between equal materials with this surface.
 

@@ -1,0 +1,45 @@
+"""Hertz with the friction of LAMMPS: `pair_style granular`, `hertz/material` with `tangential mindlin`.
+
+As its source has it (pair_granular.cpp, January 2022): k_t = 8 G* sqrt(R* delta), which is 3/2 K/kappa in the words of
+`hertz_mindlin`; gamma_t is a multiple of the normal dashpot, x_t C_n sqrt(6 m* K). Where |k_t s + gamma_t v_t| exceeds
+mu |F_n| it is cut to that, and the spring becomes what then is left of it: -(F_t + gamma_t v_t)/k_t.
+"""
+
+from labbook.scene import HertzLammps, Surface
+from labbook_dem.laws import hertz_mindlin
+from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
+
+
+def coefficients(law: HertzLammps, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False) -> coefs:
+    """As of hertz-mindlin; and the least normal force [N]: 0, or next to minus infinity where it may pull.
+
+    wall: whether it is of a grain and a wall; this law has the same coefficients for both.
+    """
+    c = hertz_mindlin.coefficients(law, surface, stiffness_scale, wall)
+    return (*c[:6], -1e30 if law.pulls else 0.0, 0.0)
+
+
+@func
+def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
+    """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
+    one = real(1.0)
+    stiff = c[0] * sqrt(rs * delta)
+    root = sqrt(real(6.0) * ms * stiff)
+    fn = max(stiff * delta - c[1] * root * vn, c[6])
+    k_t = real(1.5) * stiff / c[3]
+    drag = vt * (c[2] * root)
+    ft = -(s * k_t) - drag
+    size = sqrt(dot(ft, ft))
+    limit = c[4] * abs(fn)
+    slides = size > limit
+    ft = ft * ((limit / size) if slides else one)
+    kept = ((ft + drag) * (-(one / k_t))) if slides else s
+    return fn, ft, kept
+
+
+@func
+def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
+    """Normal force alone, for contacts without friction."""
+    stiff = c[0] * sqrt(rs * delta)
+    damp = c[1] * sqrt(real(6.0) * ms * stiff)
+    return max(stiff * delta - damp * vn, c[6])

@@ -1,0 +1,46 @@
+"""Hertz with the friction of LIGGGHTS 3.8: `pair_style gran model hertz tangential history`.
+
+As its source has it (normal_model_hertz.h, tangential_model_history.h): k_t = 8 G* sqrt(R* delta), which is
+3/2 K/kappa in the words of `hertz_mindlin`; gamma_t = 2 sqrt(5/6) |beta| sqrt(k_t m*) = 2 C_n sqrt(k_t m*). Where
+k_t |s| exceeds mu |F_n| the spring is cut to mu |F_n|/k_t and there is no dashpot; elsewhere
+F_t = -k_t s - gamma_t v_t, which nothing limits.
+"""
+
+from labbook.scene import HertzLiggghts, Surface
+from labbook_dem.laws import hertz_mindlin
+from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
+
+
+def coefficients(law: HertzLiggghts, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False) -> coefs:
+    """As of hertz-mindlin; and the least normal force [N]: 0, or next to minus infinity where it may pull.
+
+    wall: whether it is of a grain and a wall; this law has the same coefficients for both.
+    """
+    c = hertz_mindlin.coefficients(law, surface, stiffness_scale, wall)
+    return (*c[:6], -1e30 if law.pulls else 0.0, 0.0)
+
+
+@func
+def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
+    """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
+    zero = real(0.0)
+    one = real(1.0)
+    stiff = c[0] * sqrt(rs * delta)
+    damp = c[1] * sqrt(real(6.0) * ms * stiff)
+    fn = max(stiff * delta - damp * vn, c[6])
+    k_t = real(1.5) * stiff / c[3]
+    damp_t = real(2.0) * c[2] * sqrt(ms * k_t)
+    pull = k_t * sqrt(dot(s, s))
+    limit = c[4] * abs(fn)
+    slides = pull > limit
+    s = s * ((limit / pull) if slides else one)
+    ft = -(s * k_t) - vt * (zero if slides else damp_t)
+    return fn, ft, s
+
+
+@func
+def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
+    """Normal force alone, for contacts without friction."""
+    stiff = c[0] * sqrt(rs * delta)
+    damp = c[1] * sqrt(real(6.0) * ms * stiff)
+    return max(stiff * delta - damp * vn, c[6])

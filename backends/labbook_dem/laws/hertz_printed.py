@@ -1,0 +1,48 @@
+"""Hertz and Mindlin as printed (Fan et al. 2023, eqs 6 and 7): nothing is cut.
+
+In the words of `hertz_mindlin`: F_t^e = K_t s' (1 + u + u^2)/(1 + u^{3/2}), where s' is the spring s shortened to
+delta_max and u = 1 - |s'|/delta_max; F_t^v = C_t sqrt(6 m* K_t sqrt(u)) v_t. The spring itself is kept whole.
+"""
+
+from labbook.scene import HertzPrinted, Surface
+from labbook_dem.laws import hertz_mindlin
+from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
+
+
+def coefficients(law: HertzPrinted, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False) -> coefs:
+    """As of hertz-mindlin; and the least normal force [N]: 0, or next to minus infinity where it may pull.
+
+    wall: whether it is of a grain and a wall; this law has the same coefficients for both.
+    """
+    c = hertz_mindlin.coefficients(law, surface, stiffness_scale, wall)
+    return (*c[:6], -1e30 if law.pulls else 0.0, 0.0)
+
+
+@func
+def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
+    """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
+    zero = real(0.0)
+    one = real(1.0)
+    six = real(6.0)
+    stiff = c[0] * sqrt(rs * delta)
+    damp = c[1] * sqrt(six * ms * stiff)
+    fn = max(stiff * delta - damp * vn, c[6])
+    stiff_t = stiff / c[3]
+    s_max = c[4] * c[3] * delta
+    length = sqrt(dot(s, s))
+    slides = length >= s_max
+    u = zero if slides else max(one - length / s_max, zero)  # an approximate quotient may exceed one
+    short = (s_max / length) if length > s_max else one
+    root = sqrt(u)
+    k_t = stiff_t * short * (one + u + u * u) / (one + u * root)
+    damp_t = c[2] * sqrt(six * ms * stiff_t * root)
+    ft = -(s * k_t) - vt * damp_t
+    return fn, ft, s
+
+
+@func
+def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
+    """Normal force alone, for contacts without friction."""
+    stiff = c[0] * sqrt(rs * delta)
+    damp = c[1] * sqrt(real(6.0) * ms * stiff)
+    return max(stiff * delta - damp * vn, c[6])
