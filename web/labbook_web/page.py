@@ -57,6 +57,11 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
+def records(frame: "pd.DataFrame") -> list[dict[str, Any]]:
+    """Rows of a frame by column; None for what is unknown: templates take NaN for true."""
+    return frame.astype(object).where(frame.notna(), None).to_dict(orient="records")
+
+
 class Links:
     """Addresses of pages in a running app."""
 

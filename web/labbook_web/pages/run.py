@@ -22,7 +22,7 @@ from labbook.run.progress import duration
 from labbook.scene import drawing
 from labbook.study import Point
 from labbook.study.schema import Fill
-from labbook_web.page import Page
+from labbook_web.page import Page, records
 from labbook_web.shelf import NotThere, Shelf
 
 LEDGER = "ledger.npz"
@@ -62,7 +62,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _may_be_had(path)],
         "recorded": record.coverage.recording is not None,
         "picture": (folder / PICTURE).is_file(),
-        "siblings": [one for one in siblings.to_dict(orient="records") if one["run_key"] != key],
+        "siblings": [one for one in records(siblings) if one["run_key"] != key],
         "several": several - 1,
         "lacking": lacking,
         "largest_overlap": ledger.get("largest") if ledger else None,
