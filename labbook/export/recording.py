@@ -24,7 +24,7 @@ from labbook.scene import Bodies, Packing, Scene, WedgeHopper
 from labbook.scene.orientation import axes
 from labbook.study import Point
 
-VERSION = 2
+VERSION = 3
 """Raised when recordings made before are no longer what would be written now."""
 FRAMES = 200
 """Most frames of a recording: its size is frames x grains x 16 bytes, of rods 32."""
@@ -110,7 +110,10 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Sample` lists them.
     Raises ViewerMissing, or NotRecorded if there are none.
     """
-    shown = frames_of(sample, FRAMES - 1 if data.outcome == "emptied" else FRAMES)
+    late = sample is not None and float(np.min(sample["time"], initial=math.inf)) > 0
+    shown = frames_of(sample, FRAMES - late - (data.outcome == "emptied"))
+    if late:
+        shown.insert(0, at_opening(data.start, shown[0].q is not None))  # or nothing would be seen at first
     if data.outcome == "emptied" and data.duration > shown[-1].time:
         shown.append(shown[-1].empty(data.duration))  # or the last grains would be seen until the end
     rr = need_rerun()
@@ -220,6 +223,13 @@ def frames_of(table: Mapping[str, np.ndarray] | None, most: int = FRAMES) -> lis
         q = np.stack([table[c][rows] for c in Q_COLUMNS], axis=1) if "qw" in table else None
         frames.append(Frame(float(times[k]), x.astype(np.float32), np.linalg.norm(v, axis=1), table["id"][rows], q))
     return frames
+
+
+def at_opening(start: Packing, oriented: bool) -> Frame:
+    """The frame of the packing that a run started from."""
+    assert start.ids is not None
+    q = start.q.astype(np.float32) if oriented and start.q is not None else None
+    return Frame(0.0, start.x.astype(np.float32), np.linalg.norm(start.v, axis=1), start.ids, q)
 
 
 def top_speed(scene: Scene, frames: Sequence[Frame]) -> float:

@@ -63,6 +63,16 @@ def test_every_frame_has_the_grains_of_that_time(run, tmp_path):
     assert len(times) == 30
 
 
+def test_a_recording_whose_frames_begin_late_shows_the_packing_first(run, tmp_path):
+    whole = run.tables["sample"]
+    later = whole["time"] > 0
+    table = {name: values[later] for name, values in whole.items()}
+    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))["/grains", False]
+    whole_beds = [one for one in column(parts, "Points3D:positions") if len(one) == len(run.start)]
+    assert any(np.allclose(one, run.start.x, atol=1e-7) for one in whole_beds)
+    assert sum(part.num_rows for part in parts) == len(np.unique(whole["time"])) + 1  # the last one is empty
+
+
 def test_walls_and_flow_rate_are_there(run, tmp_path):
     found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", run_key="1" * 16))
     for wall in run.scene.container.walls():

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
@@ -12,6 +12,7 @@ from labbook.report.setting import differences
 from labbook.results import display
 from labbook.results.against import ratio_of
 from labbook.results.points import PointResult
+from labbook.stats import Pooled
 from labbook.study import Point
 from labbook_web.page import Page
 from labbook_web.pages.point import curve_of, point_of
@@ -42,6 +43,7 @@ class Item:
     curves: Sequence[Mapping[str, Any]]
     run: str | None
     recorded: bool
+    backend: str
 
 
 def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
@@ -52,7 +54,7 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
     if len(items) > MOST:
         raise Malformed(f"{len(items)} things are too many to compare; {MOST} is the most")
     lacking: list[str] = []
-    found = [_item(shelf, text, lacking) for text in dict.fromkeys(items)]
+    found = _told_apart([_item(shelf, text, lacking) for text in dict.fromkeys(items)])
     labels = [one.label for one in found]
     differ = _differences(found)
     numbers = _numbers(found)
@@ -68,12 +70,20 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
         {"items": found, "differences": differ, "numbers": numbers, "lacking": lacking,
          "studies": [one.name for one in shelf.listed() if one.path is not None]},
         {
-            "curves": [{**curve, "label": f"{one.label}: {curve['label']}" if len(one.curves) > 1 else one.label,
-                        "group": place} for place, one in enumerate(found) for curve in one.curves],
+            "curves": [{**curve, "title": one.label, "group": place,
+                        "label": f"{one.label}: {curve['label']}" if len(one.curves) > 1 else one.label}
+                       for place, one in enumerate(found) for curve in one.curves],
             "studies": [{**plotted(one.found.results), "label": one.label}
                         for one in found if one.found is not None and one.result is None],
         },
     )  # fmt: skip
+
+
+def _told_apart(items: list[Item]) -> list[Item]:
+    """Their labels with the backend, if there are several."""
+    if len({one.backend for one in items}) < 2:
+        return items
+    return [replace(one, label=f"{one.label} on {one.backend}") for one in items]
 
 
 def _item(shelf: Shelf, text: str, lacking: list[str]) -> Item:
@@ -83,17 +93,16 @@ def _item(shelf: Shelf, text: str, lacking: list[str]) -> Item:
     if said["kind"] == "run":
         return _run(shelf, text, said["name"], lacking)
     found = shelf.found(said["name"], shelf.backend_of(said["name"], said["backend"]))
-    on = f" on {found.backend}" if said["backend"] else ""
+    name = found.study.name
     if said["kind"] == "study":
-        label = f"{found.study.name}{on}"
-        return Item(text, label, f"study/{found.study.name}", None, None, found, (), None, False)
+        return Item(text, name, f"study/{name}", None, None, found, (), None, False, found.backend)
     number = int(said["number"])
     result = point_of(found, number)
     curves = [one for run in result.runs if (one := curve_of(run, f"seed {run.seed}", lacking)) is not None]
-    label = f"{found.study.name}, {result.label or 'the only point'}{on}"
+    label, address = f"{name}, {result.label or 'the only point'}", f"study/{name}/point/{number}"
     filmed = next((run for run in result.runs if run.recorded), result.runs[0])
-    address = f"study/{found.study.name}/point/{number}"
-    return Item(text, label, address, result.point, result, found, curves, filmed.run_key, filmed.recorded)
+    shown = filmed.run_key, filmed.recorded, found.backend
+    return Item(text, label, address, result.point, result, found, curves, *shown)
 
 
 def _run(shelf: Shelf, text: str, prefix: str, lacking: list[str]) -> Item:
@@ -105,9 +114,9 @@ def _run(shelf: Shelf, text: str, prefix: str, lacking: list[str]) -> Item:
         raise NotThere(f"the run {key[:10]} cannot be read: {problem}") from problem
     curves, why = curve(folder, entry, record)
     lacking += why
-    label = f"{record.study}, {record.label}, seed {record.seed} on {record.backend}"
-    recorded = record.coverage.recording is not None
-    return Item(text, label, f"run/{key[:16]}", point_of_run(record), None, None, curves, key, recorded)
+    label = f"{record.study}, {record.label}, seed {record.seed}"
+    shown = key, record.coverage.recording is not None, record.backend
+    return Item(text, label, f"run/{key[:16]}", point_of_run(record), None, None, curves, *shown)
 
 
 def _differences(items: Sequence[Item]) -> list[tuple[str, tuple[str, ...]]]:
@@ -117,19 +126,19 @@ def _differences(items: Sequence[Item]) -> list[tuple[str, tuple[str, ...]]]:
     points = [one.point for one in items]
     if all(point is not None for point in points):
         found = differences([point for point in points if point is not None])
-        backends = tuple(_backend(one) for one in items)
+        backends = tuple(one.backend for one in items)
         return found + ([("backend", backends)] if len(set(backends)) > 1 else [])
     stated = [_flat(one.found.study.stated) if one.found else {} for one in items]
     names = dict.fromkeys(name for one in stated for name in one)
     return [
-        (name, tuple(str(one.get(name, "–")) for one in stated))
+        (name, tuple(_said(one.get(name, "–")) for one in stated))
         for name in names
         if name != "name" and len({str(one.get(name)) for one in stated}) > 1
     ]
 
 
-def _backend(one: Item) -> str:
-    return one.found.backend if one.found is not None else one.label.rpartition(" on ")[2]
+def _said(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
 def _numbers(items: Sequence[Item]) -> list[dict[str, Any]]:
@@ -144,15 +153,20 @@ def _numbers(items: Sequence[Item]) -> list[dict[str, Any]]:
         pooled = [one.pooled.get(name) if one is not None else None for one in results]
         values = ["–" if one is None else f"{display.with_error(one.value, one.error, shown.scale)} (n = {one.n})"
                   for one in pooled]  # fmt: skip
-        ratios = [] if shown.about_zero else [_ratio(one, results[0], name) for one in results[1:]]
+        first = results[0]
+        zero = shown.about_zero or first is None or name not in first.pooled or _about_zero(first.pooled[name])
+        ratios = ["–" if zero else _ratio(one, first, name) for one in results[1:]]
         rows.append({"name": shown.heading, "values": values, "ratios": ratios})
     return rows
 
 
+def _about_zero(one: Pooled) -> bool:
+    """Whether a mean may be zero, so that nothing can be divided by it."""
+    return one.value == 0 or one.low <= 0 <= one.high
+
+
 def _ratio(one: PointResult | None, first: PointResult | None, name: str) -> str:
     if one is None or first is None or name not in one.pooled or name not in first.pooled:
-        return "–"
-    if first.pooled[name].value == 0:
         return "–"
     ratio, pairs = ratio_of(one, first, name)
     ends = " to ".join(display.number(end, ratio.error) for end in (ratio.low, ratio.high))

@@ -108,7 +108,8 @@ def drawn(results: Results) -> dict[str, tuple[str, Draw]]:
     """Figures of the report by address, each with its title and what draws it."""
     found: dict[str, tuple[str, Draw]] = {}
     for name, draw in gallery.of_results(results).items():
-        found[slug(name)] = _title(name), draw
+        if name not in _CHARTED:
+            found[slug(name)] = _title(name), draw
     for number, series in enumerate(results.series, 1):
         label = f", {series.label}" if series.label else ""
         try:
@@ -122,7 +123,8 @@ def drawn(results: Results) -> dict[str, tuple[str, Draw]]:
     return found
 
 
-_CHARTED = ("flow_rate",)
+_CHARTED = ("flow_rate", "flow_over_time", "overview")
+"""What the chart of the page, or the pages of its points, show already."""
 
 
 def draw(found: Found, address: str) -> "tuple[str, Draw]":
@@ -149,7 +151,7 @@ _drawing = threading.Lock()  # matplotlib's settings are those of the whole proc
 def why_not(error: Exception, found: Found) -> str:
     """Why a figure cannot be drawn, and what to do."""
     if isinstance(error, NotEvaluated):
-        return f"{str(error)[:1].upper()}{str(error)[1:]}: labbook report {found.study.path.name} evaluates it."
+        return f"Not drawn, since {error}: labbook report {found.study.path.name} evaluates it."
     return f"{str(error)[:1].upper()}{str(error)[1:]}."
 
 

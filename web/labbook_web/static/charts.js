@@ -200,13 +200,15 @@
 
   function drawCurves(holder, curves) {
     const t = theme(), traces = [], shapes = [];
+    const named = new Set();
     curves.forEach((curve, at) => {
       const group = curve.group === undefined ? at : curve.group, colour = t.colours[group % t.colours.length];
-      traces.push({ type: "scatter", mode: "lines", name: pretty(curve.label), x: curve.time, y: curve.rate.map((one) => one * 1e3), line: { color: colour, width: 1.6, shape: "hvh" }, hovertemplate: `<b>${pretty(curve.label)}</b><br>t = %{x:.3g} s, W = %{y:.4g} g/s<extra></extra>`, showlegend: curves.length > 1 });
-      if (curve.window) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0: curve.window[0], x1: curve.window[1], y0: 0, y1: 1, fillcolor: alpha(colour, curves.length > 1 ? 0.06 : 0.13), line: { width: 0 } });
-      if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${said(curve.mean[0] * 1e3)} ± ${said(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s<extra></extra>`, showlegend: false });
+      traces.push({ type: "scatter", mode: "lines", name: pretty(curve.group === undefined ? curve.label : curve.title), legendgroup: `g${group}`, x: curve.time, y: curve.rate.map((one) => one * 1e3), line: { color: colour, width: 1.6, shape: "hvh" }, hovertemplate: `<b>${pretty(curve.label)}</b><br>t = %{x:.3g} s, W = %{y:.4g} g/s<extra></extra>`, showlegend: curves.length > 1 && !named.has(group) });
+      named.add(group);
+      if (curve.window && curves.length === 1) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0: curve.window[0], x1: curve.window[1], y0: 0, y1: 1, fillcolor: alpha(colour, 0.13), line: { width: 0 } });
+      if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${said(curve.mean[0] * 1e3)} ± ${said(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s<extra></extra>`, showlegend: false, legendgroup: `g${group}` });
     });
-    Plotly.react(holder, traces, layout(t, { shapes, height: curves.length > 6 ? 420 : 320, xaxis: { title: { text: "t [s]" } }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
+    Plotly.react(holder, traces, layout(t, { shapes, height: 340, xaxis: { title: { text: "t [s]" } }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
     holder.dataset.points = curves.length;
     if (labbook.once(holder, "listening")) {
       holder.on("plotly_hover", (event) => {
