@@ -1,6 +1,7 @@
 """The page of a run: its bed, W(t), how it ended, what was measured, and where it comes from."""
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -102,10 +103,9 @@ _NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 def file_of(shelf: Shelf, key: str, name: str) -> Path:
     """A file of a run, by its name. Raises NotThere."""
     folder = shelf.lab.run(key)
-    path = folder / name
-    if "/" in name or not _may_be_had(path):
-        raise NotThere(f"the run {key[:10]} has no file {name}")
-    return path
+    if not folder.is_dir() or name not in os.listdir(folder) or not _may_be_had(folder / name):
+        raise NotThere(f"the run {key[:10]} has no file {name[:80]}")
+    return folder / name
 
 
 def _may_be_had(path: Path) -> bool:
