@@ -268,7 +268,7 @@ def test_a_run_without_a_picture_is_sketched(copied):
 
 def test_figures_are_drawn_when_they_are_seen(asked):
     page = Read(asked.get(f"/study/{STUDY}").text)
-    (address,) = (one for one in page.links("hx-get") if "flow-over-time" in one)
+    (address,) = (one for one in page.links("hx-get") if "/figure/patterns" in one)
     part = Read(asked.get(address).text)
     (image,) = part.links("src")
     drawn = asked.get(image)
