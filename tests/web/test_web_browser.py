@@ -335,11 +335,11 @@ def test_a_note_is_saved_and_shown_again(page, lab):
     key = keys_of(lab)[1]
     page.goto(f"/run/{key[:16]}")
     page.get_by_label("Tags").fill("odd, seen")
-    page.get_by_label("Note", exact=True).fill("Arch at <0.3 s>\nof the wall & more")
+    page.locator("textarea[name=text]").fill("Arch at <0.3 s>\nof the wall & more")
     page.get_by_role("button", name="Save").click()
     expect(page.get_by_text("Saved in the lab.")).to_be_visible()
     page.reload()
-    expect(page.get_by_label("Note", exact=True)).to_have_value("Arch at <0.3 s>\nof the wall & more")
+    expect(page.locator("textarea[name=text]")).to_have_value("Arch at <0.3 s>\nof the wall & more")
     expect(page.get_by_label("Tags")).to_have_value("odd, seen")
     assert notes.read(Lab(lab), "run", key).tags == ("odd", "seen")
     page.get_by_label("Tags").fill("two words")
