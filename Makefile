@@ -14,11 +14,12 @@ BIN := $(VENV)/bin
 PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest $(PYTEST_ARGS)
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help quickstart lint check test test-all docs clean
+.PHONY: help quickstart web-demo lint check test test-all docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make quickstart   set up, run $(STUDY) and write its report"
+	@echo "make web-demo     the same if it was not done, and its pages in a browser"
 	@echo "make check        set up, then ruff, import-linter, pyright and the tests that need no kernels, in a minute or two"
 	@echo "make test         set up, then ruff, import-linter, pyright and the tests, in some ten minutes"
 	@echo "make test-all     the same with the tests that take a long way round: before a release"
@@ -28,6 +29,10 @@ help:
 quickstart: $(VENV)/installed-run
 	$(BIN)/labbook run $(STUDY) --lab $(LAB)
 	$(BIN)/labbook report $(STUDY) --lab $(LAB)
+
+web-demo: $(VENV)/installed-web
+	@test -d $(LAB)/runs || $(MAKE) quickstart
+	$(BIN)/labbook web $(STUDY) --lab $(LAB)
 
 define style
 	$(BIN)/ruff check .
@@ -75,7 +80,12 @@ $(VENV)/installed-run: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@$(INSTALL) --editable '.[numba]'
 	@touch $@
 
+$(VENV)/installed-web: pyproject.toml constraints.txt | $(VENV)/installed-run
+	@echo "Installing the web app and the viewer (once; 500 MB)"
+	@$(INSTALL) --editable '.[numba,web,viewer]'
+	@touch $@
+
 $(VENV)/installed-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "Installing labbook with everything that its tests need (once; a few minutes)"
 	@$(INSTALL) --editable '.[dev]'
-	@touch $@ $(VENV)/installed-run
+	@touch $@ $(VENV)/installed-run $(VENV)/installed-web

@@ -250,9 +250,10 @@ class Catalogue:
         query = select(measurements).where(
             measurements.c.window_start == window.start, measurements.c.window_end == window.end
         )
+        names = [column.key for column in measurements.columns]
         with self._asking() as connection:
             for row in among(connection, query, measurements.c.run_key, run_keys):
-                told = row._asdict()
+                told = dict(zip(names, row, strict=True))
                 of_run = found.setdefault(told["run_key"], {})
                 of_run.setdefault((told["measure"], told["version"]), []).append(told)
         return found

@@ -46,6 +46,10 @@ Row = Mapping[str, Any]
 class NotEvaluated(LookupError):
     """A measure was not evaluated of a run yet, and who asks for it evaluates nothing."""
 
+    def __init__(self, measure: str, run_key: str):
+        super().__init__(f"{measure} was not evaluated of the run {run_key}")
+        self.run_key = run_key
+
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
@@ -214,7 +218,7 @@ class KeptRun(FinishedRun):
         """What a measure gave of the run, as it is kept beside it. Raises NotEvaluated."""
         found = _kept(path_of(self.folder, measure, window))
         if found is None:
-            raise NotEvaluated(f"{measure.name} was not evaluated of the run {self.run_key}")
+            raise NotEvaluated(measure.name, self.run_key)
         return found
 
 

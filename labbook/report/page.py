@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, date, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -164,6 +165,7 @@ PARTS: tuple[Part, ...] = (
 _OVERVIEW = "Flow rate of all series; lines are the first law fitted."
 
 
+@lru_cache(maxsize=8192)
 def _typeset(text: str):
     """HTML in which ^(...) is a superscript and a single letter's _index a subscript."""
     from markupsafe import Markup, escape

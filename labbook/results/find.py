@@ -5,8 +5,9 @@ from dataclasses import replace
 from functools import partial
 
 from labbook.backend import BackendMissing, load
+from labbook.fit import LAWS
 from labbook.lab import Catalogue
-from labbook.lab.evaluations import FinishedRun, KeptRun, kept_numbers, numbers
+from labbook.lab.evaluations import FinishedRun, KeptRun, NotEvaluated, kept_numbers, numbers
 from labbook.lab.records import Observe
 from labbook.results.numerical import numerical
 from labbook.results.paper import compared, further_fits, judged
@@ -76,13 +77,20 @@ def kept(
     """The same for those who only look: nothing is evaluated, and no folder is looked at.
 
     `asked`: what `labbook.run.coverage.asked` gives of the study, where it is known already. Profiles, traces and
-    fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for.
+    fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for; where fits
+    or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
     """
     runs, lost = finished(catalogue, study, backend, asked, KeptRun), unreadable(catalogue, study, backend)
     observe = Observe(measure=study.measure, start=study.window.start, end=study.window.end)
     found = kept_numbers(catalogue, runs, observe)
-    results = results_of(study, runs, found.measured, found.problems, lost)
-    return replace(results, stale=_stale(runs, backend), unevaluated=tuple(found.lacking))
+    lacking = dict.fromkeys(found.lacking)
+    try:
+        results = results_of(study, runs, found.measured, found.problems, lost)
+    except NotEvaluated as problem:  # profiles that a paper's fits or statements rest on
+        lacking |= {problem.run_key: None}
+        plain = replace(study, fit=tuple(law for law in study.fit if law in LAWS), reference=None)
+        results = replace(results_of(plain, runs, found.measured, found.problems, lost), study=study)
+    return replace(results, stale=_stale(runs, backend), unevaluated=tuple(lacking))
 
 
 def _stale(runs: Sequence[FinishedRun], backend: str) -> frozenset[int]:

@@ -25,8 +25,10 @@ _PLACES = 60
 """Orifices at which bands are given."""
 
 
-def frames(results: Results, names: Collection[str] | None = None) -> dict[str, "pd.DataFrame"]:
-    """Data frames called `names` (None: all) by name; those without rows are left out.
+def frames(
+    results: Results, names: Collection[str] | None = None, without: Collection[str] = ()
+) -> dict[str, "pd.DataFrame"]:
+    """Data frames called `names` (None: all), but those called `without`, by name; those without rows are left out.
 
     Columns named by a key of the study say what was swept.
 
@@ -51,23 +53,6 @@ def frames(results: Results, names: Collection[str] | None = None) -> dict[str, 
     """
     import pandas as pd
 
-    made = _made(results)
-    asked = made.keys() if names is None else names
-    found = {name: pd.DataFrame(list(rows)) for name, rows in made.items() if name in asked}
-    return {name: frame for name, frame in found.items() if len(frame)}
-
-
-def to_json(results: Results, names: Collection[str] | None = None) -> str:
-    """The frames called `names` (all but EVERY, if none are given) as JSON: SI, null for what is unknown or endless."""
-    chosen = frames(results, names or [name for name in _made(results) if name not in EVERY])
-    parts = {
-        name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]") for name, frame in chosen.items()
-    }
-    return json.dumps({"study": results.study.name, **parts}, indent=2, allow_nan=False)
-
-
-def _made(results: Results) -> dict[str, Iterable[Row]]:
-    """Rows of all frames by name, none of which is made before it is asked for."""
     made: dict[str, Iterable[Row]] = {
         "points": _points(results),
         "runs": _runs(results),
@@ -85,7 +70,18 @@ def _made(results: Results) -> dict[str, Iterable[Row]]:
     }
     for paper in analyses():
         made |= paper.frames(results)
-    return made
+    asked = made.keys() if names is None else names
+    found = {name: pd.DataFrame(list(rows)) for name, rows in made.items() if name in asked and name not in without}
+    return {name: frame for name, frame in found.items() if len(frame)}
+
+
+def to_json(results: Results, names: Collection[str] | None = None) -> str:
+    """The frames called `names` (all but EVERY, if none are given) as JSON: SI, null for what is unknown or endless."""
+    chosen = frames(results, names or None, () if names else EVERY)
+    parts = {
+        name: json.loads(frame.to_json(orient="records", double_precision=15) or "[]") for name, frame in chosen.items()
+    }
+    return json.dumps({"study": results.study.name, **parts}, indent=2, allow_nan=False)
 
 
 def of_point(result: PointResult) -> Row:

@@ -22,6 +22,7 @@ from labbook.backend import BackendMissing
 from labbook.export.recording import NotRecorded, ViewerMissing
 from labbook.lab import LabError, Unreadable, notes
 from labbook.lab.catalogue import RUN_COLUMNS
+from labbook.lab.evaluations import NotEvaluated
 from labbook.lab.folder import PICTURE
 from labbook.lab.notes import Note
 from labbook.study import StudyError
@@ -125,7 +126,7 @@ class App:
             raise HTTPException(404, str(error)) from error
         except (Malformed, StudyError) as error:
             raise HTTPException(400 if isinstance(error, Malformed) else 422, str(error)) from error
-        except (LabError, Unreadable, BackendMissing) as error:
+        except (LabError, Unreadable, BackendMissing, NotEvaluated) as error:
             raise HTTPException(503, str(error)) from error
 
     def _common(self) -> dict[str, Any]:

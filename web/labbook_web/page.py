@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode
 
 import numpy as np
+from markupsafe import Markup
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,7 +28,7 @@ class Page:
     data: Callable[[], Mapping[str, Any]]
     frame: Callable[[], "pd.DataFrame"]
     shown: Mapping[str, Any] = field(default_factory=dict)
-    plotted: Mapping[str, Any] | None = None
+    plotted: Mapping[str, Any] | Markup | None = None
     query: Mapping[str, str] = field(default_factory=dict)
     """The part of the address behind the question mark that its twins need too."""
 
@@ -42,19 +43,28 @@ class Page:
 
 def plain(value: Any) -> Any:
     """A value as JSON can hold it: NaN and infinities become None, arrays lists."""
-    if isinstance(value, Mapping):
+    kind = type(value)  # most values are of one of these types
+    if kind is float:
+        return value if math.isfinite(value) else None
+    if kind is str or kind is int or kind is bool or value is None:
+        return value
+    if kind is dict or isinstance(value, Mapping):
         return {str(name): plain(one) for name, one in value.items()}
+    if kind is list or kind is tuple or isinstance(value, set | frozenset):
+        return [plain(one) for one in value]
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, np.generic):
         return plain(value.item())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(one) for one in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if value is None or isinstance(value, str | int | float):
-        return value
-    return str(value)
+    return plain(float(value)) if isinstance(value, float) else str(value)
+
+
+def embedded(data: Any) -> Markup:
+    """Data for scripts within a page: JSON that cannot end the element that holds it. What is made already is kept."""
+    if isinstance(data, Markup):
+        return data
+    text = json.dumps(plain(data), allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
 def records(frame: "pd.DataFrame") -> list[dict[str, Any]]:

@@ -1,14 +1,11 @@
 """Pages as HTML."""
 
-import json
 from functools import cache
 from typing import Any
 
-from markupsafe import Markup
-
 from labbook import __version__
 from labbook.report.page import environment
-from labbook_web.page import Links, Page, plain
+from labbook_web.page import Links, Page, embedded
 
 
 def html(page: Page, links: Links, **common: Any) -> str:
@@ -23,12 +20,6 @@ def html(page: Page, links: Links, **common: Any) -> str:
 def part(template: str, links: Links, **shown: Any) -> str:
     """A part of a page, which a page that is open takes in."""
     return _templates().get_template(template).render(links=links, **{"read_only": True, **shown})
-
-
-def _embedded(data: Any) -> Markup:
-    """Data for scripts within a page: JSON that cannot end the element that holds it."""
-    text = json.dumps(plain(data), allow_nan=False, separators=(",", ":"))
-    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
 def _ago(iso: str) -> str:
@@ -48,5 +39,5 @@ def _size(size: int) -> str:
 @cache
 def _templates():
     made = environment("labbook_web")
-    made.filters |= {"embedded": _embedded, "ago": _ago, "size": _size, "combined": lambda one, other: {**one, **other}}
+    made.filters |= {"embedded": embedded, "ago": _ago, "size": _size, "combined": lambda one, other: {**one, **other}}
     return made

@@ -9,7 +9,7 @@ import time
 from collections import OrderedDict, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -79,6 +79,13 @@ class Found:
     backend: str
     results: Results
     when: float
+    _made: dict[str, Any] = field(default_factory=dict)
+
+    def once(self, name: str, make: Callable[[], _T]) -> _T:
+        """What `make` gives, made once for as long as nothing changes."""
+        if name not in self._made:
+            self._made[name] = make()
+        return self._made[name]
 
     @cached_property
     def state(self) -> str:
@@ -128,7 +135,7 @@ class Shelf:
         self.lab, self._only = Folder(lab), only
         self._given = tuple(given)
         self._studies, self._asked, self._results = Kept(1000), Kept(_KEPT), Kept(_KEPT)
-        self._counts = Kept(1)
+        self._counts, self._texts = Kept(1), Kept(1000)
         self.pictures = Kept(400)
         """Figures that were drawn, by study, backend and address."""
         self._opening = threading.Lock()
@@ -152,13 +159,17 @@ class Shelf:
     def listed(self) -> list[Listed]:
         """All studies that have a file or runs, the one with the latest run first. Raises LabError."""
         counts: dict[str, list[StudyCount]] = defaultdict(list)
-        for one in self._counts.get("counts", self.state, self.catalogue.studies, _SPARED):
+        for one in self.counts():
             counts[one.study].append(one)
         files = self._files()
         names = dict.fromkeys((*files, *(() if self._only else filter(None, counts))))
         found = [Listed(name, files.get(name), tuple(counts.get(name, ())), self.note("study", name)) for name in names]
         found += [Listed(path.stem, path, problem=why) for path, why in self._wrong().items()]
         return sorted(found, key=lambda one: (one.latest, one.name), reverse=True)
+
+    def counts(self) -> list[StudyCount]:
+        """How many runs there are of each study, backend and outcome. Raises LabError."""
+        return self._counts.get("counts", self.state, self.catalogue.studies, _SPARED)
 
     def note(self, kind: notes.Kind, name: str) -> Note:
         """The note on a study or a run; an empty one in place of one that cannot be read."""
@@ -174,6 +185,15 @@ class Shelf:
             known = ", ".join(self._files()) or "none"
             raise NotThere(f"the lab has no study file called {name}; it has: {known}")
         return self._studies.get(path, _stamp(path), lambda: _read(path))
+
+    def text(self, one: Listed) -> str:
+        """The text of a study's file as it is; empty if it cannot be read."""
+        if one.path is None:
+            return ""
+        try:
+            return self._texts.get(one.path, _stamp(one.path), partial(one.path.read_text, encoding="utf-8"))
+        except (OSError, ValueError):
+            return ""
 
     def backend_of(self, name: str, wanted: str | None) -> str:
         """The backend whose runs are shown: the one that is wanted, else the one with most runs. Raises NotThere."""

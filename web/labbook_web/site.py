@@ -6,6 +6,7 @@ comparisons, the embedded viewer.
 
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from labbook_web import viewer
 from labbook_web.app import asset, assets
 from labbook_web.page import FileLinks, Page
 from labbook_web.pages import study as study_module
-from labbook_web.pages.lab import card, lab_page
+from labbook_web.pages.lab import card, lab_page, outcomes
 from labbook_web.pages.point import point_page
 from labbook_web.pages.run import run_page, sketch
 from labbook_web.pages.study import study_page
@@ -88,7 +89,15 @@ class _Writer:
                 self._file(f"static/{name}", asset(name) or b"")
         links = self._links("index")
         cards = {one.name: _raw(part("card.html.j2", links, **card(self._shelf, one))) for one in self._shelf.listed()}
-        self._page(lab_page(self._shelf, {}), cards=cards)
+        counts: dict[str, int] = {}
+        for found in self._found.values():
+            for outcome, many in outcomes(found.results).items():
+                counts[outcome] = counts.get(outcome, 0) + many
+        packed = {run.packing_key for found in self._found.values() for one in found.results.points for run in one.runs}
+        front = replace(
+            lab_page(self._shelf, {}), title="Studies", data=lambda: {"runs": counts, "studies": self._names}
+        )
+        self._page(front, cards=cards, counts=counts, packings=len(packed), left=0)
         for name, found in self._found.items():
             self._say(f"{name}: {len(found.results.points)} points")
             self._study(name)
@@ -131,7 +140,7 @@ class _Writer:
 
     def _page(self, page: Page, **more: Any) -> None:
         links = self._links(page.path or "index")
-        shown = Page(**{**vars(page), "shown": {**page.shown, **more}, "query": {}})
+        shown = replace(page, shown={**page.shown, **more}, query={})
         name = page.path or "index"
         self._file(f"{name}.html", html(shown, links).encode())
         self._file(f"{name}.json", page.json().encode())

@@ -23,7 +23,7 @@ _ROWS, _COLUMNS = 3, 6
 
 
 def lab_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
-    """The studies whose name, sentence or tags have the text `q` in them, page by page; the first page is number 1."""
+    """The studies whose name, file or tags have the text `q` in them, page by page; the first page is number 1."""
     text, number = query.get("q", "").strip(), int(query.get("page", "1"))
     every = shelf.listed()
     found = [one for one in every if _has(shelf, one, text)]
@@ -36,7 +36,7 @@ def lab_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
     return Page(
         "lab.html.j2",
         "",
-        "Lab",
+        shelf.lab.folder.resolve().name,
         lambda: {"studies": studies, "runs": counts, "packings": packings,
                  "running": [one.plain() for one in shelf.running()]},
         lambda: pd.DataFrame(studies),
@@ -99,13 +99,7 @@ def outcomes(results: Results) -> dict[str, int]:
 def _has(shelf: Shelf, one: Listed, text: str) -> bool:
     if not text:
         return True
-    about = ""
-    if one.path is not None and not one.problem:
-        try:
-            about = shelf.study(one.name)[0].about
-        except (StudyError, NotThere, OSError):
-            about = ""
-    return text.lower() in " ".join((one.name, about, *one.note.tags)).lower()
+    return text.lower() in " ".join((one.name, shelf.text(one), *one.note.tags)).lower()
 
 
 def _told(one: Listed) -> dict[str, Any]:

@@ -21,15 +21,18 @@ def point_page(shelf: Shelf, name: str, number: int, query: Mapping[str, str]) -
     last = len(found.study.points)
     lacking: list[str] = []
     curves = [curve for run in result.runs if (curve := curve_of(run, f"seed {run.seed}", lacking)) is not None]
-    rows = frames(found.results, ("runs",)).get("runs", pd.DataFrame())
-    mine = rows.loc[rows["point"] == number] if len(rows) else rows
+
+    def table() -> pd.DataFrame:
+        rows = frames(found.results, ("runs",)).get("runs", pd.DataFrame())
+        return rows.loc[rows["point"] == number] if len(rows) else rows
+
     return Page(
         "point.html.j2",
         f"study/{name}/point/{number}",
         f"{name}, {result.label or 'the only point'}",
         lambda: {"study": name, "backend": found.backend, "point": number, "at": dict(result.at),
-                 "label": result.label, "runs": mine.to_dict(orient="records")},
-        lambda: mine,
+                 "label": result.label, "runs": table().to_dict(orient="records")},
+        table,
         {"found": found, "result": result, "number": number, "last": last, "runs": run_rows(result),
          "lacking": lacking, "quantities": quantities(result)},
         {"curves": curves},

@@ -38,7 +38,7 @@ def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
     pages = max(1, -(-total // LONG))
     if not 1 <= number <= pages:
         raise NotThere(f"there is no page {number}; the last one is {pages}")
-    studies = catalogue.studies()
+    studies = shelf.counts()
     tags = notes.tagged(shelf.lab, "run")
     return Page(
         "runs.html.j2",

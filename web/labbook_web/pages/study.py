@@ -4,6 +4,7 @@ import json
 import re
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import fields
 from typing import Any
 
@@ -28,13 +29,10 @@ from labbook.results.points import ORIFICE, PointResult
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
-from labbook_web.page import Page
+from labbook_web.page import Page, embedded
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
 from labbook_web.shelf import Found, NotThere, Shelf
-
-PARALLEL = 2
-"""Swept keys from which on parallel coordinates are drawn."""
 
 
 def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
@@ -49,36 +47,51 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
         "study.html.j2",
         path,
         name,
-        lambda: {"study": name, "about": study.about, "backend": backend, "state": found.state,
-                 "headline": headline(results), **json.loads(to_json(results))},
+        lambda: {
+            "study": name,
+            "about": study.about,
+            "backend": backend,
+            "state": found.state,
+            "headline": headline(results),
+            **json.loads(to_json(results)),
+        },
         lambda: tabled(results, shelf).frame(),
         {
+            **found.once("study", lambda: _shown(found)),
             "found": found,
-            "results": results,
             "backends": sorted({backend, *next((one.backends for one in shelf.listed() if one.name == name), ())}),
-            "box": result_box(results) if results.points else None,
-            "constants": _constants(results),
             "progress": progress(found, shelf.running()),
-            "outcomes": outcomes(results),
-            "sheet": sheet(results),
-            "flow": tables.flow_table(results) if results.points else None,
-            "further": tables.further_table(results),
-            "fits": _fits(results),
-            "comparisons": tables.comparison_table(results.comparisons) if results.comparisons else None,
-            "comparisons_digest": tables.digest_table(results.comparisons),
-            "statements": statement_table(results.judged) if results.judged else None,
-            "statements_digest": statement_digest(results.judged) if results.judged else None,
-            "numerics": tables.numerical_table(results.numerical) if results.numerical else None,
-            "figures": figures(results),
             "note": shelf.note("study", name),
             "linked": linked,
             "outdated": linked is not None and linked != found.state,
-            "copied": copied(found.text, name),
             "command": f"labbook run {study.path} --lab {shelf.lab.folder}",
         },
-        plotted(results),
+        found.once("plotted", lambda: embedded(plotted(results))),
         asked,
-    )  # fmt: skip
+    )
+
+
+def _shown(found: Found) -> dict[str, Any]:
+    """All that the page shows of the results, as tables and texts."""
+    results = found.results
+    return {
+        "results": results,
+        "box": result_box(results) if results.points else None,
+        "constants": _constants(results),
+        "outcomes": outcomes(results),
+        "sheet": sheet(results),
+        "flow": tables.flow_table(results) if results.points else None,
+        "further": tables.further_table(results),
+        "fits": _fits(results),
+        "comparisons": tables.comparison_table(results.comparisons) if results.comparisons else None,
+        "comparisons_digest": tables.digest_table(results.comparisons),
+        "statements": statement_table(results.judged) if results.judged else None,
+        "statements_digest": statement_digest(results.judged) if results.judged else None,
+        "numerics": tables.numerical_table(results.numerical) if results.numerical else None,
+        "figures": figures(results),
+        "copied": copied(found.text, found.study.name),
+        "parallel": len({name for result in results.points for name in result.at}) > 1,
+    }
 
 
 def _fits(results: Results) -> list[tuple[str, str, Law, Table]]:
@@ -107,9 +120,10 @@ def figures(results: Results) -> dict[str, str]:
 def drawn(results: Results) -> dict[str, tuple[str, Draw]]:
     """Figures of the report by address, each with its title and what draws it."""
     found: dict[str, tuple[str, Draw]] = {}
-    for name, draw in gallery.of_results(results).items():
-        if name not in _CHARTED:
-            found[slug(name)] = _title(name), draw
+    with suppress(NotEvaluated):
+        for name, draw in gallery.of_results(results).items():
+            if name not in _CHARTED:
+                found[slug(name)] = _title(name), draw
     for number, series in enumerate(results.series, 1):
         label = f", {series.label}" if series.label else ""
         try:
@@ -195,7 +209,7 @@ def plotted(results: Results) -> dict[str, Any]:
     return {
         "study": results.study.name,
         "keys": {name: _shown_key(name, results) for name in keys},
-        "quantities": {name: _shown(name, units[name]) for name in quantities},
+        "quantities": {name: _shown_quantity(name, units[name]) for name in quantities},
         "points": [_point(result) for result in results.points],
         "references": [
             {"quantity": one.quantity.rpartition(".")[2], "point": one.points[0].point.index + 1,
@@ -213,7 +227,7 @@ def _shown_key(name: str, results: Results) -> dict[str, Any]:
     return {"label": shown.name, "unit": shown.unit, "scale": shown.scale, "words": words, "orifice": name == ORIFICE}
 
 
-def _shown(name: str, unit: str) -> dict[str, Any]:
+def _shown_quantity(name: str, unit: str) -> dict[str, Any]:
     shown = display.quantity(name, unit)
     return {"label": shown.name, "unit": shown.unit, "scale": shown.scale}
 
