@@ -92,13 +92,13 @@ class Read(HTMLParser):
         self.scripts: list[tuple[dict[str, str], str]] = []
         self.words = ""
         self._table, self._cell, self._script = "", False, False
+        self._data, self._inside = "", False
         self.feed(text)
 
     @property
     def data(self) -> dict:
         """What the scripts of the page draw."""
-        (text,) = (text for given, text in self.scripts if given.get("id") == "data")
-        return json.loads(text)
+        return json.loads(self._data)
 
     def links(self, *names: str) -> list[str]:
         """Values of these attributes, such as `href` and `src`."""
@@ -112,6 +112,7 @@ class Read(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = {name: value or "" for name, value in attrs}
         self.elements.append((tag, given))
+        self._inside |= given.get("id") == "data"
         if tag == "table":
             self._table = given.get("id", f"table {len(self.rows)}")
             self.rows[self._table] = []
@@ -125,6 +126,7 @@ class Read(HTMLParser):
             self.scripts.append((given, ""))
 
     def handle_endtag(self, tag: str) -> None:
+        self._inside &= tag != "pre"
         if tag == "table":
             self._table = ""
         elif tag in ("td", "th"):
@@ -133,6 +135,9 @@ class Read(HTMLParser):
             self._script = False
 
     def handle_data(self, data: str) -> None:
+        if self._inside:
+            self._data += data
+            return
         if self._script:
             given, text = self.scripts[-1]
             self.scripts[-1] = given, text + data
