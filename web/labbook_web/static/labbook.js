@@ -122,7 +122,8 @@ document.addEventListener("htmx:afterSettle", () => {
   const here = bar || empty;
   if (!here) return;
   const done = Number(here.dataset.done);
-  if (lastDone !== null && done > lastDone && performance.now() - lastShown > 5000 && !document.querySelector("form :focus")) {
+  const later = performance.now() - lastShown > 5000 || !here.hasAttribute("hx-get"); // the last time, at once
+  if (lastDone !== null && done > lastDone && later && !document.querySelector("form :focus")) {
     lastShown = performance.now();
     lastDone = done;
     htmx.ajax("GET", location.pathname + location.search, { target: "#main", select: "#main", swap: "outerHTML" });
