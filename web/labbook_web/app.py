@@ -184,8 +184,9 @@ class App:
 
     def _progress(self, request: Request) -> Response:
         name = request.path_params["name"]
+        going = self.shelf.running()  # before the results: whoever hears of nobody has heard of all runs
         found = self.shelf.found(name, self.shelf.backend_of(name, request.query_params.get("backend")))
-        shown = {"progress": lab.progress(found, self.shelf.running()), "found": found, "polls": True}
+        shown = {"progress": lab.progress(found, going), "found": found, "polls": True}
         return HTMLResponse(part("progress.html.j2", LINKS, **shown))
 
     def _figure(self, request: Request) -> Response:
