@@ -289,7 +289,8 @@ def is_plain(text: str, where: str) -> None:
             value = given_.get(name, "").strip().lower()
             assert not value.startswith(("javascript:", "data:text", "vbscript:", "//")), (where, tag, value)
     for given_, content in page.scripts:
-        assert given_.get("src") and not content.strip(), where
+        assert given_.get("src"), where
+        assert not content.strip(), where
     for namespace in NAMESPACES:
         text = text.replace(namespace, "")
     assert not re.search(r"https?://", text), (where, re.findall(r"https?://.{40}", text))

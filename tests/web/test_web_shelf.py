@@ -126,6 +126,23 @@ def test_results_are_found_once_while_nothing_changes(copied, monkeypatch):
     assert count["found"] == 2
 
 
+def test_results_are_old_only_while_a_study_runs(copied, monkeypatch):
+    """A page follows a study until nobody runs it; what it is told then is all that there is."""
+    going = [object()]
+    monkeypatch.setattr(Shelf, "running", lambda self: going)
+    monkeypatch.setattr("labbook_web.shelf._SPARED", 1e9)
+    shelf = Shelf(copied / "lab")
+    assert len(shelf.found(STUDY, "toy").results.points[0].runs) == REPLICATES
+    path = copied / "lab/study-files/toy-study.yaml"
+    stamp = path.stat()
+    labbook("run", copied / "toy.yaml", "--lab", copied / "lab", "--backend", "toy", LABBOOK_TOY_VERSION="2")
+    assert path.stat().st_mtime_ns == stamp.st_mtime_ns
+    assert shelf.found(STUDY, "toy").results.stale == frozenset()
+    going.clear()
+    assert shelf.found(STUDY, "toy").state
+    assert {run.cache_version for one in shelf.found(STUDY, "toy").results.points for run in one.runs} == {2}
+
+
 def test_the_index_is_opened_again_when_it_was_replaced(copied):
     shelf = Shelf(copied / "lab")
     before = shelf.catalogue
