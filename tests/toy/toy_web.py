@@ -200,9 +200,9 @@ def ask(app, target: bytes, method: str = "GET", headers: Mapping[str, str] | No
 
 
 @contextmanager
-def serving(lab: Path, *words: object, **environment: str) -> Iterator[str]:
+def serving(lab: Path, *words: object) -> Iterator[str]:
     """`labbook web` as a process of its own; the address that it prints, without a slash at its end."""
-    process = toy_lab.start("web", *words, "--no-open", "--port", 0, "--lab", lab, **environment)
+    process = toy_lab.start("web", *words, "--no-open", "--port", 0, "--lab", lab)
     try:
         assert process.stdout is not None
         line = process.stdout.readline()

@@ -18,7 +18,7 @@ from labbook.lab import Lab, notes
 
 CHROMIUM = Path("/usr/bin/chromium")
 try:
-    from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+    from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect, sync_playwright
 except ModuleNotFoundError:
     pytest.skip("playwright is not installed: pip install 'labbook[dev]'", allow_module_level=True)
 if not CHROMIUM.exists():
@@ -32,7 +32,7 @@ ARGUMENTS = [
     "--no-sandbox", "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
 ]  # fmt: skip
-DESKTOP, PHONE = {"width": 1360, "height": 900}, {"width": 390, "height": 844}
+DESKTOP, PHONE = ViewportSize(width=1360, height=900), ViewportSize(width=390, height=844)
 MS = 1000
 expect.set_options(timeout=15 * MS)
 
@@ -128,7 +128,7 @@ def test_a_study_is_found_and_opened(page):
 def test_the_chart_has_every_point_and_the_fits(page, lab):
     page.goto(f"/study/{STUDY}")
     table = frame(lab, f"/study/{STUDY}.csv")
-    measured = int(table["flow_rate"].notna().sum())
+    measured = len(table.dropna(subset=["flow_rate"]))
     assert measured == POINTS
     chart = page.locator("#chart")
     expect(chart).to_have_attribute("data-points", str(measured))
@@ -162,7 +162,7 @@ def test_axes_are_chosen_and_kept_in_the_address(page):
 def test_points_without_a_number_are_crosses(page, lab):
     page.goto(f"/study/{PLANE}")
     table = frame(lab, f"/study/{PLANE}.csv")
-    measured = int(table["flow_rate"].notna().sum())
+    measured = len(table.dropna(subset=["flow_rate"]))
     assert 0 < measured <= len(table) == 6
     expect(page.locator("#chart")).to_have_attribute("data-points", str(measured))
     expect(marks(page)).to_have_count(len(table))

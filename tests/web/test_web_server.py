@@ -5,6 +5,7 @@ import json
 import math
 import sqlite3
 from pathlib import Path
+from typing import Any
 
 import labbook_toy
 import pandas as pd
@@ -266,16 +267,29 @@ def test_a_run_without_a_picture_is_sketched(copied):
     assert answer.text.startswith("<svg")
 
 
-def test_figures_are_drawn_when_they_are_seen(asked):
-    page = Read(asked.get(f"/study/{STUDY}").text)
-    (address,) = (one for one in page.links("hx-get") if "/figure/patterns" in one)
-    part = Read(asked.get(address).text)
+def test_figures_are_drawn_when_they_are_seen(tmp_path):
+    path = study_file(tmp_path, count=400, orifices="[24, 30]", replicates=2)
+    path.write_text(path.read_text().replace("sweep:\n", 'sweep:\n  container.angle: "[60, 90] deg"\n'))
+    labbook("run", path, "--lab", tmp_path / "lab", "--backend", "toy")
+    somebody = client(tmp_path / "lab")
+    addresses = Read(somebody.get(f"/study/{STUDY}").text).links("hx-get")
+    (address,) = (one for one in addresses if "against-container-angle" in one)
+    part = Read(somebody.get(address).text)
     (image,) = part.links("src")
-    drawn = asked.get(image)
+    drawn = somebody.get(image)
     assert drawn.headers["content-type"] == "image/svg+xml"
     assert b"<svg" in drawn.content
-    assert asked.get(f"/study/{STUDY}/figure/none").status_code == 404
-    assert asked.get(f"/study/{STUDY}/figure/none.svg").status_code == 404
+    assert somebody.get(f"/study/{STUDY}/figure/none").status_code == 404
+    assert somebody.get(f"/study/{STUDY}/figure/none.svg").status_code == 404
+
+
+def test_a_figure_that_cannot_be_drawn_says_what_to_do(asked):
+    """Flow patterns of recordings are evaluated by a report, and by nobody who looks."""
+    (address,) = (one for one in Read(asked.get(f"/study/{STUDY}").text).links("hx-get") if "/patterns" in one)
+    part = asked.get(address)
+    assert part.status_code == 200
+    assert "labbook report toy-study.yaml" in part.text
+    assert "<img" not in part.text
 
 
 def test_keys_are_known_by_their_beginning(done, asked):
@@ -461,7 +475,7 @@ SELECTIONS = [
 
 @pytest.mark.parametrize("wanted", SELECTIONS, ids=lambda one: ",".join(map("=".join, one.items())) or "all")
 def test_filters_leave_what_pandas_leaves(mixed, wanted):
-    every = Catalogue(mixed).runs()
+    every: Any = Catalogue(mixed).runs()
     for name, value in wanted.items():
         if name == "q":
             label, study = (every[one].str.contains(value, case=False, regex=False) for one in ("label", "study"))
@@ -517,7 +531,7 @@ def test_runs_of_a_packing_and_of_a_tag(copied):
     lab = copied / "lab"
     table = frame(client(lab).get("/runs.csv"))
     packing, mine = next(iter(table.groupby("packing_key")))
-    told = client(lab).get("/runs.json", params={"packing": packing}).json()
+    told = client(lab).get("/runs.json", params={"packing": str(packing)}).json()
     assert {row["run_key"] for row in told["runs"]} == set(mine["run_key"])
     key = mine["run_key"].iloc[0]
     notes.write(Lab(lab), "run", key, Note("", ("odd",)))
@@ -598,7 +612,7 @@ def test_a_note_is_a_file_and_is_shown(copied):
         answer = somebody.post(f"/note/{kind}/{name}", data=sent, headers=OURS)
         assert answer.status_code == 200
         assert "Saved in the lab" in answer.text
-        kept = notes.read(Lab(lab), kind, STUDY if kind == "study" else key)
+        kept = notes.read(Lab(lab), "study", STUDY) if kind == "study" else notes.read(Lab(lab), "run", key)
         assert kept == Note("The outlet\nlooked odd; 5 ± 1 %.", ("for-the-paper", "odd"))
         shown = somebody.get(page).text
         assert "looked odd; 5 ± 1 %." in shown
