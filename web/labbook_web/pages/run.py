@@ -16,6 +16,7 @@ from labbook.lab.folder import EVALUATION, PICTURE, stamp
 from labbook.lab.tables import read_table
 from labbook.measure import MEASURES
 from labbook.measure.flow import Trace
+from labbook.measure.ledger import smallest_diameter
 from labbook.report.blocks import Facts
 from labbook.report.setting import common
 from labbook.results import display
@@ -138,8 +139,7 @@ def _ledger(folder: Path, record: RunRecord) -> dict[str, Any] | None:
         return None
     if not len(table["time"]):
         return None
-    diameter = record.scene.grains.diameter
-    overlap = np.asarray(table["max_overlap"]) / diameter
+    overlap = np.asarray(table["max_overlap"]) / smallest_diameter(record.scene)
     return {
         "time": table["time"],
         "kinetic": table["kinetic"],
