@@ -158,11 +158,15 @@ def test_two_studies_stand_side_by_side(two, tmp_path):
     index = Read((out / "index.html").read_text())
     assert {f"study/{STUDY}.html", "study/other.html"} <= set(index.links("href"))
     told = json.loads((out / "index.json").read_text())
-    assert {one["study"] for one in told["studies"]} == {STUDY, "other"}
+    assert set(told["studies"]) == {STUDY, "other"}
+    assert sum(told["runs"].values()) == len(keys_of(lab))
     alone = tmp_path / "alone"
     labbook("site", alone, files[1], "--lab", lab)
     sound(alone)
     assert not (alone / f"study/{STUDY}.html").exists(), "only the studies that were given"
+    only = json.loads((alone / "index.json").read_text())
+    assert only["studies"] == ["other"]
+    assert sum(only["runs"].values()) == len(list((alone / "run").glob("*.html"))) < len(keys_of(lab))
 
 
 def test_a_study_without_runs_has_a_page(done, tmp_path):
