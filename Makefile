@@ -53,10 +53,10 @@ lint: $(VENV)/installed-dev
 	$(BIN)/pyright
 
 check: $(VENV)/installed-dev
-	$(call all-checks,-m "not compiles and not render and not slow and not ring")
+	$(call all-checks,-m "not compiles and not render and not slow and not ring and not browser")
 
 test: $(VENV)/installed-dev
-	$(call all-checks,-m "not ring")
+	$(call all-checks,-m "not ring and not browser")
 
 test-all: $(VENV)/installed-dev
 	$(call all-checks,)

@@ -31,6 +31,7 @@ from sqlalchemy import (
 from sqlalchemy.dialects.sqlite import insert
 from sqlalchemy.exc import DatabaseError
 from sqlalchemy.pool import QueuePool
+from sqlalchemy.schema import CreateTable
 
 from labbook.lab.folder import DiskFull, Lab, LabError
 
@@ -218,9 +219,14 @@ def writing(engine: Engine, lab: Lab) -> Iterator[Connection]:
 
 
 def empty() -> Engine:
-    """An index of nothing, in memory."""
+    """An index of nothing, in memory: each thread has its own."""
     engine = create_engine("sqlite://")
-    metadata.create_all(engine)
+
+    @event.listens_for(engine, "connect")
+    def _made(connection, _record):
+        for table in metadata.sorted_tables:
+            connection.execute(str(CreateTable(table).compile(engine)))
+
     return engine
 
 

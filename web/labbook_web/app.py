@@ -14,7 +14,7 @@ from urllib.parse import parse_qsl
 import anyio.to_thread
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
@@ -27,7 +27,7 @@ from labbook.lab.folder import PICTURE
 from labbook.lab.notes import Note
 from labbook.study import StudyError
 from labbook_web import viewer
-from labbook_web.guard import Guard
+from labbook_web.guard import LARGEST_BODY, Guard
 from labbook_web.page import Links, Page
 from labbook_web.pages import lab, run, runs, study
 from labbook_web.pages.compare import Malformed, compare_page
@@ -184,8 +184,9 @@ class App:
 
     def _progress(self, request: Request) -> Response:
         name = request.path_params["name"]
+        going = self.shelf.running()  # before the results: whoever hears of nobody has heard of all runs
         found = self.shelf.found(name, self.shelf.backend_of(name, request.query_params.get("backend")))
-        shown = {"progress": lab.progress(found, self.shelf.running()), "found": found, "polls": True}
+        shown = {"progress": lab.progress(found, going), "found": found, "polls": True}
         return HTMLResponse(part("progress.html.j2", LINKS, **shown))
 
     def _figure(self, request: Request) -> Response:
@@ -271,7 +272,10 @@ class App:
     async def _write_note(self, request: Request) -> Response:
         if self.read_only:
             raise HTTPException(403, "Notes cannot be written: the app was started with --read-only.")
-        body = (await request.body()).decode("utf-8", "replace")
+        try:
+            body = (await request.body()).decode("utf-8", "replace")
+        except ClientDisconnect:  # the guard lets no more in
+            raise HTTPException(413, f"More than {LARGEST_BODY} bytes were sent.") from None
         sent = dict(parse_qsl(body, keep_blank_values=True))
         return await anyio.to_thread.run_sync(self._made, lambda _: self._noted(request, sent), request)
 

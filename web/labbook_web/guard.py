@@ -66,7 +66,7 @@ class Guard:
     def _ask_for_token(self, scope: Scope, headers: Headers) -> ASGIApp | None:
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
         if given and hmac.compare_digest(given.encode(), self._token.encode()):
-            answer = RedirectResponse(scope["path"], 303)
+            answer = RedirectResponse("/" + scope["path"].lstrip("/"), 303)  # of two slashes the second names a host
             answer.set_cookie(COOKIE, given, httponly=True, samesite="strict", max_age=30 * 24 * 3600)
             return answer
         try:

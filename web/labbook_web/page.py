@@ -67,6 +67,11 @@ def embedded(data: Any) -> Markup:
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
+def records(frame: "pd.DataFrame") -> list[dict[str, Any]]:
+    """Rows of a frame by column; None for what is unknown: templates take NaN for true."""
+    return frame.astype(object).where(frame.notna(), None).to_dict(orient="records")
+
+
 class Links:
     """Addresses of pages in a running app."""
 

@@ -213,7 +213,8 @@ class Shelf:
             results = kept(study, self.catalogue, backend, self._demands(path, study, backend))
             return Found(study, text, backend, results, time.time())
 
-        return self._results.get((path, backend), (_stamp(path), self.state), find, _SPARED)
+        spare = _SPARED if self.running() else 0.0  # what a study leaves when it ends is shown at once
+        return self._results.get((path, backend), (_stamp(path), self.state), find, spare)
 
     def running(self) -> list[Running]:
         """Processes that run studies in this lab now."""

@@ -51,6 +51,7 @@ def card(shelf: Shelf, listed: Listed) -> dict[str, Any]:
     shown: dict[str, Any] = {"one": listed, "problem": listed.problem, "found": None}
     if listed.path is None or listed.problem:
         return shown
+    going = shelf.running()
     try:
         found = shelf.found(listed.name, shelf.backend_of(listed.name, None))
     except (StudyError, LabError, NotThere) as problem:
@@ -62,7 +63,7 @@ def card(shelf: Shelf, listed: Listed) -> dict[str, Any]:
         "sheet": sheet(results, _ROWS, _COLUMNS),
         "headline": headline(results),
         "concerns": concerns(results) if results.points else [],
-        "progress": progress(found, shelf.running()),
+        "progress": progress(found, going),
         "outcomes": outcomes(results),
     }
 

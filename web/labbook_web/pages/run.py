@@ -1,6 +1,7 @@
 """The page of a run: its bed, W(t), how it ended, what was measured, and where it comes from."""
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from labbook.run.progress import duration
 from labbook.scene import drawing
 from labbook.study import Point
 from labbook.study.schema import Fill
-from labbook_web.page import Page
+from labbook_web.page import Page, records
 from labbook_web.shelf import NotThere, Shelf
 
 LEDGER = "ledger.npz"
@@ -63,7 +64,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _may_be_had(path)],
         "recorded": record.coverage.recording is not None,
         "picture": (folder / PICTURE).is_file(),
-        "siblings": [one for one in siblings.to_dict(orient="records") if one["run_key"] != key],
+        "siblings": [one for one in records(siblings) if one["run_key"] != key],
         "several": several - 1,
         "lacking": lacking,
         "largest_overlap": ledger.get("largest") if ledger else None,
@@ -103,10 +104,9 @@ _NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 def file_of(shelf: Shelf, key: str, name: str) -> Path:
     """A file of a run, by its name. Raises NotThere."""
     folder = shelf.lab.run(key)
-    path = folder / name
-    if "/" in name or not _may_be_had(path):
-        raise NotThere(f"the run {key[:10]} has no file {name}")
-    return path
+    if not folder.is_dir() or name not in os.listdir(folder) or not _may_be_had(folder / name):
+        raise NotThere(f"the run {key[:10]} has no file {name[:80]}")
+    return folder / name
 
 
 def _may_be_had(path: Path) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 
 from labbook.lab import notes
 from labbook.lab.catalogue import RUN_COLUMNS, Listing
-from labbook_web.page import Page
+from labbook_web.page import Page, records
 from labbook_web.shelf import NotThere, Shelf
 
 LONG = 100
@@ -47,7 +47,7 @@ def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
         lambda: {"total": total, "page": number, "pages": pages, "runs": found.to_dict("records")},
         lambda: catalogue.listed(replace(wanted, offset=0, limit=None))[0],
         {
-            "rows": found.to_dict("records"),
+            "rows": records(found),
             "total": total,
             "number": number,
             "pages": pages,

@@ -38,6 +38,7 @@ from labbook_web.shelf import Found, NotThere, Shelf
 def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
     """A study on one backend (`backend`; None: the one with most runs). `as`: the state in which it was linked to."""
     backend = shelf.backend_of(name, query.get("backend"))
+    going = shelf.running()  # before the results: a page that follows nobody has all runs
     found = shelf.found(name, backend)
     results, study = found.results, found.study
     path = f"study/{name}"
@@ -60,7 +61,7 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             **found.once("study", lambda: _shown(found)),
             "found": found,
             "backends": sorted({backend, *next((one.backends for one in shelf.listed() if one.name == name), ())}),
-            "progress": progress(found, shelf.running()),
+            "progress": progress(found, going),
             "note": shelf.note("study", name),
             "linked": linked,
             "outdated": linked is not None and linked != found.state,

@@ -25,6 +25,8 @@ const labbook = {
   },
   // Points that ranges leave, or null: all.
   chosen: null,
+  // While a range is dragged the table keeps its rows: else what stands below it would move under the pointer.
+  dragging: false,
   choose(points) {
     labbook.chosen = points;
     document.dispatchEvent(new CustomEvent("labbook:chosen"));
@@ -76,7 +78,7 @@ function sort(table, column, order, keep) {
 
 function filterPoints() {
   const table = document.getElementById("points"), field = document.getElementById("points-find");
-  if (!table) return;
+  if (!table || labbook.dragging) return;
   const text = field.value.trim().toLowerCase(), rows = [...table.tBodies[0].rows];
   let shown = 0;
   for (const row of rows) {
@@ -120,7 +122,8 @@ document.addEventListener("htmx:afterSettle", () => {
   const here = bar || empty;
   if (!here) return;
   const done = Number(here.dataset.done);
-  if (lastDone !== null && done > lastDone && performance.now() - lastShown > 5000 && !document.querySelector("form :focus")) {
+  const later = performance.now() - lastShown > 5000 || !here.hasAttribute("hx-get"); // the last time, at once
+  if (lastDone !== null && done > lastDone && later && !document.querySelector("form :focus")) {
     lastShown = performance.now();
     lastDone = done;
     htmx.ajax("GET", location.pathname + location.search, { target: "#main", select: "#main", swap: "outerHTML" });

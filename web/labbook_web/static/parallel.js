@@ -65,7 +65,7 @@
         const matrix = svg.getScreenCTM().inverse(), spot = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
         return back(axis, Math.min(Math.max(spot.y, TOP), TOP + HEIGHT));
       };
-      grip.addEventListener("pointerdown", (event) => { from = place(event); grip.setPointerCapture(event.pointerId); });
+      grip.addEventListener("pointerdown", (event) => { from = place(event); labbook.dragging = true; grip.setPointerCapture(event.pointerId); });
       grip.addEventListener("pointermove", (event) => {
         if (from === null) return;
         const to = place(event);
@@ -75,6 +75,7 @@
       grip.addEventListener("pointerup", (event) => {
         if (from !== null && Math.abs(place(event) - from) < 0.01 * (axis.high - axis.low)) brushes.delete(axis.id); // a click clears
         from = null;
+        labbook.dragging = false;
         apply(true);
       });
       return shade;

@@ -1,0 +1,235 @@
+"""What the app keeps in memory, and many readers at once beside a study that runs."""
+
+import threading
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from labbook_web.shelf import Kept, NotThere, Shelf
+from toy_lab import arrays, labbook, start, study_file
+from toy_web import ORIFICES, REPLICATES, client, everything, make, pages, twins
+
+from labbook.lab import Catalogue, Lab
+from labbook.results.find import find
+from labbook.study import StudyError, load
+
+STUDY = "toy-study"
+
+
+# values by key
+
+
+def test_a_value_is_made_once_by_many_threads():
+    kept, made, gate = Kept(10), Counter(), threading.Barrier(16)
+
+    def make_it():
+        made["all"] += 1
+        time.sleep(0.05)
+        return object()
+
+    def ask(_):
+        gate.wait()
+        return kept.get("key", 1, make_it)
+
+    with ThreadPoolExecutor(16) as threads:
+        values = set(threads.map(ask, range(16)))
+    assert made["all"] == len(values) == 1
+
+
+def test_values_of_other_keys_are_made_side_by_side():
+    kept, both = Kept(10), threading.Barrier(2, timeout=10)
+    with ThreadPoolExecutor(2) as threads:
+        found = list(threads.map(lambda key: kept.get(key, 1, both.wait), ("a", "b")))
+    assert sorted(found) == [0, 1], "each waited for the other one"
+
+
+def test_another_state_is_another_value():
+    kept = Kept(10)
+    assert kept.get("key", 1, lambda: "first") == "first"
+    assert kept.get("key", 1, lambda: "second") == "first"
+    assert kept.get("key", 2, lambda: "second") == "second"
+    assert kept.get("key", 1, lambda: "third") == "third", "only the latest state is kept"
+
+
+def test_a_value_that_took_long_may_be_old_for_a_while(monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    kept = Kept(10)
+
+    def slow():
+        clock[0] += 2.0
+        return "first"
+
+    assert kept.get("key", 1, slow, spare=5) == "first"
+    clock[0] += 9.9
+    assert kept.get("key", 2, lambda: "second", spare=5) == "first"
+    clock[0] += 0.2
+    assert kept.get("key", 2, lambda: "second", spare=5) == "second"
+
+
+def test_the_ones_made_longest_ago_are_forgotten():
+    kept, made = Kept(3), []
+
+    def get(key):
+        return kept.get(key, 1, lambda: made.append(key) or key)
+
+    for key in "abc":
+        get(key)
+    get("d")
+    for key in "dcb":
+        get(key)
+    assert made == list("abcd")
+    get("a")
+    assert made == list("abcda")
+    assert len(kept._values) == 3
+
+
+def test_whoever_fails_leaves_the_place_to_the_next():
+    kept = Kept(3)
+    with pytest.raises(ZeroDivisionError):
+        kept.get("key", 1, lambda: 1 / 0)
+    assert kept.get("key", 1, lambda: 7) == 7
+
+
+# states
+
+
+def test_a_state_is_of_what_is_shown(done, tmp_path):
+    first, other = (Shelf(done / "lab").found(STUDY, "toy") for _ in range(2))
+    assert first.state == other.state
+    assert Shelf(done / "lab").found(STUDY, "twin").state != first.state
+    changed = tmp_path / "toy.yaml"
+    changed.write_text((done / "toy.yaml").read_text() + "# a remark\n")
+    assert Shelf(done / "lab", [changed]).found(STUDY, "toy").state != first.state
+
+
+def test_results_are_found_once_while_nothing_changes(copied, monkeypatch):
+    count = Counter()
+
+    def counted(*given):
+        count["found"] += 1
+        return results(*given)
+
+    from labbook_web import shelf as module
+
+    results = module.kept
+    monkeypatch.setattr(module, "kept", counted)
+    monkeypatch.setattr(module, "_SPARED", 0)
+    shelf = Shelf(copied / "lab")
+    for _ in range(3):
+        assert len(shelf.found(STUDY, "toy").results.points) == len(ORIFICES)
+    assert count["found"] == 1
+    study_file(copied, "fit: [beverloo]", count=400, orifices="[36]", replicates=1)
+    labbook("run", copied / "toy.yaml", "--lab", copied / "lab", "--backend", "toy")
+    assert len(shelf.found(STUDY, "toy").results.points) == 1, "the text of the study changed"
+    assert count["found"] == 2
+
+
+def test_results_are_old_only_while_a_study_runs(copied, monkeypatch):
+    """A page follows a study until nobody runs it; what it is told then is all that there is."""
+    going = [object()]
+    monkeypatch.setattr(Shelf, "running", lambda self: going)
+    monkeypatch.setattr("labbook_web.shelf._SPARED", 1e9)
+    shelf = Shelf(copied / "lab")
+    assert len(shelf.found(STUDY, "toy").results.points[0].runs) == REPLICATES
+    path = copied / "lab/study-files/toy-study.yaml"
+    stamp = path.stat()
+    labbook("run", copied / "toy.yaml", "--lab", copied / "lab", "--backend", "toy", LABBOOK_TOY_VERSION="2")
+    assert path.stat().st_mtime_ns == stamp.st_mtime_ns
+    assert shelf.found(STUDY, "toy").results.stale == frozenset()
+    going.clear()
+    assert shelf.found(STUDY, "toy").state
+    assert {run.cache_version for one in shelf.found(STUDY, "toy").results.points for run in one.runs} == {2}
+
+
+def test_the_index_is_opened_again_when_it_was_replaced(copied):
+    shelf = Shelf(copied / "lab")
+    before = shelf.catalogue
+    assert shelf.catalogue is before
+    (copied / "lab/catalogue.db").unlink()
+    labbook("reindex", "--lab", copied / "lab")
+    assert shelf.catalogue is not before
+    assert len(shelf.catalogue.runs()) == len(ORIFICES) * REPLICATES
+
+
+def test_given_files_count_before_those_of_the_lab(done, tmp_path):
+    own = study_file(tmp_path, orifices="[18]", count=400)
+    assert len(Shelf(done / "lab").study(STUDY)[0].points) == len(ORIFICES)
+    assert len(Shelf(done / "lab", [own]).study(STUDY)[0].points) == 1
+    other = tmp_path / "other.yaml"
+    other.write_text(own.read_text().replace(STUDY, "other"))
+    assert [one.name for one in Shelf(done / "lab", [other], only=True).listed()] == ["other"]
+    assert {one.name for one in Shelf(done / "lab", [other]).listed()} == {STUDY, "other"}
+    with pytest.raises(NotThere, match="other"):
+        Shelf(done / "lab", [other], only=True).study(STUDY)
+    own.write_text("name: [")
+    assert [one.problem != "" for one in Shelf(done / "lab", [own]).listed()].count(True) == 1
+
+
+def test_a_study_that_changes_is_read_again(done, tmp_path):
+    own = study_file(tmp_path, orifices="[18]")
+    shelf = Shelf(done / "lab", [own])
+    assert len(shelf.study(STUDY)[0].points) == 1
+    study_file(tmp_path, orifices="[18, 21, 24]")
+    assert len(shelf.study(STUDY)[0].points) == 3
+    own.unlink()
+    assert len(shelf.study(STUDY)[0].points) == len(ORIFICES), "the lab still has one of that name"
+    with pytest.raises(StudyError):
+        Shelf(done / "lab", only=True)._studies.get("x", 1, lambda: load(tmp_path / "none.yaml"))
+
+
+# many at once
+
+
+def test_many_threads_read_an_empty_lab(tmp_path):
+    somebody = client(tmp_path / "none")
+
+    def ask(address):
+        return somebody.get(address).status_code
+
+    with ThreadPoolExecutor(8) as threads:
+        assert set(threads.map(ask, ["/", "/runs", "/index.json", "/runs.csv", "/compare"] * 8)) == {200}
+
+
+@pytest.mark.slow
+def test_readers_neither_hold_up_nor_break_a_study_that_runs(tmp_path):
+    """Eight threads ask for all pages over and over while a process adds runs; in the end it has lost nothing."""
+    orifices, replicates = "[18, 24, 30]", 4
+    make(tmp_path, orifices="[18]", replicates=1)
+    lab = tmp_path / "lab"
+    path = study_file(tmp_path, "fit: [beverloo]", count=400, orifices=orifices, replicates=replicates)
+    shelf_of = client(lab)
+    running = start("run", path, "--lab", lab, "--backend", "toy", delay=0.02)
+    seen, wrong, totals = Counter(), [], []
+
+    def ask(address):
+        answer = shelf_of.get(address)
+        seen[answer.status_code] += 1
+        if answer.status_code >= 400 and not (answer.status_code == 404 and "point" in address):
+            wrong.append((address, answer.status_code, answer.text[-300:]))
+        if address == "/runs.json" and answer.status_code == 200:
+            totals.append(answer.json()["total"])
+
+    with ThreadPoolExecutor(8) as threads:
+        while running.poll() is None:
+            shown = pages(lab, STUDY, 3)
+            list(
+                threads.map(ask, [*shown, *(twins(page, "json") for page in shown), "/runs.json", f"/progress/{STUDY}"])
+            )
+    out, err = running.communicate()
+    assert running.returncode == 0, out + err
+    assert "locked" not in out + err
+    assert wrong == []
+    assert seen[200] > 100
+    assert totals == sorted(totals), "runs only come"
+    assert totals[-1] > totals[0], "they came while somebody looked"
+    frame = Catalogue(lab).runs()
+    assert len(frame) == 3 * replicates
+    assert set(frame["outcome"]) == {"finished"}
+    assert all(arrays(folder) for folder in (lab / "runs").iterdir())
+    assert not list(Lab(lab).folder.glob("work/*"))
+    found = find(load(path), Catalogue(lab), "toy")
+    assert [len(one.runs) for one in found.points] == [replicates] * 3
+    assert found.unreadable == ()
+    assert {client(lab).get(address).status_code for address in everything(lab, STUDY, 3)} == {200}
