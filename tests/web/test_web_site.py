@@ -158,7 +158,7 @@ def test_two_studies_stand_side_by_side(two, tmp_path):
     index = Read((out / "index.html").read_text())
     assert {f"study/{STUDY}.html", "study/other.html"} <= set(index.links("href"))
     told = json.loads((out / "index.json").read_text())
-    assert set(told["studies"]) == {STUDY, "other"}
+    assert {one["study"] for one in told["studies"]} == {STUDY, "other"}
     assert sum(told["runs"].values()) == len(keys_of(lab))
     alone = tmp_path / "alone"
     labbook("site", alone, files[1], "--lab", lab)

@@ -94,9 +94,8 @@ class _Writer:
             for outcome, many in outcomes(found.results).items():
                 counts[outcome] = counts.get(outcome, 0) + many
         packed = {run.packing_key for found in self._found.values() for one in found.results.points for run in one.runs}
-        front = replace(
-            lab_page(self._shelf, {}), title="Studies", data=lambda: {"runs": counts, "studies": self._names}
-        )
+        page = lab_page(self._shelf, {})
+        front = replace(page, title="Studies", data=lambda: {**page.data(), "runs": counts, "packings": len(packed)})
         self._page(front, cards=cards, counts=counts, packings=len(packed), left=0)
         for name, found in self._found.items():
             self._say(f"{name}: {len(found.results.points)} points")

@@ -20,7 +20,6 @@ from labbook.measure.ledger import smallest_diameter
 from labbook.report.blocks import Facts
 from labbook.report.setting import common
 from labbook.results import display
-from labbook.run.progress import duration
 from labbook.scene import drawing
 from labbook.study import Point
 from labbook.study.schema import Fill
@@ -119,13 +118,15 @@ def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str,
         return [], []
     run = KeptRun(point_of_run(record), record.seed, folder, entry)
     try:
-        trace = Trace.of(run.evaluated(MEASURES["flow_rate"], record.observe).evaluation)
+        found = run.evaluated(MEASURES["flow_rate"], record.observe).evaluation
     except NotEvaluated as problem:
         return [], [f"{problem}: labbook reindex evaluates it"]
+    trace = Trace.of(found)
     if trace is None:
         return [], ["No grain left."]
     ends = [float(end) for end in trace.window] if trace.window is not None else None
-    return [{"label": f"seed {record.seed}", "time": trace.time, "rate": trace.rate, "window": ends, "mean": None}], []
+    mean = next(([one.value, one.error] for one in found.numbers if one.quantity == "flow_rate"), None)
+    return [{"label": f"seed {record.seed}", "time": trace.time, "rate": trace.rate, "window": ends, "mean": mean}], []
 
 
 def _ledger(folder: Path, record: RunRecord) -> dict[str, Any] | None:
@@ -177,9 +178,9 @@ def _facts(record: RunRecord) -> Facts:
     rows = [
         ("Outcome", ended),
         ("Simulated", f"{coverage.duration:.4g} s, {coverage.steps} steps of {record.numerics.dt * 1e6:.4g} µs"),
-        ("Discharged", f"{left}, the last one {coverage.waiting:.3g} s before the end"),
+        ("Discharged", left + (f", none in the last {coverage.waiting:.2g} s" if coverage.waiting > 0.1 else "")),
         ("Backend", f"{record.backend} (version {record.cache_version}), {record.numerics.precision}, {record.device}"),
-        ("Speed", f"{record.rate / 1e6:.2f} M grain-steps/s, {duration(record.wall_time)}"
+        ("Speed", f"{record.rate / 1e6:.2f} M grain-steps/s, {record.wall_time:.3g} s"
          if math.isfinite(record.rate) else "–"),
         ("Ended", record.finished.replace("T", " ").partition("+")[0] + " UTC"),
     ]  # fmt: skip

@@ -101,7 +101,8 @@
     const render = () => {
       const t = theme(), traces = [], every = studies(data), several = every.length > 1;
       const X = known.keys[state.x] || { label: "point", unit: "", scale: 1, words: true, orifice: false }, Y = known.quantities[state.y];
-      if (!Y) { note.textContent = "Nothing was measured at these points."; Plotly.purge(holder); return; }
+      if (!Y) { note.textContent = "No number of these points was evaluated yet."; holder.hidden = true; return; }
+      holder.hidden = false;
       const power = state.scale === "power" ? 2 / 3 : state.scale === "power5" ? 2 / 5 : 1;
       const raised = (value) => (value === null ? null : power === 1 ? value : Math.sign(value) * Math.abs(value) ** power);
       const chosen = labbook.chosen;
@@ -126,13 +127,13 @@
           error_y: { type: "data", symmetric: false, array: here.map((point, k) => (end(point, 3) === null ? 0 : end(point, 3) - middle[k])), arrayminus: here.map((point, k) => (end(point, 2) === null ? 0 : middle[k] - end(point, 2))), color: colour(at), thickness: 1.5, width: 4 },
           opacity: dim ? 0.3 : 1,
           hovertemplate: here.map((point) => `<b>${pretty(point.label)}</b><br>${pretty(Y.label)} = ${said(value(point, 0) * Y.scale)} ± ${said(value(point, 1) === null ? null : value(point, 1) * Y.scale)} ${pretty(Y.unit)}<br>n = ${value(point, 4)} of ${point.runs} runs${point.remark ? "<br>" + escape(point.remark) : ""}<extra></extra>`),
-          showlegend: list.length > 1,
+          showlegend: list.length > 1 || (fitted && group.study.series.length > 0),
         });
         marks += here.filter((point) => point.remark).length;
         const none = group.points.filter((point) => !here.includes(point) && (state.x === "" || point.at[state.x] !== undefined));
         if (none.length) {
           lacking += none.length;
-          traces.push({ type: "scatter", mode: "markers", x: none.map(x), y: none.map(() => 0), customdata: none.map((point) => [point.n, group.study.study]), marker: { symbol: "x-thin", size: 10, line: { color: colour(at), width: 2.5 } }, showlegend: false, legendgroup: `g${at}`, hovertemplate: none.map((point) => `<b>${pretty(point.label)}</b><br>no ${pretty(Y.label)}: ${escape(point.remark || "not measured")}<extra></extra>`) });
+          traces.push({ type: "scatter", mode: "markers", cliponaxis: false, x: none.map(x), y: none.map(() => 0), customdata: none.map((point) => [point.n, group.study.study]), marker: { symbol: "x-thin", size: 10, line: { color: colour(at), width: 2.5 } }, showlegend: false, legendgroup: `g${at}`, hovertemplate: none.map((point) => `<b>${pretty(point.label)}</b><br>no ${pretty(Y.label)}: ${escape(point.remark || "not measured")}<extra></extra>`) });
         }
         if (!fitted) return;
         const inside = new Set(group.points.map((point) => point.n));
@@ -189,7 +190,7 @@
         const point = event.points[0].customdata;
         if (!point) return;
         const row = document.querySelector(`#points tr[data-point="${point[0]}"] a`);
-        if (row) location.assign(row.href); else if (!document.body.dataset.static !== undefined) location.assign(`/study/${encodeURIComponent(point[1])}/point/${point[0]}`);
+        if (row) location.assign(row.href); else if (!("static" in document.body.dataset)) location.assign(`/study/${encodeURIComponent(point[1])}/point/${point[0]}`);
       });
       document.addEventListener("labbook:chosen", render);
       scheme.addEventListener("change", render);

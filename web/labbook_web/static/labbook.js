@@ -99,6 +99,13 @@ function comparing() {
 
 document.addEventListener("change", (event) => { if (event.target.matches("input.choose")) comparing(); });
 document.addEventListener("click", (event) => {
+  // A permalink names what the chart shows, too.
+  const permalink = event.target.closest("a.permalink");
+  if (permalink) {
+    const asked = new URLSearchParams(location.search), kept = new URL(permalink.href);
+    for (const [name, value] of asked) if (name !== "as") kept.searchParams.set(name, value);
+    permalink.href = kept.pathname + kept.search;
+  }
   const compare = event.target.closest("button.compare");
   if (compare) {
     const items = [...document.querySelectorAll("input.choose:checked")].map((one) => "item=" + encodeURIComponent(one.value));
@@ -122,7 +129,7 @@ document.addEventListener("htmx:afterSettle", () => {
   const here = bar || empty;
   if (!here) return;
   const done = Number(here.dataset.done);
-  const later = performance.now() - lastShown > 5000 || !here.hasAttribute("hx-get"); // the last time, at once
+  const later = performance.now() - lastShown > 5000 || !("running" in here.dataset); // the last time, at once
   if (lastDone !== null && done > lastDone && later && !document.querySelector("form :focus")) {
     lastShown = performance.now();
     lastDone = done;

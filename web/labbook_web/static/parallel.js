@@ -44,7 +44,12 @@
     const back = (axis, place) => axis.low + (1 - (place - TOP) / HEIGHT) * (axis.high - axis.low);
     const lines = data.points.map((point) => {
       const parts = [];
-      every.forEach((axis, k) => { const value = axis.of(point); if (value !== null) parts.push(`${parts.length ? "L" : "M"}${x(k).toFixed(1)} ${y(axis, value).toFixed(1)}`); });
+      let on = false; // a line has a gap where a point has no value
+      every.forEach((axis, k) => {
+        const value = axis.of(point);
+        if (value !== null) parts.push(`${on ? "L" : "M"}${x(k).toFixed(1)} ${y(axis, value).toFixed(1)}`);
+        on = value !== null;
+      });
       const path = node("path", { d: parts.join("") });
       path.append(node("title", {}, point.label));
       svg.append(path);
