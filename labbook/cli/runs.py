@@ -48,8 +48,8 @@ def register(app: typer.Typer) -> None:
             records = json.loads(found.to_json(orient="records") or "[]")
             typer.echo(json.dumps(records, indent=2, allow_nan=False))
             return
+        total = sum(catalogue.counts().values())  # before anything is printed: the index may be damaged
         _show(found)
-        total = sum(catalogue.counts().values())
         if len(found) < total:
             typer.echo(f"{len(found)} of {total} runs shown")
         if changed:

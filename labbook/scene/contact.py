@@ -134,6 +134,8 @@ class Hertz(ContactLaw, ABC):
 
     usual_step: ClassVar[str] = "0.1 rayleigh"  # of Fan et al. 2023: at most so much
 
+    law: str
+    """Its name; here, since it stands before the other keys in records."""
     shear_modulus: Pressure
     """G of the grains' material."""
     poisson_ratio: PoissonRatio

@@ -11,9 +11,9 @@ import labbook_dem
 import numpy as np
 from labbook_dem import contact, rods, source, spheres, words
 from labbook_dem.chosen import choose
-from labbook_dem.laws import hertz_mindlin, linear
+from labbook_dem.laws import hertz_lammps, hertz_liggghts, hertz_mindlin, hertz_printed, linear
 
-from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface
+from labbook.scene import HertzLammps, HertzLiggghts, HertzMindlin, HertzPrinted, LinearSpringDashpot, Surface
 
 COUNT = 400
 LAW = "hertz-mindlin"
@@ -22,6 +22,14 @@ SURFACE = Surface(friction=0.5, rolling_friction=0.01, restitution=0.2)
 COEFFICIENTS = {
     "hertz_mindlin": hertz_mindlin.coefficients(HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25), SURFACE),
     "linear": linear.coefficients(LinearSpringDashpot(normal_stiffness=5e4), SURFACE),
+    **{
+        module.__name__.rpartition(".")[2]: module.coefficients(kind(shear_modulus=1e8, poisson_ratio=0.25), SURFACE)
+        for module, kind in (
+            (hertz_printed, HertzPrinted),
+            (hertz_liggghts, HertzLiggghts),
+            (hertz_lammps, HertzLammps),
+        )
+    },
 }
 COEFFICIENTS["spheres"] = COEFFICIENTS["rods"] = COEFFICIENTS["hertz_mindlin"]
 SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True, "VARIED": True}

@@ -102,7 +102,7 @@ from wrong_study import BASE, problems
             "name the kinds in grains.kinds",
         ),
         ("hertz-mindlin", "hertz-mindlim", 3, "contact.law", "unknown", "did you mean hertz-mindlin?"),
-        ("law: hertz-mindlin, ", "", 3, "contact.law", "missing", "hertz-mindlin, linear"),
+        ("law: hertz-mindlin, ", "", 3, "contact.law", "missing", "hertz-mindlin, hertz-printed"),
         ("wedge-hopper", "silo", 5, "container.kind", "silo is unknown", "wedge-hopper"),
         ("30 mm", "30 mm\n  depth: 1 m", 11, "container.depth", "belongs to kind: box", "known here"),
         ("30 mm", "30 mm\n  closed: true", 11, "container.closed", "not for a study to set", "leave it out"),
