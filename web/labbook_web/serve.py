@@ -1,5 +1,6 @@
 """Serving the app."""
 
+import errno
 import ipaddress
 import os
 import secrets
@@ -15,6 +16,8 @@ import uvicorn
 from labbook_web.app import application
 from labbook_web.shelf import Shelf
 
+PORT = 8321
+"""Where the app is served, unless that is taken."""
 _POLITE = 10
 """How much later than others the app gets its turn on a processor: studies come first."""
 _BEHIND = 64
@@ -29,16 +32,17 @@ def serve(
     lab: Path,
     studies: Sequence[Path] = (),
     host: str = "127.0.0.1",
-    port: int = 8321,
+    port: int | None = None,
     *,
     remote: bool = False,
     read_only: bool = False,
     browse: bool = False,
     say: Callable[[str], None] = print,
 ) -> None:
-    """Serve the pages of a lab until Ctrl-C. remote: allow an address that is not this machine's own, with a token.
+    """Serve the pages of a lab until Ctrl-C.
 
-    Raises CannotServe.
+    port: None for PORT, or another one if that is taken. remote: allow an address that is not this machine's own, with
+    a token. Raises CannotServe.
     """
     own = is_loopback(host)
     if not own and not remote:
@@ -46,7 +50,7 @@ def serve(
             f"{host} can be reached by other machines: add --remote, and a token is asked of whoever opens it"
         )
     token = "" if own else secrets.token_urlsafe(24)
-    listening = _listen(host, port)
+    listening = _listen(host, PORT if port is None else port, or_any=port is None)
     port = listening.getsockname()[1]
     name = f"[{host}]" if ":" in host else host
     hosts = frozenset(f"{one}:{port}" for one in (name, "localhost", "127.0.0.1", "[::1]")) if own else frozenset()
@@ -75,7 +79,8 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def _listen(host: str, port: int) -> socket.socket:
+def _listen(host: str, port: int, or_any: bool) -> socket.socket:
+    """A socket that listens on a port or, with `or_any`, on one that is free if that is taken."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -83,5 +88,7 @@ def _listen(host: str, port: int) -> socket.socket:
         listening.bind((host, port))
     except OSError as error:
         listening.close()
+        if or_any and error.errno == errno.EADDRINUSE:
+            return _listen(host, 0, or_any=False)
         raise CannotServe(f"{host} port {port}: {error.strerror}; choose another one with --port") from error
     return listening

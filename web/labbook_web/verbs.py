@@ -22,7 +22,12 @@ def register(app: typer.Typer) -> None:
     def web(
         studies: Studies = None,
         lab: Lab = LAB,
-        port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0: any that is free.")] = 8321,
+        port: Annotated[
+            int | None,
+            typer.Option(
+                min=0, max=65535, help="Port; if not given, 8321, or any that is free; 0: any.", show_default=False
+            ),
+        ] = None,
         host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
         remote: Annotated[
             bool,
