@@ -46,7 +46,7 @@ _LASTING = {"cache-control": "private, max-age=31536000, immutable"}
 _log = logging.getLogger("labbook.web")
 _ALLOWED = {
     "lab": {"q", "page", "token"},
-    "study": {"backend", "as", "x", "y", "series", "scale", "law", "fits", "brush", "sort", "find", "point"},
+    "study": {"backend", "as", "x", "y", "scale", "fits", "brush", "sort", "find"},
     "point": {"backend"},
     "run": set[str](),
     "runs": {*runs.FILTERS, "sort", "page"},
@@ -186,7 +186,7 @@ class App:
         name = request.path_params["name"]
         going = self.shelf.running()  # before the results: whoever hears of nobody has heard of all runs
         found = self.shelf.found(name, self.shelf.backend_of(name, request.query_params.get("backend")))
-        shown = {"progress": lab.progress(found, going), "found": found, "polls": True}
+        shown = {"progress": lab.progress(found, going), "found": found}
         return HTMLResponse(part("progress.html.j2", LINKS, **shown))
 
     def _figure(self, request: Request) -> Response:

@@ -71,14 +71,13 @@ class Listed:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What the lab holds of a study on a backend, and when it was looked at (seconds since 1970)."""
+    """What the lab holds of a study on a backend."""
 
     study: Study
     text: str
     """Of its file."""
     backend: str
     results: Results
-    when: float
     _made: dict[str, Any] = field(default_factory=dict)
 
     def once(self, name: str, make: Callable[[], _T]) -> _T:
@@ -211,7 +210,7 @@ class Shelf:
 
         def find() -> Found:
             results = kept(study, self.catalogue, backend, self._demands(path, study, backend))
-            return Found(study, text, backend, results, time.time())
+            return Found(study, text, backend, results)
 
         spare = _SPARED if self.running() else 0.0  # what a study leaves when it ends is shown at once
         return self._results.get((path, backend), (_stamp(path), self.state), find, spare)

@@ -94,7 +94,7 @@ class _Writer:
             for outcome, many in outcomes(found.results).items():
                 counts[outcome] = counts.get(outcome, 0) + many
         packed = {run.packing_key for found in self._found.values() for one in found.results.points for run in one.runs}
-        page = lab_page(self._shelf, {})
+        page = lab_page(self._shelf, {}, cards=max(1, len(self._names)))
         front = replace(page, title="Studies", data=lambda: {**page.data(), "runs": counts, "packings": len(packed)})
         self._page(front, cards=cards, counts=counts, packings=len(packed), left=0)
         for name, found in self._found.items():

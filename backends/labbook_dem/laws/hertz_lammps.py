@@ -5,18 +5,10 @@ As its source has it (pair_granular.cpp, January 2022): k_t = 8 G* sqrt(R* delta
 mu |F_n| it is cut to that, and the spring becomes what then is left of it: -(F_t + gamma_t v_t)/k_t.
 """
 
-from labbook.scene import HertzLammps, Surface
-from labbook_dem.laws import hertz_mindlin
+from labbook_dem.laws.hertz_mindlin import coefficients
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
-
-def coefficients(law: HertzLammps, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False) -> coefs:
-    """As of hertz-mindlin; and the least normal force [N]: 0, or next to minus infinity where it may pull.
-
-    wall: whether it is of a grain and a wall; this law has the same coefficients for both.
-    """
-    c = hertz_mindlin.coefficients(law, surface, stiffness_scale, wall)
-    return (*c[:6], -1e30 if law.pulls else 0.0, 0.0)
+__all__ = ["coefficients", "normal", "respond"]
 
 
 @func

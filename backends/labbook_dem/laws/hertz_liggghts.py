@@ -6,18 +6,10 @@ k_t |s| exceeds mu |F_n| the spring is cut to mu |F_n|/k_t and there is no dashp
 F_t = -k_t s - gamma_t v_t, which nothing limits.
 """
 
-from labbook.scene import HertzLiggghts, Surface
-from labbook_dem.laws import hertz_mindlin
+from labbook_dem.laws.hertz_mindlin import coefficients
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
-
-def coefficients(law: HertzLiggghts, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False) -> coefs:
-    """As of hertz-mindlin; and the least normal force [N]: 0, or next to minus infinity where it may pull.
-
-    wall: whether it is of a grain and a wall; this law has the same coefficients for both.
-    """
-    c = hertz_mindlin.coefficients(law, surface, stiffness_scale, wall)
-    return (*c[:6], -1e30 if law.pulls else 0.0, 0.0)
+__all__ = ["coefficients", "normal", "respond"]
 
 
 @func

@@ -14,16 +14,18 @@ from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 def coefficients(
     law: Hertz, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False
 ) -> coefs:  # fmt: skip
-    """(4/3) E* [Pa], C_n, C_t, kappa, mu, mu_r of a contact between equal materials with this surface.
+    """(4/3) E* [Pa], C_n, C_t, kappa, mu, mu_r of a contact between equal materials with this surface; and the least
+    normal force [N]: 0, or next to minus infinity where it may pull.
 
-    wall: whether it is of a grain and a wall; this law has the same coefficients for both.
+    wall: whether it is of a grain and a wall; Hertz's laws have the same coefficients for both.
     """
     nu = law.poisson_ratio
     c_n = law.damping_ratio(surface.restitution)
     modulus = 4 / 3 * law.effective_modulus * stiffness_scale
     kappa = (2 - nu) / (2 * (1 - nu))
+    least = -1e30 if law.pulls else 0.0
     return (
-        modulus, c_n, law.tangential_damping * c_n, kappa, surface.friction, surface.rolling_friction, 0.0, 0.0,
+        modulus, c_n, law.tangential_damping * c_n, kappa, surface.friction, surface.rolling_friction, least, 0.0,
     )  # fmt: skip
 
 

@@ -4,18 +4,10 @@ In the words of `hertz_mindlin`: F_t^e = K_t s' (1 + u + u^2)/(1 + u^{3/2}), whe
 delta_max and u = 1 - |s'|/delta_max; F_t^v = C_t sqrt(6 m* K_t sqrt(u)) v_t. The spring itself is kept whole.
 """
 
-from labbook.scene import HertzPrinted, Surface
-from labbook_dem.laws import hertz_mindlin
+from labbook_dem.laws.hertz_mindlin import coefficients
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
-
-def coefficients(law: HertzPrinted, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False) -> coefs:
-    """As of hertz-mindlin; and the least normal force [N]: 0, or next to minus infinity where it may pull.
-
-    wall: whether it is of a grain and a wall; this law has the same coefficients for both.
-    """
-    c = hertz_mindlin.coefficients(law, surface, stiffness_scale, wall)
-    return (*c[:6], -1e30 if law.pulls else 0.0, 0.0)
+__all__ = ["coefficients", "normal", "respond"]
 
 
 @func

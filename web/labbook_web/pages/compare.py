@@ -31,7 +31,7 @@ class Malformed(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """One of the things that are compared. `stated`: what tells it from others, by key; `run`: whose bed is shown."""
+    """One of the things that are compared. `run`: key of the run whose bed is shown; `address`: path of its page."""
 
     text: str
     """As the address has it."""

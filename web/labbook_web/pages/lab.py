@@ -22,15 +22,19 @@ _ROWS, _COLUMNS = 3, 6
 """Of the contact sheet on a card."""
 
 
-def lab_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
-    """The studies whose name, file or tags have the text `q` in them, page by page; the first page is number 1."""
+def lab_page(shelf: Shelf, query: Mapping[str, str], cards: int | None = None) -> Page:
+    """The studies whose name, file or tags have the text `q` in them, page by page.
+
+    The first page is number 1. cards: how many are on a page; None: CARDS.
+    """
     text, number = query.get("q", "").strip(), int(query.get("page", "1"))
     every = shelf.listed()
     found = [one for one in every if _has(shelf, one, text)]
-    pages = max(1, -(-len(found) // CARDS))
+    most = cards or CARDS
+    pages = max(1, -(-len(found) // most))
     if not 1 <= number <= pages:
         raise NotThere(f"there is no page {number}; the last one is {pages}")
-    shown = found[CARDS * (number - 1) : CARDS * number]
+    shown = found[most * (number - 1) : most * number]
     counts, packings = shelf.catalogue.counts(), shelf.catalogue.packing_count()
     studies = [_told(one) for one in found]
     return Page(

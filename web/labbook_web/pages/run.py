@@ -6,17 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from labbook.backend import BackendMissing, load
 from labbook.lab import LabError, RunRecord, Unreadable
 from labbook.lab.catalogue import Entry, Listing
 from labbook.lab.evaluations import KeptRun, NotEvaluated
 from labbook.lab.folder import EVALUATION, PICTURE, stamp
-from labbook.lab.tables import read_table
 from labbook.measure import MEASURES
 from labbook.measure.flow import Trace
-from labbook.measure.ledger import smallest_diameter
+from labbook.measure.ledger import EnergyLedger
 from labbook.report.blocks import Facts
 from labbook.report.setting import common
 from labbook.results import display
@@ -26,9 +23,6 @@ from labbook.study.schema import Fill
 from labbook_web.page import Page, records
 from labbook_web.shelf import NotThere, Shelf
 
-LEDGER = "ledger.npz"
-_MOST = 2.0**28
-"""Bytes that a ledger may unpack to."""
 _SIBLINGS = 60
 
 
@@ -48,11 +42,10 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         return Page("run.html.j2", path, key[:10], lambda: {"run_key": key, "problem": why},
                     lambda: measured, shown, {"curves": []})  # fmt: skip
     curves, lacking = curve(folder, entry, record)
-    ledger = _ledger(folder, record)
+    ledger = _ledger(folder, entry, record)
     siblings, several = shelf.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
     shown |= {
         "record": record,
-        "title": f"{record.study}, {record.label}, seed {record.seed}",
         "known": _known(shelf, record),
         "facts": _facts(record),
         "setting": Facts(tuple(row for row in common([point_of_run(record)]) if row[0] != "Filling")),
@@ -129,26 +122,22 @@ def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str,
     return [{"label": f"seed {record.seed}", "time": trace.time, "rate": trace.rate, "window": ends, "mean": mean}], []
 
 
-def _ledger(folder: Path, record: RunRecord) -> dict[str, Any] | None:
-    """Energies and the largest overlap against time, where the run observed them [SI]."""
-    path = folder / LEDGER
-    if not path.is_file():
+def _ledger(folder: Path, entry: Entry, record: RunRecord) -> dict[str, Any] | None:
+    """Energies [J] and overlaps [smallest d] against time [s], each of shape [n], and the largest overlap; None where
+    the run did not measure `ledger`, or that was not evaluated."""
+    if EnergyLedger.name not in record.observe.measure:
         return None
+    run = KeptRun(point_of_run(record), record.seed, folder, entry)
     try:
-        table = read_table(path, _MOST)
-    except (OSError, ValueError):
+        found = run.evaluated(MEASURES[EnergyLedger.name], record.observe).evaluation
+    except NotEvaluated:
         return None
-    if not len(table["time"]):
+    if not found.arrays:
         return None
-    overlap = np.asarray(table["max_overlap"]) / smallest_diameter(record.scene)
-    return {
-        "time": table["time"],
-        "kinetic": table["kinetic"],
-        "potential": table["potential"],
-        "work": table["contact_work"],
-        "overlap": overlap,
-        "largest": float(np.max(overlap)),
-    }
+    names = {"time": "time", "kinetic": "kinetic", "potential": "potential", "work": "contact_work"}
+    names |= {"overlap": "max_overlap"}
+    largest = next((one.value for one in found.numbers if one.quantity == "max_overlap"), None)
+    return {**{name: found.arrays[column] for name, column in names.items()}, "largest": largest}
 
 
 def _stale(record: RunRecord) -> str:

@@ -112,10 +112,7 @@ def tabled(results: Results, shelf: Shelf) -> Tabled:
 
 def figures(results: Results) -> dict[str, str]:
     """Titles of the figures of the report that the page shows, by address: all but those that the chart shows."""
-    found = {}
-    for address, (title, _) in drawn(results).items():
-        found[address] = title
-    return found
+    return {address: title for address, (title, _) in drawn(results).items()}
 
 
 def drawn(results: Results) -> dict[str, tuple[str, Draw]]:
