@@ -4,9 +4,9 @@ Pairs of spheres of Fan's material, and single ones at a wall, are read from a d
 random overlaps (to 1 % of d), velocities and spins. Nothing integrates their motion, so that positions and velocities
 stay and each step only adds v_t dt to the friction spring, and cuts it where the law does. Then forces are dumped with
 15 digits. labbook's are those of `labbook_dem` at the same states, its spring advanced by as many steps. Contacts
-approach and part, stick and slide, and are pulled where the law lets them. Levers are radii less the overlap here, whole
-radii in LIGGGHTS at walls and in LAMMPS for velocities and at walls: so states without spins are compared as well, and
-torques at walls by the other lever too. Needs Debian's packages liggghts and lammps.
+approach and part, stick and slide, and are pulled where the law lets them. Levers are radii less the overlap at walls
+here, radii less half of it in LIGGGHTS, and whole radii in LAMMPS, there and for velocities everywhere: so states
+without spins are compared as well, and torques at walls by the other lever. Needs Debian's packages liggghts and lammps.
 
     python benchmarks/peers/forces.py --out forces.json
 """
@@ -186,8 +186,10 @@ def main() -> None:
         a, b = theirs(code, found, tension), ours(code, found, tension)
         apart = [np.linalg.norm(a[:, part] - b[:, part], axis=1) / np.linalg.norm(a[:, part], axis=1).clip(1e-30)
                  for part in (slice(3), slice(3, 6))]  # fmt: skip
-        longer = 1 / (1 - 2 * found.overlap / D) if wall else np.ones(STATES)
-        levered = np.linalg.norm(a[:, 3:] - b[:, 3:] * longer[:, None], axis=1) / np.linalg.norm(a[:, 3:], axis=1)
+        shorter = found.overlap * {"liggghts": 0.5, "lammps": 0.0}[code]
+        longer = (D / 2 - shorter) / (D / 2 - found.overlap) if wall else np.ones(STATES)
+        levered = np.linalg.norm(a[:, 3:] - b[:, 3:] * longer[:, None], axis=1)
+        levered /= np.linalg.norm(a[:, 3:], axis=1).clip(1e-30)
         rows.append({
             "code": code, "at": "wall" if wall else "sphere", "spins": spins, "tension": tension, "states": STATES,
             "force, largest": apart[0].max(), "force, median": np.median(apart[0]),
