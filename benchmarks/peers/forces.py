@@ -6,7 +6,8 @@ stay and each step only adds v_t dt to the friction spring, and cuts it where th
 15 digits. labbook's are those of `labbook_dem` at the same states, its spring advanced by as many steps. Contacts
 approach and part, stick and slide, and are pulled where the law lets them. Levers are radii less the overlap at walls
 here, radii less half of it in LIGGGHTS, and whole radii in LAMMPS, there and for velocities everywhere: so states
-without spins are compared as well, and torques at walls by the other lever. Needs Debian's packages liggghts and lammps.
+without spins are compared as well, and torques at walls by the other lever. Needs Debian's packages liggghts and
+lammps.
 
     python benchmarks/peers/forces.py --out forces.json
 """

@@ -25,8 +25,8 @@ def data_file(packing: Packing, scene: Scene, title: str) -> str:
     [m/s] and angular velocity [rad/s], in digits that read back as the same numbers.
 
     Friction springs are not in it, since neither code reads any: contacts start without. The box is that of the grains
-    with a margin, and reaches below z = 0, where grains fall to; walls are no part of such a file. title: its first line.
-    Raises NotSpheres for rods.
+    with a margin, and reaches below z = 0, where grains fall to; walls are no part of such a file. title: its first
+    line. Raises NotSpheres for rods.
     """
     grains = scene.grains
     if not isinstance(grains, Spheres):
