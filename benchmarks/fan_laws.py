@@ -2,8 +2,8 @@
 
 What is compared, and how a law is chosen, was written down before: docs/results/fan2023-laws.md.
 
-    python benchmarks/fan_laws.py run --lab LAB --backend warp --device cuda:0
-    python benchmarks/fan_laws.py table --lab LAB --backend warp --out fan-laws.json
+    python benchmarks/fan_laws.py run --lab LAB --backend warp --device cuda:0 --out FOLDER
+    python benchmarks/fan_laws.py table FOLDER --out fan-laws.json
 
 `run` may be cut off and called again. A seed is a bed: laws fill their own.
 """
@@ -59,58 +59,66 @@ def numbers(law: str, rolling: str, lab: labbook.Lab) -> Iterator[tuple[str, flo
     fits = found.set_index(["law", "parameter", "at"])[["value", "error"]]
     for at, c in GAPS.items():
         yield f"C, gap {at} mm", *fits.loc["beverloo", "C_particle", at], c
-    found = gaps["points"].query("quantity == 'flow_rate'")
-    flows = found.assign(outlet=(found["container.orifice"] * 1e3).round())
+    points = gaps["points"]
+    flows = {
+        (round(row["container.orifice"] * 1e3), row["container.gap"] == 0, math.isnan(row["container.gap"])): row
+        for row in points[points["quantity"] == "flow_rate"].to_dict("records")
+    }
     for outlet, ratio in AT_WALL.items():
-        here = flows[flows["outlet"] == outlet]
-        wall, middle = here[here["container.gap"] == 0].iloc[0], here[here["container.gap"].isna()].iloc[0]
+        wall, middle = flows[outlet, True, False], flows[outlet, False, True]
         value = wall["value"] / middle["value"]
-        error = value * float(np.hypot(wall["error"] / wall["value"], middle["error"] / middle["value"]))
+        error = value * math.hypot(wall["error"] / wall["value"], middle["error"] / middle["value"])
         yield f"W/W0, {outlet} mm", value, error, ratio
 
 
 def run(said: argparse.Namespace) -> None:
-    """Run what is missing of every law."""
+    """Run what is missing of every law, and write its numbers into the folder `out` as soon as they are there."""
     lab, started = labbook.Lab(said.lab, said.backend, said.device), time.time()
+    said.out.mkdir(parents=True, exist_ok=True)
     for law, rolling in itertools.product(said.laws, said.rolling):
         for study in studies(law, rolling):
             lab.run(study, progress=said.progress)
             print(f"{law}, {rolling}, {study.name}: {time.time() - started:.0f} s", flush=True)
-
-
-def table(said: argparse.Namespace) -> None:
-    """Compare, print and write."""
-    lab, rows = labbook.Lab(said.lab, said.backend), []
-    for law, rolling in itertools.product(said.laws, said.rolling):
+        rows = []
         for name, ours, error, paper in numbers(law, rolling, lab):
             pull = (ours - paper) / math.hypot(error, PART * paper)
             rows.append({"law": law, "rolling": rolling, "number": name, "ours": ours, "error": error, "paper": paper,
                          "pull": pull})  # fmt: skip
-    found = pd.DataFrame(rows)
-    wide = found.pivot(index="number", columns=["law", "rolling"], values="ours")
-    print(wide.to_string(float_format="%.3f"))
-    chi2 = found.assign(chi2=found["pull"] ** 2).groupby(["law", "rolling"], sort=False)["chi2"].sum()
-    print(chi2.to_string(float_format="%.1f"))
+        told = {"hardware": hardware(), "numbers": rows}
+        (said.out / f"{law}-{rolling}.json").write_text(json.dumps(told, indent=1, default=float))
+
+
+def table(said: argparse.Namespace) -> None:
+    """Compare what `run` wrote, print, and write all of it."""
+    files = [json.loads(path.read_text()) for path in sorted(said.folder.glob("*.json"))]
+    rows = pd.DataFrame([row for file in files for row in file["numbers"]])
+    which = rows["law"] + ", " + rows["rolling"]
+    shown = {name: group.set_index("number")["ours"] for name, group in rows.groupby(which, sort=False)}
+    print(pd.DataFrame(shown).assign(paper=rows.groupby("number")["paper"].first()).to_string(float_format="%.3f"))
+    sums = {str(name): float((group["pull"] ** 2).sum()) for name, group in rows.groupby(which, sort=False)}
+    print("\n".join(f"chi2 of {name}: {value:.1f}" for name, value in sorted(sums.items(), key=lambda one: one[1])))
     if said.out:
-        sums = [{"law": law, "rolling": rolling, "chi2": value} for (law, rolling), value in chi2.items()]
-        told = {"hardware": hardware(), "chi2": sums, "numbers": rows}
-        said.out.write_text(json.dumps(told, indent=1, default=float))
+        told = {"hardware": files[0]["hardware"], "chi2": sums, "numbers": [row for f in files for row in f["numbers"]]}
+        said.out.write_text(json.dumps(told, indent=1))
 
 
 def main() -> None:
     """Do one of the two."""
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     verbs = words.add_subparsers(required=True)
-    for name, do in (("run", run), ("table", table)):
-        verb = verbs.add_parser(name, help=do.__doc__)
-        verb.add_argument("--lab", type=Path, required=True)
-        verb.add_argument("--backend", default="numba")
-        verb.add_argument("--device", default="cpu")
-        verb.add_argument("--laws", nargs="+", default=LAWS, choices=LAWS)
-        verb.add_argument("--rolling", nargs="+", default=ROLLING, choices=ROLLING)
-        verb.add_argument("--progress", action="store_true")
-        verb.add_argument("--out", type=Path)
-        verb.set_defaults(do=do)
+    one = verbs.add_parser("run", help="run and evaluate what is missing")
+    one.add_argument("--lab", type=Path, required=True)
+    one.add_argument("--backend", default="numba")
+    one.add_argument("--device", default="cpu")
+    one.add_argument("--laws", nargs="+", default=LAWS, choices=LAWS)
+    one.add_argument("--rolling", nargs="+", default=ROLLING, choices=ROLLING)
+    one.add_argument("--progress", action="store_true")
+    one.add_argument("--out", type=Path, required=True, help="folder of the numbers")
+    one.set_defaults(do=run)
+    two = verbs.add_parser("table", help="compare what is there")
+    two.add_argument("folder", type=Path)
+    two.add_argument("--out", type=Path)
+    two.set_defaults(do=table)
     said = words.parse_args()
     said.do(said)
 

@@ -181,6 +181,14 @@ def _closed_up(state: dict[str, np.ndarray], here: np.ndarray, entries: Mapping[
 
 
 def restore(arrays: Arrays, slot: int, stored: Checkpoint) -> None:
-    """Put back the exact state of a slot."""
+    """Put back the exact state of a slot.
+
+    A checkpoint has room for as many walls as any member had that was stepped beside this one. Where there now is room
+    for fewer, what is left out is of walls that this member has not.
+    """
     for name in ("p", *arrays.state):
-        arrays.write(name, slot, np.asarray(stored.arrays[name]))
+        values = np.asarray(stored.arrays[name])
+        kind = arrays.state.get(name)
+        if kind in ("walls", "seats"):
+            values = values[: arrays.sizes.entries[kind]]
+        arrays.write(name, slot, values)

@@ -232,7 +232,7 @@ def by_labbook(job: Job, packing: Packing) -> pd.DataFrame:
     """The same counts by labbook, from the same bed without its friction springs."""
     bare = {name: np.zeros((0, *shape), kind) for name, (shape, kind) in _SPRINGS.items()}
     backend, numerics = load("numba"), Numerics(dt=job.dt, steps_per_beat=1000, precision="double")
-    outlet = Crossing(job.scene.container.outlet_plane)
+    outlet = Crossing(0.0)  # of every hopper
     ensemble = backend.open(backend.specialise(job.scene, numerics, [outlet]), 1, "cpu")
     ensemble.admit(job.scene, numerics, opened(replace(packing, **bare), job.closed, job.scene))
     times: list[float] = []
@@ -298,13 +298,14 @@ def table(said: argparse.Namespace) -> None:
     """Compare, print and write."""
     rows = pd.DataFrame([json.loads(path.read_text()) for path in sorted(said.folder.glob("*.json"))])
     found = []
-    for (code, point, dt), group in rows.groupby(["code", "point", "dt"]):
-        found.append({"code": code, "point": point, "dt": dt, **compared(group)})
+    keys = ["code", "point", "dt"]
+    for _, group in rows.groupby(keys):
+        found.append({**{key: group[key].iloc[0] for key in keys}, **compared(group)})
     shown = pd.DataFrame(found)
     print(shown.to_string(index=False))
     if said.out:
-        said.out.write_text(json.dumps({"hardware": hardware(), "rows": json.loads(rows.to_json(orient="records")),
-                                        "points": found}, indent=1))  # fmt: skip
+        told = {"hardware": hardware(), "points": found, "runs": rows.to_dict("records")}
+        said.out.write_text(json.dumps(told, indent=1, default=float))
 
 
 def compared(group: pd.DataFrame) -> Mapping[str, float | int | str]:

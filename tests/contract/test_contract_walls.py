@@ -128,3 +128,24 @@ def test_a_body_near_more_walls_than_there_is_room_for_is_told(stand: Bundled, s
         told = str(error)
     assert bool(told) == stand.crowds
     assert not told or ("near 40 walls, more than" in told and "use a thinner numerics.skin" in told)
+
+
+def test_one_beside_a_member_with_more_walls_goes_on_alone(stand: Bundled, shape: str):
+    """An eccentric outlet at the side wall has a plate less than others of the same study; a study that was
+    interrupted may go on with these alone."""
+    one = tiled(shape).model_copy(update={"container": Primitives(parts=(PLANE,))})
+    more = with_far_walls(one, 3)
+    numerics = stand.numerics(DT, steps_per_beat=STEPS)
+    spec = stand.backend.specialise(one, numerics, (Contacts(),))
+    assert spec == stand.backend.specialise(more, numerics, (Contacts(),)), "they share an ensemble"
+    together = stand.backend.open(spec, 2, stand.device)
+    try:
+        together.admit(more, numerics, sliding(more))
+        member = together.admit(one, numerics, sliding(one))
+        assert not together.advance(BEATS // 2)
+        half_way = together.checkpoint(member)
+    finally:
+        together.close()
+    again, _, _ = end(stand, one, half_way, BEATS - BEATS // 2)
+    whole, _, _ = end(stand, one)
+    assert identical(again, whole)
