@@ -60,15 +60,15 @@ def numbers(law: str, rolling: str, lab: labbook.Lab) -> Iterator[tuple[str, flo
     for at, c in GAPS.items():
         yield f"C, gap {at} mm", *fits.loc["beverloo", "C_particle", at], c
     points = gaps["points"]
+    columns = [points[name].tolist() for name in ("quantity", "container.orifice", "container.gap", "value", "error")]
     flows = {
-        (round(row["container.orifice"] * 1e3), row["container.gap"] == 0, math.isnan(row["container.gap"])): row
-        for row in points[points["quantity"] == "flow_rate"].to_dict("records")
+        (round(1e3 * outlet), "middle" if math.isnan(gap) else gap): (value, error)
+        for quantity, outlet, gap, value, error in zip(*columns, strict=True)
+        if quantity == "flow_rate"
     }
     for outlet, ratio in AT_WALL.items():
-        wall, middle = flows[outlet, True, False], flows[outlet, False, True]
-        value = wall["value"] / middle["value"]
-        error = value * math.hypot(wall["error"] / wall["value"], middle["error"] / middle["value"])
-        yield f"W/W0, {outlet} mm", value, error, ratio
+        (wall, its_error), (middle, error) = flows[outlet, 0.0], flows[outlet, "middle"]
+        yield f"W/W0, {outlet} mm", wall / middle, wall / middle * math.hypot(its_error / wall, error / middle), ratio
 
 
 def run(said: argparse.Namespace) -> None:
@@ -95,7 +95,9 @@ def table(said: argparse.Namespace) -> None:
     which = rows["law"] + ", " + rows["rolling"]
     shown = {name: group.set_index("number")["ours"] for name, group in rows.groupby(which, sort=False)}
     print(pd.DataFrame(shown).assign(paper=rows.groupby("number")["paper"].first()).to_string(float_format="%.3f"))
-    sums = {str(name): float((group["pull"] ** 2).sum()) for name, group in rows.groupby(which, sort=False)}
+    sums = {
+        str(name): float(np.square(group["pull"].to_numpy()).sum()) for name, group in rows.groupby(which, sort=False)
+    }
     print("\n".join(f"chi2 of {name}: {value:.1f}" for name, value in sorted(sums.items(), key=lambda one: one[1])))
     if said.out:
         told = {"hardware": files[0]["hardware"], "chi2": sums, "numbers": [row for f in files for row in f["numbers"]]}
