@@ -31,7 +31,8 @@ class Fill(Model):
     """How the closed container is filled, once for all runs that share the packing."""
 
     kind: Annotated[str, Among(STARTS)] = "rain"
-    """How grains start: `rain`, a loose column of slow grains, or `gas`, a denser one of fast grains."""
+    """How grains start: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a rain in
+    the middle plane between front and back walls."""
     friction: Coefficient | None = None
     """Friction of grains and walls while filling; none: the study's own."""
     settled_below: Annotated[Ratio, Field(gt=0, le=1)] = 1e-6
