@@ -48,8 +48,7 @@ class Scene(Model):
             if name not in names:
                 reason = f"the container has no wall named {name}"
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
-        yield from self._faults_between_kinds()
-        yield from self._faults_of_stiffness()
+        yield from self.faults_of_law(self.contact)
         c, d = self.container, self.grains.diameter
         for key in _ROOM_FOR_A_GRAIN[type(c)]:
             size = getattr(c, key)
@@ -57,9 +56,15 @@ class Scene(Model):
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
                 yield Fault(f"container.{key}", reason, f"make it {1.01 * d * 1e3:g} mm (1.01 d) or more")
 
-    def _faults_between_kinds(self) -> Iterator[Fault]:
+    def faults_of_law(self, law: ContactLaw) -> Iterator[Fault]:
+        """Why grains and walls cannot have this law."""
+        yield from self._faults_between_kinds(law)
+        yield from self._faults_of_stiffness(law)
+
+    def _faults_between_kinds(self, contact: ContactLaw) -> Iterator[Fault]:
+        """What is wrong with the pairs of kinds that a law for these grains states."""
         names, seen = [kind.name for kind in self.grains.kinds], set()
-        for pair in self.contact.between:
+        for pair in contact.between:
             unknown = sorted({name for name in pair.kinds if name not in names})
             if unknown:
                 remedy = f"use two of: {', '.join(names)}" if names else "name the kinds in grains.kinds"
@@ -69,28 +74,30 @@ class Scene(Model):
                 yield Fault("contact.between", reason, "state each pair once")
             seen.add(frozenset(pair.kinds))
 
-    def _faults_of_stiffness(self) -> Iterator[Fault]:
-        law = self.contact.law
-        if self.contact.material is None:
-            reason = f"the law {law} knows no elastic material"
+    def _faults_of_stiffness(self, law: ContactLaw) -> Iterator[Fault]:
+        if law.material is None:
+            reason = f"the law {law.law} knows no elastic material"
             stated = [(f"walls.{name}", wall) for name, wall in self.walls.items()]
             stated += [("grains.kinds", kind) for kind in self.grains.kinds]
             for key, body in stated:
                 if body.has_own:
-                    yield Fault(key, reason, "leave moduli and Poisson's ratio out, or use a law by Hertz")
-        if "normal_stiffness" not in type(self.contact).model_fields:
-            reason = f"the law {law} has no normal_stiffness"
+                    yield self._of(law, key, reason, "leave moduli and Poisson's ratio out, or use a law by Hertz")
+        springs = [f"walls.{name}.normal_stiffness" for name, w in self.walls.items() if w.normal_stiffness is not None]
+        if "normal_stiffness" not in type(law).model_fields:
+            reason = f"the law {law.law} has no normal_stiffness"
             remedy = "leave it out, or state a modulus, which laws by Hertz take"
-            for name, wall in self.walls.items():
-                if wall.normal_stiffness is not None:
-                    yield Fault(f"walls.{name}.normal_stiffness", reason, remedy)
-            if any(pair.normal_stiffness is not None for pair in self.contact.between):
-                yield Fault("contact.between", reason, remedy)
-        elif self.contact.damping == "printed":
-            for name, wall in self.walls.items():
-                if wall.normal_stiffness is not None:
-                    reason = "contact.damping printed takes the dashpot of two grains at walls, whose spring is another"
-                    yield Fault(f"walls.{name}.normal_stiffness", reason, "leave it out, or use textbook or clamped")
+            pairs = ["contact.between" for pair in law.between if pair.normal_stiffness is not None]
+            yield from (self._of(law, key, reason, remedy) for key in (*springs, *pairs[:1]))
+        elif law.damping == "printed":
+            reason = "contact.damping printed takes the dashpot of two grains at walls, whose spring is another"
+            remedy = "leave it out, or use textbook or clamped"
+            yield from (self._of(law, key, reason, remedy) for key in springs)
+
+    def _of(self, law: ContactLaw, key: str, reason: str, remedy: str) -> Fault:
+        """A fault at `key`, or of another law than the scene's at that law."""
+        if law is self.contact or key.startswith("contact"):
+            return Fault(key, reason, remedy)
+        return Fault("contact", f"{reason}, which {key} states", "use a law of the same family as in contact")
 
     def svg(self) -> str:
         """A picture as SVG: a section through the container with its outlet and some grains, to scale.
@@ -192,12 +199,13 @@ class Scene(Model):
             grains = grains.model_copy(update={"kinds": kinds})
         return self.model_copy(update={"grains": grains, "contact": contact, "walls": walls})
 
-    def close(self, friction: float | None = None) -> "Scene":
-        """The scene in which its packing is made; `friction` replaces that of grains and of walls."""
+    def close(self, friction: float | None = None, contact: ContactLaw | None = None) -> "Scene":
+        """The scene in which its packing is made, by the law `contact` if that is given; `friction` replaces that of
+        grains and of walls."""
         container = self.container.close()
         names = {"all", *(wall.name for wall in container.walls())}
         walls = {name: surface for name, surface in self.walls.items() if name in names}
-        contact = self.contact
+        contact = contact or self.contact
         if friction is not None:
             pairs = tuple(pair.model_copy(update={"friction": None}) for pair in contact.between)
             contact = contact.model_copy(update={"friction": friction, "between": pairs})
