@@ -92,6 +92,8 @@ def cut_short(plan: Plan, lab: Lab) -> Iterator[str]:
     """Problems, with file, key and remedy: beds that fall to stop.fill_height before the window ends. Heights are
     those of packings that are there, and foreseen of others."""
     end = plan.study.window.end
+    if plan.study.window.timed:
+        return
     known: dict[str, float | None] = {}
     lowest: dict[PointDemand, tuple[float, float | None]] = {}
     for item in plan.items:
