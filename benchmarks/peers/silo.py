@@ -310,7 +310,7 @@ def main() -> None:
     one.add_argument("--lab", type=Path, required=True)
     one.add_argument("--out", type=Path, required=True)
     one.add_argument("--jobs", type=int, default=1, help="how many at once")
-    one.add_argument("--until", type=float, default=1e9, help="seconds after which no more is done")
+    one.add_argument("--until", type=float, default=1e6, help="seconds after which no more is done")
     one.set_defaults(do=run)
     two = verbs.add_parser("table", help="compare what is there")
     two.add_argument("folder", type=Path)
