@@ -130,7 +130,8 @@ def _numbers(study: Study, demand: Demand, key: str, rng: np.random.Generator) -
         measure = "packing" if name == "packing_fraction" else "flow_rate"
         yield {
             "run_key": key, "quantity": name, "version": MEASURES[measure].version, "measure": measure,
-            "window_start": study.window.start, "window_end": study.window.end, "window": "made up",
+            "window_start": study.window.start, "window_end": study.window.end,
+            "window_timed": study.window.timed, "window": "made up",
             "value": value * rng.normal(1, 0.01), "error": 0.01 * value, "n_effective": 30.0, "unit": unit,
             "method": "made up", "note": "",
         }  # fmt: skip

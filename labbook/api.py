@@ -245,17 +245,19 @@ class Results(Found):
         kind: Literal["csv", "parquet"] = "csv",
         vtk: bool = False,
         packings: bool = False,
+        every: float | None = None,
         say: Callable[[str], None] = lambda text: None,
     ) -> list[Path]:
         """Write all tables, with `vtk` recorded runs for ParaView, and with `packings` what runs started from as data
         files of LIGGGHTS and LAMMPS; the paths.
 
-        folder: None for LAB/exports/NAME. `say` is told what is being written. Raises NoParquet (of
+        folder: None for LAB/exports/NAME. every: also the table `inside`, how many grains are inside at times so far
+        apart [s]. `say` is told what is being written. Raises NoParquet (of
         `labbook.export.study`) without pyarrow, NotSpheres (of `labbook.export.packing`) for packings of rods, and
         Unreadable (of `labbook.lab`) for a damaged one.
         """
         there = Path(folder or Path(self.lab.folder) / "exports" / self.study.name)
-        paths = write_numbers(self, there, kind)
+        paths = write_numbers(self, there, kind, every)
         if packings:
             paths += write_packings(self, self.lab.place, there / "packings", say)
         return paths + (write_recordings(self, there / "vtk", say) if vtk else [])

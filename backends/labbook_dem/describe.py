@@ -14,7 +14,7 @@ from labbook_dem.motion import drift, kick, predict
 def describe(scene: Scene, numerics: Numerics) -> Mapping[str, float]:
     """Restitution asked for and realised by this step (head-on at sqrt(g d), ten phases: mean and spread), damping."""
     law, grains = LAWS[scene.contact.law], scene.grains
-    c = law.coefficients(scene.contact, scene.surface_of_grains, numerics.stiffness_scale)
+    c = law.coefficients(scene.law_between(0, 0), scene.surface_of_grains, numerics.stiffness_scale)
     speed = math.sqrt(scene.gravity * grains.diameter) or 1.0
     e = realised(law.normal, c, grains.radius / 2, grains.mass / 2, numerics.dt, speed)
     return {

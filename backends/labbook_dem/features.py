@@ -147,7 +147,7 @@ def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:
     """Coefficients of contacts between kinds a and b in row a K + b of K kinds, shape [K^2, 8]."""
     law, sorts = LAWS[scene.contact.law], range(len(scene.grains.species))
     scale = numerics.stiffness_scale
-    rows = [law.coefficients(scene.contact, scene.surface_between(a, b), scale) for a in sorts for b in sorts]
+    rows = [law.coefficients(scene.law_between(a, b), scene.surface_between(a, b), scale) for a in sorts for b in sorts]
     return _table(rows, 8)
 
 
@@ -168,7 +168,7 @@ def wall_tables(scene: Scene, numerics: Numerics) -> WallTables:
     shapes = [numbers(wall.shape) for wall in walls]
     width = max(map(len, shapes), default=0)
     return WallTables(
-        _table([law.coefficients(scene.contact, scene.surface(w, k), scale, True) for w in walls for k in sorts], 8),
+        _table([law.coefficients(scene.law(w, k), scene.surface(w, k), scale, True) for w in walls for k in sorts], 8),
         _table([(*row, *[0.0] * (width - len(row))) for row in shapes], width),
         np.array([number(w.shape.kind) for w in walls], np.int64),
         _table([(*w.motion.velocity, w.motion.spin) for w in walls], 4),

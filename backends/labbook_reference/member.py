@@ -101,12 +101,12 @@ class Run(Standing):
         with self._law() as law:
             scale, sorts = numerics.stiffness_scale, range(len(scene.grains.species))
             self._pair_c = {
-                (a, b): law.coefficients(scene.contact, scene.surface_between(a, b), scale)
+                (a, b): law.coefficients(scene.law_between(a, b), scene.surface_between(a, b), scale)
                 for a in sorts
                 for b in sorts
             }
             self._wall_c = {
-                (w, a): law.coefficients(scene.contact, scene.surface(wall, a), scale, True)
+                (w, a): law.coefficients(scene.law(wall, a), scene.surface(wall, a), scale, True)
                 for w, wall in enumerate(self.walls)
                 for a in sorts
             }

@@ -24,11 +24,11 @@ forces of 2^9 times as much are no longer counted, but fail."""
 
 def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     """The record of grains, law and clock."""
-    grains, law = scene.grains, LAWS[scene.contact.law]
+    grains = scene.grains
     d, r = grains.diameter, grains.radius
     table = features.pair_table(scene, numerics)
     skin = numerics.skin * d
-    most = max(law.normal(c, r / 2, grains.mass / 2, DEEP * d, 0.0) for c in table)
+    most = largest_force(scene, numerics)
     made = module.Material()
     made.c = module.coefs(*table[0])
     made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia
@@ -41,6 +41,20 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     made.quantum_f, made.quantum_t = _quantum(most), _quantum(most * (r + grains.half_length))
     made.per_quantum_f, made.per_quantum_t = 1 / made.quantum_f, 1 / made.quantum_t
     return made
+
+
+def largest_force(scene: Scene, numerics: Numerics) -> float:
+    """Force [N] of a contact at an overlap of DEEP d: between grains, or with walls where these are of another
+    stiffness."""
+    grains, law = scene.grains, LAWS[scene.contact.law]
+    r, mass, deep = grains.radius, grains.mass, DEEP * grains.diameter
+    found = [law.normal(c, r / 2, mass / 2, deep, 0.0) for c in features.pair_table(scene, numerics)]
+    for wall in scene.container.walls() if scene.has_own_stiffness else ():
+        for kind in range(len(grains.species)):
+            if (own := scene.law(wall, kind)) != scene.law_between(kind, kind):
+                c = law.coefficients(own, scene.surface(wall, kind), numerics.stiffness_scale, True)
+                found.append(law.normal(c, r, mass, deep, 0.0))
+    return max(found)
 
 
 def _quantum(most: float) -> float:
@@ -59,8 +73,8 @@ def place(module: ModuleType, scene: Scene, numerics: Numerics, probes: Sequence
 
 
 def same_material(runs: Iterable[tuple[Scene, Numerics]]) -> bool:
-    """Whether all of these have the same grains, law, gravity and clock."""
-    kinds = {(s.grains.model_copy(update={"count": 1}), s.contact, s.gravity, n) for s, n in runs}
+    """Whether all of these have the same grains, law, gravity, clock and quanta."""
+    kinds = {(s.grains.model_copy(update={"count": 1}), s.contact, s.gravity, n, largest_force(s, n)) for s, n in runs}
     return len(kinds) == 1
 
 

@@ -1,5 +1,6 @@
 """`labbook export`: a study's numbers as tables, its recorded runs for ParaView, its packings for other codes."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -24,6 +25,10 @@ def register(app: typer.Typer) -> None:
         packings: Annotated[
             bool, typer.Option("--packings", help="Also write packings as data files of LIGGGHTS and LAMMPS.")
         ] = False,
+        inside: Annotated[
+            str | None,
+            typer.Option(help="Also write the table inside, N(t): the time between two of its rows, such as '0.1 s'."),
+        ] = None,
         lab: Lab = LAB,
         backend: Backend = BACKEND,
     ) -> None:
@@ -36,7 +41,7 @@ def register(app: typer.Typer) -> None:
         found = results(study, lab, backend)
         folder = out if out is not None else lab / "exports" / found.study.name
         try:
-            paths = found.export(folder, kind)
+            paths = found.export(folder, kind, every=_seconds(inside))
         except NoParquet as missing:
             raise typer.BadParameter(str(missing), param_hint="--format") from None
         for path in paths:
@@ -53,3 +58,18 @@ def register(app: typer.Typer) -> None:
                 recorded = write_recordings(found, folder / "vtk", status.update)
             where = f"{len(recorded)} files in {folder / 'vtk'}" if recorded else "no run of this study was recorded"
             typer.echo(f"VTK: {where}")
+
+
+def _seconds(text: str | None) -> float | None:
+    """A time that was written with its unit [s]."""
+    if text is None:
+        return None
+    from labbook.scene.quantities import parse
+
+    try:
+        every = parse(text, "s")
+    except ValueError as problem:
+        raise typer.BadParameter(f"{text}: {problem}", param_hint="--inside") from None
+    if not 0 < every < math.inf:
+        raise typer.BadParameter(f"{text}: a time above 0 is needed", param_hint="--inside")
+    return every

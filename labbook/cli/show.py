@@ -81,8 +81,8 @@ def _show(record, folder, picture, measured) -> None:
         "run": record.run_key,
         "study": f"{record.study}, {record.label}, seed {record.seed}",
         "outcome": record.outcome + (f": {record.failure.message}" if record.failure else ""),
-        "covered": f"{coverage.duration:.4g} s, {coverage.crossed} of {coverage.grains} grains left "
-        f"({coverage.discharged:.1%}), the last one {coverage.waiting:.3g} s before the end",
+        "covered": f"{coverage.duration:.4g} s, {coverage.crossed} of {coverage.grains} grains discharged "
+        f"({coverage.discharged:.1%} of the mass), the last one {coverage.waiting:.3g} s before the end",
         "backend": f"{record.backend} version {record.cache_version} on {record.device}, {record.numerics.precision}, "
         f"dt {record.numerics.dt:.4g} s",
         "restitution": ", ".join(f"{key} {value:.4g}" for key, value in record.physics.items()),

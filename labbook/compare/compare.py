@@ -80,7 +80,7 @@ def compare(
             [Planner(one.of(study), catalogue, one.can, of).plan().points for one in pair]
             for of in (pair[0].packings(study), None)
         )
-        observe = Observe(measure=measures, start=study.window.start, end=study.window.end)
+        observe = Observe.of(measures, study.window)
         done = [_finished(lab, one, plans) for one, plans in zip(pair, runs, strict=True)]
         found = numbers(catalogue, [*done[0], *done[1]], observe)
         for point, a, b, *packed in zip(study.points, *runs, *own, strict=True):

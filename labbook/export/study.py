@@ -10,7 +10,7 @@ import numpy as np
 from labbook.export.vtk import write_fields, write_grains, write_series
 from labbook.fields import axes
 from labbook.lab.folder import write_bytes
-from labbook.results.frames import frames
+from labbook.results.frames import frames, inside
 from labbook.results.points import PointResult
 from labbook.results.recorded import flow_patterns
 from labbook.results.study import Results
@@ -22,11 +22,14 @@ class NoParquet(Exception):
     """pandas has nothing to write Parquet with; the message says what to install."""
 
 
-def write_numbers(results: Results, folder: Path, kind: Format) -> list[Path]:
-    """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet."""
+def write_numbers(results: Results, folder: Path, kind: Format, every: float | None = None) -> list[Path]:
+    """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet.
+
+    every: also the table `inside`, how many grains are inside at times so far apart [s].
+    """
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for name, frame in frames(results).items():
+    for name, frame in (frames(results) | ({} if every is None else {"inside": inside(results, every)})).items():
         path = folder / f"{name}.{kind}"
         if kind == "csv":
             write_bytes(path, frame.to_csv(index=False).encode(), durable=False)

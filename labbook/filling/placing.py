@@ -9,13 +9,15 @@ differ, the seed also draws which is of what size and kind; the largest are plac
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 
 from labbook.filling.room import PlacingError, Room, first_come, full
 from labbook.plugins import Registry
-from labbook.scene import Scene, Spheres, Spherocylinders
+from labbook.scene import Box, Container, Scene, Spheres, Spherocylinders, WedgeHopper
+from labbook.scene.model import Fault
 from labbook.scene.orientation import axes, distances, random_turns
 from labbook.scene.packing import Packing
 
@@ -30,6 +32,10 @@ class Start(ABC):
     """As `fill.kind` calls it."""
     version: ClassVar[int]
     """Part of the key of every packing made so; it rises whenever a seed gives other positions than before."""
+
+    def obstacles(self, scene: Scene) -> Iterator[Fault]:
+        """Why grains of a scene, closed or open, cannot start so; nothing where they can."""
+        yield from ()
 
     @abstractmethod
     def volume(self, closed: Scene) -> float:
@@ -50,6 +56,8 @@ class Column(Start):
     version: ClassVar[int] = 1
     density: ClassVar[float]
     speed: ClassVar[float]
+    flat: ClassVar[bool] = False
+    """Whether all grains start in the plane y = 0, and move in it."""
 
     def volume(self, closed: Scene) -> float:
         """That of spheres at the density; rods are as often in each other's way.
@@ -70,8 +78,10 @@ class Column(Start):
         grains = closed.grains
         if closed.gravity == 0:
             raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
+        for fault in self.obstacles(closed):
+            raise PlacingError(f"{fault.key}: {fault.reason}; {fault.remedy}")
         rng = np.random.default_rng([self.version, seed])
-        room = Room(closed, grains.radius * _APART)
+        room = Room(closed, grains.radius * _APART, self.flat)
         top = room.height_for(self.volume(closed))
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
@@ -82,6 +92,8 @@ class Column(Start):
             x, q = place_graded(room, rng, top, diameter / 2 * _APART), None
         speed = self.speed * math.sqrt(closed.gravity * grains.diameter)
         v = rng.normal(0, speed, x.shape)
+        if self.flat:
+            v[:, 1] = 0
         return Packing(x=x, v=v, omega=np.zeros_like(x), q=q, diameter=diameter, kind=sort)
 
 
@@ -101,7 +113,44 @@ class Gas(Column):
     speed: ClassVar[float] = 1.0
 
 
-STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas()))
+class Planar(Rain):
+    """A rain in the middle plane between front and back walls, which grains so never touch.
+
+    Forces between spheres whose centres lie in a plane, and which turn about its normal, are in the plane. None has a
+    part across it, not even by round-off: every product that would make one has a factor that is zero.
+    """
+
+    name: ClassVar[str] = "planar"
+    flat: ClassVar[bool] = True
+
+    def volume(self, closed: Scene) -> float:
+        """That of a layer at the density of a rain in a container as thick as a grain."""
+        return super().volume(closed) * _depth(closed.container) / closed.grains.diameter
+
+    def obstacles(self, scene: Scene) -> Iterator[Fault]:
+        """It takes spheres between a front and a back wall that leave room for one layer."""
+        container, d = scene.container, scene.grains.diameter
+        if not isinstance(scene.grains, Spheres):
+            yield Fault("fill.kind", "a planar start takes spheres: rods turn out of the plane", "use rain or gas")
+        if not isinstance(container, WedgeHopper | Box):
+            reason = f"a planar start needs a front and a back wall, and the container is {container.kind}"
+            yield Fault("fill.kind", reason, "use rain or gas, or a wedge-hopper or box")
+        elif (depth := _depth(container)) >= LAYER * d:
+            key = "thickness" if isinstance(container, WedgeHopper) else "depth"
+            reason = f"a planar start makes one layer of grains, and there is room for more ({depth / d:.3g} d)"
+            yield Fault(f"container.{key}", reason, f"make it less than {LAYER:g} d, such as 1.01 d, or use rain")
+
+
+LAYER = 2.0
+"""Diameters from front to back below which grains cannot pass one another, and are one layer."""
+
+
+def _depth(container: Container) -> float:
+    """From the front to the back wall [m]."""
+    return container.thickness if isinstance(container, WedgeHopper) else getattr(container, "depth", math.inf)
+
+
+STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(), Planar()))
 """What `fill.kind` can name."""
 
 

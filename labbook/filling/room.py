@@ -18,8 +18,9 @@ class Room:
     along its first axis is called `u`.
     """
 
-    def __init__(self, closed: Scene, clearance: float):
-        """`clearance`: what the centres of grains, or of the ends of rods, keep from walls [m]. Raises PlacingError."""
+    def __init__(self, closed: Scene, clearance: float, flat: bool = False):
+        """`clearance`: what the centres of grains, or of the ends of rods, keep from walls [m]; `flat`: only the plane
+        y = 0 of it. Raises PlacingError."""
         self.shapes = [wall.shape for wall in closed.container.walls()]
         self.clearance = clearance
         self.planes = [shape for shape in self.shapes if isinstance(shape, Plane)]
@@ -39,6 +40,10 @@ class Room:
         else:
             self.x = self._range(0, list(self.plates[:, :, 0].ravel()))
             self.y = self._range(1, [])
+        self._size = [r[1] - r[0] + 2 * clearance for r in (self.x, self.y)]
+        self.flat = flat
+        if flat:
+            self.y = (0.0, 0.0)
         if not lowest:
             raise PlacingError("the container has no bottom that grains could settle on")
         self.bottom = float(min(lowest))
@@ -82,7 +87,7 @@ class Room:
 
     def draw_each(self, rng: np.random.Generator, clearance: np.ndarray, top: float) -> np.ndarray:
         """One uniform point up to z = `top` between the sides for each grain of this clearance [m], inside or not."""
-        nearer = (self.clearance - clearance)[:, None]
+        nearer = (self.clearance - clearance)[:, None] * (1, 0 if self.flat else 1, 1)
         low = np.array([self.x[0], self.y[0], self.bottom + self.clearance]) - nearer
         high = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
         return rng.uniform(low, high)
@@ -92,7 +97,7 @@ class Room:
 
         Its section is counted on a grid of 200 x 400 points; what lies above is as wide as the widest part.
         """
-        wide, deep = (r[1] - r[0] + 2 * self.clearance for r in (self.x, self.y))
+        wide, deep = self._size
         area = math.pi / 4 * wide * deep if self.round else wide * deep
         flat = self.bottom + volume / area
         across = np.linspace(0 if self.round else self.x[0], self.x[1], 200)

@@ -248,7 +248,9 @@ class Catalogue:
         """Rows of measurements within a window by run, and of each by name and version of the measure."""
         found: dict[str, dict[tuple[str, int], list[Mapping[str, Any]]]] = {}
         query = select(measurements).where(
-            measurements.c.window_start == window.start, measurements.c.window_end == window.end
+            measurements.c.window_start == window.start,
+            measurements.c.window_end == window.end,
+            measurements.c.window_timed == window.timed,
         )
         names = [column.key for column in measurements.columns]
         with self._asking() as connection:
@@ -267,6 +269,7 @@ class Catalogue:
             measurements.c.version == version,
             measurements.c.window_start == window.start,
             measurements.c.window_end == window.end,
+            measurements.c.window_timed == window.timed,
             measurements.c.value.is_not(None),
         )
         with self._asking() as connection:

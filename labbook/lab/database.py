@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import quote
 
 from sqlalchemy import (
+    Boolean,
     Column,
     Connection,
     Engine,
@@ -35,7 +36,7 @@ from sqlalchemy.schema import CreateTable
 
 from labbook.lab.folder import DiskFull, Lab, LabError
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 metadata = MetaData()
 
@@ -103,6 +104,7 @@ measurements = Table(
     Column("version", Integer, primary_key=True),
     Column("window_start", Float, primary_key=True),
     Column("window_end", Float, primary_key=True),
+    Column("window_timed", Boolean, primary_key=True),
     Column("measure", String, nullable=False),
     Column("value", Float),
     Column("error", Float),
@@ -113,7 +115,7 @@ measurements = Table(
     Column("note", String, nullable=False),
 )
 """What was measured in a run, by version of the measure and by window (fractions of the initial mass
-discharged). A measure that gives nothing, or that failed, leaves a row with its own name as quantity, no
+discharged, or times). A measure that gives nothing, or that failed, leaves a row with its own name as quantity, no
 value, and a note."""
 
 BUSY = 30.0

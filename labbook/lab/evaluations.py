@@ -61,7 +61,8 @@ class Evaluated:
 
 def path_of(folder: Path, measure: Measure, window: Window) -> Path:
     """Where the evaluation of the run in `folder` is kept."""
-    return folder / f"{EVALUATION}{measure.name}-{measure.version}-{window.start!r}-{window.end!r}.npz"
+    unit = "s" if window.timed else ""
+    return folder / f"{EVALUATION}{measure.name}-{measure.version}-{window.start!r}-{window.end!r}{unit}.npz"
 
 
 def evaluated(folder: Path, measure: Measure, window: Window, data: Callable[[], RunData]) -> Evaluated:
@@ -227,9 +228,9 @@ def wanted(observe: Observe) -> list[Measure]:
     return [MEASURES[name] for name in dict.fromkeys(observe.measure) if name in MEASURES]
 
 
-def expected(observe: Observe) -> set[tuple[str, int, float, float]]:
+def expected(observe: Observe) -> set[tuple[str, int, float, float, bool]]:
     """(measure, version, window) of what should have been measured."""
-    return {(measure.name, measure.version, observe.start, observe.end) for measure in wanted(observe)}
+    return {(measure.name, measure.version, observe.start, observe.end, observe.timed) for measure in wanted(observe)}
 
 
 def derive(folder: Path, observe: Observe, data: Callable[[], RunData]) -> list[dict[str, Any]]:
@@ -254,6 +255,7 @@ def rows_of(run_key: str, measure: Measure, window: Window, found: Evaluated) ->
         "version": measure.version,
         "window_start": window.start,
         "window_end": window.end,
+        "window_timed": window.timed,
         "measure": measure.name,
     }
     numbers = (vars(one) for one in found.evaluation.numbers)

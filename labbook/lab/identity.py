@@ -10,7 +10,8 @@ from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
-from labbook.scene import Scene, Surface
+from labbook.scene import ContactLaw, Scene, Surface
+from labbook.scene.material import OwnMaterial
 from labbook.scene.model import digest
 
 _GUARDS = ("speed_limit", "overlap_limit")
@@ -27,18 +28,39 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
     container = scene.container
     walls = [{**wall.model_dump(mode="json"), "surface": _surface(scene.surface(wall))} for wall in container.walls()]
     contact = scene.contact.model_dump(mode="json", exclude={"between"})
+    grains = scene.grains.model_dump(mode="json")
     kinds = range(len(scene.grains.kinds))
     if kinds:  # what acts between them, however it is spelled
         contact["surfaces"] = [[_surface(scene.surface_between(a, b)) for b in kinds] for a in kinds]
         for entry, wall in zip(walls, container.walls(), strict=True):
             entry["surface"] = [_surface(scene.surface(wall, kind)) for kind in kinds]
+        grains["kinds"] = [kind.model_dump(mode="json", exclude=set(OwnMaterial.KEYS)) for kind in scene.grains.kinds]
+    _add_stiffness(scene, contact, walls)
     return {
-        "grains": scene.grains.model_dump(mode="json"),
+        "grains": grains,
         "contact": contact,
         "walls": walls,
         "outlet_plane": None if getattr(container, "closed", False) else container.outlet_plane,
         "gravity": scene.gravity,
     }
+
+
+def _add_stiffness(scene: Scene, contact: dict[str, Any], walls: list[dict[str, Any]]) -> None:
+    """To `contact` and to `walls` the stiffness of their contacts, kind by kind, where it is not the law's."""
+    if not scene.has_own_stiffness:
+        return
+    kinds = range(len(scene.grains.species))
+    pairs = [[_stiffness(scene.law_between(a, b), scene.contact) for b in kinds] for a in kinds]
+    if any(map(any, pairs)):
+        contact["stiffness"] = pairs
+    for entry, wall in zip(walls, scene.container.walls(), strict=True):
+        if any(own := [_stiffness(scene.law(wall, kind), scene.contact) for kind in kinds]):
+            entry["stiffness"] = own
+
+
+def _stiffness(law: ContactLaw, contact: ContactLaw) -> dict[str, Any]:
+    """What a contact's law has otherwise than `contact`."""
+    return {key: value for key, value in law if value != getattr(contact, key)} if law is not contact else {}
 
 
 def _surface(surface: Surface) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """What a finished run (`run.json`) or a packing says of itself, in its folder."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -16,6 +17,7 @@ from pydantic import (
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import parse_probe
 from labbook.lab.folder import open_file, write_bytes
+from labbook.measure import Window
 from labbook.scene import Scene
 
 Whole = Annotated[int, Field(ge=0, lt=2**63)]
@@ -199,11 +201,18 @@ class Failure(Part):
 
 
 class Observe(Part):
-    """What is measured, over which fractions of the initial mass discharged."""
+    """What is measured, over which fractions of the initial mass discharged; `timed`: over which times [s]."""
 
     measure: tuple[str, ...]
     start: float
     end: float
+    # where there is none it is left out of what is stored
+    timed: Annotated[bool, Field(exclude_if=lambda timed: not timed)] = False
+
+    @classmethod
+    def of(cls, measure: Iterable[str], window: Window) -> "Observe":
+        """These measures, within a window."""
+        return cls(measure=tuple(measure), start=window.start, end=window.end, timed=window.timed)
 
 
 class RunRecord(Record):

@@ -8,7 +8,7 @@ import numpy as np
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing, window_in_words
 from labbook.measure.series import crossings, flow_series, mean_mass
 from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
 from labbook.scene import Scene
@@ -99,7 +99,7 @@ def _rates(
     flow: SteadyFlow | None, suffix: str, run: RunData, times: np.ndarray, window: Window
 ) -> tuple[Measured, ...]:
     mass, what = mean_mass(run), "mass" if run.scene.grains.varied else "grains"
-    asked = f"{window.start:.3g} to {window.end:.3g} of the {what} discharged"
+    asked = window_in_words(window, what)
     if flow is None:
         note = f"too few grains: {len(times)} of {len(run.start)} left, fewer than {FEWEST} in the window"
         return tuple(
@@ -138,7 +138,11 @@ def _notes(flow: SteadyFlow, run: RunData, window: Window) -> list[str]:
     if flow.gaps:
         plural = "gap" if flow.gaps == 1 else "gaps"
         notes.append(f"{flow.gaps} {plural} without flow left out, {flow.gap_time:.3g} s together")
-    if flow.fraction[1] < window.end - 1.5 * flow.heaviest:
+    if window.timed:
+        short = run.duration < window.end * (1 - 1e-12)
+    else:
+        short = flow.fraction[1] < window.end - 1.5 * flow.heaviest
+    if short:
         notes.append(ENDED.format(run.outcome))
     return notes
 

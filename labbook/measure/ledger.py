@@ -8,7 +8,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe
 from labbook.measure.data import RunData
 from labbook.measure.expected import window_time
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing, window_in_words
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
 from labbook.scene import Scene
@@ -108,7 +108,7 @@ def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> t
     inside = np.zeros(len(time), bool) if flow is None else (time >= flow.begin) & (time <= flow.end)
     rows = int(inside.sum())
     if flow is None or rows < _FEWEST:
-        where = f"{window.start:.3g} to {window.end:.3g} of the mass discharged"
+        where = window_in_words(window)
         fewer = f"only {rows} sampled steps within the window, fewer than {_FEWEST}"
         note = "too few grains left for a window" if flow is None else f"{fewer}; lower numerics.steps_per_beat"
         none = (math.nan, math.nan, 0, where, "sampled steps")

@@ -25,13 +25,24 @@ class MeasureError(ValueError):
 
 
 class Window(Protocol):
-    """Part of a discharge: from the fraction `start` to the fraction `end` of the initial mass discharged."""
+    """Part of a discharge: from the fraction `start` to the fraction `end` of the initial mass discharged; if it is
+    `timed`, from the time `start` to the time `end` after the opening [s]."""
 
     @property
     def start(self) -> float: ...
 
     @property
     def end(self) -> float: ...
+
+    @property
+    def timed(self) -> bool: ...
+
+
+def window_in_words(window: Window, what: str = "mass") -> str:
+    """`0.15 to 0.6 of the mass discharged`, or `0.5 s to 3.5 s`; `what` is discharged."""
+    if window.timed:
+        return f"{window.start:.4g} s to {window.end:.4g} s"
+    return f"{window.start:.3g} to {window.end:.3g} of the {what} discharged"
 
 
 @dataclass(frozen=True)

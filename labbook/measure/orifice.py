@@ -14,7 +14,16 @@ from labbook.measure.acceleration import AccelerationProfile, acceleration_profi
 from labbook.measure.bed import cells, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed, while_flowing
+from labbook.measure.measure import (
+    Evaluation,
+    Measure,
+    MeasureError,
+    Quantity,
+    Window,
+    packed,
+    while_flowing,
+    window_in_words,
+)
 from labbook.measure.series import crossings
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
 from labbook.scene import Scene
@@ -90,7 +99,7 @@ class OrificeMeans(Measure):
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         round_silo(run.scene, NAME)
         flow, times = _steady(run, window)
-        where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
+        where = window_in_words(window, "grains")
         frames = {} if flow is None else frames_of(run, flow, times)
         count = len(np.unique(frames["step"])) if frames else 0
         clogged = run.outcome == "clogged"

@@ -21,7 +21,16 @@ import numpy as np
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe, Slab
 from labbook.measure.data import RunData
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed, unpacked
+from labbook.measure.measure import (
+    Evaluation,
+    Measure,
+    MeasureError,
+    Quantity,
+    Window,
+    packed,
+    unpacked,
+    window_in_words,
+)
 from labbook.measure.series import crossings, mean_mass
 from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
 from labbook.scene import Scene, WedgeHopper
@@ -211,7 +220,7 @@ class OutletProfiles(Measure):
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         profile = outlet_profile(run, window)
-        where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
+        where = window_in_words(window, "grains")
         if profile is None:
             note = "too few grains at the outlet within the window"
             none = (math.nan, math.nan, 0, where, "chords of grains on the outlet line", "", note)

@@ -58,7 +58,7 @@ def in_gap(at: np.ndarray, times: np.ndarray, flow: SteadyFlow) -> np.ndarray:
 
 
 def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray | None = None) -> SteadyFlow | None:
-    """Rate of outflow between the fractions `window.start` and `window.end` of the mass of `total` grains discharged.
+    """Rate of outflow within a window of the discharge of `total` grains.
 
     `times`: ascending crossing times [s], shape [n]; `mass`: of each, in units of the mean mass at the start (None: all
     are equal). The window runs from one crossing to another, so that its mass is exact. None if it holds fewer than 60
@@ -69,8 +69,11 @@ def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray 
     """
     mass = np.ones(len(times)) if mass is None else mass
     passed = np.cumsum(mass)
-    first = int(np.searchsorted(passed, window.start * total - 1e-9))
-    last = int(np.searchsorted(passed, window.end * total + 1e-9, side="right")) - 1
+    if window.timed:
+        first, last = int(np.searchsorted(times, window.start)), int(np.searchsorted(times, window.end, "right")) - 1
+    else:
+        first = int(np.searchsorted(passed, window.start * total - 1e-9))
+        last = int(np.searchsorted(passed, window.end * total + 1e-9, side="right")) - 1
     if last - first < FEWEST:
         return None
     waits = np.diff(times[first : last + 1])

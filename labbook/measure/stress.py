@@ -11,7 +11,7 @@ from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
 from labbook.measure.bed import bed_grid, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing
+from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing, window_in_words
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
 from labbook.scene import Scene
@@ -55,7 +55,7 @@ class ContactStress(Measure):
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         silo = round_silo(run.scene, NAME)
-        where = f"{window.start:.3g} to {window.end:.3g} of the grains discharged"
+        where = window_in_words(window, "grains")
         how = "contacts, coarse-grained; error from seeds only"
         found = stress_fields(run, window)
         kept = "_flowing" if run.outcome == "clogged" else ""  # apart from runs that flowed throughout

@@ -199,6 +199,10 @@ def concerns(results: Results) -> list[str]:
         sentences.append(
             f"The bed fell to stop.fill_height before the window ended (window.end, {study.window.end:g}) at "
             f"{'; '.join(cut)}, so that W is a mean over less than the window: lower one of them in {study.path.name}."
+            if not study.window.timed
+            else f"Runs met the stop rule before the window ended (window.until, {study.window.end:g} s) at "
+            f"{'; '.join(cut)}, so that W is a mean over less than the window: raise stop.discharged, or lower "
+            f"window.until in {study.path.name}."
         )
     return sentences
 

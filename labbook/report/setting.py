@@ -6,6 +6,7 @@ from datetime import date, datetime
 from functools import lru_cache
 from typing import Any
 
+from labbook.measure.measure import window_in_words
 from labbook.report.blocks import Facts
 from labbook.results import display
 from labbook.results.display import Shown
@@ -158,7 +159,7 @@ def _swept(points: Sequence[Point]) -> Iterator[str]:
 
 def _measured(results: Results) -> str:
     study = results.study
-    window = f"in the window from {study.window.start:.3g} to {study.window.end:.3g} of the mass discharged"
+    window = f"in the window from {window_in_words(study.window)}"
     fits = f"; fitted: {', '.join(study.fit)}" if study.fit else ""
     return f"{', '.join(study.measure)}, {window}{fits}".replace("_", " ")
 

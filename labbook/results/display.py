@@ -41,6 +41,7 @@ KEYS = {
     "grains.density": Shown("density", "kg/m³"),
     "container.rotation": Shown("f", "Hz"),
     "contact.shear_modulus": Shown("shear modulus", "MPa", 1e-6),
+    "contact.youngs_modulus": Shown("Young's modulus", "MPa", 1e-6),
     "contact.normal_stiffness": Shown("k_n", "N/m"),
     "numerics.dt": Shown("dt", "µs", 1e6),
     "gravity": Shown("g", "m/s²"),

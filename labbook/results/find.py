@@ -65,7 +65,7 @@ def find(
     `progress` is told how many runs are done.
     """
     runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
-    observe = Observe(measure=study.measure, start=study.window.start, end=study.window.end)
+    observe = Observe.of(study.measure, study.window)
     found = numbers(catalogue, runs, observe, progress)
     results = results_of(study, runs, found.measured, found.problems, lost)
     return replace(results, stale=_stale(runs, backend))
@@ -81,7 +81,7 @@ def kept(
     or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
     """
     runs, lost = finished(catalogue, study, backend, asked, KeptRun), unreadable(catalogue, study, backend)
-    observe = Observe(measure=study.measure, start=study.window.start, end=study.window.end)
+    observe = Observe.of(study.measure, study.window)
     found = kept_numbers(catalogue, runs, observe)
     lacking = dict.fromkeys(found.lacking)
     try:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.measure.outlet import DEFINITIONS, Outlet
+from labbook.measure.series import discharged, mean_mass
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
 from labbook.results.paper import Row, analyses
@@ -75,6 +76,28 @@ def frames(
     return {name: frame for name, frame in found.items() if len(frame)}
 
 
+def inside(results: Results, every: float) -> "pd.DataFrame":
+    """N(t): a row for each run and each time, from 0 to its end in steps of `every` [s].
+
+    Columns say which point and run it is, and `time` [s], `grains` that are inside (have not crossed the outlet) and
+    their `mass` [kg]. Runs without an outlet have no rows.
+    """
+    import pandas as pd
+
+    rows: list[Row] = []
+    for result in results.points:
+        for run in result.runs if result.point.scene.container.outlet_plane is not None else ():
+            data = run.run.data()
+            times, mass = discharged(data)
+            total, count = len(data.start) * mean_mass(data), len(data.start)
+            head = {**of_point(result), "seed": run.seed, "run_key": run.run_key}
+            for k in range(math.floor(data.duration / every * (1 + 1e-12)) + 1):
+                left = int(np.searchsorted(times, k * every, side="right"))
+                gone = float(mass[left - 1]) if left else 0.0
+                rows.append({**head, "time": k * every, "grains": count - left, "mass": total - gone})
+    return pd.DataFrame(rows)
+
+
 def to_json(results: Results, names: Collection[str] | None = None) -> str:
     """The frames called `names` (all but EVERY, if none are given) as JSON: SI, null for what is unknown or endless."""
     chosen = frames(results, names or None, () if names else EVERY)
@@ -115,6 +138,7 @@ def _points(results: Results) -> Iterator[Row]:
                 "n_effective": math.fsum(one.n_effective for one in measured if math.isfinite(one.n_effective)),
                 "window_start": results.study.window.start,
                 "window_end": results.study.window.end,
+                **({"window_unit": "s"} if results.study.window.timed else {}),
                 **outcomes,
                 "trending": result.trending,
                 "precise": result.precise,

@@ -20,7 +20,7 @@ from labbook.run.forecast import Outline, forecast, outline
 from labbook.run.lane import slots
 from labbook.run.plan import Item, Plan, Planner, check
 from labbook.run.provenance import provenance
-from labbook.scene import Scene
+from labbook.scene import ContactLaw, Scene
 from labbook.study import Study
 
 NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
@@ -92,6 +92,8 @@ def cut_short(plan: Plan, lab: Lab) -> Iterator[str]:
     """Problems, with file, key and remedy: beds that fall to stop.fill_height before the window ends. Heights are
     those of packings that are there, and foreseen of others."""
     end = plan.study.window.end
+    if plan.study.window.timed:
+        return
     known: dict[str, float | None] = {}
     lowest: dict[PointDemand, tuple[float, float | None]] = {}
     for item in plan.items:
@@ -209,23 +211,38 @@ def _stiff(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterato
         key, soft, unit, times = max(found, key=lambda one: one[-1])
         reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed asks for"
         remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {SOFT:.1%} of d"
-        yield _told(file, f"contact.{key}", reason, remedy)
+        yield _told(file, key, reason, remedy)
 
 
 def softer(scene: Scene, height: float) -> tuple[str, float, str, float] | None:
     """A stiffness at which grains overlap by SOFT d below a bed of the height [m]: key, value, unit, and how many times
-    fewer steps it takes; None where that is less than a few.
+    fewer steps it takes; None where that is less than a few. Where stiffness differs: of the stiffest.
 
     The pressure p = phi rho g H presses grains with p d^2 together. A step goes as one over the root of the stiffness.
     """
     grains = scene.grains
     pressure = PACKED * grains.mean_density * scene.gravity * height
-    found = scene.contact.softer(pressure, SOFT, grains.diameter)
-    if found is None:
+    found = [(where, law.softer(pressure, SOFT, grains.diameter)) for where, law in _stiffnesses(scene)]
+    told = [(where, one) for where, one in found if one is not None and one.enough > 0]
+    if not told:
         return None
-    key, unit, stated, soft = found
-    times = math.sqrt(stated / soft) if soft > 0 else 0.0
-    return (key, soft, unit, times) if times > _SLOWER else None
+    where, (key, unit, stated, soft) = max(told, key=lambda one: one[1].stated / one[1].enough)
+    times = math.sqrt(stated / soft)
+    return (f"{where}.{key}", soft, unit, times) if times > _SLOWER else None
+
+
+def _stiffnesses(scene: Scene) -> Iterator[tuple[str, ContactLaw]]:
+    """Sections that state how stiff grains are, with the law of their contacts. Walls of another material are left out:
+    contacts with them are at most twice as stiff as those of grains."""
+    kinds = range(len(scene.grains.species))
+    own = "contact.between[]" if scene.contact.material is None else "grains.kinds[]"
+    for one in kinds:
+        for other in kinds[: one + 1] if scene.contact.material is None else (one,):
+            law = scene.law_between(one, other)
+            yield "contact" if law == scene.contact else own, law
+        for wall in scene.container.walls() if scene.contact.material is None else ():
+            if (law := scene.law(wall, one)) != scene.law_between(one, one):
+                yield f"walls.{wall.name}", law
 
 
 def _rounded(value: float) -> str:

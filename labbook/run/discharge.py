@@ -199,7 +199,8 @@ class DischargeJob(Job):
     def look(self, ensemble: Ensemble, member: Member) -> None:
         """Draw the bed once the run is in the middle of its window."""
         middle = (self.observe.start + self.observe.end) / 2
-        if not self._seen and self._plane is not None and self._discharged >= middle:
+        reached = self.status.time if self.observe.timed else self._discharged
+        if not self._seen and self._plane is not None and reached >= middle:
             self._draw(ensemble, member)
 
     def _draw(self, ensemble: Ensemble, member: Member) -> None:

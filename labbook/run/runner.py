@@ -147,8 +147,7 @@ class Runner:
         self._left_behind = False
         self._meter, self._next_tell = Meter(), float("-inf")
         self._saved: dict[Job, float] = {}
-        window = self.study.window
-        observe = Observe(measure=self.study.measure, start=window.start, end=window.end)
+        observe = Observe.of(self.study.measure, self.study.window)
         index = Index(self.lab)
         catalogue = Catalogue(self.lab)
         try:

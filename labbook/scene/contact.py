@@ -2,16 +2,26 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Self
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from labbook.scene import damping
+from labbook.scene.material import (
+    TWICE,
+    Material,
+    OwnMaterial,
+    OwnModulus,
+    OwnRatio,
+    OwnStiffness,
+    PoissonRatio,
+    shear_modulus,
+)
 from labbook.scene.model import Choice, Fault, Model, refuse
 from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
 
 Restitution = Annotated[Ratio, Field(gt=0, le=1)]
-PoissonRatio = Annotated[Ratio, Field(gt=-1, le=0.5)]
 Damping = Literal["clamped", "textbook", "printed"]
 Rolling = Literal["full", "rolling"]
 
@@ -31,14 +41,25 @@ class Surface(Model):
     restitution: Restitution
     """Coefficient of normal restitution, in (0, 1]."""
 
-    def changed(self, change: "SurfaceChange") -> "Surface":
+    def changed(self, change: "ContactChange") -> "Surface":
         """This surface with the values that `change` gives in place of its own."""
         values = {key: getattr(change, key) for key in Surface.model_fields}
         return self.model_copy(update={key: value for key, value in values.items() if value is not None})
 
 
-class SurfaceChange(Model):
-    """Where a wall differs from the grains; what is not given is as between grains."""
+class ContactChange(Model):
+    """Where some contacts differ from all others; what is not given is as stated for the law."""
+
+    friction: Coefficient | None = None
+    """Coulomb coefficient."""
+    rolling_friction: Coefficient | None = None
+    """μ_r."""
+    restitution: Restitution | None = None
+    """Coefficient of normal restitution, in (0, 1]."""
+
+
+class SurfaceChange(ContactChange, OwnMaterial):
+    """Where a wall differs from the grains; what is not given is as between grains, its material as in `contact`."""
 
     friction: Coefficient | None = None
     """Coulomb coefficient at this wall."""
@@ -46,9 +67,17 @@ class SurfaceChange(Model):
     """μ_r at this wall."""
     restitution: Restitution | None = None
     """Coefficient of normal restitution at this wall, in (0, 1]."""
+    youngs_modulus: OwnModulus = None
+    """E of this wall's material; another way to write `shear_modulus`."""
+    shear_modulus: OwnModulus = None
+    """G of this wall's material (laws by Hertz); none: that of `contact`."""
+    poisson_ratio: OwnRatio = None
+    """ν of this wall's material, beside a modulus; none: that of `contact`."""
+    normal_stiffness: OwnStiffness = None
+    """k_n at this wall (law linear)."""
 
 
-class Between(SurfaceChange):
+class Between(ContactChange):
     """Where contacts of two kinds of grains differ from all others; one kind twice: of its grains with each other."""
 
     kinds: tuple[str, str]
@@ -59,6 +88,8 @@ class Between(SurfaceChange):
     """μ_r between these kinds, and likewise at walls."""
     restitution: Restitution | None = None
     """Coefficient of normal restitution between these kinds, in (0, 1], and likewise at walls."""
+    normal_stiffness: OwnStiffness = None
+    """k_n between these kinds (law linear), and likewise at walls."""
 
 
 class Softer(NamedTuple):
@@ -97,6 +128,14 @@ class ContactLaw(Model, ABC):
     between: Annotated[tuple[Between, ...], Field(exclude_if=lambda between: not between)] = ()
     """Pairs of kinds whose contacts differ; contacts of all others are as stated for the law."""
 
+    @property
+    def material(self) -> Material | None:
+        """The elastic material of grains and walls that state none; None for a law whose stiffness is of no material.
+
+        A law that has one takes `shear_modulus` and `poisson_ratio` of the `Material` that a contact comes to.
+        """
+        return None
+
     @abstractmethod
     def stiffened(self, factor: float) -> Self:
         """The law with `factor` times the stiffness."""
@@ -126,6 +165,15 @@ class ContactLaw(Model, ABC):
         return None
 
 
+class YoungsModulus(Model):
+    """A material by E, as a study may state it in `contact`; what is stored is its G."""
+
+    youngs_modulus: Pressure
+    """E of the grains' material: another way to write `shear_modulus` = E/(2 (1 + ν))."""
+    poisson_ratio: PoissonRatio
+    """ν of the grains' material."""
+
+
 class Hertz(ContactLaw, ABC):
     """Hertz's normal force, F_n = K delta + C_n sqrt(6 m* K) v with K = (4/3) E* sqrt(R* delta), v the approach speed.
 
@@ -137,7 +185,7 @@ class Hertz(ContactLaw, ABC):
     law: str
     """Its name; here, since it stands before the other keys in records."""
     shear_modulus: Pressure
-    """G of the grains' material."""
+    """G of the grains' material, or `youngs_modulus` instead."""
     poisson_ratio: PoissonRatio
     """ν of the grains' material, in (-1, 1/2]."""
     tangential_damping: Coefficient = 1.0
@@ -145,6 +193,30 @@ class Hertz(ContactLaw, ABC):
     # what is not stated is left out of what is stored and hashed
     normal_damping: Annotated[Coefficient | None, Field(exclude_if=lambda value: value is None)] = None
     """C_n by its value, whatever the coefficient of restitution; none: the one that `damping` makes of it."""
+
+    spellings: ClassVar[type[Model] | None] = YoungsModulus
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_youngs_modulus(cls, data: Any, info: ValidationInfo) -> Any:
+        if not isinstance(data, Mapping) or "youngs_modulus" not in data:
+            return data
+        if "shear_modulus" in data:
+            refuse([Fault("youngs_modulus", *TWICE)])
+        stated = {key: data[key] for key in YoungsModulus.model_fields if key in data}
+        young = YoungsModulus.model_validate(stated, context=info.context)
+        rest = {key: value for key, value in data.items() if key != "youngs_modulus"}
+        return rest | {"shear_modulus": f"{shear_modulus(young.youngs_modulus, young.poisson_ratio)!r} Pa"}
+
+    @property
+    def youngs_modulus(self) -> float:
+        """E = 2 G (1 + nu) [Pa] of the grains' material."""
+        return 2 * self.shear_modulus * (1 + self.poisson_ratio)
+
+    @property
+    def material(self) -> Material:
+        """G and nu."""
+        return Material(self.shear_modulus, self.poisson_ratio)
 
     @property
     def pulls(self) -> bool:

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from labbook.scene.material import OwnMaterial, OwnModulus, OwnRatio
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Density, GrainLength, Length, Ratio
 from labbook.scene.sizes import SMALLEST_PART, Equal, Sizes
@@ -18,7 +19,7 @@ from labbook.scene.sizes import SMALLEST_PART, Equal, Sizes
 Count = Annotated[int, Field(ge=1, le=100_000_000, strict=True)]
 
 
-class Kind(Model):
+class Kind(OwnMaterial):
     """One kind of grains in a mixture."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
@@ -29,6 +30,12 @@ class Kind(Model):
     """Diameter of all grains of this kind, at most d; none: as `grains.sizes` says, or d."""
     density: Density | None = None
     """Density of this kind's material; none: that of `grains`."""
+    youngs_modulus: OwnModulus = None
+    """E of this kind's material; another way to write `shear_modulus`."""
+    shear_modulus: OwnModulus = None
+    """G of this kind's material (laws by Hertz); none: that of `contact`."""
+    poisson_ratio: OwnRatio = None
+    """ν of this kind's material, beside a modulus; none: that of `contact`."""
 
 
 @dataclass(frozen=True)

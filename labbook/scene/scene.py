@@ -1,18 +1,21 @@
 """A scene: all that decides how grains move, and nothing else."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
 
 from pydantic import Field, model_validator
 
-from labbook.scene.contact import AnyLaw, ContactLaw, Surface, SurfaceChange
+from labbook.scene.contact import AnyLaw, Between, ContactLaw, Surface, SurfaceChange
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
 from labbook.scene.drawing import describe, svg
 from labbook.scene.grains import Grains
+from labbook.scene.material import Material
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
 from labbook.scene.walls import Wall
 
 STANDARD_GRAVITY = 9.81
+_STIFFNESS = ("youngs_modulus", "shear_modulus", "normal_stiffness")
 _ROOM_FOR_A_GRAIN = {
     WedgeHopper: ("thickness", "orifice", "width"),
     CylinderSilo: ("orifice", "diameter"),
@@ -45,7 +48,7 @@ class Scene(Model):
             if name not in names:
                 reason = f"the container has no wall named {name}"
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
-        yield from self.faults_between_kinds(self.contact)
+        yield from self.faults_of_law(self.contact)
         c, d = self.container, self.grains.diameter
         for key in _ROOM_FOR_A_GRAIN[type(c)]:
             size = getattr(c, key)
@@ -53,7 +56,12 @@ class Scene(Model):
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
                 yield Fault(f"container.{key}", reason, f"make it {1.01 * d * 1e3:g} mm (1.01 d) or more")
 
-    def faults_between_kinds(self, contact: ContactLaw) -> Iterator[Fault]:
+    def faults_of_law(self, law: ContactLaw) -> Iterator[Fault]:
+        """Why grains and walls cannot have this law."""
+        yield from self._faults_between_kinds(law)
+        yield from self._faults_of_stiffness(law)
+
+    def _faults_between_kinds(self, contact: ContactLaw) -> Iterator[Fault]:
         """What is wrong with the pairs of kinds that a law for these grains states."""
         names, seen = [kind.name for kind in self.grains.kinds], set()
         for pair in contact.between:
@@ -65,6 +73,31 @@ class Scene(Model):
                 reason = f"{' and '.join(pair.kinds)} are listed twice"
                 yield Fault("contact.between", reason, "state each pair once")
             seen.add(frozenset(pair.kinds))
+
+    def _faults_of_stiffness(self, law: ContactLaw) -> Iterator[Fault]:
+        if law.material is None:
+            reason = f"the law {law.law} knows no elastic material"
+            stated = [(f"walls.{name}", wall) for name, wall in self.walls.items()]
+            stated += [("grains.kinds", kind) for kind in self.grains.kinds]
+            for key, body in stated:
+                if body.has_own:
+                    yield self._of(law, key, reason, "leave moduli and Poisson's ratio out, or use a law by Hertz")
+        springs = [f"walls.{name}.normal_stiffness" for name, w in self.walls.items() if w.normal_stiffness is not None]
+        if "normal_stiffness" not in type(law).model_fields:
+            reason = f"the law {law.law} has no normal_stiffness"
+            remedy = "leave it out, or state a modulus, which laws by Hertz take"
+            pairs = ["contact.between" for pair in law.between if pair.normal_stiffness is not None]
+            yield from (self._of(law, key, reason, remedy) for key in (*springs, *pairs[:1]))
+        elif law.damping == "printed":
+            reason = "contact.damping printed takes the dashpot of two grains at walls, whose spring is another"
+            remedy = "leave it out, or use textbook or clamped"
+            yield from (self._of(law, key, reason, remedy) for key in springs)
+
+    def _of(self, law: ContactLaw, key: str, reason: str, remedy: str) -> Fault:
+        """A fault at `key`, or of another law than the scene's at that law."""
+        if law is self.contact or key.startswith("contact"):
+            return Fault(key, reason, remedy)
+        return Fault("contact", f"{reason}, which {key} states", "use a law of the same family as in contact")
 
     def svg(self) -> str:
         """A picture as SVG: a section through the container with its outlet and some grains, to scale.
@@ -92,24 +125,79 @@ class Scene(Model):
 
     def surface_between(self, one: int, other: int) -> Surface:
         """The complete surface that grains of two kinds, by their places in `grains.kinds`, turn to one another."""
+        surface = self.surface_of_grains
+        for stated in self._between(one, other):
+            surface = surface.changed(stated)
+        return surface
+
+    def _between(self, one: int, other: int) -> tuple[Between, ...]:
+        """Where contacts of two kinds differ, if that is stated."""
         if not self.contact.between:
-            return self.surface_of_grains
+            return ()
         names = {self.grains.kinds[one].name, self.grains.kinds[other].name}
-        stated = (pair for pair in self.contact.between if set(pair.kinds) == names)
-        return self.surface_of_grains.changed(next(stated, SurfaceChange()))
+        return tuple(pair for pair in self.contact.between if set(pair.kinds) == names)
 
     def surface(self, wall: Wall, kind: int = 0) -> Surface:
         """The complete surface of `wall`: its own, else that of `all`, else what grains of `kind` turn to each other.
 
         kind: a place in `grains.kinds`; 0 where there are none.
         """
-        grains = self.surface_between(kind, kind)
+        everywhere, here = self._stated(wall)
+        return self.surface_between(kind, kind).changed(everywhere).changed(here)
+
+    def _stated(self, wall: Wall) -> tuple[SurfaceChange, SurfaceChange]:
+        """What is stated of all walls, and of this one."""
         everywhere, here = (self.walls.get(name, SurfaceChange()) for name in ("all", wall.name))
-        return grains.changed(everywhere).changed(here)
+        return everywhere, here
+
+    def law_between(self, one: int, other: int) -> ContactLaw:
+        """The law with the stiffness of contacts between two kinds, by their places in `grains.kinds`: `contact` itself
+        where neither states any."""
+        return self._law(self._material(one), self._material(other), self._between(one, other))
+
+    def law(self, wall: Wall, kind: int = 0) -> ContactLaw:
+        """The law with the stiffness of contacts of grains of `kind` with `wall`.
+
+        A wall is of its own material, else of that of `all`, else of that of `contact`. A stiffness k_n is its own,
+        else that of `all`, else that of grains of `kind` with each other.
+        """
+        material, stated = self.contact.material, self._stated(wall)
+        if material is not None:
+            for one in stated:
+                material = one.material(material)
+        return self._law(self._material(kind), material, (*self._between(kind, kind), *stated))
+
+    @property
+    def has_own_stiffness(self) -> bool:
+        """Whether kinds of grains or walls state a stiffness beside that of `contact`."""
+        stated = (*self.grains.kinds, *self.walls.values(), *self.contact.between)
+        return any(getattr(one, name, None) is not None for one in stated for name in _STIFFNESS)
+
+    def _material(self, kind: int) -> Material | None:
+        material = self.contact.material
+        return self.grains.kinds[kind].material(material) if material is not None and self.grains.kinds else material
+
+    def _law(
+        self, one: Material | None, other: Material | None, springs: Iterable[Between | SurfaceChange]
+    ) -> ContactLaw:
+        """The law for bodies of two materials; of a law that knows none, with the last k_n that `springs` state."""
+        law = self.contact
+        if one is not None and other is not None:
+            material = one.beside(other)
+            return law if material == law.material else law.model_copy(update=material._asdict())
+        stated = [spring.normal_stiffness for spring in springs if spring.normal_stiffness is not None]
+        return law.model_copy(update={"normal_stiffness": stated[-1]}) if stated else law
 
     def stiffened(self, factor: float) -> "Scene":
         """The scene with the stiffness of its contacts times `factor`."""
-        return self.model_copy(update={"contact": self.contact.stiffened(factor)})
+        pairs = tuple(_stiffer(pair, factor) for pair in self.contact.between)
+        contact = self.contact.stiffened(factor).model_copy(update={"between": pairs})
+        walls = {name: _stiffer(wall, factor) for name, wall in self.walls.items()}
+        grains = self.grains
+        if grains.kinds:
+            kinds = tuple(_stiffer(kind, factor) for kind in grains.kinds)
+            grains = grains.model_copy(update={"kinds": kinds})
+        return self.model_copy(update={"grains": grains, "contact": contact, "walls": walls})
 
     def close(self, friction: float | None = None, contact: ContactLaw | None = None) -> "Scene":
         """The scene in which its packing is made, by the law `contact` if that is given; `friction` replaces that of
@@ -124,3 +212,13 @@ class Scene(Model):
             walls = {name: s.model_copy(update={"friction": None}) for name, s in walls.items()}
             walls = {name: s for name, s in walls.items() if s != SurfaceChange()}
         return self.model_copy(update={"container": container, "contact": contact, "walls": walls})
+
+
+_M = TypeVar("_M", bound=Model)
+
+
+def _stiffer(stated: _M, factor: float) -> _M:
+    """`stated` with `factor` times each stiffness that it has."""
+    found = {name: getattr(stated, name, None) for name in _STIFFNESS}
+    update = {name: factor * value for name, value in found.items() if value is not None}
+    return stated.model_copy(update=update) if update else stated

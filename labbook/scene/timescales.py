@@ -3,28 +3,49 @@
 import math
 from collections.abc import Iterator
 
-from labbook.scene.grains import Grains, Spherocylinders
+from labbook.scene.contact import ContactLaw
+from labbook.scene.grains import Spherocylinders
 from labbook.scene.scene import Scene
 
 
 def rayleigh(scene: Scene) -> float:
-    """Rayleigh time [s], the shortest of any grain (`ContactLaw.rayleigh_time`). Raises ValueError for a law that has
-    none."""
-    return min(scene.contact.rayleigh_time(grains.radius, grains.density) for grains in scene.grains.smallest())
+    """Rayleigh time [s], the shortest of any grain of its own material (`ContactLaw.rayleigh_time`).
+
+    Raises ValueError for a law that has none.
+    """
+    each = enumerate(scene.grains.smallest())
+    return min(scene.law_between(kind, kind).rayleigh_time(one.radius, one.density) for kind, one in each)
 
 
 def collision(scene: Scene) -> float:
     """Duration [s] of an undamped head-on collision of two grains.
 
     They meet at v = sqrt(g d), a fall of half a diameter (v = 1 m/s without gravity). Where grains differ: the shortest
-    collision, of two of the lightest.
+    collision, of two of the lightest. Where stiffness does: the shortest of all contacts, those with walls among them.
     """
-    return min(_collision(scene, grains) for grains in scene.grains.smallest())
-
-
-def _collision(scene: Scene, grains: Grains) -> float:
     speed = math.sqrt(scene.gravity * scene.grains.diameter) or 1.0
-    return scene.contact.collision_time(grains.mass / 2, grains.radius / 2, speed)
+    return min(law.collision_time(mass, radius, speed) for law, mass, radius in _contacts(scene))
+
+
+def _contacts(scene: Scene) -> Iterator[tuple[ContactLaw, float, float]]:
+    """Law, effective mass [kg] and radius [m] of contacts of the lightest grains: of like ones, and of others whose
+    stiffness is not theirs."""
+    lightest = scene.grains.smallest()
+    likes = [scene.law_between(kind, kind) for kind in range(len(lightest))]
+    for one, (grains, like) in enumerate(zip(lightest, likes, strict=True)):
+        yield like, grains.mass / 2, grains.radius / 2
+        for other in range(one):
+            law, second = scene.law_between(one, other), lightest[other]
+            if law not in (like, likes[other]):
+                yield law, _reduced(grains.mass, second.mass), _reduced(grains.radius, second.radius)
+        for wall in scene.container.walls() if scene.has_own_stiffness else ():
+            law = scene.law(wall, one)
+            if law != like:
+                yield law, grains.mass, grains.radius
+
+
+def _reduced(one: float, other: float) -> float:
+    return one * other / (one + other)
 
 
 def largest_stable_step(scene: Scene) -> float:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES, MeasureError
 from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
@@ -55,7 +56,9 @@ def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> I
     the height at which runs stop."""
     told = set[str]()
     for point in points:
-        for key, reason, remedy in (*_obstacles(point.scene), *_too_high(point.scene, settings.stop.fill_height)):
+        start = STARTS[point.fill.kind].obstacles(point.scene)
+        found = (*_obstacles(point.scene), *_too_high(point.scene, settings.stop.fill_height))
+        for key, reason, remedy in (*found, *((one.key, one.reason, one.remedy) for one in start)):
             if key not in told:
                 told.add(key)
                 at = f" (at {point.label})" if len(points) > 1 else ""

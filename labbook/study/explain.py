@@ -94,7 +94,7 @@ def _complain(
     elif kind == "extra_forbidden":
         known = siblings(name, chosen)
         close = meant(str(location[-1]), known)
-        foreign = habit(name, beside.get(str(location[-1])), beside, known)
+        foreign = habit(name, beside.get(str(location[-1])), known)
         if foreign is not None:
             key = tuple(foreign.key.split(".")) if foreign.key else None
             yield Complaint(

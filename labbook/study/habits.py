@@ -1,7 +1,7 @@
 """Words that users of other codes (LIGGGHTS, LAMMPS, YADE, MercuryDPM) write, and what they are called here."""
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,9 +47,8 @@ _TOLD = {
 }
 
 
-def habit(key: str, value: Any, beside: Mapping[str, Any], known: Collection[str]) -> Habit | None:
-    """What the unknown `key`, dotted, should be; `value` and what stands `beside` it may give a number. `known`: keys
-    that its section has.
+def habit(key: str, value: Any, known: Collection[str]) -> Habit | None:
+    """What the unknown `key`, dotted, should be; its `value` may give a number. `known`: keys that its section has.
 
     None if it is no word of another code.
     """
@@ -57,7 +56,10 @@ def habit(key: str, value: Any, beside: Mapping[str, Any], known: Collection[str
     word = re.sub(r"[^a-z]", "", leaf.lower())
     # e is a modulus where it has the unit of one, a restitution else
     if word in _YOUNG and (word != "e" or leaf == "E" or _pascals(value) is not None):
-        return _shear(value, beside)
+        # what is missing then is the modulus by its other name
+        inside = section == "contact" or "youngs_modulus" in known
+        said = "write youngs_modulus" if inside else "write contact: {youngs_modulus: ...}"
+        return Habit(said, f"{section if inside else 'contact'}.shear_modulus")
     if word in ("radius", "r", "rad"):
         if section and "diameter" not in known:
             return None
@@ -75,18 +77,6 @@ def habit(key: str, value: Any, beside: Mapping[str, Any], known: Collection[str
     return None
 
 
-def _shear(value: Any, beside: Mapping[str, Any]) -> Habit:
-    young, ratio = _pascals(value), _number(beside.get("poisson_ratio", beside.get("nu")))
-    said = "write shear_modulus = E / (2 (1 + nu)), with nu the poisson_ratio"
-    if young is not None and ratio is not None and -1 < ratio < 1:
-        shear = young / (2 * (1 + ratio))
-        scale, unit = next(
-            (s, u) for s, u in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1, "Pa")) if shear >= s or s == 1
-        )
-        said = f"write shear_modulus: {shear / scale:.4g} {unit}, which is E / (2 (1 + nu))"
-    return Habit(said, "contact.shear_modulus")
-
-
 def _diameter(value: Any, key: str | None) -> Habit:
     try:
         size = parse(value, "m") if isinstance(value, str) else None
@@ -99,11 +89,4 @@ def _pascals(value: Any) -> float | None:
     try:
         return parse(value, "Pa") if isinstance(value, str) else None
     except ValueError:
-        return None
-
-
-def _number(value: Any) -> float | None:
-    try:
-        return parse(value, "") if isinstance(value, str) else float(value)
-    except (ValueError, TypeError):
         return None

@@ -10,12 +10,11 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import annotated_types
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from labbook.backend.numerics import Numerics
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Among, Choice, Internal
+from labbook.scene.model import Among, Choice, Internal, Model
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.study.habits import habit
@@ -83,13 +82,16 @@ class Key:
         return EXAMPLES.get(self.unit or "", f"1 {self.unit}")
 
 
-def walk(model: type[BaseModel], prefix: str = "", of: str = "") -> Iterator[Key]:
+def walk(model: type[Model], prefix: str = "", of: str = "") -> Iterator[Key]:
     """The keys of `model`, their names beginning with `prefix`; `of`: the choice that all of them belong to."""
     for name, field in model.model_fields.items():
         base, metadata = _unwrap(field.annotation, list(field.metadata))
         if any(isinstance(mark, Internal) for mark in metadata):
             continue
         yield from _field(f"{prefix}{name}", field, base, metadata, of)
+    if model.spellings is not None:
+        known = {f"{prefix}{name}" for name in model.model_fields}
+        yield from (replace(key, default="none") for key in walk(model.spellings, prefix, of) if key.name not in known)
 
 
 def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) -> Iterator[Key]:
@@ -100,7 +102,7 @@ def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str)
         yield from _union(name, choice.tag, list(choice.values()))
     elif discriminator is not None:
         yield from _union(name, str(discriminator), [_unwrap(member, [])[0] for member in get_args(base)])
-    elif isinstance(base, type) and issubclass(base, BaseModel):
+    elif isinstance(base, type) and issubclass(base, Model):
         yield from walk(base, f"{name}.", of)
     elif get_origin(base) is dict:
         yield from walk(get_args(base)[1], f"{name}.*.", of)
@@ -210,10 +212,10 @@ def _unwrap(annotation: Any, metadata: list[Any]) -> tuple[Any, list[Any]]:
 
 def _is_model(annotation: Any) -> bool:
     base, _ = _unwrap(annotation, [])
-    return isinstance(base, type) and issubclass(base, BaseModel)
+    return isinstance(base, type) and issubclass(base, Model)
 
 
-def _first_line(model: type[BaseModel]) -> str:
+def _first_line(model: type[Model]) -> str:
     return (model.__doc__ or "").strip().split("\n")[0].rstrip(".")
 
 
@@ -248,7 +250,7 @@ def nearest(name: str) -> str:
     if inside:
         some = ", ".join(sorted(inside)[:3])
         return f"{name} is a section: name one of its keys, such as {some}"
-    foreign = habit(name, None, {}, siblings(name))
+    foreign = habit(name, None, siblings(name))
     if foreign is not None and foreign.key is not None:
         return f"did you mean {foreign.key}?"
     if foreign is not None:

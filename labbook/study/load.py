@@ -191,8 +191,7 @@ def _at_top(key: str, data: dict[str, Any]) -> str:
     close = meant(key, TOP_KEYS)
     if close:
         return f"did you mean {close}?"
-    contact = data.get("contact")
-    foreign = habit(key, data[key], contact if isinstance(contact, dict) else {}, TOP_KEYS)
+    foreign = habit(key, data[key], TOP_KEYS)
     if foreign is not None:
         return foreign.remedy
     return nearest(key) if any(known.name.rpartition(".")[2] == key for known in all_keys()) else instead(key, TOP_KEYS)

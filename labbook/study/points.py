@@ -82,7 +82,7 @@ class PointReader:
         fill: Fill | None = _validated(Fill, raw.get("fill", {}), context, "fill", found)
         closed = None
         if near is not None and fill is not None and fill.contact is not None:
-            faults = tuple(near.faults_between_kinds(fill.contact))
+            faults = tuple(near.faults_of_law(fill.contact))
             found += [Complaint(("fill", *fault.key.split(".")), fault.reason, fault.remedy) for fault in faults]
             closed = None if faults else near.close(fill.friction, fill.contact)
         numerics = self._numerics(raw.get("numerics", {}), near, closed, context, found)

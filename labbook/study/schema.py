@@ -9,7 +9,7 @@ from pydantic import Field, TypeAdapter, ValidationError, model_validator
 from labbook.filling.placing import STARTS
 from labbook.scene.contact import AnyLaw
 from labbook.scene.model import Among, Fault, Model, refuse
-from labbook.scene.quantities import Coefficient, Duration, Length, Ratio
+from labbook.scene.quantities import Coefficient, Duration, Instant, Length, Ratio
 from labbook.scene.scene import Scene
 
 Fraction = Annotated[Ratio, Field(ge=0, le=1)]
@@ -32,7 +32,8 @@ class Fill(Model):
     """How the closed container is filled, once for all runs that share the packing."""
 
     kind: Annotated[str, Among(STARTS)] = "rain"
-    """How grains start: `rain`, a loose column of slow grains, or `gas`, a denser one of fast grains."""
+    """How grains start: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a rain in
+    the middle plane between front and back walls."""
     friction: Coefficient | None = None
     """Friction of grains and walls while filling; none: the study's own."""
     # where it is not stated it is left out of what is stored
@@ -50,19 +51,49 @@ class Fill(Model):
 
 
 class Window(Model):
-    """The part of a discharge in which its flow is taken to be steady, by discharged fraction of the mass."""
+    """The part of a discharge in which its flow is taken to be steady, by discharged fraction of the mass, or by time.
+
+    Of a window by time, `start` and `end` are the times [s] once it is made.
+    """
 
     start: Fraction = 0.15
     """Fraction of the mass that has left when the window opens."""
     end: Fraction = 0.6
     """Fraction of the mass that has left when the window closes."""
+    after: Instant | None = None
+    """Time after the opening of the outlet at which the window opens, instead of `start`."""
+    until: Duration | None = None
+    """Time after the opening of the outlet at which the window closes, instead of `end`."""
+
+    @property
+    def timed(self) -> bool:
+        """Whether it is a window by time."""
+        return self.until is not None
 
     @model_validator(mode="after")
     def _has_a_length(self):
-        if self.end <= self.start:
-            reason = f"the window ends at {self.end:g}, before it starts ({self.start:g})"
-            refuse([Fault("end", reason, f"use an end above {self.start:g}")])
+        refuse(self._faults())
+        if self.after is not None and self.until is not None:
+            for end, time in (("start", self.after), ("end", self.until)):
+                object.__setattr__(self, end, time)
         return self
+
+    def _faults(self) -> Iterator[Fault]:
+        by_time = {key for key in ("after", "until") if getattr(self, key) is not None}
+        by_mass = self.model_fields_set & {"start", "end"}
+        if by_time and by_mass:
+            yield Fault(
+                min(by_time), "the window is stated by mass and by time", "keep start and end, or after and until"
+            )
+        elif len(by_time) == 1:
+            (lacking,) = {"after", "until"} - by_time
+            yield Fault(lacking, "a window by time has two ends", "state after and until, such as 0.5 s and 3.5 s")
+        elif by_time and self.until is not None and self.after is not None and self.until <= self.after:
+            reason = f"the window ends at {self.until:g} s, before it starts ({self.after:g} s)"
+            yield Fault("until", reason, f"use a time above {self.after:g} s")
+        elif self.end <= self.start:
+            reason = f"the window ends at {self.end:g}, before it starts ({self.start:g})"
+            yield Fault("end", reason, f"use an end above {self.start:g}")
 
 
 class Stop(Model):
@@ -126,7 +157,13 @@ class Settings(Model):
             reason = f"{self.accuracy.max_replicates} is less than the {self.replicates} replicates asked for"
             yield Fault("accuracy.max_replicates", reason, f"use at least {self.replicates}")
         end = self.window.end
-        if self.stop.discharged < end:
+        if self.window.timed and self.stop.max_time < end:
+            reason = f"a run that stops at {self.stop.max_time:g} s never reaches the end of the window ({end:g} s)"
+            yield Fault("stop.max_time", reason, f"use at least {end:g} s, or end the window earlier")
+        if self.window.timed and "discharged" not in self.stop.model_fields_set:
+            reason = f"by default a run stops once {self.stop.discharged:g} of the mass has left, whatever the window"
+            yield Fault("stop.discharged", reason, "state it beside a window by time, for example 1")
+        if not self.window.timed and self.stop.discharged < end:
             reason = f"a run that stops at {self.stop.discharged:g} never reaches the end of the window ({end:g})"
             yield Fault("stop.discharged", reason, f"use at least {end:g}, or end the window earlier")
         if self.record is not None and self.record.replicates > self.replicates:

@@ -15,6 +15,7 @@ from labbook.verify import (
     symmetry,
     turned,
     turntable,
+    unlike,
 )
 from labbook.verify.case import Case
 
@@ -29,6 +30,7 @@ CASES: tuple[Case, ...] = (
     *rim.CASES,
     *energy.CASES,
     *mixture.CASES,
+    *unlike.CASES,
     *symmetry.CASES,
     *turned.CASES,
     *bed.CASES,

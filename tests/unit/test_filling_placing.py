@@ -8,7 +8,18 @@ from scipy.spatial import KDTree
 from scipy.stats import kstest
 
 from labbook.filling import PlacingError, opened, place
-from labbook.scene import Box, HertzMindlin, Packing, Primitives, Scene, Spheres, WedgeHopper
+from labbook.scene import (
+    Box,
+    CylinderSilo,
+    HertzMindlin,
+    Packing,
+    Primitives,
+    Scene,
+    Spheres,
+    Spherocylinders,
+    Uniform,
+    WedgeHopper,
+)
 
 D = 3e-3
 
@@ -52,6 +63,41 @@ def test_grains_start_inside_and_touch_nothing(kind, angle, gap):
             over = (x[:, 0] >= min(x0, x1)) & (x[:, 0] <= max(x0, x1)) & (x0 != x1)
             floor[over] = z0 + (z1 - z0) * (x[over, 0] - x0) / (x1 - x0)
     assert np.all(x[:, 2] > floor), "above the bottom, not behind it"
+
+
+@pytest.mark.parametrize("sizes", [None, Uniform(smallest=0.5 * D)])
+@pytest.mark.parametrize(
+    "container",
+    [
+        WedgeHopper(width=0.1, height=0.9, thickness=1.01 * D, angle=1.0, orifice=0.03),
+        WedgeHopper(width=0.1, height=0.9, thickness=1.9 * D, orifice=0.03),
+        Box(width=0.1, depth=1.5 * D, height=0.9),
+    ],
+)
+def test_a_planar_start_is_a_rain_in_the_middle_plane(container, sizes):
+    """Nothing has a part across it, and the layer is as dense whatever the thickness: 3/2 of 0.12 by area."""
+    closed = scene(container, 500, grains=Spheres(diameter=D, density=2500, count=500, sizes=sizes)).close()
+    packing = place(closed, "planar", 1)
+    x, reach = packing.x, packing.diameter if packing.diameter is not None else np.full(500, D)
+    assert not np.any(x[:, 1])
+    assert not np.any(packing.v[:, 1])
+    assert np.all(packing.v[:, [0, 2]].std(axis=0) == pytest.approx(0.1 * math.sqrt(9.81 * D), rel=0.1))
+    i, j = np.triu_indices(500, 1)
+    assert np.all(np.linalg.norm(x[i] - x[j], axis=1) > (reach[i] + reach[j]) / 2)
+    area = np.pi / 4 * closed.grains.mean_cube / D * 500 / (0.1 * np.ptp(x[:, 2]))  # pyright: ignore[reportAttributeAccessIssue]
+    assert 0.15 < area < 0.25
+
+
+def test_a_planar_start_needs_one_layer_between_two_walls():
+    flat = WedgeHopper(width=0.1, height=0.9, thickness=2.1 * D, orifice=0.03)
+    rods = Spherocylinders(diameter=D, length=2 * D, density=2500, count=50)
+    for closed, message in (
+        (scene(flat).close(), r"container.thickness: .* room for more \(2.1 d\); make it less than 2 d"),
+        (scene(CylinderSilo(diameter=0.1, height=0.9, orifice=0.03)).close(), "needs a front and a back wall"),
+        (hopper(grains=rods).close(), "takes spheres"),
+    ):
+        with pytest.raises(PlacingError, match=message):
+            place(closed, "planar", 1)
 
 
 def test_a_seed_gives_the_same_start_and_another_seed_another():

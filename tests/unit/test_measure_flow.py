@@ -21,8 +21,8 @@ MASS = 2500 * math.pi / 6 * D**3
 
 
 class Window:
-    def __init__(self, start=0.15, end=0.6):
-        self.start, self.end = start, end
+    def __init__(self, start=0.15, end=0.6, timed=False):
+        self.start, self.end, self.timed = start, end, timed
 
 
 def run_of(times, total=1000, outcome="finished", duration=None):
@@ -66,6 +66,24 @@ def test_the_window_runs_from_crossing_to_crossing():
     assert (flow.begin, flow.end) == (times[199], times[499])
     assert flow.fraction == (0.2, 0.5)
     assert flow.rate == pytest.approx(300 / (times[499] - times[199]), rel=1e-12)
+
+
+def test_a_window_may_be_one_in_time():
+    """Between two times, whatever has left before; a run that ends before the second says so, and one that is empty."""
+    times = np.concatenate([np.linspace(0, 0.5, 40), 0.5 + np.arange(1, 601) / 200, 3.5 + np.arange(1, 40) / 7])
+    window = Window(0.5, 3.5, timed=True)
+    flow = steady_flow(times, 1000, window)
+    assert flow is not None
+    assert (flow.begin, flow.end) == (0.5, 3.5)
+    assert flow.rate == pytest.approx(200, rel=1e-12)
+    found = numbers(run_of(times), window)
+    assert found["grain_rate"].value == pytest.approx(200, rel=1e-12)
+    assert found["grain_rate"].note == ""
+    cut = numbers(run_of(times[times < 3], duration=3.0, outcome="time-limit"), window)
+    assert cut["grain_rate"].note == "the run ended within the window (time-limit)"
+    nothing = numbers(run_of(times[:30], duration=4.0), window)
+    assert nothing["flow_rate"].window == "0.5 s to 3.5 s"
+    assert math.isnan(nothing["flow_rate"].value)
 
 
 def test_random_outflow_has_the_poisson_error():

@@ -20,7 +20,7 @@ MEASURE = MEASURES["outlet_profiles"]
 
 
 class Window:
-    start, end = 0.15, 0.6
+    start, end, timed = 0.15, 0.6, False
 
 
 def scene_of(count, gap=None):

@@ -26,7 +26,7 @@ LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25)
 
 
 class Window:
-    start, end = 0.15, 0.6
+    start, end, timed = 0.15, 0.6, False
 
 
 def packing_of(x):

@@ -103,7 +103,7 @@ def test_a_naive_rule_would_fail_here():
 
 
 class Window:
-    start, end = 0.15, 0.6
+    start, end, timed = 0.15, 0.6, False
 
 
 RATE = 100.0  # grains per second: no time between grains is long enough for a gap

@@ -9,7 +9,9 @@ import typer
 from typer.testing import CliRunner
 
 from labbook.cli import new
-from labbook.scene import CylinderSilo, LinearSpringDashpot, Spherocylinders
+from labbook.lab import identity
+from labbook.scene import ConicalSilo, CylinderSilo, LinearSpringDashpot, Spherocylinders
+from labbook.scene.contact import Hertz
 from labbook.scene.timescales import collision
 from labbook.study import StudyError, load, page
 from labbook.study.keys import all_keys
@@ -48,6 +50,41 @@ def test_fan_studies_have_the_parameters_of_table_1(name):
         assert point.scene.walls == {}
         assert (hopper.height, hopper.thickness) == (0.4, 0.00303)  # pyright: ignore[reportAttributeAccessIssue]
         assert point.numerics.dt <= 2.6e-6
+
+
+def test_dosta_studies_have_the_parameters_of_the_paper():
+    """E* and G* of the contacts as MercuryDPM's and YADE's scripts of the benchmark have them; its beds are shared."""
+    study, laws = load(STUDIES / "dosta2024-silo.yaml"), load(STUDIES / "dosta2024-laws.yaml")
+    seen = set()
+    for point in study.points:
+        scene, (wall, *_) = point.scene, point.scene.container.walls()
+        young, density, restitution, friction, dt = {
+            2500.0: (1e9, 2500.0, 0.5, 0.3, 1.5e-6),
+            2000.0: (0.5e9, 2000.0, 0.4, 0.4, 2e-6),
+        }[scene.grains.density]
+        assert (scene.grains.count, scene.grains.diameter, density) == (100_000, 4e-3, scene.grains.density)
+        assert (scene.contact.restitution, scene.contact.friction) == (restitution, friction)
+        assert point.numerics.dt == dt
+        like, steel = scene.contact, scene.law(wall)
+        assert (scene.surface(wall).restitution, scene.surface(wall).friction) == (0.4, 0.2)
+        for law, other in ((like, young), (steel, 210e9)):
+            assert isinstance(law, Hertz)
+            assert law.effective_modulus == pytest.approx(1 / (0.96 / young + 0.96 / other), rel=1e-12)
+            shear = 1 / (1.8 * 2.4 / young + 1.8 * 2.4 / other)
+            kappa = (2 - law.poisson_ratio) / (2 * (1 - law.poisson_ratio))
+            assert law.effective_modulus / (4 * kappa) == pytest.approx(shear, rel=1e-12)
+        silo = scene.container
+        assert isinstance(silo, ConicalSilo)
+        assert silo.rise == pytest.approx({0.06: 0.07, 0.04: 0.08}[silo.orifice])
+        seen.add((scene.grains.density, silo.orifice))
+    assert len(seen) == len(study.points) == 4
+    assert (study.window.start, study.window.end, study.window.timed) == (0.5, 3.5, True)
+    beds = [
+        {identity.scene_key(point.scene.close(point.fill.friction, point.fill.contact)) for point in one.points}
+        for one in (study, laws)
+    ]
+    assert len(beds[1]) == 1
+    assert beds[1] < beds[0]
 
 
 @pytest.mark.parametrize("name", ["rotation-frequency", "orifice", "aspect-ratio", "fields"])
@@ -213,7 +250,7 @@ def test_defaults_on_the_page_are_those_of_the_models(tmp_path):
 
 
 def test_examples_on_the_page_load(tmp_path):
-    first, grains, contact, *others = (block.split("```")[0] for block in PAGE.split("```yaml\n")[1:])
+    first, grains, contact, materials, *others = (block.split("```")[0] for block in PAGE.split("```yaml\n")[1:])
     file = tmp_path / "orifices.yaml"
     without_sweep = re.sub(r"^sweep:\n(  .*\n)+", "", first, flags=re.MULTILINE).replace("60 mm", "100 mm")
     file.write_text(first)
@@ -230,6 +267,10 @@ def test_examples_on_the_page_load(tmp_path):
     (mixture,) = load(file).points
     assert [kind.name for kind in mixture.scene.grains.kinds] == ["glass", "steel"]
     assert mixture.scene.surface_between(0, 1).friction == 0.3
+    file.write_text("\n".join(["name: materials", *rest[1:], materials]))
+    (mixture,) = load(file).points
+    assert mixture.scene.law_between(0, 0) is mixture.scene.contact
+    assert mixture.scene.has_own_stiffness
 
 
 def test_problems_on_the_page_are_what_is_told(tmp_path, monkeypatch):

@@ -21,6 +21,8 @@ IN_ONE = {
     "unlike-stack-hertz-mindlin",
     "unlike-momenta-hertz-mindlin",
     "unlike-momenta-linear",
+    "unlike-materials-hertz-mindlin",
+    "unlike-materials-linear",
     # of the walls at others: turntable-round; the hopper and rim-without-slip; rods of the contract
     "turntable",
     "edge-roll-off",
@@ -61,6 +63,8 @@ BY_THE_REFERENCE = {
     *("unlike-restitution-hertz-mindlin", "unlike-restitution-linear", "unlike-impact-hertz-mindlin"),
     *("unlike-impact-linear", "unlike-momenta-hertz-mindlin", "unlike-momenta-linear"),
     *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
+    *("unlike-materials-hertz-mindlin", "unlike-materials-linear"),
+    *("unlike-materials-oblique-hertz-mindlin", "unlike-materials-oblique-linear"),
 }
 """Cases that plain Python takes in seconds. In others the reference stands beside the backends: test_reference_rods,
 test_reference_spheres, and the whole contract."""
