@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from labbook.scene.contact import AnyLaw, Surface, SurfaceChange
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
 from labbook.scene.drawing import describe, svg
-from labbook.scene.grains import Grains
+from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
 from labbook.scene.walls import Wall
@@ -46,6 +46,9 @@ class Scene(Model):
                 reason = f"the container has no wall named {name}"
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
         yield from self._faults_between_kinds()
+        if self.contact.rolling_model == "epsd" and isinstance(self.grains, Spherocylinders):
+            reason = "rods have no rolling springs"
+            yield Fault("contact.rolling_model", reason, "use cdt, or spheres")
         c, d = self.container, self.grains.diameter
         for key in _ROOM_FOR_A_GRAIN[type(c)]:
             size = getattr(c, key)
@@ -88,6 +91,13 @@ class Scene(Model):
         """The surface that grains turn to one another."""
         c = self.contact
         return Surface(friction=c.friction, rolling_friction=c.rolling_friction, restitution=c.restitution)
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """Surfaces of all contacts that there may be: between kinds, and of each kind at each wall."""
+        kinds = range(len(self.grains.species))
+        between = [self.surface_between(a, b) for a in kinds for b in kinds]
+        return (*between, *(self.surface(wall, kind) for wall in self.container.walls() for kind in kinds))
 
     def surface_between(self, one: int, other: int) -> Surface:
         """The complete surface that grains of two kinds, by their places in `grains.kinds`, turn to one another."""
