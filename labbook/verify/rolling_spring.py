@@ -52,7 +52,7 @@ def textbook(here: Scene, rolling: float, damping: float) -> tuple[float, float]
 
 
 def oscillation(here: Scene, rolling: float, damping: float, spin: float, times: np.ndarray) -> np.ndarray:
-    """Spin [rad/s] at some times of a sphere that begins to roll, linear law: springs of friction and of rolling, exact.
+    """Spin [rad/s] at some times of a sphere that begins to roll on springs of friction and of rolling, linear law.
 
     s' = v - l w, m v' = -k_t s - g_t s', I w' = l (k_t s + g_t s') + M - C_r w, M' = -k_r w for slip s, torque M.
     """
