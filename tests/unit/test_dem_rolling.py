@@ -96,18 +96,19 @@ def test_a_very_large_and_heavy_sphere_is_a_wall():
     large = between("linear", ((r, 1e6 * r), (m, 1e6 * m), n, delta, force, (w, 0 * w), torque), True)
     with choose("linear", springs=True) as law:
         c = law.coefficients(MATERIALS["linear"], scene(1, MATERIALS["linear"], BOX).surface_of_grains)
-        of = vec3(*n), vec3(*force), vec3(*w), vec3(0.0, 0.0, 0.0), vec3(*torque)
-        wall = spheres.rolling_on_wall(c, r, m, delta, *of, DT, 2.25, ETA)
+        spin = vec3(0.0, 0.0, 0.0)
+        wall = spheres.rolling_on_wall(
+            c, r, m, delta, vec3(*n), vec3(*force), vec3(*w), spin, vec3(*torque), DT, 2.25, ETA
+        )
     np.testing.assert_allclose(large, [array(one) for one in wall], rtol=1e-5)
 
 
 def test_where_there_are_springs_no_torque_acts_against_the_rotation():
-    given = vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0), vec3(5.0, 0.0, 0.0)
+    n, none, turn = vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, 0.0), vec3(5.0, 0.0, 0.0)
     for springs in (False, True):
         with choose("linear", springs=springs) as law:
             c = law.coefficients(MATERIALS["linear"], scene(1, MATERIALS["linear"], BOX).surface_of_grains)
-            n, *rest = given
-            _, _, roll, _ = spheres.touch(c, 1e-3, 1e-5, 1e-3, 1e-6, n, *rest, vec3(0.0, 0.0, 0.0), DT, 1e-3)
+            _, _, roll, _ = spheres.touch(c, 1e-3, 1e-5, 1e-3, 1e-6, n, none, none, none, turn, none, DT, 1e-3)
             assert (dot(roll, roll) > 0) != springs
 
 
