@@ -39,8 +39,8 @@ def largest_stable_step(scene: Scene) -> float:
     where c = 2.25, so that friction's are the stiffer ones almost always. They do not add up: where neighbours turn
     alike they stretch friction springs alone, and where they turn against each other rolling springs alone. The dashpot
     2 eta_r sqrt(I_r k_r) likewise is one of the damping ratio eta_r mu_r sqrt(0.35 c) at the distance R. Beds of 300
-    spheres with mu_r from 0.3 to 2 and eta_r from 0 to 1 came to rest at 0.9 of this limit; those with a dashpot did not
-    at 1.3 of it.
+    spheres with mu_r from 0.3 to 2 and eta_r from 0 to 1 came to rest at 0.9 of this limit. Those with a dashpot did
+    not at 1.3 of it.
     """
     law = scene.contact
     a, b = law.stability(isinstance(scene.grains, Spherocylinders))
