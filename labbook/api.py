@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
+from labbook.export.packing import write_packings
 from labbook.export.recording import NotRecorded, of_run
 from labbook.export.study import write_numbers, write_recordings
 from labbook.export.viewer import show
@@ -243,15 +244,20 @@ class Results(Found):
         folder: Path | str | None = None,
         kind: Literal["csv", "parquet"] = "csv",
         vtk: bool = False,
+        packings: bool = False,
         say: Callable[[str], None] = lambda text: None,
     ) -> list[Path]:
-        """Write all tables, and with `vtk` recorded runs for ParaView; the paths.
+        """Write all tables, with `vtk` recorded runs for ParaView, and with `packings` what runs started from as data
+        files of LIGGGHTS and LAMMPS; the paths.
 
         folder: None for LAB/exports/NAME. `say` is told what is being written. Raises NoParquet (of
-        `labbook.export.study`) without pyarrow.
+        `labbook.export.study`) without pyarrow, NotSpheres (of `labbook.export.packing`) for packings of rods, and
+        Unreadable (of `labbook.lab`) for a damaged one.
         """
         there = Path(folder or Path(self.lab.folder) / "exports" / self.study.name)
         paths = write_numbers(self, there, kind)
+        if packings:
+            paths += write_packings(self, self.lab.place, there / "packings", say)
         return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
 
     def _series(self, at: Mapping[str, Any] | None) -> Series:

@@ -1,4 +1,4 @@
-"""`labbook export`: a study's numbers as CSV or Parquet, its recorded runs for ParaView."""
+"""`labbook export`: a study's numbers as tables, its recorded runs for ParaView, its packings for other codes."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,12 +21,16 @@ def register(app: typer.Typer) -> None:
         vtk: Annotated[
             bool, typer.Option("--vtk", help="Also write recorded frames and mean fields as VTK files.")
         ] = False,
+        packings: Annotated[
+            bool, typer.Option("--packings", help="Also write packings as data files of LIGGGHTS and LAMMPS.")
+        ] = False,
         lab: Lab = LAB,
         backend: Backend = BACKEND,
     ) -> None:
         """Write every number of a study as tables (SI units), and recorded runs as VTK files for ParaView."""
         from rich.console import Console
 
+        from labbook.export.packing import NotSpheres, write_packings
         from labbook.export.study import NoParquet, write_recordings
 
         found = results(study, lab, backend)
@@ -37,6 +41,13 @@ def register(app: typer.Typer) -> None:
             raise typer.BadParameter(str(missing), param_hint="--format") from None
         for path in paths:
             typer.echo(path)
+        if packings:
+            try:
+                written = write_packings(found, found.lab.place, folder / "packings")
+            except NotSpheres as rods:
+                raise typer.BadParameter(str(rods), param_hint="--packings") from None
+            where = f"{len(written)} files in {folder / 'packings'}" if written else "no run of this study is there yet"
+            typer.echo(f"packings: {where}")
         if vtk:
             with Console(stderr=True).status("writing VTK") as status:
                 recorded = write_recordings(found, folder / "vtk", status.update)

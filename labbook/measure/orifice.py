@@ -1,6 +1,7 @@
 """Means over the first centimetre above a round outlet, and how far up grains fall freely (Pongo et al. 2022)."""
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -34,24 +35,29 @@ _MEANS = (
     Quantity("orifice_packing_fraction", "⟨φ⟩", "", "packing fraction of the first centimetre above the orifice"),
     Quantity("orifice_v_z", "⟨v_z⟩", "m/s", "vertical velocity there, weighted by φ"),
     Quantity("orifice_kinetic_pressure", "⟨p_k⟩", "Pa", "trace of the kinetic stress there"),
+    Quantity("orifice_kinetic_pressure_fine", "⟨p_k⟩ at ω/2", "Pa", "the same, seen through a kernel half as wide"),
     Quantity("orifice_O_rr", "⟨O_rr⟩", "", "mean square of the cosine between rods and the radial direction there"),
     Quantity("orifice_O_tt", "⟨O_tt⟩", "", "the same with the azimuthal direction"),
     Quantity("orifice_O_zz", "⟨O_zz⟩", "", "the same with the vertical"),
-    Quantity("orifice_S", "⟨S⟩", "", "largest eigenvalue of the mean orientation tensor there"),
+    Quantity("orifice_S", "⟨S⟩", "", "largest eigenvalue of the orientation tensor of an instant there, then its mean"),
+    Quantity("orifice_S_of_mean", "S of ⟨O⟩", "", "largest eigenvalue of the orientation tensor averaged over time"),
     Quantity(
         "free_fall_height", "free fall", "m", "height from which grains fall freely, as they gain speed", "mm", 1e3
     ),
 )
-_OF_RODS = {f"orifice_{name}" for name in ("O_zz", "O_rr", "O_tt", "S")}
+_OF_RODS = {f"orifice_{name}" for name in ("O_zz", "O_rr", "O_tt", "S", "S_of_mean")}
 _UNITS = {one.name.removeprefix("orifice_"): one.unit for one in _MEANS}
 
 
 class OrificeMeans(Measure):
     """Means above the orifice, <X> = int X phi dV / int phi dV over a cylinder 1 cm high, and the free fall above it.
 
-    Quantities: `orifice_packing_fraction`, `orifice_v_z` [m/s], `orifice_kinetic_pressure` [Pa] and, of rods,
-    `orifice_O_zz`, `orifice_O_rr`, `orifice_O_tt` and `orifice_S` (see `labbook.fields.orifice_means`), from frames
-    within the window of the flow rate, gaps without flow left out; `free_fall_height` [m], the area under a_eff/g up to
+    Quantities: `orifice_packing_fraction`, `orifice_v_z` [m/s], `orifice_kinetic_pressure` [Pa] (and with
+    `omega` halved, `_fine`: fluctuations of one place count less as motion of another) and, of rods, `orifice_O_zz`,
+    `orifice_O_rr`, `orifice_O_tt` (see `labbook.fields.orifice_means`), `orifice_S` (the largest eigenvalue of each
+    frame's tensor, averaged over frames, as the paper has it: some 30 rods never lie quite evenly, so it is larger the
+    fewer there are) and `orifice_S_of_mean` (of the tensor averaged over frames), from frames within the window of the
+    flow rate, gaps without flow left out; `free_fall_height` [m], the area under a_eff/g up to
     two widths of the outlet, in the middle of it. Those of a run that clogged end in `_flowing` and are kept apart, as
     its flow rate is. Arrays: those of `AccelerationProfile`, of a run that did not clog.
 
@@ -61,7 +67,7 @@ class OrificeMeans(Measure):
     """
 
     name = NAME
-    version = 1
+    version = 2
     declared = (*_MEANS, *map(while_flowing, _MEANS))
 
     def check(self, scene: Scene) -> None:
@@ -124,12 +130,34 @@ def _steady(run: RunData, window: Window) -> tuple[SteadyFlow | None, np.ndarray
 
 
 def _means(scene: Scene, frames: dict[str, np.ndarray]) -> dict[str, float]:
-    silo, omega = round_silo(scene, NAME), omega_of(scene)
-    grains = grains_between(scene, frames, -math.inf, math.inf)
+    omega = omega_of(scene)
+    means = _seen(scene, frames, omega)
+    means["kinetic_pressure_fine"] = _seen(scene, frames, omega / 2)["kinetic_pressure"]
+    if "S" in means:
+        means["S_of_mean"] = means.pop("S")
+        means["S"] = _mean_order(scene, frames, omega)
+    return means
+
+
+def _seen(scene: Scene, frames: Mapping[str, np.ndarray], omega: float) -> dict[str, float]:
+    """Means through a kernel of this width [m]."""
+    silo = round_silo(scene, NAME)
     R, bottom = silo.orifice / 2, silo.outlet_plane
     grid = Ring(R, (bottom, bottom + HEIGHT), cells(R, omega / 2), max(4, cells(HEIGHT, omega / 2)))
-    fields = coarse_grain(grid, omega, grains)
+    fields = coarse_grain(grid, omega, grains_between(scene, frames, -math.inf, math.inf))
     return dict(orifice_means(fields, silo.orifice, bottom=bottom))
+
+
+def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], omega: float) -> float:
+    """Mean over frames of the nematic order of each; frames without a grain there have none."""
+    found = []
+    for step in np.unique(frames["step"]):
+        rows = frames["step"] == step
+        try:
+            found.append(_seen(scene, {name: column[rows] for name, column in frames.items()}, omega)["S"])
+        except ValueError:  # no grain is above the orifice
+            continue
+    return float(np.mean(found)) if found else math.nan
 
 
 def _profile(scene: Scene, frames: dict[str, np.ndarray]) -> AccelerationProfile | None:

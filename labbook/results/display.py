@@ -51,6 +51,9 @@ KEYS = {
 
 def key(name: str) -> Shown:
     """How the dotted key of a study is shown; an unknown one by its last part, in SI."""
+    if name.startswith("fill.contact."):
+        inner = key(name.removeprefix("fill."))
+        return replace(inner, name=f"{inner.name} while filling")
     shown = KEYS.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " ")))
     if name.startswith("walls."):
         which = name.split(".")[1]

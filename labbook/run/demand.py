@@ -47,7 +47,7 @@ class PointDemand:
     @cached_property
     def closed(self) -> Scene:
         """The scene of its filling."""
-        return self.scene.close(self.point.fill.friction)
+        return self.scene.close(self.point.fill.friction, self.point.fill.contact)
 
     @property
     def numerics(self) -> Numerics:

@@ -39,6 +39,9 @@ class Choice(Registry[type[_M]]):
         super().__init__(group, kind, builtin)
         self.tag = tag
 
+    def __hash__(self) -> int:  # `Annotated` asks for it where a field may also be None
+        return id(self)
+
     def _name(self, one: type[_M]) -> str:
         return str(one.model_fields[self.tag].default)
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from pydantic import Field, model_validator
 
-from labbook.scene.contact import AnyLaw, Surface, SurfaceChange
+from labbook.scene.contact import AnyLaw, ContactLaw, Surface, SurfaceChange
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
 from labbook.scene.drawing import describe, svg
 from labbook.scene.grains import Grains, Spherocylinders
@@ -45,10 +45,7 @@ class Scene(Model):
             if name not in names:
                 reason = f"the container has no wall named {name}"
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
-        yield from self._faults_between_kinds()
-        if self.contact.rolling_model == "epsd" and isinstance(self.grains, Spherocylinders):
-            reason = "rods have no rolling springs"
-            yield Fault("contact.rolling_model", reason, "use cdt, or spheres")
+        yield from self.faults_of_law(self.contact)
         c, d = self.container, self.grains.diameter
         for key in _ROOM_FOR_A_GRAIN[type(c)]:
             size = getattr(c, key)
@@ -56,9 +53,12 @@ class Scene(Model):
                 reason = f"the {key} ({size * 1e3:g} mm) is less than the grain diameter"
                 yield Fault(f"container.{key}", reason, f"make it {1.01 * d * 1e3:g} mm (1.01 d) or more")
 
-    def _faults_between_kinds(self) -> Iterator[Fault]:
+    def faults_of_law(self, contact: ContactLaw) -> Iterator[Fault]:
+        """What these grains cannot have of a law, and what is wrong with the pairs of kinds that it states."""
+        if contact.rolling_model == "epsd" and isinstance(self.grains, Spherocylinders):
+            yield Fault("contact.rolling_model", "rods have no rolling springs", "use cdt, or spheres")
         names, seen = [kind.name for kind in self.grains.kinds], set()
-        for pair in self.contact.between:
+        for pair in contact.between:
             unknown = sorted({name for name in pair.kinds if name not in names})
             if unknown:
                 remedy = f"use two of: {', '.join(names)}" if names else "name the kinds in grains.kinds"
@@ -120,12 +120,13 @@ class Scene(Model):
         """The scene with the stiffness of its contacts times `factor`."""
         return self.model_copy(update={"contact": self.contact.stiffened(factor)})
 
-    def close(self, friction: float | None = None) -> "Scene":
-        """The scene in which its packing is made; `friction` replaces that of grains and of walls."""
+    def close(self, friction: float | None = None, contact: ContactLaw | None = None) -> "Scene":
+        """The scene in which its packing is made, by the law `contact` if that is given; `friction` replaces that of
+        grains and of walls."""
         container = self.container.close()
         names = {"all", *(wall.name for wall in container.walls())}
         walls = {name: surface for name, surface in self.walls.items() if name in names}
-        contact = self.contact
+        contact = contact or self.contact
         if friction is not None:
             pairs = tuple(pair.model_copy(update={"friction": None}) for pair in contact.between)
             contact = contact.model_copy(update={"friction": friction, "between": pairs})

@@ -254,7 +254,7 @@ def nearest(name: str) -> str:
     if foreign is not None:
         return foreign.remedy
     ending = {known for known in names if known.rpartition(".")[2] == leaf}
-    same = sorted(ending, key=lambda known: _FIRST.index(known.split(".")[0]))
+    same = sorted(ending, key=lambda known: (_FIRST.index(known.split(".")[0]), known.count("."), known))
     if same:
         others = " and ".join(known.replace("walls.*", "walls.NAME") for known in same[1:3])
         also = f" There {'are' if len(same) > 2 else 'is'} also {others}" if others else ""

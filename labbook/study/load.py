@@ -76,7 +76,9 @@ class Study:
 
     def numerics(self, scene: Scene) -> Numerics:
         """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
-        return numerics_for(self.numerics_stated, scene)
+        law = self.fill.contact
+        closed = None if law is None else scene.close(self.fill.friction, law)
+        return numerics_for(self.numerics_stated, scene, closed)
 
     def change(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> "Study":
         """The study with other values; this one stays as it is.

@@ -5,11 +5,12 @@ What stands between `<!-- keys SECTION ... -->` and `<!-- end -->` is replaced; 
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from labbook.study.keys import Key, all_keys
+from labbook.study.schema import Fill
 
 _MARKED = re.compile(r"(<!-- keys ([a-z ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -25,9 +26,27 @@ def sections(text: str) -> list[str]:
 
 
 def _table(names: list[str]) -> str:
-    keys = _merged([key for key in all_keys() if key.name.partition(".")[0] in names])
+    keys = _merged([key for key in told() if key.name.partition(".")[0] in names])
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     return "\n".join(rows + [_row(key) for key in keys]) + "\n"
+
+
+AGAIN = {"fill.contact.": "contact"}
+"""Sections within sections that have all keys of another one."""
+
+
+def told() -> Iterator[Key]:
+    """All keys; of a section that has the keys of another one only its name."""
+    told = set[str]()
+    for key in all_keys():
+        inner = next((one for one in AGAIN if key.name.startswith(one)), None)
+        if inner is None:
+            yield key
+        elif inner not in told:
+            told.add(inner)
+            name = inner.removesuffix(".")
+            meaning = Fill.model_fields[name.partition(".")[2]].description or ""
+            yield Key(name, f"as `{AGAIN[inner]}`", default="none", meaning=" ".join(meaning.split()))
 
 
 def _merged(keys: Sequence[Key]) -> list[Key]:

@@ -79,8 +79,13 @@ class PointReader:
         diameter = (grains or _PLACEHOLDER).diameter
         context = {"units": "required", "d": diameter}
         scene, near = self._scene(raw, grains, context, found)
-        fill = _validated(Fill, raw.get("fill", {}), context, "fill", found)
-        numerics = self._numerics(raw.get("numerics", {}), near, context, found)
+        fill: Fill | None = _validated(Fill, raw.get("fill", {}), context, "fill", found)
+        closed = None
+        if near is not None and fill is not None and fill.contact is not None:
+            faults = tuple(near.faults_of_law(fill.contact))
+            found += [Complaint(("fill", *fault.key.split(".")), fault.reason, fault.remedy) for fault in faults]
+            closed = None if faults else near.close(fill.friction, fill.contact)
+        numerics = self._numerics(raw.get("numerics", {}), near, closed, context, found)
         if scene is None:
             found = [complaint for complaint in found if complaint.location != _STEP or not complaint.clash]
         for complaint in found:
@@ -90,7 +95,7 @@ class PointReader:
                 places = self._found.setdefault(self._problem(complaint, assignment), [])
                 if complaint.clash and label:
                     places.append(label)
-        if found or scene is None or numerics is None:
+        if found or scene is None or fill is None or numerics is None:
             return None
         if index == 0:
             self.numerics_stated = raw.get("numerics", {})
@@ -134,7 +139,12 @@ class PointReader:
         return None, near
 
     def _numerics(
-        self, raw: Any, scene: Scene | None, context: Mapping[str, Any], found: list[Complaint]
+        self,
+        raw: Any,
+        scene: Scene | None,
+        closed: Scene | None,
+        context: Mapping[str, Any],
+        found: list[Complaint],
     ) -> Numerics | None:
         settings = {key: value for key, value in raw.items() if key != "dt"} if isinstance(raw, dict) else raw
         if isinstance(settings, dict):
@@ -142,7 +152,7 @@ class PointReader:
         if _validated(Numerics, settings, context, "numerics", found) is None or scene is None:
             return None
         try:
-            return numerics_for(raw, scene)
+            return numerics_for(raw, scene, closed)
         except TimeStepError as error:
             stated = f"{shown(raw['dt'])}: " if "dt" in raw else ""
             found.append(Complaint(_STEP, f"{stated}{error}", error.remedy, error.clash))

@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from labbook.filling.placing import STARTS
+from labbook.scene.contact import AnyLaw
 from labbook.scene.model import Among, Fault, Model, refuse
 from labbook.scene.quantities import Coefficient, Duration, Length, Ratio
 from labbook.scene.scene import Scene
@@ -34,6 +35,10 @@ class Fill(Model):
     """How grains start: `rain`, a loose column of slow grains, or `gas`, a denser one of fast grains."""
     friction: Coefficient | None = None
     """Friction of grains and walls while filling; none: the study's own."""
+    # where it is not stated it is left out of what is stored
+    contact: Annotated[AnyLaw | None, Field(exclude_if=lambda law: law is None)] = None
+    """Contact law while filling, with all its keys as in `contact`; none: the study's own. Studies of several laws can
+    so start from the same beds."""
     settled_below: Annotated[Ratio, Field(gt=0, le=1)] = 1e-6
     """Kinetic energy per grain, in units of m g d, below which the bed is at rest."""
     moving: Fraction | None = None

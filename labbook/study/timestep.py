@@ -25,9 +25,10 @@ class TimeStepError(Exception):
         self.remedy, self.clash = remedy, clash
 
 
-def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
+def resolve(stated: object, scene: Scene, stiffness_scale: float, closed: Scene | None = None) -> float:
     """The step [s] that `stated` (`2.5 us`, `0.1 rayleigh`, `0.02 collision`) means; None: the law's usual
-    one, or less where that is near the largest stable step.
+    one, or less where that is near the largest stable step, which is that of `closed`, the scene of the filling, if
+    it is less there.
 
     Time scales are those of the scene with its stiffness times `stiffness_scale`. A part of one is rounded to six
     digits, so that keys do not hang on the last bit of a square root. Raises TimeStepError.
@@ -35,6 +36,8 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float) -> float:
     remedy = f"write a time such as 2.5 us, or a part of a time scale ({', '.join(TIME_SCALES)}) such as 0.02 collision"
     scaled = scene.stiffened(stiffness_scale)
     limit = largest_stable_step(scaled)
+    if closed is not None:
+        limit = min(limit, largest_stable_step(closed.stiffened(stiffness_scale)))
     if stated is None:
         usual = _part_of_a_scale(scene.contact.usual_step, scaled, remedy)
         assert usual is not None
@@ -83,13 +86,13 @@ def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:
         raise TimeStepError(str(error), f"use {scene.contact.usual_step}", clash=True) from None
 
 
-def numerics_for(stated: Mapping[str, Any], scene: Scene) -> Numerics:
-    """Numerics with the step that `stated` asks for in `scene`.
+def numerics_for(stated: Mapping[str, Any], scene: Scene, closed: Scene | None = None) -> Numerics:
+    """Numerics with the step that `stated` asks for in `scene`, whose filling is `closed`.
 
     Raises pydantic's ValidationError for any key but `dt`, and TimeStepError for that.
     """
     context = {"units": "required", "d": scene.grains.diameter}
     settings = {key: value for key, value in stated.items() if key != "dt"}
     numerics = Numerics.model_validate({**settings, "dt": "1 us"}, context=context)
-    dt = resolve(stated.get("dt"), scene, numerics.stiffness_scale)
+    dt = resolve(stated.get("dt"), scene, numerics.stiffness_scale, closed)
     return numerics.model_copy(update={"dt": dt})

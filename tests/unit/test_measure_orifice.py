@@ -75,6 +75,31 @@ def test_upright_rods_that_sink_together():
     assert found["orifice_packing_fraction"] == pytest.approx(ROD.volume / spacing**3, rel=0.02)
 
 
+def test_order_of_each_instant_and_of_their_mean():
+    """Rods stand in every other frame and lie along x in the rest: those have S = 1, and 1/2 once averaged around the
+    axis; the mean tensor has 1/2 along z and 1/4 across."""
+    x = lattice(0.012)
+    directions = ((1.0, 0.0, 0.0, 0.0), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+    parts = [frames(x, [time], q=directions[k % 2]) for k, time in enumerate(TIMES)]
+    zone = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    zone["step"] = np.repeat(np.arange(len(TIMES)), len(x))
+    found = numbers("orifice", run_of(scene(), zone=zone))
+    share = found["orifice_O_zz"]  # frames within the window need not be even in number
+    assert share == pytest.approx(0.5, abs=0.03)
+    assert found["orifice_S_of_mean"] == pytest.approx(share, abs=0.01)
+    assert found["orifice_S"] == pytest.approx(share + (1 - share) / 2, abs=0.01)
+
+
+def test_a_finer_kernel_takes_less_of_the_mean_motion_for_fluctuations():
+    """Speeds that grow with height fluctuate within a kernel, and a quarter as much within half of it."""
+    x = lattice(0.006, high=0.05)
+    v = np.column_stack([np.zeros(len(x)), np.zeros(len(x)), -20.0 * x[:, 2]])
+    sphere = Spherocylinders(diameter=9.9e-3, length=9.9e-3, density=620, count=4000)
+    found = numbers("orifice", run_of(scene(sphere), zone=frames(x, TIMES[8:20], v=v)))
+    ratio = found["orifice_kinetic_pressure_fine"] / found["orifice_kinetic_pressure"]
+    assert ratio == pytest.approx(0.25, rel=0.05)
+
+
 def test_rods_that_lie_radially_or_around_the_axis():
     x = lattice(0.012) + np.array([0.003, 0.002, 0])
     angle = np.arctan2(x[:, 1], x[:, 0])

@@ -1,0 +1,324 @@
+"""Flow rates of LIGGGHTS and LAMMPS from the beds that labbook's runs started from, beside labbook's own.
+
+A study gives the hopper (flat-bottomed), the grains and the laws; its runs in a lab give the beds and labbook's flow
+rates. Of every run whose law is named after one of the codes, that code discharges the same bed with the same
+parameters, until the window of the study has passed. Both flow rates are those between the same parts of the mass.
+Needs Debian's packages liggghts and lammps.
+
+    labbook run benchmarks/peers/silo.yaml --lab LAB
+    python benchmarks/peers/silo.py run benchmarks/peers/silo.yaml --lab LAB --out FOLDER --jobs 2
+    python benchmarks/peers/silo.py table FOLDER --out silo.json
+
+`run` may be cut off at any time and be called again: what is finished is not run again. In the data files of beds
+there are no friction springs: in the other codes contacts start without.
+"""
+
+import argparse
+import json
+import math
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from forces import wall_stiffness
+
+import labbook
+from labbook.backend.machine import hardware
+from labbook.export.packing import data_file
+from labbook.lab.packings import read_packing
+from labbook.scene import ContactLaw, HertzLammps, HertzLiggghts, Scene, WedgeHopper
+from labbook.scene.packing import Packing
+from labbook.stats.equivalence import replicates_needed, tost
+
+MARGIN = 0.02  # within which flow rates count as the same
+EVERY = 1e-4  # s between two counts of the grains that are left
+LEAST_RESTITUTION = 0.05  # that LIGGGHTS takes
+PIECE = 20_000  # steps after which it is looked whether the window has passed
+
+HEAD = """
+units si
+atom_style {style}
+atom_modify map array
+boundary f f f
+newton off
+{velocities}
+read_data bed.data
+neighbor 0.0006 bin
+neigh_modify delay 0
+timestep {dt}
+"""
+LIGGGHTS = """
+fix m1 all property/global youngsModulus peratomtype {young}
+fix m2 all property/global poissonsRatio peratomtype {nu}
+fix m3 all property/global coefficientRestitution peratomtypepair 1 {e}
+fix m4 all property/global coefficientFriction peratomtypepair 1 {mu}
+{rolling_property}
+pair_style gran model hertz tangential history{rolling}{tension}
+pair_coeff * *
+fix left all wall/gran model hertz tangential history{rolling} primitive type 1 xplane {left}{tension}
+fix right all wall/gran model hertz tangential history{rolling} primitive type 1 xplane {right}{tension}
+fix front all wall/gran model hertz tangential history{rolling} primitive type 1 yplane {front}{tension}
+fix back all wall/gran model hertz tangential history{rolling} primitive type 1 yplane {back}{tension}
+fix plates all mesh/surface file plates.stl type 1
+fix bottom all wall/gran model hertz tangential history{rolling} mesh n_meshes 1 meshes plates{tension}
+fix down all gravity {g} vector 0 0 -1
+fix go all nve/sphere
+"""
+LAMMPS = """
+pair_style granular
+pair_coeff * * {law}
+fix sides all wall/gran granular {wall} xplane {left} {right}
+fix faces all wall/gran granular {wall} yplane {front} {back}
+region platel block {far_left} {lip_left} {far_front} {far_back} -1e-6 0 side out
+region plater block {lip_right} {far_right} {far_front} {far_back} -1e-6 0 side out
+fix bottoml all wall/gran/region granular {wall} region platel
+fix bottomr all wall/gran/region granular {wall} region plater
+fix down all gravity {g} vector 0 0 -1
+fix go all nve/sphere
+"""
+TAIL = """
+region above block INF INF INF INF 0 INF units box
+variable left equal count(all,above)
+variable now equal step*dt
+fix told all print {every} "${{now}} ${{left}}" file left.txt screen no title "time left"
+thermo 100000
+thermo_modify lost ignore
+label again
+run {piece}
+if "${{left}} > {least}" then "jump SELF again"
+"""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One discharge by another code: of the law and scene, from a packing; `ours` [kg/s] is labbook's flow rate."""
+
+    code: str
+    scene: Scene
+    packing: Path
+    seed: int
+    dt: float
+    window: tuple[float, float]
+    ours: float
+    law: str
+    run_key: str
+
+    @property
+    def name(self) -> str:
+        """Names its folder."""
+        return f"{self.code}-{self.run_key}"
+
+
+def jobs(study: labbook.Study, lab: labbook.Lab) -> Iterator[Job]:
+    """The discharges that the runs of a study ask for, shortest first."""
+    found = []
+    for run in lab.results(study, progress=False).runs:
+        scene, law = run.point.scene, run.point.scene.contact
+        code = {HertzLiggghts: "liggghts", HertzLammps: "lammps"}.get(type(law))
+        if code is None or "flow_rate" not in run.measured or not isinstance(scene.container, WedgeHopper):
+            continue
+        if not known(code, law):
+            continue
+        window = (study.window.start, study.window.end)
+        ours = run.measured["flow_rate"].value
+        packing = lab.place.packing(run.packing_key)
+        found.append(
+            Job(code, scene, packing, run.seed, run.point.numerics.dt, window, ours, run.point.label, run.run_key)
+        )
+    return iter(sorted(found, key=lambda job: (job.seed, -job.scene.container.orifice)))
+
+
+def known(code: str, law: ContactLaw) -> bool:
+    """Whether the code can do it: its damping is bounded, and LAMMPS' rolling resistance is another one."""
+    c_n = law.damping_ratio(law.restitution)
+    if code == "lammps":
+        return c_n <= tsuji(0) and not law.rolling_friction
+    return restitution(c_n) >= LEAST_RESTITUTION
+
+
+def script(job: Job, grains: int) -> tuple[str, dict[str, str]]:
+    """The code's input, and other files that it needs by name."""
+    scene, law = job.scene, job.scene.contact
+    hopper = scene.container
+    assert isinstance(hopper, WedgeHopper)
+    assert isinstance(law, HertzLiggghts | HertzLammps)
+    if not hopper.flat or scene.walls or scene.grains.varied:
+        raise SystemExit("this script knows flat bottoms, equal grains and walls like the grains")
+    lips, half, deep = hopper.outlet, hopper.width / 2, hopper.thickness / 2
+    young = 2 * law.shear_modulus * (1 + law.poisson_ratio)
+    words: dict[str, object] = {
+        "dt": job.dt, "young": young, "nu": law.poisson_ratio, "mu": law.friction,
+        "left": -half, "right": half, "front": -deep, "back": deep, "lip_left": lips[0], "lip_right": lips[1],
+        "far_left": -half - 0.01, "far_right": half + 0.01, "far_front": -0.01, "far_back": 0.01, "g": scene.gravity,
+        "every": round(EVERY / job.dt), "piece": PIECE, "least": math.floor((1 - job.window[1]) * grains) - 10,
+    }  # fmt: skip
+    if job.code == "liggghts":
+        if law.tangential_damping != 1:
+            raise SystemExit("LIGGGHTS damps alike along normal and tangent: leave contact.tangential_damping out")
+        words["e"] = restitution(law.damping_ratio(law.restitution))
+        if law.rolling_friction:
+            words["rolling_property"] = (
+                f"fix m5 all property/global coefficientRollingFriction peratomtypepair 1 {law.rolling_friction}"
+            )
+        words |= {"style": "granular", "velocities": "communicate single vel yes"}
+        words["rolling"] = " rolling_friction cdt" if law.rolling_friction else ""
+        words.setdefault("rolling_property", "")
+        words["tension"] = "" if law.tension else " limitForce on"
+        return (HEAD + LIGGGHTS + TAIL).format(**words), {"plates.stl": plates(hopper)}
+    damping = f"damping tsuji{'' if law.tension else ' limit_damping'}"
+    gives, walls = eta(law.damping_ratio(law.restitution)), wall_stiffness(young, law.poisson_ratio)
+    slides = f"{law.tangential_damping} {law.friction} {damping}"
+    words["law"] = f"hertz/material {young} {gives} {law.poisson_ratio} tangential mindlin NULL {slides}"
+    words["wall"] = f"hertz {walls['k_n']} {gives} tangential mindlin {walls['k_t']} {slides}"
+    words |= {"style": "sphere", "velocities": "comm_modify vel yes"}
+    return (HEAD + LAMMPS + TAIL.replace(" units box", "")).format(**words), {}
+
+
+def restitution(c_n: float) -> float:
+    """The restitution of which LIGGGHTS' formula, sqrt(5/6) L/sqrt(pi^2 + L^2) with L = ln(1/e), makes C_n."""
+    x = c_n / math.sqrt(5 / 6)
+    return math.exp(-math.pi * x / math.sqrt(1 - x * x))
+
+
+def tsuji(e: float) -> float:
+    """C_n of LAMMPS' `damping tsuji` for the restitution e: its polynomial over sqrt(6)."""
+    return float(np.polyval([4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728], e)) / math.sqrt(6)
+
+
+def eta(c_n: float) -> float:
+    """The restitution with which LAMMPS' tsuji model damps by C_n."""
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if tsuji(middle) > c_n else (low, middle)
+    return (low + high) / 2
+
+
+def plates(hopper: WedgeHopper) -> str:
+    """The bottom left and right of the outlet as STL, two triangles each, wider than the hopper is deep."""
+    far, deep = hopper.width / 2 + 0.01, 0.01
+    facets = []
+    for a, b in ((-far, hopper.outlet[0]), (hopper.outlet[1], far)):
+        p = [(a, -deep), (b, -deep), (b, deep), (a, deep)]
+        facets += [(p[0], p[1], p[2]), (p[0], p[2], p[3])]
+    text = ["solid plates"]
+    for facet in facets:
+        text += ["facet normal 0 0 1", "outer loop", *(f"vertex {x!r} {y!r} 0.0" for x, y in facet)]
+        text += ["endloop", "endfacet"]
+    return "\n".join([*text, "endsolid plates", ""])
+
+
+def flow(counts: pd.DataFrame, mass: float, grains: int, window: tuple[float, float]) -> float:
+    """Flow rate [kg/s] between two parts of the mass, from counts of what is left; times are interpolated."""
+    gone = grains - counts["left"].to_numpy()
+    first = np.maximum.accumulate(gone)
+    keep = np.r_[True, np.diff(first) > 0]
+    ends = np.interp(np.array(window) * grains, first[keep], counts["time"].to_numpy()[keep])
+    return mass * grains * (window[1] - window[0]) / float(ends[1] - ends[0])
+
+
+def discharge(job: Job, folder: Path, deadline: float) -> None:
+    """Run one and leave its result in `folder`; nothing if the deadline comes first."""
+    done = folder / f"{job.name}.json"
+    if done.exists() or time.time() > deadline:
+        return
+    here = folder / job.name
+    shutil.rmtree(here, ignore_errors=True)
+    here.mkdir(parents=True)
+    record, packing = read_packing(job.packing)
+    assert isinstance(packing, Packing)
+    text, files = script(job, len(packing))
+    files |= {"in.silo": text, "bed.data": data_file(packing, record.scene, job.name)}
+    for name, content in files.items():
+        (here / name).write_text(content)
+    program = "liggghts" if job.code == "liggghts" else "lmp"
+    started = time.time()
+    try:
+        command = [program, "-in", "in.silo", "-log", "none"]
+        told = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=deadline - started)
+    except subprocess.TimeoutExpired:
+        return
+    if told.returncode:
+        raise SystemExit(f"{program} in {here}: {(told.stdout + told.stderr)[-800:]}")
+    counts = pd.read_csv(here / "left.txt", sep=" ", skiprows=1, names=["time", "left"])
+    theirs = flow(counts, job.scene.grains.mass, len(packing), job.window)
+    found = {
+        "code": job.code, "law": job.scene.contact.model_dump(mode="json"), "label": job.law, "seed": job.seed,
+        "orifice": job.scene.container.orifice, "ours": job.ours, "theirs": theirs, "seconds": time.time() - started,
+        "steps": round(float(counts["time"].iloc[-1]) / job.dt), "run_key": job.run_key,
+    }  # fmt: skip
+    done.write_text(json.dumps(found))
+    shutil.rmtree(here)
+    print(f"{job.name}: {job.law}, seed {job.seed}: {theirs * 1e3:.2f} g/s, labbook {job.ours * 1e3:.2f}", flush=True)
+
+
+def run(said: argparse.Namespace) -> None:
+    """Make what is missing, as many at once as asked for."""
+    deadline = time.time() + said.until
+    found = list(jobs(labbook.load(said.study), labbook.Lab(said.lab)))
+    with ThreadPoolExecutor(said.jobs) as pool:
+        for _ in pool.map(lambda job: discharge(job, said.out, deadline), found):
+            pass
+
+
+def table(said: argparse.Namespace) -> None:
+    """Compare, print and write."""
+    rows = pd.DataFrame([json.loads(path.read_text()) for path in sorted(said.folder.glob("*.json"))])
+    found = []
+    for (code, label), group in rows.groupby(["code", "label"]):
+        found.append({"code": code, "point": label, **compared(group)})
+    shown = pd.DataFrame(found)
+    print(shown.to_string(index=False))
+    if said.out:
+        said.out.write_text(json.dumps({"hardware": hardware(), "rows": json.loads(rows.to_json(orient="records")),
+                                        "points": found}, indent=1))  # fmt: skip
+
+
+def compared(group: pd.DataFrame) -> Mapping[str, float | int | str]:
+    """Flow rates [g/s] with standard errors, their difference (theirs over ours, paired by bed, by logarithms) with its
+    90 % interval, and what two one-sided tests say of it."""
+    ours, theirs = group["ours"].to_numpy() * 1e3, group["theirs"].to_numpy() * 1e3
+    n = len(group)
+    told: dict[str, float | int | str] = {"beds": n, "ours": float(ours.mean()), "theirs": float(theirs.mean())}
+    if n < 2:
+        return told
+    found = tost(np.log(ours), np.log(theirs), MARGIN, paired=True)
+    return told | {
+        "ours_error": float(ours.std(ddof=1)) / math.sqrt(n),
+        "theirs_error": float(theirs.std(ddof=1)) / math.sqrt(n),
+        "difference": found.difference,
+        "low": found.low,
+        "high": found.high,
+        "power": found.power,
+        "finding": found.finding,
+        "needed": replicates_needed(found, n) or 0,
+    }
+
+
+def main() -> None:
+    """Do one of the two."""
+    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    verbs = words.add_subparsers(required=True)
+    one = verbs.add_parser("run", help="discharge what is missing")
+    one.add_argument("study", type=Path)
+    one.add_argument("--lab", type=Path, required=True)
+    one.add_argument("--out", type=Path, required=True)
+    one.add_argument("--jobs", type=int, default=1, help="how many at once")
+    one.add_argument("--until", type=float, default=1e6, help="seconds after which no more is done")
+    one.set_defaults(do=run)
+    two = verbs.add_parser("table", help="compare what is there")
+    two.add_argument("folder", type=Path)
+    two.add_argument("--out", type=Path)
+    two.set_defaults(do=table)
+    said = words.parse_args()
+    said.do(said)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""Packings as data files that LIGGGHTS and LAMMPS read (`read_data`, `atom_style sphere`, `units si`)."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+
+from labbook.lab.folder import Lab, write_bytes
+from labbook.lab.packings import read_packing
+from labbook.results.study import Results
+from labbook.scene import Scene, Spheres
+from labbook.scene.bodies import Bodies
+from labbook.scene.packing import Packing
+
+MARGIN, BELOW = 2.0, 20.0
+"""Diameters by which the box of a data file is wider than the grains are spread, and deeper than the outlet."""
+
+
+class NotSpheres(Exception):
+    """A packing that these codes have no grains for; the message says which."""
+
+
+def data_file(packing: Packing, scene: Scene, title: str) -> str:
+    """The packing as text: of each grain its number and kind (both from 1), diameter, density, centre [m], velocity
+    [m/s] and angular velocity [rad/s], in digits that read back as the same numbers.
+
+    Friction springs are not in it, since neither code reads any: contacts start without. The box is that of the grains
+    with a margin, and reaches below z = 0, where grains fall to; walls are no part of such a file. title: its first
+    line. Raises NotSpheres for rods.
+    """
+    grains = scene.grains
+    if not isinstance(grains, Spheres):
+        raise NotSpheres(f"data files are for spheres, and the grains are of the shape {grains.shape}")
+    bodies = Bodies.of(grains, packing)
+    densities = np.array([one.density for one in grains.species])[bodies.kind]
+    low, high = packing.x.min(axis=0) - MARGIN * grains.diameter, packing.x.max(axis=0) + MARGIN * grains.diameter
+    low[2] = min(low[2], -BELOW * grains.diameter)
+    assert packing.ids is not None
+    order = np.argsort(packing.ids)
+    lines = [title, "", f"{len(packing)} atoms", f"{len(grains.species)} atom types", ""]
+    lines += [f"{_numbers((low[k], high[k]))} {axis}lo {axis}hi" for k, axis in enumerate("xyz")]
+    lines += ["", "Atoms", ""]
+    each = np.column_stack([2 * bodies.radius, densities, packing.x])
+    lines += [f"{packing.ids[k] + 1} {bodies.kind[k] + 1} {_numbers(each[k])}" for k in order]
+    lines += ["", "Velocities", ""]
+    moving = np.column_stack([packing.v, packing.omega])
+    lines += [f"{packing.ids[k] + 1} {_numbers(moving[k])}" for k in order]
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(row: Iterable[float]) -> str:
+    return " ".join(repr(float(number)) for number in row)
+
+
+def write_packings(
+    results: Results, place: Lab, folder: Path, say: Callable[[str], None] = lambda text: None
+) -> list[Path]:
+    """Write every packing that a run of the study started from, once, as `point-P-seed-S.data`, P the first point
+    (from 1) that shares it; the paths. Raises NotSpheres, and Unreadable for a damaged packing."""
+    paths, seen = [], set[str]()
+    for result in results.points:
+        for run in result.runs:
+            if run.packing_key in seen:
+                continue
+            seen.add(run.packing_key)
+            say(f"{result.label}, seed {run.seed}")
+            record, packing = read_packing(place.packing(run.packing_key))
+            title = f"labbook packing {run.packing_key} of study {results.study.name}, seed {run.seed}"
+            path = folder / f"point-{result.point.index + 1}-seed-{run.seed}.data"
+            folder.mkdir(parents=True, exist_ok=True)
+            write_bytes(path, data_file(packing, record.scene, title).encode(), durable=False)
+            paths.append(path)
+    return paths
