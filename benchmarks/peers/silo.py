@@ -1,27 +1,27 @@
-"""Flow rates of LIGGGHTS and LAMMPS from the beds that labbook's runs started from, beside labbook's own.
+"""Flow rates of LIGGGHTS and LAMMPS from labbook's beds, beside those of the laws named after them.
 
-A study gives the hopper (flat-bottomed), the grains and the laws; its runs in a lab give the beds and labbook's flow
-rates. Of every run whose law is named after one of the codes, that code discharges the same bed with the same
-parameters, until the window of the study has passed. Both flow rates are those between the same parts of the mass.
-Needs Debian's packages liggghts and lammps.
+A study gives the hopper (flat-bottomed), grains, laws and beds. Every bed is discharged by the code that the law is of,
+with the same parameters, and by labbook (`numba`, double), both at the same step and without friction springs at first,
+since data files hold none. Flow rates are those between the same parts of the mass. Needs Debian's packages liggghts
+and lammps.
 
-    labbook run benchmarks/peers/silo.yaml --lab LAB
-    python benchmarks/peers/silo.py run benchmarks/peers/silo.yaml --lab LAB --out FOLDER --jobs 2
+    labbook run benchmarks/peers/silo.yaml --lab LAB          # or as long as it takes to make the packings
+    python benchmarks/peers/silo.py run benchmarks/peers/silo.yaml --lab LAB --out FOLDER --jobs 2 --dt 0.625
     python benchmarks/peers/silo.py table FOLDER --out silo.json
 
-`run` may be cut off at any time and be called again: what is finished is not run again. In the data files of beds
-there are no friction springs: in the other codes contacts start without.
+`run` may be cut off at any time and be called again: what is finished is not run again.
 """
 
 import argparse
+import hashlib
 import json
 import math
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +29,14 @@ import pandas as pd
 from forces import wall_stiffness
 
 import labbook
+from labbook.backend import load
 from labbook.backend.machine import hardware
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Crossing
 from labbook.export.packing import data_file
+from labbook.filling.opening import opened
 from labbook.lab.packings import read_packing
+from labbook.run.demand import Demand, PointDemand
 from labbook.scene import ContactLaw, HertzLammps, HertzLiggghts, Scene, WedgeHopper
 from labbook.scene.packing import Packing
 from labbook.stats.equivalence import replicates_needed, tost
@@ -97,41 +102,41 @@ if "${{left}} > {least}" then "jump SELF again"
 
 @dataclass(frozen=True)
 class Job:
-    """One discharge by another code: of the law and scene, from a packing; `ours` [kg/s] is labbook's flow rate."""
+    """One discharge of a bed, by another code and by labbook, at the same step [s]."""
 
     code: str
     scene: Scene
+    closed: Scene
     packing: Path
     seed: int
     dt: float
     window: tuple[float, float]
-    ours: float
-    law: str
-    run_key: str
+    point: str
 
     @property
     def name(self) -> str:
         """Names its folder."""
-        return f"{self.code}-{self.run_key}"
+        what = json.dumps([self.scene.model_dump(mode="json"), self.packing.name, self.dt], sort_keys=True)
+        return f"{self.code}-{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
 
-def jobs(study: labbook.Study, lab: labbook.Lab) -> Iterator[Job]:
-    """The discharges that the runs of a study ask for, shortest first."""
-    found = []
-    for run in lab.results(study, progress=False).runs:
-        scene, law = run.point.scene, run.point.scene.contact
-        code = {HertzLiggghts: "liggghts", HertzLammps: "lammps"}.get(type(law))
-        if code is None or "flow_rate" not in run.measured or not isinstance(scene.container, WedgeHopper):
-            continue
-        if not known(code, law):
-            continue
-        window = (study.window.start, study.window.end)
-        ours = run.measured["flow_rate"].value
-        packing = lab.place.packing(run.packing_key)
-        found.append(
-            Job(code, scene, packing, run.seed, run.point.numerics.dt, window, ours, run.point.label, run.run_key)
-        )
-    return iter(sorted(found, key=lambda job: (job.seed, -job.scene.container.orifice)))
+def jobs(study: labbook.Study, lab: labbook.Lab, dt: float | None, outlets: Sequence[float]) -> Iterator[Job]:
+    """The discharges that a study asks for of beds that are in the lab, in the order of seeds."""
+    can = load(lab.backend).capabilities
+    for seed in range(1, study.replicates + 1):
+        for point in study.points:
+            scene, law = point.scene, point.scene.contact
+            code = {HertzLiggghts: "liggghts", HertzLammps: "lammps"}.get(type(law))
+            if code is None or not isinstance(scene.container, WedgeHopper) or not known(code, law):
+                continue
+            if outlets and not any(math.isclose(scene.container.orifice, 1e-3 * outlet) for outlet in outlets):
+                continue
+            shared = PointDemand(study, point)
+            packing = lab.place.packing(Demand(shared, seed, False).keys(can).packing)
+            if packing.exists():
+                window = (study.window.start, study.window.end)
+                step = dt or point.numerics.dt
+                yield Job(code, scene, shared.closed, packing, seed, step, window, point.label)
 
 
 def known(code: str, law: ContactLaw) -> bool:
@@ -223,6 +228,27 @@ def flow(counts: pd.DataFrame, mass: float, grains: int, window: tuple[float, fl
     return mass * grains * (window[1] - window[0]) / float(ends[1] - ends[0])
 
 
+def by_labbook(job: Job, packing: Packing) -> pd.DataFrame:
+    """The same counts by labbook, from the same bed without its friction springs."""
+    bare = {name: np.zeros((0, *shape), kind) for name, (shape, kind) in _SPRINGS.items()}
+    backend, numerics = load("numba"), Numerics(dt=job.dt, steps_per_beat=1000, precision="double")
+    outlet = Crossing(job.scene.container.outlet_plane)
+    ensemble = backend.open(backend.specialise(job.scene, numerics, [outlet]), 1, "cpu")
+    ensemble.admit(job.scene, numerics, opened(replace(packing, **bare), job.closed, job.scene))
+    times: list[float] = []
+    while len(times) < job.window[1] * len(packing) + 10:
+        ensemble.advance(10)
+        times += [float(time) for time in ensemble.drain()[outlet]["time"]]
+    ensemble.close()
+    return pd.DataFrame({"time": np.sort(times), "left": len(packing) - np.arange(1, len(times) + 1)})
+
+
+_SPRINGS = {
+    "pairs": ((2,), np.int64), "pair_spring": ((3,), float), "wall_grain": ((), np.int64), "wall_name": ((), "U40"),
+    "wall_spring": ((3,), float), "wall_part": ((), np.int64),
+}  # fmt: skip
+
+
 def discharge(job: Job, folder: Path, deadline: float) -> None:
     """Run one and leave its result in `folder`; nothing if the deadline comes first."""
     done = folder / f"{job.name}.json"
@@ -232,7 +258,6 @@ def discharge(job: Job, folder: Path, deadline: float) -> None:
     shutil.rmtree(here, ignore_errors=True)
     here.mkdir(parents=True)
     record, packing = read_packing(job.packing)
-    assert isinstance(packing, Packing)
     text, files = script(job, len(packing))
     files |= {"in.silo": text, "bed.data": data_file(packing, record.scene, job.name)}
     for name, content in files.items():
@@ -247,21 +272,23 @@ def discharge(job: Job, folder: Path, deadline: float) -> None:
     if told.returncode:
         raise SystemExit(f"{program} in {here}: {(told.stdout + told.stderr)[-800:]}")
     counts = pd.read_csv(here / "left.txt", sep=" ", skiprows=1, names=["time", "left"])
-    theirs = flow(counts, job.scene.grains.mass, len(packing), job.window)
+    mass, seconds = job.scene.grains.mass, time.time() - started
+    theirs, ours = (flow(one, mass, len(packing), job.window) for one in (counts, by_labbook(job, packing)))
     found = {
-        "code": job.code, "law": job.scene.contact.model_dump(mode="json"), "label": job.law, "seed": job.seed,
-        "orifice": job.scene.container.orifice, "ours": job.ours, "theirs": theirs, "seconds": time.time() - started,
-        "steps": round(float(counts["time"].iloc[-1]) / job.dt), "run_key": job.run_key,
+        "code": job.code, "law": job.scene.contact.model_dump(mode="json"), "point": job.point, "seed": job.seed,
+        "dt": job.dt, "ours": ours, "theirs": theirs, "seconds": seconds, "packing": job.packing.name,
     }  # fmt: skip
     done.write_text(json.dumps(found))
     shutil.rmtree(here)
-    print(f"{job.name}: {job.law}, seed {job.seed}: {theirs * 1e3:.2f} g/s, labbook {job.ours * 1e3:.2f}", flush=True)
+    print(f"{job.code}, {job.point}, {job.dt * 1e6:g} us, seed {job.seed}: {theirs * 1e3:.2f} g/s, "
+          f"labbook {ours * 1e3:.2f}; {seconds:.0f} s", flush=True)  # fmt: skip
 
 
 def run(said: argparse.Namespace) -> None:
     """Make what is missing, as many at once as asked for."""
     deadline = time.time() + said.until
-    found = list(jobs(labbook.load(said.study), labbook.Lab(said.lab)))
+    dt = None if said.dt is None else 1e-6 * said.dt
+    found = list(jobs(labbook.load(said.study), labbook.Lab(said.lab, said.backend), dt, said.outlets))
     with ThreadPoolExecutor(said.jobs) as pool:
         for _ in pool.map(lambda job: discharge(job, said.out, deadline), found):
             pass
@@ -271,8 +298,8 @@ def table(said: argparse.Namespace) -> None:
     """Compare, print and write."""
     rows = pd.DataFrame([json.loads(path.read_text()) for path in sorted(said.folder.glob("*.json"))])
     found = []
-    for (code, label), group in rows.groupby(["code", "label"]):
-        found.append({"code": code, "point": label, **compared(group)})
+    for (code, point, dt), group in rows.groupby(["code", "point", "dt"]):
+        found.append({"code": code, "point": point, "dt": dt, **compared(group)})
     shown = pd.DataFrame(found)
     print(shown.to_string(index=False))
     if said.out:
@@ -309,6 +336,9 @@ def main() -> None:
     one.add_argument("study", type=Path)
     one.add_argument("--lab", type=Path, required=True)
     one.add_argument("--out", type=Path, required=True)
+    one.add_argument("--backend", default="numba", help="whose packings")
+    one.add_argument("--dt", type=float, help="step [us]; that of the study if not given")
+    one.add_argument("--outlets", type=float, nargs="*", default=(), help="only these [mm]")
     one.add_argument("--jobs", type=int, default=1, help="how many at once")
     one.add_argument("--until", type=float, default=1e6, help="seconds after which no more is done")
     one.set_defaults(do=run)
