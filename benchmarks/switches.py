@@ -80,7 +80,7 @@ def variants(scene: Scene) -> dict[str, Scene]:
     """The scene without one thing after another that a backend need not compute then; and with grains that may differ,
     though those of a packing without sizes are all alike, and those of both kinds of one material."""
 
-    def law(**changes: float) -> Scene:
+    def law(**changes: object) -> Scene:
         return scene.model_copy(update={"contact": scene.contact.model_copy(update=changes)})
 
     def grains(**changes: object) -> Scene:
@@ -98,6 +98,7 @@ def variants(scene: Scene) -> dict[str, Scene]:
         "without friction": law(friction=0.0, rolling_friction=0.0),
         "without front and back": scene.model_copy(update={"container": Primitives(parts=sides)}),
         "with the linear law": scene.model_copy(update={"contact": linear}),
+        "with rolling springs": law(rolling_model="epsd"),
         "with several sizes": grains(sizes=Uniform(smallest=scene.grains.diameter / 2)),
         "with two kinds": grains(kinds=tuple(Kind(name=name, share=0.5) for name in ("one", "other"))),
     }

@@ -24,18 +24,20 @@ _law: ContextVar[ModuleType] = ContextVar("law")
 
 
 @contextmanager
-def choose(name: str, twist: bool = True) -> Iterator[ModuleType]:
+def choose(name: str, twist: bool = True, springs: bool = False) -> Iterator[ModuleType]:
     """Follow the law called `name`, as scenes call it, in this thread and block; gives the law's module.
 
-    twist: whether rolling resistance acts on twist too (`contact.rolling: full`). Raises ValueError if there is no such
-    law.
+    twist: whether rolling resistance acts on twist too (`contact.rolling: full`). springs: whether it has springs
+    (`contact.rolling_model: epsd`), so that `spheres.touch` leaves it to `spheres.rolling_on_sphere` and
+    `rolling_on_wall`. Raises ValueError if there is no such law.
     """
     if name not in LAWS:
         raise ValueError(f"no contact law is called {name}; there are {', '.join(LAWS)}")
-    before, twisted = _law.set(LAWS[name]), words.twist.on.set(twist)
+    before, twisted, rolled = _law.set(LAWS[name]), words.twist.on.set(twist), words.rolling.on.set(not springs)
     try:
         yield LAWS[name]
     finally:
+        words.rolling.on.reset(rolled)
         words.twist.on.reset(twisted)
         _law.reset(before)
 

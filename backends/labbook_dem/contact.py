@@ -47,3 +47,25 @@ def rolling(w: vec3, n: vec3, torque: real, inertia_rate: real, full: bool):
     rate = sqrt(dot(w, w))
     factor = inertia_rate if torque >= inertia_rate * rate else torque / rate
     return w * (-factor)
+
+
+@func
+def rolling_spring(
+    before: vec3, w: vec3, n: vec3, stiffness: real, limit: real, inertia: real, damping: real, dt: real, full: bool
+):  # fmt: skip
+    """Torque [N m] on i of an elastic-plastic spring and a dashpot, and the spring's part, which is kept.
+
+    before: the spring's torque so far [N m]; w = omega_i - omega_j [rad/s]; stiffness: k_r [N m]; limit:
+    mu_r R_r |F_n| [N m]; inertia: I_r [kg m^2]; damping: eta_r; dt: by how much to advance the spring [s]. `full`:
+    twist about n is resisted too, else the spring is turned into the contact plane by truncation, as friction's is.
+
+    Model C of Ai et al. 2011 (Powder Technology 206:269): dM = -k_r w dt, cut at the limit, where the dashpot ends
+    (their f = 0); below it the dashpot adds -2 eta_r sqrt(I_r k_r) w, which nothing limits.
+    """
+    w = w if full else w - n * dot(w, n)
+    m = (before if full else before - n * dot(before, n)) - w * (stiffness * dt)
+    size = sqrt(dot(m, m))
+    rolls = size > limit
+    m = m * ((limit / size) if rolls else real(1.0))
+    drag = real(0.0) if rolls else real(2.0) * damping * sqrt(inertia * stiffness)
+    return m - w * drag, m

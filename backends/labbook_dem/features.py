@@ -17,6 +17,7 @@ from labbook_dem.walls import WALLS, number
 SWITCHES = (
     "FRICTION",
     "ROLLING",
+    "ROLLING_SPRING",
     "VARIED",
     "KINDS",
     "TWIST",
@@ -34,18 +35,17 @@ FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
     """Features by name: the law, the precision, the shape of grains, kinds of walls; in capitals switches, and the
     number of kinds of grains."""
-    walls, sorts = scene.container.walls(), range(len(scene.grains.species))
-    surfaces = [scene.surface_between(a, b) for a in sorts for b in sorts]
-    surfaces += [scene.surface(wall, sort) for wall in walls for sort in sorts]
+    walls, surfaces = scene.container.walls(), scene.surfaces
     kinds = {wall.shape.kind for wall in walls}
-    rolling = any(s.rolling_friction for s in surfaces)
+    rolling, springs = any(s.rolling_friction for s in surfaces), rolling_springs(scene)
     return {
         "law": scene.contact.law,
         "precision": numerics.precision,
         "shape": scene.grains.shape,
         "walls": tuple(kind for kind in WALLS if kind in kinds),
         "FRICTION": rolling or any(s.friction for s in surfaces),
-        "ROLLING": rolling,
+        "ROLLING": rolling and not springs,
+        "ROLLING_SPRING": springs,
         "VARIED": scene.grains.varied,
         "KINDS": len(scene.grains.species),
         "TWIST": rolling and scene.contact.rolling == "full",
@@ -70,10 +70,17 @@ def constants(spec: Spec) -> dict[str, int]:
 def superset(found: Mapping[str, object]) -> dict[str, object]:
     """Features with every switch on that changes no motion, so that scenes of one law and shape share a kernel.
 
-    Twist is resisted only where the scene has it so: with rolling friction of zero it makes no difference.
+    Twist is resisted only where the scene has it so: with rolling friction of zero it makes no difference. Rolling
+    resistance has springs only where the scene has them: they take memory.
     """
-    twist = bool(found["TWIST"] or not found["ROLLING"])
-    return {**found, **dict.fromkeys(ALWAYS, True), "walls": tuple(WALLS), "TWIST": twist}
+    springs = bool(found["ROLLING_SPRING"])
+    twist = bool(found["TWIST"] or not (found["ROLLING"] or springs))
+    return {**found, **dict.fromkeys(ALWAYS, True), "ROLLING": not springs, "walls": tuple(WALLS), "TWIST": twist}
+
+
+def rolling_springs(scene: Scene) -> bool:
+    """Whether rolling resistance acts by springs, which contacts then keep."""
+    return scene.contact.rolling_model == "epsd" and any(s.rolling_friction for s in scene.surfaces)
 
 
 def finest(scene: Scene) -> float:

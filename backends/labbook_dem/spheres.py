@@ -5,7 +5,7 @@ contact twice, once for each sphere, gets opposite forces to the last bit.
 """
 
 from labbook_dem.chosen import normal, respond
-from labbook_dem.contact import rolling, slip, trial
+from labbook_dem.contact import rolling, rolling_spring, slip, trial
 from labbook_dem.words import FRICTION, ROLLING, TWIST, VARIED, coefs, cross, dot, func, real, sqrt, vec3
 
 
@@ -88,3 +88,61 @@ def sphere_on_wall(
         c, radius, mass, radius, delta, n, u, v, w * lever, w - spin, s, dt, inertia_rate
     )  # fmt: skip
     return force, roll - arm * lever, kept
+
+
+@func
+def rolling_resistance(
+    c: coefs, rs: real, ms: real, delta: real, n: vec3, fn: real, turn: vec3, before: vec3, inertia: real, dt: real,
+    stiffness: real, damping: real,
+):  # fmt: skip
+    """Torque on i [N m] and its spring's part, where rolling resistance has a spring (`contact.rolling_spring`).
+
+    rs, ms: effective radius R_r [m] and mass [kg]. fn: normal force [N]; turn: difference of the spins [rad/s]; before:
+    the spring's torque so far [N m]; inertia: I_r [kg m^2]. stiffness, damping: k_r/(k_n mu_r^2 R_r^2) and eta_r.
+
+    k_n is the force without damping over the overlap: that of a linear law, and two thirds of the slope of Hertz's. The
+    same is k_n in LIGGGHTS 3.8 (rolling_model_epsd.h), as are the limit, R_r, I_r and the dashpot. There new contacts
+    are advanced by a whole step, and the spring's torque is not turned into the contact plane.
+    """
+    zero = real(0.0)
+    k_n = max(normal(c, rs, ms, delta, zero), zero) / delta
+    reach = c[5] * rs
+    return rolling_spring(
+        before, turn, n, stiffness * k_n * reach * reach, reach * abs(fn), inertia, damping, dt, TWIST
+    )
+
+
+@func
+def about_contact(radius: real, mass: real):
+    """Moment of inertia [kg m^2] of a sphere about a point of its surface: m r^2 (1 + 2/5)."""
+    return real(1.4) * mass * radius * radius
+
+
+@func
+def rolling_on_sphere(
+    c: coefs, ri: real, rj: real, mi: real, mj: real, away: vec3, delta: real, force: vec3, wi: vec3, wj: vec3,
+    before: vec3, dt: real, stiffness: real, damping: real,
+):  # fmt: skip
+    """Torque [N m] on i, its opposite on j, of the rolling spring of two spheres, and the spring's part of it.
+
+    delta, force: what `sphere_on_sphere` gave. before: the spring's torque so far [N m]; stiffness, damping: see
+    `rolling_resistance`. R_r = ri rj/(ri + rj), and I_r likewise of the moments of inertia about the contact (Ai et al.
+    2011).
+    """
+    n = away * (real(1.0) / sqrt(dot(away, away)))
+    inertia = effective(about_contact(ri, mi), about_contact(rj, mj))
+    return rolling_resistance(
+        c, effective(ri, rj), effective(mi, mj), delta, n, dot(force, n), wi - wj, before, inertia, dt, stiffness,
+        damping,
+    )  # fmt: skip
+
+
+@func
+def rolling_on_wall(
+    c: coefs, radius: real, mass: real, delta: real, n: vec3, force: vec3, w: vec3, spin: vec3, before: vec3, dt: real,
+    stiffness: real, damping: real,
+):  # fmt: skip
+    """The same at a wall with unit normal n that turns with `spin` [rad/s]; R_r is the radius."""
+    return rolling_resistance(
+        c, radius, mass, delta, n, dot(force, n), w - spin, before, about_contact(radius, mass), dt, stiffness, damping
+    )  # fmt: skip

@@ -84,7 +84,6 @@ sqrt = math.sqrt
 
 # what a scene may do without: constants of a generated module, so that nothing of it is compiled
 FRICTION = True
-ROLLING = True
 VARIED = True  # spheres differ in size, material or both
 
 
@@ -98,5 +97,7 @@ class Switch:
         return self.on.get()
 
 
-twist = Switch("twist", True)
+rolling, twist = Switch("rolling", True), Switch("twist", True)
+ROLLING = cast(bool, rolling)  # rolling resistance is a torque against the rotation, without a spring
+ROLLING_SPRING = True  # it has a spring
 TWIST = cast(bool, twist)  # rolling resistance acts on twist too

@@ -42,7 +42,8 @@ from labbook_numba.kernels import (
 from labbook_numba.kernels import features as vocabulary
 from labbook_numba.shapes import SHAPES
 
-PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "BODY", "X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
+PLACES = ("BLOCK", "STRIDE", "GRAIN", "LOAD", "SPRING", "ROLL", "BODY")
+PLACES += ("X", "V", "W", "U", "P", "Q", "A", "M", "F", "T")
 
 BEFORE = (cells, blocks, bodies, transfer)
 AFTER = (pairs, near, move, neighbours, meet, step, observe)
@@ -71,6 +72,7 @@ def module_text(spec: Spec) -> str:
     own = SHAPES[grains]
     hold(f"the shape {grains} in labbook_numba", shape, own.kernels)
     layout = state.MIXTURES if spec.feature("VARIED") else own.layout
+    layout = layout.with_rolling_springs() if spec.feature("ROLLING_SPRING") else layout
     # the numbers by which host and kernels agree on places and return codes; those that kernels index with are unsigned
     shared = _numbers(state) | layout._asdict()
     places = {name: value for module in (blocks, *own.kernels) for name, value in _numbers(module).items()}

@@ -87,6 +87,8 @@ def _split(state: State, params: Params, threads: int) -> list[State]:
     bounds = [0, *(int(row) for row in np.searchsorted(work, work[-1] * np.arange(1, threads) / threads)), n]
     told, meetings = np.zeros((threads, S.CACHE_LINE)), np.zeros(1, np.int64)
     precision = "mixed" if state.block.dtype == np.float32 else "double"
+    layout = S.MIXTURES if len(state.body) else S.SPHERES
+    layout = layout.with_rolling_springs() if state.spring.shape[1] > layout.SPRING else layout
     domains = []
     for number, (first, last) in enumerate(pairwise(bounds)):
         first_pair, last_pair = (int(k) for k in np.searchsorted(i, (first, last)))
@@ -104,7 +106,7 @@ def _split(state: State, params: Params, threads: int) -> list[State]:
             **S.borrowed(state, before),
             told=told,
             meetings=meetings,
-            **S.scratch(len(state.ids), precision, S.MIXTURES if len(state.body) else S.SPHERES),
+            **S.scratch(len(state.ids), precision, layout),
         )
         domains.append(domain)
     return domains

@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 from labbook_dem.ensemble import Failure, Standing, check_checkpoint, explain, places
-from labbook_dem.features import is_oriented
+from labbook_dem.features import is_oriented, rolling_springs
 from labbook_dem.reading import Grains
 from labbook_dem.rotation import axes, momenta
 
@@ -34,7 +34,7 @@ class Run(Standing):
         self.rods = is_oriented(scene)
         self.layout = layout_of(scene)
         self.failure: Failure | None = None
-        self._varied = scene.grains.varied
+        self._varied, self._rolling = scene.grains.varied, rolling_springs(scene)
         self._kept = kept(scene)
 
     # how it starts
@@ -77,6 +77,9 @@ class Run(Standing):
         at = places(_keys(st.pair_i[:pairs], st.pair_j[:pairs]), _keys(*packing.pairs.T))
         found = at >= 0
         st.spring[at[found], :3] = packing.pair_spring[found]
+        of_pairs, of_walls = packing.rolling
+        if self._rolling:
+            st.spring[at[found], S.ROLL : S.ROLL + 3] = of_pairs[found]
         st.held[at[found]] = 1
         for w, name in enumerate(self.names):
             first, last = st.wall_first[w], st.wall_first[w + 1]
@@ -84,7 +87,10 @@ class Run(Standing):
             at = places(st.wall_grain[first:last], packing.wall_grain[mine])
             found = at >= 0
             entry, part = first + at[found], packing.wall_part[mine][found]
-            st.wall_spring[entry * self.layout.WALL_PARTS + part, :3] = packing.wall_spring[mine][found]
+            row = entry * self.layout.WALL_PARTS + part
+            st.wall_spring[row, :3] = packing.wall_spring[mine][found]
+            if self._rolling:
+                st.wall_spring[row, S.ROLL : S.ROLL + 3] = of_walls[mine][found]
             np.bitwise_or.at(st.wall_held, entry, (1 << part).astype(np.uint8))
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -192,7 +198,8 @@ class Run(Standing):
         entry, part = np.nonzero(st.wall_held[:walls, None] >> np.arange(self.layout.WALL_PARTS) & 1)
         held = st.held[:pairs] == 1
         v, w = self.whole_step()
-        own = self.bodies()
+        own, row = self.bodies(), entry * self.layout.WALL_PARTS + part
+        roll = slice(S.ROLL, S.ROLL + 3)
         return Packing(
             x=st.x[:n].copy(),
             v=v,
@@ -203,8 +210,10 @@ class Run(Standing):
             pair_spring=st.spring[:pairs, :3][held],
             wall_grain=st.wall_grain[:walls][entry].astype(np.int64),
             wall_name=np.array([*self.names, ""], "U40")[wall[entry]],
-            wall_spring=st.wall_spring[entry * self.layout.WALL_PARTS + part, :3],
+            wall_spring=st.wall_spring[row, :3],
             wall_part=part,
+            pair_rolling=st.spring[:pairs, roll][held] if self._rolling else None,
+            wall_rolling=st.wall_spring[row, roll] if self._rolling else None,
             **(own.carried(self.scene.grains) if own else {}),
         )
 

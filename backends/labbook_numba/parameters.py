@@ -24,6 +24,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     drop = drop if features.outlet(scene) is not None else -inf
     pair_c = features.pair_table(scene, numerics)
     walls = features.wall_tables(scene, numerics)
+    rolling_stiffness, rolling_damping = scene.contact.rolling_spring
     spare = wall_numbers - walls.numbers.shape[1]
     return Params(
         c=tuple(pair_c[0].tolist()),
@@ -44,4 +45,6 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
         walls=np.pad(walls.numbers, ((0, 0), (0, spare))),
         wall_kind=walls.kind,
         wall_motion=walls.motion,
+        rolling_stiffness=rolling_stiffness,
+        rolling_damping=rolling_damping,
     )

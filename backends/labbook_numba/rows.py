@@ -125,15 +125,19 @@ def add_two_rows(typing, array, index, start, width, column, value, column2, val
 
 
 @intrinsic
-def put_rows(typing, array, index, start, value):
-    """Write eight rows over those of `array`, which are four long, numbered by index[start:start + 8]."""
+def put_rows(typing, array, index, start, width, column, value):
+    """Write eight rows over the four elements from `column` on of those of `array`, numbered by index[start:start + 8].
+
+    `width`: as of `rows_at`.
+    """
 
     def code(context, builder, sig, args):
         kind, index_kind = sig.args[:2]
-        array, index, start, value = args
-        places = list(_places(context, builder, index_kind, index, start, ir.IntType(64)(4)))
+        array, index, start, width, column, value = args
+        places = list(_places(context, builder, index_kind, index, start, width))
         for place, one in zip(places, _each_row(builder, value), strict=True):
-            builder.store(one, address(context, builder, kind, array, place, FOUR), align=8)
+            pointer = address(context, builder, kind, array, builder.add(place, column), FOUR)
+            builder.store(one, pointer, align=8)
         return context.get_dummy_value()
 
-    return types.void(array, index, types.uint64, eight_rows), code
+    return types.void(array, index, types.uint64, types.uint64, types.uint64, eight_rows), code

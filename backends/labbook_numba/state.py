@@ -29,7 +29,7 @@ STRIDE = BLOCK + 16
 X, V, W, U = 0, 4, 8, 12
 P, Q, A, M = 16, 20, 24, 28
 F, T, LOAD = 0, 4, 8
-SPRING = 4
+ROLL = 4  # where in a row of springs that of rolling resistance starts, if there is one
 BODY = 4  # numbers of a row of State.body
 COEFFICIENTS = 8  # of a law, in the last columns of a block
 GHOSTS = 2  # rows behind the grains: one that may be written to for nothing, and one too far away to touch it
@@ -39,17 +39,23 @@ FAR = 1e30
 class Layout(NamedTuple):
     """What equal and unlike spheres and rods take: lengths of rows of grains, columns of blocks and of State.near, and
     points (the parts of a rod) at which a grain may touch one wall, each with its spring. ORIENTED: whether grains have
-    an orientation."""
+    an orientation; VARIED: whether they differ; SPRING: length of a row of springs."""
 
     GRAIN: int
     BLOCK_COLUMNS: int
     NEAR_COLUMNS: int
     WALL_PARTS: int
     ORIENTED: bool
+    VARIED: bool = False
+    SPRING: int = 4
+
+    def with_rolling_springs(self) -> "Layout":
+        """The same where contacts have rolling springs too."""
+        return self._replace(SPRING=8, BLOCK_COLUMNS=MIXTURES.BLOCK_COLUMNS + 3)
 
 
 SPHERES = Layout(GRAIN=16, BLOCK_COLUMNS=21, NEAR_COLUMNS=7, WALL_PARTS=1, ORIENTED=False)
-MIXTURES = SPHERES._replace(BLOCK_COLUMNS=35)
+MIXTURES = SPHERES._replace(BLOCK_COLUMNS=35, VARIED=True)
 RODS = Layout(GRAIN=32, BLOCK_COLUMNS=33, NEAR_COLUMNS=10, WALL_PARTS=4, ORIENTED=True)
 LAYOUTS = {"sphere": SPHERES, "spherocylinder": RODS}
 """By shape, of equal grains."""
@@ -62,7 +68,8 @@ class State(NamedTuple):
     Near pairs: grains pair_i < pair_j, both ascending, with the spring [m] of each, valid where `held`, which says that
     it touched at the last step; behind the last come pairs of ghosts. Near walls likewise: those of wall w are
     wall_first[w]..wall_first[w + 1], grains ascending; each has as many springs as a grain may have contacts there, and
-    `wall_held` has a bit for each.
+    `wall_held` has a bit for each. A row of springs has that of friction, and from ROLL on, where there is one, the
+    torque on pair_i of that of rolling resistance [N m].
 
     Rods have more in their rows: p, the spin predicted for now; q, the orientation, and a, its axis, at whole steps; m,
     the reduced angular momentum half a step before (`labbook_dem.rotation`), of which w is the spin.
@@ -178,6 +185,8 @@ class Params(NamedTuple):
     half: half the length of a rod's segment [m]; slender: I_t/I_a - 1, inertia: I_t [kg m^2].
 
     walls [W, n]: the numbers that describe each; wall_kind [W]; wall_motion [W, 4]: velocity and spin of its surface.
+
+    rolling_stiffness, rolling_damping: of rolling springs (`labbook_dem.spheres.rolling_resistance`).
     """
 
     c: tuple
@@ -198,6 +207,8 @@ class Params(NamedTuple):
     walls: np.ndarray
     wall_kind: np.ndarray
     wall_motion: np.ndarray
+    rolling_stiffness: float
+    rolling_damping: float
 
 
 def allocate(
@@ -209,7 +220,7 @@ def allocate(
     return State(
         grains=grains,
         loads=loads(n),
-        body=np.ones((n + GHOSTS if layout is MIXTURES else 0, BODY)),
+        body=np.ones((n + GHOSTS if layout.VARIED else 0, BODY)),
         ids=np.zeros(n, np.int64),
         gone=np.zeros(n, np.uint8),
         **lists(pairs + PAD, walls, near_walls + PAD, layout)._asdict(),
@@ -219,7 +230,7 @@ def allocate(
         borrowed_i=np.zeros(PAD, np.int32),
         borrowed_j=np.zeros(PAD, np.int32),
         borrowed_held=np.zeros(PAD, np.uint8),
-        borrowed_spring=np.zeros((PAD, SPRING)),
+        borrowed_spring=np.zeros((PAD, layout.SPRING)),
         domain=np.array([0, 1, 0, 0, 0, 0, 0]),
         told=np.zeros((1, CACHE_LINE)),
         meetings=np.zeros(1, np.int64),
@@ -233,11 +244,11 @@ def lists(pairs: int, walls: int, near_walls: int, layout: Layout) -> Lists:
         pair_i=np.zeros(pairs, np.int32),
         pair_j=np.zeros(pairs, np.int32),
         held=np.zeros(pairs, np.uint8),
-        spring=_aligned(pairs * SPRING).reshape(-1, SPRING),
+        spring=_aligned(pairs * layout.SPRING).reshape(-1, layout.SPRING),
         wall_first=np.zeros(walls + 1, np.int64),
         wall_grain=np.zeros(near_walls, np.int32),
         wall_held=np.zeros(near_walls, np.uint8),
-        wall_spring=_aligned(near_walls * layout.WALL_PARTS * SPRING).reshape(-1, SPRING),
+        wall_spring=_aligned(near_walls * layout.WALL_PARTS * layout.SPRING).reshape(-1, layout.SPRING),
     )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from labbook_dem.ensemble import LONGEST
+from labbook_dem.features import rolling_springs
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
@@ -13,7 +14,8 @@ from labbook_numba.state import Layout, State
 
 def layout_of(scene: Scene) -> Layout:
     """Lengths of rows of the grains of a scene."""
-    return S.MIXTURES if scene.grains.varied else S.LAYOUTS[scene.grains.shape]
+    layout = S.MIXTURES if scene.grains.varied else S.LAYOUTS[scene.grains.shape]
+    return layout.with_rolling_springs() if rolling_springs(scene) else layout
 
 
 def kept(scene: Scene) -> set[str]:

@@ -1,6 +1,6 @@
 """One running scene, stepped as plainly as can be: all pairs that may touch, all walls, one contact at a time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,7 @@ from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
 from labbook_dem.ensemble import LONGEST, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
-from labbook_dem.features import features, finest, is_oriented, outlet, planes
+from labbook_dem.features import features, finest, is_oriented, outlet, planes, rolling_springs
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, crossing_columns
 from labbook_dem.words import coefs, dot, vec3
 from scipy.spatial import KDTree
@@ -50,11 +50,13 @@ class Contact:
 
 @dataclass
 class Forces:
-    """What acts on n grains: forces [N] and torques [N m], shape [n, 3]; springs as they are now [m], and contacts."""
+    """What acts on n grains: forces [N] and torques [N m], shape [n, 3]; springs as they are now [m], and those of
+    rolling resistance [N m]; and contacts."""
 
     f: np.ndarray
     t: np.ndarray
     springs: dict[Key, vec3] = field(default_factory=dict)
+    rolling: dict[Key, vec3] = field(default_factory=dict)
     contacts: list[Contact] = field(default_factory=list)
 
     def add(self, i: int, force: vec3, torque: vec3) -> None:
@@ -78,6 +80,8 @@ class Run(Standing):
     """Which have passed the plane whose crossings are recorded."""
     bodies: Bodies
     springs: dict[Key, vec3]
+    rolling: dict[Key, vec3]
+    """Torques of rolling springs [N m], of the same contacts where there are any."""
     work: float
     """Of contacts, in all kicks so far [J]."""
     clear: np.ndarray
@@ -92,7 +96,8 @@ class Run(Standing):
         self._plain = [PlainWall(wall.shape) for wall in self.walls]
         self.slender = rotation.slenderness(scene.grains)
         self.failure: Failure | None = None
-        self._friction = bool(features(scene, numerics, probes)["FRICTION"])
+        found = features(scene, numerics, probes)
+        self._friction, self._rolling = bool(found["FRICTION"]), bool(found["ROLLING_SPRING"])
         crossed = any(isinstance(probe, Crossing) for probe in probes)
         plane, drop = planes(scene, probes)
         self._plane = plane if crossed else -np.inf
@@ -112,7 +117,8 @@ class Run(Standing):
             }
 
     def _law(self):
-        return choose(self.scene.contact.law, twist=self.scene.contact.rolling == "full")
+        contact = self.scene.contact
+        return choose(contact.law, twist=contact.rolling == "full", springs=contact.rolling_model == "epsd")
 
     # how it starts
 
@@ -134,17 +140,18 @@ class Run(Standing):
         run.y = run.m.copy()
         run.gone = packing.x[:, 2] < run._plane
         run.step, run.work, run.max_overlap, run.touching = 0, 0.0, 0.0, 0
-        run.springs = run._springs_of(packing) if run._friction else {}
+        run.springs = run._springs_of(packing, packing.pair_spring, packing.wall_spring) if run._friction else {}
+        run.rolling = run._springs_of(packing, *packing.rolling) if run._rolling else {}
         run.clear = np.zeros((len(run.walls), run.grains))
         return run
 
-    def _springs_of(self, packing: Packing) -> dict[Key, vec3]:
+    def _springs_of(self, packing: Packing, of_pairs: np.ndarray, of_walls: np.ndarray) -> dict[Key, vec3]:
         ids, names = self.ids.tolist(), [wall.name for wall in self.walls]
         found: dict[Key, vec3] = {}
-        for (i, j), spring in zip(packing.pairs.tolist(), packing.pair_spring.tolist(), strict=True):
+        for (i, j), spring in zip(packing.pairs.tolist(), of_pairs.tolist(), strict=True):
             found[ids[i], ids[j]] = vec3(*spring)
-        of_walls = zip(packing.wall_grain, packing.wall_name, packing.wall_part, packing.wall_spring, strict=True)
-        for i, name, part, spring in of_walls:
+        at_walls = zip(packing.wall_grain, packing.wall_name, packing.wall_part, of_walls, strict=True)
+        for i, name, part, spring in at_walls:
             if name in names:
                 found[ids[i], names.index(str(name)), int(part)] = vec3(*spring.tolist())
         return found
@@ -164,11 +171,15 @@ class Run(Standing):
         run.step, run.touching = int(kept["step"]), int(kept["touching"])
         run.clear = np.zeros((len(run.walls), run.grains))
         run.work, run.max_overlap = float(kept["work"]), float(kept["max_overlap"])
-        run.springs = {
-            tuple(key): vec3(*spring)
-            for of in ("pair", "wall")
-            for key, spring in zip(kept[f"{of}_key"].tolist(), kept[f"{of}_spring"].tolist(), strict=True)
-        }
+
+        def kept_of(name: str) -> dict[Key, vec3]:
+            return {
+                tuple(key): vec3(*vector)
+                for of in ("pair", "wall")
+                for key, vector in zip(kept[f"{of}_key"].tolist(), kept[f"{of}_{name}"].tolist(), strict=True)
+            }
+
+        run.springs, run.rolling = kept_of("spring"), kept_of("rolling") if run._rolling else {}
         return run
 
     def checkpoint(self) -> Checkpoint:
@@ -181,7 +192,9 @@ class Run(Standing):
         for of, size in (("pair", 2), ("wall", 3)):
             mine = {key: spring for key, spring in self.springs.items() if len(key) == size}
             arrays[f"{of}_key"] = np.array(list(mine), np.int64).reshape(-1, size)
-            arrays[f"{of}_spring"] = np.array([(s.x, s.y, s.z) for s in mine.values()], float).reshape(-1, 3)
+            arrays[f"{of}_spring"] = np.array([_three(s) for s in mine.values()], float).reshape(-1, 3)
+            if self._rolling:
+                arrays[f"{of}_rolling"] = np.array([_three(self.rolling[key]) for key in mine], float).reshape(-1, 3)
         return Checkpoint(self._can.name, self._can.cache_version, arrays)
 
     # how it runs
@@ -214,7 +227,7 @@ class Run(Standing):
         self.v, self.m = kick(v, a, kick_dt), kick(m, turns, kick_dt)
         self.work += self._work(forces, (v + self.v) / 2, (m + self.m) / 2, kick_dt)
         self.x, self.u, self.y = drift(self.x, self.v, dt), predict(self.v, a, dt), predict(self.m, turns, dt)
-        self.springs = forces.springs
+        self.springs, self.rolling = forces.springs, forces.rolling
         self.clear -= np.linalg.norm(self.v, axis=1) * dt
         if self.q is not None:
             turned = []
@@ -267,9 +280,10 @@ class Run(Standing):
             self.clear = self.clear[:, stays]
             self.bodies = Bodies(*(array[stays] for array in vars(self.bodies).values()))
             there = set(self.ids.tolist())
-            self.springs = {
-                key: s for key, s in self.springs.items() if key[0] in there and (len(key) == 3 or key[1] in there)
-            }
+            self.springs, self.rolling = (
+                {key: s for key, s in springs.items() if key[0] in there and (len(key) == 3 or key[1] in there)}
+                for springs in (self.springs, self.rolling)
+            )
 
     # what acts
 
@@ -332,6 +346,12 @@ class Run(Standing):
                 c, ri, rj, float(of.mass[i]), float(of.mass[j]), away, overlap2, u, v, wi, wj, last, advance,
                 self._rate(i), self._rate(j),
             )  # fmt: skip
+            if self._rolling:
+                roll, found.rolling[key] = spheres.rolling_on_sphere(
+                    c, ri, rj, float(of.mass[i]), float(of.mass[j]), away, overlap, force, wi, wj,
+                    self.rolling.get(key, NONE), advance, *self.scene.contact.rolling_spring,
+                )  # fmt: skip
+                on_i, on_j = on_i + roll, on_j - roll
         else:
             ai, aj = vec3(*a[i].tolist()), vec3(*a[j].tolist())
             s, t, close = segments.closest(away, ai, aj, self.scene.grains.half_length)
@@ -383,6 +403,12 @@ class Run(Standing):
                 force, torque, kept = spheres.sphere_on_wall(
                     c, radius, mass, overlap, normal, u, v, wi, turning, last, advance, rate
                 )
+            if self._rolling:
+                roll, found.rolling[name, w, part] = spheres.rolling_on_wall(
+                    c, radius, mass, overlap, normal, force, wi, turning, self.rolling.get((name, w, part), NONE),
+                    advance, *self.scene.contact.rolling_spring,
+                )  # fmt: skip
+                torque = torque + roll
             found.add(i, force, torque)
             found.contacts.append(Contact(i, -1, w, overlap, force, branch))
             if self._friction:
@@ -449,16 +475,24 @@ class Run(Standing):
             wall_name=np.array([self.walls[key[1]].name for key in walls], "U40"),
             wall_spring=np.array([_three(s) for s in walls.values()], float).reshape(-1, 3),
             wall_part=np.array([key[2] for key in walls], np.int64),
+            pair_rolling=self._rolling_of(pairs),
+            wall_rolling=self._rolling_of(walls),
             **(self.bodies.carried(self.scene.grains) if self.scene.grains.varied else {}),
         )
+
+    def _rolling_of(self, contacts: Iterable[Key]) -> np.ndarray | None:
+        """Torques [N m] of the rolling springs of these contacts, shape [m, 3]; None where there are none."""
+        if not self._rolling:
+            return None
+        return np.array([_three(self.rolling[key]) for key in contacts], float).reshape(-1, 3)
 
 
 def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> None:
     """Raises ValueError, saying what is wrong, for a checkpoint that no member of this scene can have made."""
     names = {"x", "v", "u", "m", "y", "ids", "gone", "radius", "mass", "inertia", "kind", "step", "touching", "work"}
-    names |= {"max_overlap", "pair_key", "pair_spring", "wall_key", "wall_spring"} | (
-        {"q"} if is_oriented(scene) else set()
-    )
+    names |= {"max_overlap", "pair_key", "pair_spring", "wall_key", "wall_spring"}
+    names |= {"q"} if is_oriented(scene) else set()
+    names |= {"pair_rolling", "wall_rolling"} if rolling_springs(scene) else set()
     check_names(can, names, stored)
     arrays: Mapping[str, np.ndarray] = stored.arrays
     n = arrays["ids"].shape[0] if arrays["ids"].ndim == 1 else -1
@@ -469,6 +503,7 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     shapes |= dict.fromkeys(("step", "touching"), ((), np.int64)) | dict.fromkeys(("work", "max_overlap"), ((), float))
     shapes |= {"pair_key": ((pairs, 2), np.int64), "pair_spring": ((pairs, 3), np.float64)}
     shapes |= {"wall_key": ((walls, 3), np.int64), "wall_spring": ((walls, 3), np.float64)}
+    shapes |= {"pair_rolling": ((pairs, 3), np.float64), "wall_rolling": ((walls, 3), np.float64)}
     for name, array in arrays.items():
         shape, kind = shapes[name]
         if array.shape != shape or array.dtype != kind:

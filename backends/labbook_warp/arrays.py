@@ -9,7 +9,7 @@ import warp as wp
 
 from labbook_warp.codec import Codec, States
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import COPIED, OF_MANY_WALLS, OF_SHAPES, WORDS_OF_STATE, Sizes, shapes, state
+from labbook_warp.layout import COPIED, SOMETIMES, WORDS_OF_STATE, Sizes, shapes, state
 from labbook_warp.shapes import SHAPES
 
 
@@ -28,7 +28,7 @@ class Arrays:
     def __init__(self, module: ModuleType, sizes: Sizes, device: wp.Device, crossings: bool):
         self.module, self.sizes, self.device = module, sizes, device
         self.codec = Codec(not module.FINE, SHAPES[sizes.shape].shown)
-        self.state = state(sizes.shape, module.VARIED, sizes.listed)
+        self.state = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING)
         self.system = system = module.System()
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
         system.seats = sizes.seats
@@ -37,7 +37,7 @@ class Arrays:
             owner = self if shape.name in WORDS_OF_STATE else system
             setattr(owner, shape.name, wp.zeros(shape.length, dtype=shape.dtype, device=device))
         system.fail.fill_(NO_FAILURE)
-        missing = {*OF_SHAPES, *OF_MANY_WALLS} - set(self.state)
+        missing = set(SOMETIMES) - set(self.state)
         copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
         self._saved = [(array, wp.clone(array)) for array in copied]
 

@@ -46,10 +46,11 @@ class Sizes:
         return self.rows * (self.near // 2 + min(self.walls * self.parts, 6)) + 1
 
 
-def state(shape: str, varied: bool, listed: bool) -> dict[str, str]:
-    """Arrays that make up a member's state, beside its words, and which of `Sizes.entries` each has."""
+def state(shape: str, varied: bool, listed: bool, rolling: bool) -> dict[str, str]:
+    """Arrays that make up a member's state, beside its words, and which of `Sizes.entries` each has; rolling: whether
+    contacts have rolling springs."""
     more = dict(SHAPES[shape].state) | (OF_MIXTURES if varied else {}) | (OF_MANY_WALLS if listed else {})
-    return STATE | more
+    return STATE | more | (OF_ROLLING if rolling else {})
 
 
 # arrays of grains that make up a member's state, and their entries a grain
@@ -69,14 +70,18 @@ STATE = {
 }
 OF_MIXTURES = {"body": "one"}
 OF_MANY_WALLS = {"wall_seat": "seats"}
+OF_ROLLING = {"rolling": "near", "wall_rolling": "walls"}
 BESIDE = ("beside", "wall_touching", "wall_force", "wall_torque", "wall_deep")
 BESIDE_FINE = ("wall_fine_force", "wall_fine_torque")
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
+SCRATCH_OF_ROLLING = {"new_rolling": "near"}
 OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
 OF_WALLS = ("wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")
 OF_SHAPES = tuple(dict.fromkeys(name for shape in SHAPES.values() for name in shape.state))
-COPIED = ("p", *(name for name in STATE if name != "ids"), *OF_SHAPES, *OF_MANY_WALLS, "rebuilds", "left")
+SOMETIMES = (*OF_SHAPES, *OF_MANY_WALLS, *OF_ROLLING)
+"""Arrays that are copied aside where there are any."""
+COPIED = ("p", *(name for name in STATE if name != "ids"), *SOMETIMES, "rebuilds", "left")
 """Arrays that are copied aside before every beat."""
 MOST_CONTACTS = 32
 """Entries of a grain at walls: bits of a mask."""
@@ -99,8 +104,9 @@ class Shape:
 def shapes(module: ModuleType, sizes: Sizes, crossings: bool) -> Iterator[Shape]:
     """All arrays. module: the kernels' module, which knows the types; crossings: whether they are recorded."""
     rows, slots = sizes.rows, sizes.slots
-    mine = state(sizes.shape, module.VARIED, sizes.listed)
-    lengths = {name: rows * sizes.entries[of] for name, of in (mine | SCRATCH).items()}
+    mine = state(sizes.shape, module.VARIED, sizes.listed, module.ROLLING_SPRING)
+    scratch = SCRATCH | (SCRATCH_OF_ROLLING if module.ROLLING_SPRING else {})
+    lengths = {name: rows * sizes.entries[of] for name, of in (mine | scratch).items()}
     lengths |= {name: rows if module.APART else 1 for name in BESIDE}
     lengths |= {name: rows if module.APART and module.FINE else 1 for name in BESIDE_FINE} | {"beside_count": 2 * slots}
     lengths |= dict.fromkeys(OF_SLOTS, slots)

@@ -37,6 +37,7 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     made.half, made.slender, made.centres2 = grains.half_length, slenderness(grains), farthest(scene, numerics) ** 2
     made.per_mass, made.per_inertia = 1 / grains.mass, 1 / grains.inertia
     made.gravity, made.dt = scene.gravity, numerics.dt
+    made.rolling_stiffness, made.rolling_damping = scene.contact.rolling_spring
     made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * finest(scene)
     made.quantum_f, made.quantum_t = _quantum(most), _quantum(most * (r + grains.half_length))
     made.per_quantum_f, made.per_quantum_t = 1 / made.quantum_f, 1 / made.quantum_t

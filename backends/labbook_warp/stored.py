@@ -16,14 +16,15 @@ from labbook_warp.shapes import SHAPES
 
 _NUMBERS = ("step", "rebuilds")
 _WIDE = {"origin": 3, "facing": 3, "turned": 4, "body": 4, "work": 0, "deep": 0}
-_REAL = {"spring": 3, "wall_spring": 3, "momentum": 4}
+_REAL = {"spring": 3, "wall_spring": 3, "rolling": 3, "wall_rolling": 3, "momentum": 4}
 _WHOLE = ("ids", "gone", "count", "nbr", "wall_seat")
 """Types of arrays, and how many numbers an entry has; other ones are masks of 32 bits."""
 
 
 def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, stored: Checkpoint) -> None:
     """Raises ValueError, saying what is wrong, for a checkpoint that no member of `scene` with `spec` can have left."""
-    entries = state(scene.grains.shape, scene.grains.varied, spec.feature("LISTED"))
+    listed, rolling = spec.feature("LISTED"), spec.feature("ROLLING_SPRING")
+    entries = state(scene.grains.shape, scene.grains.varied, listed, rolling)
     check_checkpoint(can, {"p", *entries, *_NUMBERS, "past_work"}, stored)
     arrays = {name: np.asarray(array) for name, array in stored.arrays.items()}
     codec, real = (

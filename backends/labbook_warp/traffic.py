@@ -37,7 +37,7 @@ def weigh(stage: Stage) -> Load:
 
 def _bytes(arrays: Arrays, listed: float, touching: float, walls: bool) -> float:
     """At least: state in and out, list in, springs of what touches in and out, bits and counts."""
-    spring = 3 * (4 if arrays.codec.mixed else 8)
+    spring = 3 * (4 if arrays.codec.mixed else 8) * (2 if arrays.module.ROLLING_SPRING else 1)
     masks = 2 * _INTS + (2 * _INTS if walls else 0)  # neighbours: how many, which are held; walls: near, held
     what = 2 * _WORD if arrays.module.VARIED else 0
     if arrays.module.ORIENTED:

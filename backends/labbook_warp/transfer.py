@@ -51,6 +51,8 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     rows[order] = np.arange(n)
     nbr, count = arrays.read("nbr", slot, n), arrays.read("count", slot, n)
     held, spring = arrays.read("held", slot, n), arrays.read("spring", slot, n)
+    rolling = arrays.read("rolling", slot, n) if "rolling" in arrays.state else None
+    of_pairs, of_walls = packing.rolling
     k, r = np.nonzero(np.arange(len(nbr))[:, None] < count)
     keys = r * n + nbr[k, r]
     by_key = np.argsort(keys)
@@ -59,12 +61,17 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
         at = places(keys[by_key], a * n + b)
         there = by_key[at[at >= 0]]
         spring[k[there], r[there]] = sign * packing.pair_spring[at >= 0]
+        if rolling is not None:
+            rolling[k[there], r[there]] = sign * of_pairs[at >= 0]
         np.bitwise_or.at(held, r[there], np.uint32(1) << k[there].astype(np.uint32))
     arrays.write("spring", slot, spring)
     arrays.write("held", slot, held)
+    if rolling is not None:
+        arrays.write("rolling", slot, rolling)
     if not names:
         return
     wall_held, wall_spring = arrays.read("wall_held", slot, n), arrays.read("wall_spring", slot, n)
+    wall_rolling = arrays.read("wall_rolling", slot, n) if rolling is not None else None
     parts = arrays.sizes.parts
     seat = arrays.read("wall_seat", slot, n) if arrays.sizes.listed else None
     near = arrays.read("wall_near", slot, n)
@@ -77,9 +84,13 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
         there = q >= 0
         k, at = q[there] * parts + part, at[there]
         wall_spring[k, at] = packing.wall_spring[mine][there]
+        if wall_rolling is not None:
+            wall_rolling[k, at] = of_walls[mine][there]
         wall_held[at] |= np.uint32(1) << k.astype(np.uint32)  # near or not: another part may go on with it
     wall_held[near == 0] = 0  # where no wall is near nobody would look again
     arrays.write("wall_spring", slot, wall_spring)
+    if wall_rolling is not None:
+        arrays.write("wall_rolling", slot, wall_rolling)
     arrays.write("wall_held", slot, wall_held)
 
 
@@ -114,6 +125,11 @@ def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m
     by_wall = by_wall[place[g[by_wall]] >= 0]
     k_wall, g, of = k_wall[by_wall], g[by_wall], of[by_wall]
     q = None if turned is None else turned[order]
+    more: dict[str, np.ndarray | None] = {}
+    if "rolling" in arrays.state:
+        rolling, at_walls = arrays.read("rolling", slot, rows), arrays.read("wall_rolling", slot, rows)
+        more["pair_rolling"] = rolling[k, r][kept][by_pair].astype(np.float64)
+        more["wall_rolling"] = at_walls[k_wall, g].astype(np.float64)
     own = bodies(arrays, slot, rows, scene, order)
     return Packing(
         x=x[order],
@@ -127,6 +143,7 @@ def packing(arrays: Arrays, slot: int, rows: int, scene: Scene, v: np.ndarray, m
         wall_name=np.array([*names, ""], "U40")[of],
         wall_spring=arrays.read("wall_spring", slot, rows)[k_wall, g].astype(np.float64),
         wall_part=k_wall % parts,
+        **more,
         **(own.carried(scene.grains) if own else {}),
     )
 
@@ -168,13 +185,13 @@ def _closed_up(state: dict[str, np.ndarray], here: np.ndarray, entries: Mapping[
     kept = (k < state["count"][here]) & here[nbr]
     order = np.argsort(~kept, axis=0, kind="stable")
     bits = np.take_along_axis((held >> k.astype(np.uint32) & 1) * kept, order, axis=0).astype(np.uint32)
-    spring = np.take_along_axis(state["spring"][:, here], order[:, :, None], axis=0)
+    of_contacts = {name: state[name][:, here] for name in ("spring", "rolling") if name in state}
     one = {name: array[here] for name, array in state.items() if name == "p" or entries[name] == "one"}
     return {
         **one,
         **{name: array[:, here] for name, array in state.items() if entries.get(name) in ("walls", "seats")},
         "nbr": np.take_along_axis(np.where(kept, new_row[nbr], 0), order, axis=0).astype(nbr.dtype),
-        "spring": spring,
+        **{name: np.take_along_axis(array, order[:, :, None], axis=0) for name, array in of_contacts.items()},
         "count": kept.sum(axis=0).astype(state["count"].dtype),
         "held": np.bitwise_or.reduce(bits << k.astype(np.uint32), axis=0),
     }

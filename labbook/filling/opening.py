@@ -35,6 +35,7 @@ def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
         wall_grain=packing.wall_grain[kept],
         wall_spring=packing.wall_spring[kept],
         wall_part=packing.wall_part[kept],
+        wall_rolling=None if packing.wall_rolling is None else packing.wall_rolling[kept],
     )
 
 

@@ -24,7 +24,12 @@ from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
 Restitution = Annotated[Ratio, Field(gt=0, le=1)]
 Damping = Literal["clamped", "textbook", "printed"]
 Rolling = Literal["full", "rolling"]
+RollingModel = Literal["cdt", "epsd"]
 
+
+ROLLING_STIFFNESS, ROLLING_DAMPING = 2.25, 0.3
+"""Of rolling springs where a study states none: k_r/(k_n mu_r^2 R_r^2) of Ai et al. 2011, and the dashpot over the
+critical one."""
 
 # The duration of an undamped collision by Hertz's law in units of (m_eff^2 / (R_eff E*^2 v))^{1/5}: twice the integral
 # of dx / sqrt(1 - x^{5/2}) from 0 to 1, times (15/16)^{2/5}.
@@ -115,7 +120,7 @@ class ContactLaw(Model, ABC):
     friction: Coefficient = 0.0
     """Coulomb coefficient μ between grains, and at walls that state no other."""
     rolling_friction: Coefficient = 0.0
-    """μ_r: the resisting torque is at most μ_r R F_n."""
+    """μ_r: the resisting torque is at most μ_r R F_n; R: see `rolling_model`."""
     restitution: Restitution = 1.0
     """Coefficient of normal restitution e that is asked for, in (0, 1]."""
     damping: Damping = "clamped"
@@ -124,6 +129,15 @@ class ContactLaw(Model, ABC):
     rolling: Rolling = "full"
     """`full`: rolling friction resists all relative rotation, twist too (Fan eq 8 taken literally);
     `rolling`: its tangential part only."""
+    # what is not stated is left out of what is stored and hashed
+    rolling_model: Annotated[RollingModel, Field(exclude_if=lambda model: model == "cdt")] = "cdt"
+    """`cdt`: constant directional torque (Fan et al. 2023, eq 8), with R the radius of the smaller grain; what only
+    rolling friction holds creeps. `epsd`: elastic-plastic spring-dashpot (Ai et al. 2011, model C), with the effective
+    radius R = r_i r_j/(r_i + r_j), at walls that of the grain; what it holds rests. Of spheres only."""
+    rolling_stiffness: Annotated[Ratio | None, Field(gt=0, exclude_if=lambda value: value is None)] = None
+    """k_r/(k_n μ_r² R²) of rolling springs, k_n = F_n/δ without damping; none: 2.25 (Ai et al. 2011)."""
+    rolling_damping: Annotated[Coefficient | None, Field(exclude_if=lambda value: value is None)] = None
+    """Dashpot of rolling springs over the critical one, η_r; none: 0.3."""
     # where there are no kinds it is left out of what is stored and hashed
     between: Annotated[tuple[Between, ...], Field(exclude_if=lambda between: not between)] = ()
     """Pairs of kinds whose contacts differ; contacts of all others are as stated for the law."""
@@ -135,6 +149,20 @@ class ContactLaw(Model, ABC):
         A law that has one takes `shear_modulus` and `poisson_ratio` of the `Material` that a contact comes to.
         """
         return None
+
+    @model_validator(mode="after")
+    def _rolling_fits(self):
+        stated = [key for key in ("rolling_stiffness", "rolling_damping") if getattr(self, key) is not None]
+        if self.rolling_model != "epsd":
+            reason = "only the rolling model epsd has a spring and a dashpot"
+            refuse(Fault(key, reason, f"leave {key} out, or use rolling_model: epsd") for key in stated)
+        return self
+
+    @property
+    def rolling_spring(self) -> tuple[float, float]:
+        """k_r/(k_n mu_r^2 R_r^2) and the damping ratio of rolling springs; see `labbook_dem.contact.rolling_spring`."""
+        stiffness = ROLLING_STIFFNESS if self.rolling_stiffness is None else self.rolling_stiffness
+        return stiffness, ROLLING_DAMPING if self.rolling_damping is None else self.rolling_damping
 
     @abstractmethod
     def stiffened(self, factor: float) -> Self:

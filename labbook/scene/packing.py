@@ -1,4 +1,4 @@
-"""A packing: positions, velocities and friction springs of grains, free of any backend."""
+"""A packing: positions, velocities and springs of grains, free of any backend."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,6 +9,7 @@ _DOUBLE = ("x", "v", "omega")
 _EACH = {"diameter": np.float64, "kind": np.int64}
 _OF_SPRINGS = {"pairs": "iu", "pair_spring": "f", "wall_grain": "iu", "wall_name": "U", "wall_spring": "f"}
 _OF_SPRINGS |= {"wall_part": "iu"}
+_ROLLING = {"pair_rolling": "pairs", "wall_rolling": "wall_grain"}
 _WALL_PARTS = 8  # no rod touches a wall at so many points
 
 
@@ -22,7 +23,8 @@ class Packing:
     in the scene's `grains.kinds`), shape [n], or None where all grains are of one diameter d, or of one kind. Friction
     springs [m]: `pair_spring` [m, 3] on the grains (i, j) of `pairs` [m, 2], indices with i < j, acting on i;
     `wall_spring` [k, 3] on grain `wall_grain` [k] at the wall named `wall_name` [k], where a rod may touch at several
-    points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`).
+    points: `wall_part` [k] says which (0 for spheres; see `labbook_dem.walls`). Torques [N m] of the rolling springs of
+    the same contacts, acting on i: `pair_rolling` [m, 3] and `wall_rolling` [k, 3], or None where there are none.
 
     Raises ValueError for shapes that do not fit, for indices of grains that are not there, for numbers that are not
     finite and for quaternions that are not of length one: no backend can start from them.
@@ -41,6 +43,8 @@ class Packing:
     wall_name: np.ndarray = field(default_factory=lambda: np.zeros(0, "U40"))
     wall_spring: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     wall_part: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    pair_rolling: np.ndarray | None = None
+    wall_rolling: np.ndarray | None = None
 
     def __post_init__(self):
         n = len(self.x)
@@ -63,8 +67,11 @@ class Packing:
         if self.q is not None:
             object.__setattr__(self, "q", _quaternions(self.q, n))
         self._check_springs(n)
-        for name in (*_DOUBLE, "pair_spring", "wall_spring"):
-            bad = ~np.isfinite(getattr(self, name)).all(axis=1)
+        for name in (*_DOUBLE, "pair_spring", "wall_spring", *_ROLLING):
+            array = getattr(self, name)
+            if array is None:
+                continue
+            bad = ~np.isfinite(array).all(axis=1)
             if bad.any():
                 raise ValueError(f"packing: {name} is not finite in row {int(np.argmax(bad))}")
 
@@ -74,6 +81,15 @@ class Packing:
         for name, shape in (shapes | {"wall_spring": (walls, 3), "wall_part": (walls,)}).items():
             if np.shape(getattr(self, name)) != shape:
                 raise ValueError(f"packing: {name} has shape {np.shape(getattr(self, name))}, not {shape}")
+        for name, contacts in _ROLLING.items():
+            array = getattr(self, name)
+            if array is None:
+                continue
+            shape = (len(getattr(self, contacts)), 3)
+            if np.shape(array) != shape:
+                raise ValueError(f"packing: {name} has shape {np.shape(array)}, not {shape}")
+            if np.asarray(array).dtype.kind != "f":
+                raise ValueError(f"packing: {name} holds {np.asarray(array).dtype}")
         for name, kind in _OF_SPRINGS.items():
             if np.asarray(getattr(self, name)).dtype.kind not in kind:
                 raise ValueError(f"packing: {name} holds {np.asarray(getattr(self, name)).dtype}")
@@ -86,6 +102,13 @@ class Packing:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    @property
+    def rolling(self) -> tuple[np.ndarray, np.ndarray]:
+        """Torques [N m] of rolling springs of pairs [m, 3] and at walls [k, 3]: zero where there are none."""
+        pairs, walls = self.pair_rolling, self.wall_rolling
+        of_pairs = np.zeros((len(self.pairs), 3)) if pairs is None else pairs
+        return of_pairs, np.zeros((len(self.wall_grain), 3)) if walls is None else walls
 
     def rows(self, ids: np.ndarray) -> np.ndarray:
         """Rows of the grains called `ids`, which must all be there; shape as ids."""
@@ -100,6 +123,7 @@ class Packing:
         """
         mirror, axial = np.array([-1.0, 1, 1]), np.array([1.0, -1, -1])
         swapped = [_swap_sides(str(name)) for name in self.wall_name]
+        rolling = {name: getattr(self, name) for name in _ROLLING}
         return replace(
             self,
             x=self.x * mirror,
@@ -110,6 +134,7 @@ class Packing:
             wall_name=np.array(swapped, "U40"),
             wall_spring=self.wall_spring * mirror,
             wall_part=self.wall_part,
+            **{name: array * axial for name, array in rolling.items() if array is not None},
         )
 
     def renumbered(self, order: np.ndarray) -> "Packing":
@@ -118,11 +143,13 @@ class Packing:
         pairs = place[self.pairs]
         turned = (pairs[:, 0] > pairs[:, 1])[:, None]
         rows = {name: getattr(self, name) for name in (*_DOUBLE, "ids", "q", *_EACH)}
+        rolling = self.pair_rolling
         return replace(
             self,
             **{name: array[order] for name, array in rows.items() if array is not None},
             pairs=np.where(turned, pairs[:, ::-1], pairs),
             pair_spring=np.where(turned, -self.pair_spring, self.pair_spring),
+            pair_rolling=None if rolling is None else np.where(turned, -rolling, rolling),
             wall_grain=place[self.wall_grain],
         )
 
@@ -130,7 +157,7 @@ class Packing:
         """All arrays by name, for storage."""
         names = (*_DOUBLE, "ids", "pairs", "pair_spring", "wall_grain", "wall_name", "wall_spring", "wall_part")
         arrays = {name: getattr(self, name) for name in names}
-        some = {name: array for name in ("q", *_EACH) if (array := getattr(self, name)) is not None}
+        some = {name: array for name in ("q", *_EACH, *_ROLLING) if (array := getattr(self, name)) is not None}
         return {**arrays, **some}
 
     def save(self, path: Path) -> None:

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from labbook.scene.contact import AnyLaw, Between, ContactLaw, Surface, SurfaceChange
 from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
 from labbook.scene.drawing import describe, svg
-from labbook.scene.grains import Grains
+from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.material import Material
 from labbook.scene.model import Fault, Model, refuse
 from labbook.scene.quantities import Acceleration
@@ -58,6 +58,8 @@ class Scene(Model):
 
     def faults_of_law(self, law: ContactLaw) -> Iterator[Fault]:
         """Why grains and walls cannot have this law."""
+        if law.rolling_model == "epsd" and isinstance(self.grains, Spherocylinders):
+            yield Fault("contact.rolling_model", "rods have no rolling springs", "use cdt, or spheres")
         yield from self._faults_between_kinds(law)
         yield from self._faults_of_stiffness(law)
 
@@ -122,6 +124,13 @@ class Scene(Model):
         """The surface that grains turn to one another."""
         c = self.contact
         return Surface(friction=c.friction, rolling_friction=c.rolling_friction, restitution=c.restitution)
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """Surfaces of all contacts that there may be: between kinds, and of each kind at each wall."""
+        kinds = range(len(self.grains.species))
+        between = [self.surface_between(a, b) for a in kinds for b in kinds]
+        return (*between, *(self.surface(wall, kind) for wall in self.container.walls() for kind in kinds))
 
     def surface_between(self, one: int, other: int) -> Surface:
         """The complete surface that grains of two kinds, by their places in `grains.kinds`, turn to one another."""

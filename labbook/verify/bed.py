@@ -85,8 +85,9 @@ def _carries(stand: Stand) -> Mapping[str, float]:
 def _stays(stand: Stand) -> Mapping[str, float]:
     """Fourteen grains stacked like cannonballs in a narrow box: a million steps after they settled.
 
-    Every grain lies in a pocket. One that leans and is held by rolling resistance alone creeps under its limiter, by
-    about 30 g dt (`rest-on-incline`), in any precision: random piles have such grains now and then.
+    Every grain lies in a pocket: the torques of `cdt` hold none of them. A grain that leans and is held by rolling
+    resistance alone creeps under its limiter, at up to 30 g dt (`rest-on-incline`), in any precision: random piles have
+    such grains now and then. Rolling springs, `epsd`, hold them (`rolling-spring-rests`, `rolling-spring-pyramid`).
     """
     pile = scene(14, hertz(**SOFT), Box(width=2.01 * D, depth=2.01 * D, height=20 * D), G)
     corners = [(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)]
@@ -123,7 +124,7 @@ CASES = [
     ),
     Case(
         name="resting-pile",
-        statement="a pile at rest stays at rest for a million steps",
+        statement="a pile whose grains lie in pockets stays at rest for a million steps; with cdt, others creep",
         source="equilibrium",
         measures={
             "largest kinetic energy": limited(1e-9, "m g d"),

@@ -47,6 +47,14 @@ def in_a_tube() -> Scene:
     return Scene(grains=grains, contact=hertz(shear_modulus=SOFT, rolling_friction=0.0), container=walls, gravity=G)
 
 
+def on_springs() -> Scene:
+    """Spheres over a plane, with rolling springs."""
+    floor = Wall(name="floor", shape=Plane(point=(0.0, 0.0, -1.52 * D), normal=(0.0, 0.0, 1.0)))
+    law = hertz(shear_modulus=SOFT, rolling_friction=0.2, rolling_model="epsd")
+    grains = Spheres(diameter=D, density=2500, count=27)
+    return Scene(grains=grains, contact=law, container=Primitives(parts=(floor,)), gravity=G)
+
+
 def over_a_floor() -> Scene:
     """Smooth rods over a plane."""
     floor = Wall(name="floor", shape=Plane(point=(0.0, 0.0, -3.02 * D), normal=(0.0, 0.0, 1.0)))
@@ -67,7 +75,7 @@ def crowd(scene: Scene) -> Packing:
     return start
 
 
-SCENES = {"free": free, "in a tube": in_a_tube, "over a floor": over_a_floor}
+SCENES = {"free": free, "in a tube": in_a_tube, "on springs": on_springs, "over a floor": over_a_floor}
 """Further scenes than the silo, which has planes and strips, friction and rolling resistance."""
 
 
@@ -120,7 +128,14 @@ def test_they_leave_out_every_feature(sharing):
     assert out["silo"] == {"MOVING", "frustum", "CROSSING", "LEDGER"}
     assert out["free"] == every, "of a scene with nothing but grains"
     assert out["in a tube"] >= {"ROLLING", "plane", "strip", "OUTLET"}
+    assert out["on springs"] >= {"ROLLING", "strip", "frustum"}
     assert out["over a floor"] == every - {"plane", "ANY_WALLS"}
     shared = {name: sharing.stand.backend.specialise(taken_from(sharing, name)[0], numerics) for name in out}
-    assert all(spec.feature(switch) for spec in shared.values() for switch in ALWAYS)
+    # rolling resistance with springs is in place of that without
+    assert [name for name, spec in shared.items() if spec.feature("ROLLING_SPRING")] == ["on springs"]
+    assert all(
+        spec.feature(switch) != (switch == "ROLLING" and name == "on springs")
+        for name, spec in shared.items()
+        for switch in ALWAYS
+    )
     assert all(set(spec.feature("walls")) == set(WALLS) for spec in shared.values())

@@ -50,8 +50,10 @@ RANGES = {
     "rate_i": (0.0, 1.0),
     "rate_j": (0.0, 1.0),
     "overlap2": (1e-9, 1e-7),
+    "stiffness": (1e-6, 3e-5),
+    "limit": (1e-6, 3e-5),
 }
-SPREAD = {"s": 3e-6, "vt": 0.1, "away": 2e-3, "lever_i": 3e-3, "lever_j": 3e-3, "lever": 3e-3}
+SPREAD = {"s": 3e-6, "before": 1e-5, "vt": 0.1, "away": 2e-3, "lever_i": 3e-3, "lever_j": 3e-3, "lever": 3e-3}
 UNITS = ("n", "normal", "along", "a", "b")
 WHOLE = {"part": 4, "was": 16, "now": 16, "parts": 16}
 

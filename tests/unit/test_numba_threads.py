@@ -3,6 +3,7 @@
 import threading
 import time
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,8 +34,14 @@ def every_scene_is_large(monkeypatch):
     monkeypatch.setattr(domains, "cores", lambda: 8)
 
 
-def silo() -> Scene:
-    return hopper().model_copy(update={"grains": hopper().grains.model_copy(update={"count": GRAINS})})
+SPRUNG = {"rolling_model": "epsd", "rolling_friction": 0.1}
+"""Rolling springs, which pairs that another thread has borrowed keep too."""
+
+
+def silo(**law: Any) -> Scene:
+    here = hopper()
+    grains, contact = here.grains.model_copy(update={"count": GRAINS}), here.contact.model_copy(update=law)
+    return here.model_copy(update={"grains": grains, "contact": contact})
 
 
 def numerics(precision: str) -> Numerics:
@@ -52,11 +59,11 @@ def start():
     return opened(fallen, closed, silo())
 
 
-def discharged(threads: int, precision: str, start):
+def discharged(threads: int, precision: str, start, scene: Scene):
     """Rows, checkpoint and packing after a discharge; the arrays of the checkpoint without what lies behind lists."""
     backend = Backend(threads=threads)
-    ensemble = backend.open(backend.specialise(silo(), numerics(precision), PROBES), 1)
-    member = ensemble.admit(silo(), numerics(precision), start)
+    ensemble = backend.open(backend.specialise(scene, numerics(precision), PROBES), 1)
+    member = ensemble.admit(scene, numerics(precision), start)
     assert not ensemble.advance(BEATS)
     found = ensemble.drain(), ensemble.checkpoint(member).arrays, ensemble.packing(member)
     ensemble.close()
@@ -71,13 +78,14 @@ def used(arrays) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("precision", ["double", "mixed"])
-def test_bits_do_not_depend_on_threads(start, precision):
-    rows, arrays, packing = discharged(1, precision, start)
+@pytest.mark.parametrize(("precision", "law"), [("double", {}), ("mixed", {}), ("mixed", SPRUNG)])
+def test_bits_do_not_depend_on_threads(start, precision, law):
+    rows, arrays, packing = discharged(1, precision, start, silo(**law))
     assert len(rows[PROBES[0]]["id"]) > 40, "grains leave, so that rows and domains move"
     assert len(packing.pairs) > 200
+    assert (packing.pair_rolling is not None and packing.pair_rolling.any()) == bool(law)
     for threads in (2, 5):
-        other_rows, other_arrays, other = discharged(threads, precision, start)
+        other_rows, other_arrays, other = discharged(threads, precision, start, silo(**law))
         assert identical(other, packing), threads
         assert all(identical(other_rows[probe], rows[probe]) for probe in PROBES), threads
         ours, theirs = used(arrays), used(other_arrays)

@@ -35,7 +35,8 @@ def register() -> str:
 
 
 def assembly(law: str, precision: str, kinds: int) -> dict[str, str]:
-    """What the law loops of one kernel module compile to, by name, each in a caller of its own.
+    """What the law loops of one kernel module compile to, by name, each in a caller of its own. That of mixtures has
+    rolling springs.
 
     They are compiled into what calls them, and not kept with the kernels: of cached code there is no assembly.
     """
@@ -44,12 +45,13 @@ def assembly(law: str, precision: str, kinds: int) -> dict[str, str]:
     from labbook_numba import build
 
     on = dict.fromkeys(SWITCHES, True) | {"ORIENTED": False, "VARIED": kinds > 1, "KINDS": kinds}
+    on |= {"ROLLING": kinds == 1, "ROLLING_SPRING": kinds > 1}
     module = build.kernels(spec(law, precision, walls=tuple(WALLS), **on))
     real = module.real if precision == "double" else np.float32
-    numbers = [np.float32(1) if real is np.float32 else 1.0] * 5
+    numbers = [np.float32(1) if real is np.float32 else 1.0] * 7
     block = np.ones(20_000, np.float32 if precision == "mixed" else float)
     found = {}
-    for name, given in (("pair_law", numbers[:4]), ("wall_law", numbers)):
+    for name, given in (("pair_law", numbers[:6]), ("wall_law", numbers)):
         kernel = getattr(module, name)
 
         @njit

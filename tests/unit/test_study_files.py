@@ -250,7 +250,9 @@ def test_defaults_on_the_page_are_those_of_the_models(tmp_path):
 
 
 def test_examples_on_the_page_load(tmp_path):
-    first, grains, contact, materials, *others = (block.split("```")[0] for block in PAGE.split("```yaml\n")[1:])
+    first, grains, contact, materials, springs, *others = (
+        block.split("```")[0] for block in PAGE.split("```yaml\n")[1:]
+    )
     file = tmp_path / "orifices.yaml"
     without_sweep = re.sub(r"^sweep:\n(  .*\n)+", "", first, flags=re.MULTILINE).replace("60 mm", "100 mm")
     file.write_text(first)
@@ -271,6 +273,10 @@ def test_examples_on_the_page_load(tmp_path):
     (mixture,) = load(file).points
     assert mixture.scene.law_between(0, 0) is mixture.scene.contact
     assert mixture.scene.has_own_stiffness
+    file.write_text("\n".join(["name: springs", *rest[1:], grains, springs]))
+    (sprung,) = load(file).points
+    assert sprung.scene.contact.rolling_spring == (2.25, 0.3)
+    assert sprung.scene.contact.rolling_model == "epsd"
 
 
 def test_problems_on_the_page_are_what_is_told(tmp_path, monkeypatch):

@@ -29,6 +29,8 @@ HERTZ = "shear_modulus: 100 MPa, poisson_ratio: 0.25"
         ("name: base", "name: base\nyoung: 5 MPa", "young", "write contact: {youngs_modulus: ...}"),
         ("restitution: 0.2", "coefficient_of_restitution: 0.2", "contact.coefficient_of_restitution", "restitution"),
         ("restitution: 0.2", "restitution: 0.2, mu: 0.5", "contact.mu", "write friction"),
+        ("restitution: 0.2", "restitution: 0.2, rolling_damping: 1", "contact.rolling_damping", "rolling_model: epsd"),
+        ("restitution: 0.2", "restitution: 0.2, eta_r: 0.3", "contact.eta_r", "write rolling_damping"),
         ("diameter: 3 mm", "radius: 1.5 mm", "grains.radius", "diameter: 3 mm"),
         ("count: 3000", "n: 3000", "grains.n", "write count"),
         ("count: 3000", "number: 3000", "grains.number", "write count"),

@@ -41,6 +41,9 @@ IN_ONE = {
     "rods-mirrored",
     # of mixtures at unlike-impact-linear and unlike-stack-linear
     "renumbering-mixture",
+    # a million steps; rolling-spring has springs in both
+    "rolling-spring-rests",
+    "rolling-spring-pyramid",
     # long runs of what renumbering, mirror, scale-invariance, resting-bed and rods of the contract see in both
     "resting-mixture",
     "resting-pile",

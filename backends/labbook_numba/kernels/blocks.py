@@ -26,6 +26,8 @@ from labbook_numba.state import RODS as LAYOUT_OF_RODS
 (IX, IY, IZ, JX, JY, JZ, PX, PY, PZ, OX, OY, OZ) = (
     uint64(column * STRIDE) for column in range(SPHERES.BLOCK_COLUMNS, LAYOUT_OF_RODS.BLOCK_COLUMNS)
 )
+# torques of rolling springs, in and out: behind all that others need
+GX, GY, GZ = (uint64(column * STRIDE) for column in range(MIXTURES.BLOCK_COLUMNS, MIXTURES.BLOCK_COLUMNS + 3))
 HELD = DT  # 1 for a contact that has a spring; becomes DT
 
 

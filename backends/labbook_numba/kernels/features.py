@@ -32,9 +32,9 @@ from labbook_numba.state import (  # noqa: F401 - part of the vocabulary of kern
     PAIRS,
     REBUILDS,
     RODS,
+    ROLL,
     SPARE_CELLS,
     SPEED,
-    SPRING,
     STEP,
     STRIDE,
     TOUCHING,
@@ -68,7 +68,7 @@ def entry(function: Function) -> Function:
 
 MOVING = True  # some wall's surface moves
 ORIENTED = True  # grains have an orientation
-GRAIN, WALL_PARTS = RODS.GRAIN, RODS.WALL_PARTS
+GRAIN, WALL_PARTS, SPRING = RODS.GRAIN, RODS.WALL_PARTS, RODS.SPRING
 CROSSING = True  # the first passage of grains through a plane is recorded
 OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up

@@ -31,15 +31,15 @@ from labbook_numba.state import Params, State
 
 
 @kernel
-def pair_law(b, count, coefficients, radius, mass, inertia, dt):
+def pair_law(b, count, coefficients, radius, mass, inertia, dt, stiffness, damping):
     """Law stage of grain on grain. Branch in NX.., overlap2 in DEPTH, which becomes the overlap; velocities relative.
 
-    radius, mass, inertia: of all, if they are alike. dt: step [s].
+    radius, mass, inertia: of all, if they are alike. dt: step [s]. stiffness, damping: of rolling springs.
     """
     c = reals(coefficients)
     rate = rolling_rate(inertia, dt)
     for t in range(whole(count)):
-        force, torque, other, kept, delta = pair_contact(b, t, c, radius, mass, rate, dt)
+        force, torque, other, kept, delta = pair_contact(b, t, c, radius, mass, rate, dt, stiffness, damping)
         put_forces(b, t, force, torque, kept)
         if FRICTION or ORIENTED:
             put_vector(b, BX + t, other)
@@ -87,7 +87,10 @@ def listed_forces(st: State, p: Params, pair_i, pair_j, held, spring, first, end
             gather_bodies(st.body, i, j, b, count, True)
             if KINDS > 1:
                 gather_coefficients(p.pair_c, int64(0), st.body, i, j, b, count, True)
-        pair_law(b, count, p.c, real(p.radius), real(p.mass), inertia, real(p.dt))
+        pair_law(
+            b, count, p.c, real(p.radius), real(p.mass), inertia, real(p.dt), real(p.rolling_stiffness),
+            real(p.rolling_damping),
+        )  # fmt: skip
         scatter_forces(st.loads, i, j, b, count, True)
         if FRICTION:
             scatter_springs(spring, slot, b, count)

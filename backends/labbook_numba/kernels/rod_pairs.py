@@ -79,7 +79,7 @@ def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, sl
 
 
 @func
-def pair_contact(b, t, c, radius, mass, rate, dt):
+def pair_contact(b, t, c, radius, mass, rate, dt, stiffness, damping):
     """Force and torque on i, torque on j, spring and overlap [m] of contact t; see `pair_law`."""
     return rod_on_rod(
         c, radius, mass, vector_at(b, NX + t), b[DEPTH + t], vector_at(b, IX + t), vector_at(b, JX + t),

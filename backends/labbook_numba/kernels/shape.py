@@ -43,7 +43,7 @@ def pack_pairs(
     raise NotImplementedError(_OF_SHAPE)
 
 
-def pair_contact(b, t, c, radius, mass, rate, dt) -> Any:
+def pair_contact(b, t, c, radius, mass, rate, dt, stiffness, damping) -> Any:
     """Force and torque on i, torque on j, spring and overlap [m] of contact t of the block; see `pairs.pair_law`."""
     raise NotImplementedError(_OF_SHAPE)
 

@@ -1,14 +1,15 @@
 """Pairs of spheres: which touch, and what acts on them."""
 
 from labbook_dem.contact import rolling_rate
-from labbook_dem.spheres import sphere_on_sphere
-from labbook_dem.words import VARIED, func
+from labbook_dem.spheres import rolling_on_sphere, sphere_on_sphere
+from labbook_dem.words import ROLLING_SPRING, VARIED, func
 
 from labbook_numba.kernels.blocks import (
     AX,
     BX,
     DEPTH,
     DT,
+    GX,
     MI,
     MJ,
     NX,
@@ -20,6 +21,7 @@ from labbook_numba.kernels.blocks import (
     UX,
     VX,
     coefficients_at,
+    put_vector,
     vector_at,
 )
 from labbook_numba.kernels.bodies import eight_reaches
@@ -51,8 +53,11 @@ def pack_pairs(grains, body, near, pair_i, pair_j, held, b, block_i, block_j, sl
 
 
 @func
-def pair_contact(b, t, c, radius, mass, rate, dt):
-    """Force and torque on i, torque on j, spring and overlap [m] of contact t; see `pair_law`."""
+def pair_contact(b, t, c, radius, mass, rate, dt, stiffness, damping):
+    """Force and torque on i, torque on j, spring and overlap [m] of contact t; see `pair_law`.
+
+    stiffness, damping: of rolling springs, which are advanced in their columns.
+    """
     ri = rj = radius
     mi = mj = mass
     rate_i = rate_j = rate
@@ -60,8 +65,17 @@ def pair_contact(b, t, c, radius, mass, rate, dt):
         ri, rj = b[RI + t], b[RJ + t]
         mi, mj = b[MI + t], b[MJ + t]
         rate_i, rate_j = rolling_rate(b[TI + t], dt), rolling_rate(b[TJ + t], dt)
-    return sphere_on_sphere(
+    force, torque, other, kept, delta = sphere_on_sphere(
         coefficients_at(b, t, c), ri, rj, mi, mj, vector_at(b, NX + t), b[DEPTH + t], vector_at(b, UX + t),
         vector_at(b, VX + t), vector_at(b, AX + t), vector_at(b, BX + t), vector_at(b, SX + t), b[DT + t],
         rate_i, rate_j,
     )  # fmt: skip
+    if ROLLING_SPRING:
+        roll, turned = rolling_on_sphere(
+            coefficients_at(b, t, c), ri, rj, mi, mj, vector_at(b, NX + t), delta, force, vector_at(b, AX + t),
+            vector_at(b, BX + t), vector_at(b, GX + t), b[DT + t], stiffness, damping,
+        )  # fmt: skip
+        torque = torque + roll
+        other = other - roll
+        put_vector(b, GX + t, turned)
+    return force, torque, other, kept, delta

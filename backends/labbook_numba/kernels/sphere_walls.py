@@ -2,13 +2,14 @@
 
 from labbook_dem.chosen import wall_distance
 from labbook_dem.contact import rolling_rate
-from labbook_dem.spheres import sphere_on_wall
-from labbook_dem.words import VARIED, real, vec3, wide, wide3
+from labbook_dem.spheres import rolling_on_wall, sphere_on_wall
+from labbook_dem.words import ROLLING_SPRING, VARIED, real, vec3, wide, wide3
 
 from labbook_numba.kernels.blocks import (
     AX,
     DEPTH,
     DT,
+    GX,
     MI,
     NX,
     RI,
@@ -19,6 +20,7 @@ from labbook_numba.kernels.blocks import (
     coefficients_at,
     largest_depth,
     put_forces,
+    put_vector,
     reals,
     row_of,
     vector_at,
@@ -105,10 +107,10 @@ def pack_walls(near, wall_grain, held, b, i, slot, k, near_count):
 
 
 @kernel
-def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin):
+def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin, stiffness, damping):
     """Law stage of grain on wall. Unit normal in NX.., overlap in DEPTH; the wall turns with `spin` [rad/s] about z.
 
-    radius, mass, inertia: of all, if they are alike. dt: step [s].
+    radius, mass, inertia: of all, if they are alike. dt: step [s]. stiffness, damping: of rolling springs.
     """
     c = reals(coefficients)
     rate = rolling_rate(inertia, dt)
@@ -120,6 +122,13 @@ def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin):
             coefficients_at(b, t, c), radius, mass, b[DEPTH + t], vector_at(b, NX + t), vector_at(b, UX + t),
             vector_at(b, VX + t), vector_at(b, AX + t), vec3(zero, zero, spin), vector_at(b, SX + t), b[DT + t], rate,
         )  # fmt: skip
+        if ROLLING_SPRING:
+            roll, turned = rolling_on_wall(
+                coefficients_at(b, t, c), radius, mass, b[DEPTH + t], vector_at(b, NX + t), force, vector_at(b, AX + t),
+                vec3(zero, zero, spin), vector_at(b, GX + t), b[DT + t], stiffness, damping,
+            )  # fmt: skip
+            torque = torque + roll
+            put_vector(b, GX + t, turned)
         put_forces(b, t, force, torque, kept)
 
 
@@ -169,7 +178,10 @@ def wall_forces(st: State, p: Params):
                 gather_bodies(st.body, i, i, b, count, False)
                 if KINDS > 1:
                     gather_coefficients(a, int64(w) * int64(KINDS), st.body, i, i, b, count, False)
-            wall_law(b, count, c, real(p.radius), real(p.mass), real(p.inertia), real(p.dt), spin)
+            wall_law(
+                b, count, c, real(p.radius), real(p.mass), real(p.inertia), real(p.dt), spin, real(p.rolling_stiffness),
+                real(p.rolling_damping),
+            )  # fmt: skip
             scatter_forces(st.loads, i, st.block_j, b, count, False)
             if FRICTION:
                 scatter_springs(st.wall_spring, slot, b, count)

@@ -5,7 +5,7 @@ Which grains are in the block stands in `i` and `j`, which list entries in `slot
 multiple of eight with ghosts.
 """
 
-from labbook_dem.words import func, narrow, real, wide, wide3
+from labbook_dem.words import ROLLING_SPRING, func, narrow, real, wide, wide3
 
 from labbook_numba.kernels.blocks import (
     AX,
@@ -16,6 +16,9 @@ from labbook_numba.kernels.blocks import (
     BZ,
     DEPTH,
     DT,
+    GX,
+    GY,
+    GZ,
     HELD,
     OX,
     PX,
@@ -33,6 +36,7 @@ from labbook_numba.kernels.features import (
     LOAD,
     MOVING,
     ORIENTED,
+    ROLL,
     SPRING,
     STRIDE,
     F,
@@ -120,6 +124,9 @@ def gather_springs(spring, slot, b, count, half_dt):
         put(b, SX + t, x * held)
         put(b, SY + t, y * held)
         put(b, SZ + t, z * held)
+        if ROLLING_SPRING:
+            gx, gy, gz, _ = columns(rows_at(spring, slot, t, SPRING, ROLL))
+            put_vectors(b, GX + t, gx * held, gy * held, gz * held)
         put(b, DT + t, held * half_dt + spread(half_dt))
 
 
@@ -151,7 +158,10 @@ def scatter_springs(spring, slot, b, count):
     nothing = spread(0.0)
     for t in range(uint64(0), count, uint64(8)):
         kept = rows(eight_at(b, SX + t), eight_at(b, SY + t), eight_at(b, SZ + t), nothing)
-        put_rows(spring, slot, t, kept)
+        put_rows(spring, slot, t, SPRING, uint64(0), kept)
+        if ROLLING_SPRING:
+            kept = rows(eight_at(b, GX + t), eight_at(b, GY + t), eight_at(b, GZ + t), nothing)
+            put_rows(spring, slot, t, SPRING, ROLL, kept)
 
 
 @func

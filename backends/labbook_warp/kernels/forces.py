@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from labbook_dem.words import FRICTION, func, struct, wide
+from labbook_dem.words import FRICTION, ROLLING_SPRING, func, struct, wide
 
 from labbook_warp.kernels.shape import Grain, at_walls, with_neighbour
 from labbook_warp.kernels.sums import Sums, amount, joined_sums, of_walls, over_lanes, plus
@@ -85,6 +85,9 @@ def forces(
             if FRICTION:
                 if keep:
                     a.spring[at] = c.spring
+            if ROLLING_SPRING:
+                if keep:
+                    a.rolling[at] = c.rolling
     if APART:
         if (near.walls & near.touching) != wp.uint32(0):  # the bits of grains that have none near are stale
             sums = joined_sums(sums, of_walls(a, i))

@@ -6,7 +6,7 @@ their distance. A cell holds a fixed number of grains: their order, which is by 
 
 from __future__ import annotations
 
-from labbook_dem.words import FRICTION, func, wide
+from labbook_dem.words import FRICTION, ROLLING_SPRING, func, wide
 
 from labbook_warp.kernels.bodies import listed2
 from labbook_warp.kernels.shape import Grain, apart2, grain, mark, parts_near, strayed
@@ -260,6 +260,8 @@ def carry(a: System, s: int, r: int, i: int, found: int):
                     at = entry(a, s, a.near, b, r)
                     if a.nbr[at] == o:
                         a.new_spring[to] = a.spring[at]
+                        if ROLLING_SPRING:
+                            a.new_rolling[to] = a.rolling[at]
                         held = held | (wp.uint32(1) << wp.uint32(k))
     for k in range(found):
         to = entry(a, s, a.near, k, r)
@@ -267,6 +269,8 @@ def carry(a: System, s: int, r: int, i: int, found: int):
         if FRICTION:
             if has_bit(held, k):
                 a.spring[to] = a.new_spring[to]
+                if ROLLING_SPRING:
+                    a.rolling[to] = a.new_rolling[to]
     a.count[i] = found
     a.held[i] = held
 

@@ -7,12 +7,25 @@ steps do not.
 from __future__ import annotations
 
 from labbook_dem.chosen import wall_distance
-from labbook_dem.spheres import sphere_on_sphere, sphere_on_wall
-from labbook_dem.words import FRICTION, dot, func, narrow, real, rounded, sqrt, struct, vec3, wide, wide3
+from labbook_dem.spheres import rolling_on_sphere, rolling_on_wall, sphere_on_sphere, sphere_on_wall
+from labbook_dem.words import (
+    FRICTION,
+    ROLLING_SPRING,
+    dot,
+    func,
+    narrow,
+    real,
+    rounded,
+    sqrt,
+    struct,
+    vec3,
+    wide,
+    wide3,
+)
 
 from labbook_warp.kernels.bodies import between, body, touching2, with_plate
 from labbook_warp.kernels.shown import motion, put, rest, spot
-from labbook_warp.kernels.sums import Contact, Sums, plus, spring_before
+from labbook_warp.kernels.sums import Contact, Sums, plus, rolling_before, spring_before
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_at, wall_velocity
 from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, uint32, widen, without_first, wp
@@ -131,6 +144,13 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
             rounded(overlap2), g.u - u, g.v - v, g.w, w, last, advance, one.rolling_rate,
             other.rolling_rate,
         )  # fmt: skip
+        if ROLLING_SPRING:
+            roll, turned = rolling_on_sphere(
+                between(a, m, j // a.cap, one, other), one.radius, other.radius, one.mass, other.mass, narrow(away),
+                delta, f, g.w, w, rolling_before(a.rolling, at, held), advance, m.rolling_stiffness, m.rolling_damping,
+            )  # fmt: skip
+            t = t + roll
+            c.rolling = turned
         c.overlap = delta
         c.force = f
         c.torque = t
@@ -158,6 +178,13 @@ def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
             with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), g.u - surface, g.v - surface, g.w,
             turning, last, advance, one.rolling_rate,
         )  # fmt: skip
+        if ROLLING_SPRING:
+            roll, turned = rolling_on_wall(
+                with_plate(a, wall, one), one.radius, one.mass, overlap, narrow(normal), f, g.w, turning,
+                rolling_before(a.wall_rolling, at, held), advance, m.rolling_stiffness, m.rolling_damping,
+            )  # fmt: skip
+            t = t + roll
+            c.rolling = turned
         c.overlap = overlap
         c.force = f
         c.torque = t
@@ -191,6 +218,9 @@ def at_walls(
             if FRICTION:
                 if keep:
                     a.wall_spring[at] = c.spring
+            if ROLLING_SPRING:
+                if keep:
+                    a.wall_rolling[at] = c.rolling
     return sums, held
 
 

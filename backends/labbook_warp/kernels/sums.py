@@ -34,6 +34,7 @@ class Contact:
     force: vec3  # [N]
     torque: vec3  # [N m]
     spring: vec3  # [m], to be kept for the next step
+    rolling: vec3  # torque of the rolling spring [N m], likewise, where contacts have any
     branch: wide3  # [m], from the centre of the grain to that of its neighbour, or to the point of the wall
 
 
@@ -47,6 +48,15 @@ def spring_before(springs: Vectors, at: int, held: bool, half_dt: real):
             last = springs[at]
             advance = half_dt + half_dt
     return last, advance
+
+
+@func
+def rolling_before(rolling: Vectors, at: int, held: bool):
+    """Torque of a contact's rolling spring [N m], zero for a new one."""
+    last = vec3(real(0.0), real(0.0), real(0.0))
+    if held:
+        last = rolling[at]
+    return last
 
 
 @func

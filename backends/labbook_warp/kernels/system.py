@@ -60,6 +60,8 @@ class Material:
     quantum_t: wide
     per_quantum_f: real
     per_quantum_t: real
+    rolling_stiffness: real  # of rolling springs; see `labbook_dem.spheres.rolling_resistance`
+    rolling_damping: real
 
 
 @struct
@@ -107,9 +109,11 @@ class System:
     nbr: Ints
     held: Bits  # whether the spring to neighbour k is valid
     spring: Vectors
+    rolling: Vectors  # torques of rolling springs [N m], where contacts have any, as those below
     wall_near: Bits
     wall_held: Bits
     wall_spring: Vectors
+    wall_rolling: Vectors
     wall_seat: Ints  # where members have more walls than seats: which of them each is of
     # where walls are met apart: rows of a slot that have a wall near, those by an edge at the end, and how many of each
     beside: Ints
@@ -128,6 +132,7 @@ class System:
     new_nbr: Ints
     new_key: Floats
     new_spring: Vectors
+    new_rolling: Vectors
     cell_count: Ints
     cell_rows: Ints
     flag: Ints
