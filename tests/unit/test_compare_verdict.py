@@ -90,13 +90,13 @@ def test_packings_that_cannot_be_made_have_no_number(tmp_path):
     ends = [f"packing, seed {seed}: no room" for seed in (1, 2)]
     first, second = contestants(second=Unfilled())
     verdict, failed = compare(asked, Lab(tmp_path / "lab"), (first, second), 0.03)
-    assert failed == ends
+    assert sorted(failed) == ends, "in whichever order lanes came to them"
     flow, packing = verdict.points[0].contrasts
     assert flow.finding == "equivalent", "those of the first backend are there"
     assert (packing.finding, packing.note) == ("untested", "2 without a number: its packing was not made")
     assert len(packing.first) == 2
     verdict, failed = compare(asked, Lab(tmp_path / "other"), (second, first), 0.03)
-    assert failed[:2] == ends
+    assert sorted(failed[:2]) == ends
     flow, packing = verdict.points[0].contrasts
     assert (flow.finding, flow.note) == ("untested", "4 without a number: not run yet")
     assert packing.note == "2 without a number: its packing was not made"
