@@ -27,6 +27,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from forces import wall_stiffness
+from impact import tsuji
+from scipy.optimize import brentq
 
 import labbook
 from labbook.backend import load
@@ -191,18 +193,9 @@ def restitution(c_n: float) -> float:
     return math.exp(-math.pi * x / math.sqrt(1 - x * x))
 
 
-def tsuji(e: float) -> float:
-    """C_n of LAMMPS' `damping tsuji` for the restitution e: its polynomial over sqrt(6)."""
-    return float(np.polyval([4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728], e)) / math.sqrt(6)
-
-
 def eta(c_n: float) -> float:
     """The restitution with which LAMMPS' tsuji model damps by C_n."""
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if tsuji(middle) > c_n else (low, middle)
-    return (low + high) / 2
+    return float(brentq(lambda e: tsuji(e) - c_n, 0.0, 1.0))
 
 
 def plates(hopper: WedgeHopper) -> str:
