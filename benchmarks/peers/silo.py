@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 from forces import wall_stiffness
 from impact import tsuji
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 import labbook
 from labbook.backend import load
@@ -195,7 +195,7 @@ def restitution(c_n: float) -> float:
 
 def eta(c_n: float) -> float:
     """The restitution with which LAMMPS' tsuji model damps by C_n."""
-    return float(brentq(lambda e: tsuji(e) - c_n, 0.0, 1.0))
+    return root_scalar(lambda e: tsuji(e) - c_n, bracket=(0.0, 1.0)).root
 
 
 def plates(hopper: WedgeHopper) -> str:
