@@ -52,6 +52,17 @@ class Reported:
     shown: str = ""
     scale: float = 1.0
 
+    def invert(self, value: float, near: float) -> float:
+        """The free parameter that is reported as this `value`, found about `near`; ValueError if there is none."""
+        from scipy.optimize import brentq
+
+        for reach in (1.0, 10.0, 100.0, 1e4):
+            ends = self.of(near - reach) - value, self.of(near + reach) - value
+            if ends[0] * ends[1] <= 0:
+                found = brentq(lambda free: self.of(free) - value, near - reach, near + reach, xtol=1e-12)
+                return float(found)  # pyright: ignore[reportArgumentType]
+        raise ValueError(f"{self.name} cannot be {value:g}")
+
 
 class Law(ABC):
     """A law W(D) of the mass flow rate [kg/s] through an orifice of width D [m].

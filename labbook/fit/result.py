@@ -97,6 +97,28 @@ class FitResult:
         with np.errstate(over="ignore"):
             return value, value * np.exp(-reach), value * np.exp(reach)
 
+    def together(self, values: Mapping[str, float]) -> float:
+        """How probable points as far from the law with these `values` [SI] of all its parameters at once would be, if
+        it were true. Parameters trade for one another: values that agree one by one may not agree together.
+
+        `values`: by names of `parameters`, so many that nothing is left free. F test of the rise of chi2 over its
+        minimum (Seber & Wild, Nonlinear Regression, 5.3), whose errors are those of the intervals. Raises KeyError for
+        a name that this law does not report, ValueError if a parameter is left free or cannot have the value.
+        """
+        from scipy.special import chdtrc, fdtrc
+
+        reported = {one.name: one for one in self.law.reported(self.context)}
+        free = np.full(len(self.law.free), np.nan)
+        for name, value in values.items():
+            free[reported[name].free] = reported[name].invert(value, self._minimum.best[reported[name].free])
+        if np.isnan(free).any():
+            raise ValueError(f"{self.law.name}: a parameter is left free by {', '.join(values) or 'none'}")
+        misfit = np.log(self.W) - self.law.log_flow(self.D, free, self.context)
+        own = self.relative_error if self.error_dof else self.relative_error / self.widening
+        rise = (float(np.sum((misfit / own) ** 2)) - self.chi2) / self.widening**2
+        of = freedom(self.error_dof, self.dof)
+        return float(chdtrc(len(free), rise) if np.isinf(of) else fdtrc(len(free), of, max(rise, 0.0) / len(free)))
+
     @property
     def _scatter(self) -> float:
         """Standard error of ln W of a point about the law."""

@@ -1,7 +1,8 @@
 """Tables of fitted parameters, with the reference's beside ours where it has any."""
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
 from labbook.fit import FitResult, Parameter
@@ -22,8 +23,28 @@ def fit_table(
         goodness += f" (p = {fit.p_value:.2g}{', F test: the errors are estimates' if fit.error_dof else ''})"
     if math.isfinite(fit.aicc):
         goodness += f"; AICc = {fit.aicc:.4g}".replace("-", "−")
-    notes = (goodness + ".", *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes))
+    notes = (
+        goodness + ".",
+        *(f"{note[:1].upper()}{note[1:]}." for note in fit.notes),
+        *_together(law, fit, known, source),
+    )
     return parameter_table(law, fit.parameters, known, source, notes)
+
+
+def _together(law: str, fit: FitResult, known: Mapping[str, Comparison], source: str) -> Iterator[str]:
+    """What the reference's parameters say at once, of each set of them that leaves nothing free."""
+    reported = fit.law.reported(fit.context)
+    names = [
+        [one.name for one in reported if one.free == free and one.name in known] for free in range(len(fit.law.free))
+    ]
+    for group in itertools.product(*names) if len(names) > 1 else ():
+        try:
+            p = fit.together({name: known[name].reference for name in group})
+        except ValueError:
+            continue
+        said = " and ".join(display.quantity(f"{law}.{name}", fit.parameters[name].unit).name for name in group)
+        where = f"{'within' if p >= 1 - fit.confidence else 'outside'} our joint {100 * fit.confidence:g} % region"
+        yield f"{said} of {source} together: {where} (p = {p:.2g}, F test)."
 
 
 def parameter_table(

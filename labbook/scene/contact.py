@@ -325,7 +325,8 @@ class HertzPrinted(Tensile):
     """Fan et al. 2023, eqs 6 to 8, to the letter: nothing is cut.
 
     Friction is F_t^e = mu F_n^e (1 - (1 - min(s, s_max)/s_max)^{3/2}) with a dashpot that vanishes at s_max. The spring
-    goes on growing while the contact slides, so that a reversal first has to take all of that back.
+    goes on growing while the contact slides, so that a reversal first has to take all of that back, and pushes on its
+    way: without rolling resistance grains never come to rest, and have to be filled by another law (`fill.contact`).
     """
 
     physics: ClassVar[str] = "labbook_dem.laws.hertz_printed"

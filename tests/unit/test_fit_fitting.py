@@ -59,6 +59,35 @@ def test_beverloo_agrees_with_a_weighted_straight_line():
     assert found.parameters["slope"].error == pytest.approx(math.sqrt(cov[0, 0]) * widening, rel=1e-3)
 
 
+def test_parameters_together_are_tested_as_the_ellipse_says():
+    """Of exactly known small errors the rise of chi2 is the quadratic form of the covariance of C and k, which a
+    weighted straight line W^(2/3) = m D - m k d has by textbook (Bevington & Robinson, 6.23)."""
+    W, error = LAWS["beverloo"].flow(D, TRUE["beverloo"], FAN), 1e-4
+    found = fit(LAWS["beverloo"], D, W, error * W, FAN)
+    y = W ** (2 / 3)
+    weight = 1 / (2 / 3 * error * y) ** 2
+    sums = [np.sum(weight), np.sum(weight * D), np.sum(weight * D**2)]
+    normal = np.array([[sums[0], -sums[1]], [-sums[1], sums[2]]])  # of minus the intercept, and of the slope
+    slope = np.polyfit(D, y, 1)[0]
+    for c, k in ((1.0001, 1.0), (1.0, 1.0002), (1.0002, 1.0003)):
+        new = slope * c ** (2 / 3)
+        off = np.array([(new * k - slope) * 1.55 * FAN.d, new - slope])
+        p = found.together({"C_particle": 0.58 * c, "k": 1.55 * k})
+        assert 1e-3 < p < 0.99
+        assert p == pytest.approx(stats.chi2.sf(off @ normal @ off, 2), rel=0.01)
+    assert found.together({"C_particle": 0.58, "k": 1.55}) == pytest.approx(1)
+    with pytest.raises(ValueError, match="left free"):
+        found.together({"C_particle": 0.58, "C": 1.0})
+    with pytest.raises(ValueError, match="cannot be"):
+        found.together({"C_particle": -0.1, "k": 1.55})
+
+
+def test_true_parameters_are_within_the_joint_region_as_often_as_it_says():
+    rng, draws = np.random.default_rng(3), 1000
+    found = (fit_replicates("power", replicates_of("power", rng, 0.01)) for _ in range(draws))
+    assert 0.935 <= sum(one.together(truth("power")) > 0.05 for one in found) / draws <= 0.985
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "draws"),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _COLUMNS = 4
 _HEIGHT = 1.6  # widths of the hopper that are shown
+_TITLE = 21  # characters that there is room for above a panel
 _ARROW = 0.1  # widths of the hopper that the longest arrow is long
 
 
@@ -49,7 +50,8 @@ def flow_patterns(patterns: Sequence[Flowing], titles: Sequence[str] = ()) -> "F
             above, below = axes[2 * (k // columns), k % columns], axes[2 * (k // columns) + 1, k % columns]
             _vectors(above, one, norm)
             draw_means(below, sections[k], norm)
-            above.set_title(titles[k] if titles else one.result.label)
+            title = titles[k] if titles else one.result.label
+            above.set_title(title if len(title) <= _TITLE else title.replace(", ", "\n"))
             below.set_title(f"{one.pattern.kind}, {100 * one.pattern.fraction:.2g} % stagnant", fontsize=6.5)
             for ax in (above, below):
                 draw_walls(ax, one, top)
@@ -85,7 +87,7 @@ def _vectors(ax: "Axes", one: Flowing, norm) -> None:
         ax.quiverkey(
             arrows,
             place,
-            0.97,
+            -0.06,
             math.sqrt(speed),
             f"{speed:g} m/s",
             labelpos="W",
