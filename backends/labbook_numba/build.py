@@ -18,7 +18,7 @@ import numba
 from labbook_dem import contact, dispatch, generated, motion, source
 from labbook_dem.features import constants
 from labbook_dem.formulas import hold
-from labbook_dem.laws import LAWS
+from labbook_dem.laws import modules_of
 from labbook_dem.shapes import SHAPES as PHYSICS
 from labbook_dem.walls import WALLS
 
@@ -80,7 +80,13 @@ def module_text(spec: Spec) -> str:
     named: dict[str, object] = {**_numbers(vocabulary), **shared, **constants(spec)}
     named |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in named}
     del named["LANES"]  # the header's
-    physics = [LAWS[spec.feature("law")], contact, motion, *(WALLS[kind] for kind in kinds), *PHYSICS[grains].physics]
+    physics = [
+        *modules_of(str(spec.feature("law"))),
+        contact,
+        motion,
+        *(WALLS[kind] for kind in kinds),
+        *PHYSICS[grains].physics,
+    ]
     walls = dispatch.functions(kinds, rods=layout.ORIENTED, at="walls[{k}]", looks_first=True)
     named["WALL_NUMBERS"] = width = max(map(dispatch.how_many, kinds), default=1)
     numbers = f"@func\ndef wall_numbers(walls, w):\n    return {''.join(f'walls[w, {k}], ' for k in range(width))}\n"

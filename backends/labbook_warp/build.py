@@ -8,7 +8,7 @@ from types import ModuleType
 import warp as wp
 from labbook_dem import contact, dispatch, features, generated, motion, source
 from labbook_dem.formulas import hold
-from labbook_dem.laws import LAWS
+from labbook_dem.laws import modules_of
 from labbook_dem.shapes import SHAPES as PHYSICS
 from labbook_dem.walls import WALLS, number
 
@@ -77,7 +77,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     named |= {name: getattr(words, name) for name in OF_WORDS}
     # the formulas of frustums are there for `rod_walls`, whether a scene has one or not
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
-    physics = [LAWS[spec.feature("law")], contact, motion, *physics, *PHYSICS[grains].physics]
+    physics = [*modules_of(str(spec.feature("law"))), contact, motion, *physics, *PHYSICS[grains].physics]
     modules = [
         *physics,
         system,

@@ -31,7 +31,7 @@ COEFFICIENTS = {
         )
     },
 }
-COEFFICIENTS["spheres"] = COEFFICIENTS["rods"] = COEFFICIENTS["hertz_mindlin"]
+COEFFICIENTS["hertz"] = COEFFICIENTS["spheres"] = COEFFICIENTS["rods"] = COEFFICIENTS["hertz_mindlin"]
 SWITCHES: dict[str, object] = {"FRICTION": True, "ROLLING": True, "TWIST": True, "VARIED": True}
 # ranges of arguments in which every branch of the laws is taken; all others lie between 0.1 and 2
 RANGES = {
@@ -76,8 +76,9 @@ MODULES = physics()
 
 def needed(module: ModuleType) -> list[ModuleType]:
     """The module and what it calls, in the order of a generated module."""
-    return {spheres: [hertz_mindlin, contact, spheres], rods: [hertz_mindlin, contact, spheres, rods]}.get(
-        module, [module]
+    law = (*hertz_mindlin.NEEDS, hertz_mindlin)
+    return {spheres: [*law, contact, spheres], rods: [*law, contact, spheres, rods]}.get(
+        module, [*getattr(module, "NEEDS", ()), module]
     )
 
 

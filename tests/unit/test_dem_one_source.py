@@ -137,8 +137,9 @@ def test_warp_agrees_with_python(module, precision, tmp_path):
 
 def test_all_of_the_physics_is_compared():
     names = {f"{module.__name__}.{name}" for module in MODULES for name in device_functions(module)}
-    for law in ("hertz_mindlin", "linear"):
-        assert {f"labbook_dem.laws.{law}.respond", f"labbook_dem.laws.{law}.normal"} <= names
+    for law in ("hertz_mindlin", "hertz_printed", "hertz_liggghts", "hertz_lammps", "linear"):
+        assert f"labbook_dem.laws.{law}.respond" in names
+    assert {"labbook_dem.laws.hertz.normal", "labbook_dem.laws.linear.normal"} <= names
     for wall in ("plane", "strip", "frustum"):
         assert {f"labbook_dem.walls.{wall}.{wall}_distance", f"labbook_dem.walls.{wall}.{wall}_rod"} <= names
     assert {"labbook_dem.rods.rod_on_rod", "labbook_dem.segments.closest", "labbook_dem.rotation.turn"} <= names

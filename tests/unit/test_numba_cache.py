@@ -78,7 +78,7 @@ def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
     assert second["module"] == first["module"]
     assert second["v"] == first["v"]
 
-    law = sources / "labbook_dem/laws/hertz_mindlin.py"
+    law = sources / "labbook_dem/laws/hertz.py"
     text = law.read_text(encoding="utf-8")
     edited = text.replace("c[0] * sqrt(rs * delta)", "real(4.0) * c[0] * sqrt(rs * delta)")
     assert edited != text

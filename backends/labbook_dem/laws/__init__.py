@@ -4,10 +4,13 @@
 and mass ms [kg], overlap delta [m], approach velocity vn [m/s] along n (negative when approaching), trial friction
 spring s [m] in the contact plane and tangential velocity vt [m/s]; it gives the normal force [N], the tangential force
 on i [N] and the spring as it may stay. `normal` is the normal force alone. `coefficients(law, surface, scale, wall)` is
-the host's: the eight numbers c; friction is c[4] and rolling friction c[5] in every law.
+the host's: the eight numbers c; friction is c[4] and rolling friction c[5] in every law. A module may name others in
+NEEDS, a tuple, whose functions it calls.
 
 Which laws there are, and where their modules stand, say the types of scenes (`labbook.scene.contact.CONTACT_LAWS`).
 """
+
+from types import ModuleType
 
 from labbook.scene.contact import CONTACT_LAWS
 from labbook_dem.formulas import Formulas
@@ -17,3 +20,8 @@ REQUIRED = ("coefficients", "respond", "normal")
 
 LAWS = Formulas("contact law", CONTACT_LAWS, lambda _name: REQUIRED)
 """Modules of the laws by name."""
+
+
+def modules_of(name: str) -> tuple[ModuleType, ...]:
+    """The module of a law behind those that it needs, in the order in which their functions are to be compiled."""
+    return (*getattr(LAWS[name], "NEEDS", ()), LAWS[name])

@@ -5,19 +5,20 @@ As its source has it (pair_granular.cpp, January 2022): k_t = 8 G* sqrt(R* delta
 mu |F_n| it is cut to that, and the spring becomes what then is left of it: -(F_t + gamma_t v_t)/k_t.
 """
 
-from labbook_dem.laws.hertz_mindlin import coefficients
+from labbook_dem.laws import hertz as shared
+from labbook_dem.laws.hertz import coefficients, hertz, normal
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
+
+NEEDS = (shared,)
 
 
 @func
 def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: vec3):
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
     one = real(1.0)
-    stiff = c[0] * sqrt(rs * delta)
-    root = sqrt(real(6.0) * ms * stiff)
-    fn = max(stiff * delta - c[1] * root * vn, c[6])
+    fn, stiff, root = hertz(c, rs, ms, delta, vn)
     k_t = real(1.5) * stiff / c[3]
     drag = vt * (c[2] * root)
     ft = -(s * k_t) - drag
@@ -27,11 +28,3 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     ft = ft * ((limit / size) if slides else one)
     kept = ((ft + drag) * (-(one / k_t))) if slides else s
     return fn, ft, kept
-
-
-@func
-def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
-    """Normal force alone, for contacts without friction."""
-    stiff = c[0] * sqrt(rs * delta)
-    damp = c[1] * sqrt(real(6.0) * ms * stiff)
-    return max(stiff * delta - damp * vn, c[6])

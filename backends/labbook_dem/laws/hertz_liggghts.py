@@ -6,10 +6,13 @@ k_t |s| exceeds mu |F_n| the spring is cut to mu |F_n|/k_t and there is no dashp
 F_t = -k_t s - gamma_t v_t, which nothing limits.
 """
 
-from labbook_dem.laws.hertz_mindlin import coefficients
+from labbook_dem.laws import hertz as shared
+from labbook_dem.laws.hertz import coefficients, hertz, normal
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
+
+NEEDS = (shared,)
 
 
 @func
@@ -17,9 +20,7 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     """Normal force, tangential force on i and the spring; see `labbook_dem.laws`."""
     zero = real(0.0)
     one = real(1.0)
-    stiff = c[0] * sqrt(rs * delta)
-    damp = c[1] * sqrt(real(6.0) * ms * stiff)
-    fn = max(stiff * delta - damp * vn, c[6])
+    fn, stiff, _ = hertz(c, rs, ms, delta, vn)
     k_t = real(1.5) * stiff / c[3]
     damp_t = real(2.0) * c[2] * sqrt(ms * k_t)
     pull = k_t * sqrt(dot(s, s))
@@ -28,11 +29,3 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     s = s * ((limit / pull) if slides else one)
     ft = -(s * k_t) - vt * (zero if slides else damp_t)
     return fn, ft, s
-
-
-@func
-def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
-    """Normal force alone, for contacts without friction."""
-    stiff = c[0] * sqrt(rs * delta)
-    damp = c[1] * sqrt(real(6.0) * ms * stiff)
-    return max(stiff * delta - damp * vn, c[6])

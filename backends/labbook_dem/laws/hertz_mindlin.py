@@ -6,27 +6,13 @@ division by the spring: F_t^e = K_t s (1 + u + u^2)/(1 + u^{3/2}) and F_t^v = C_
 is cut at delta_max, then |F_t| <= mu F_n with the total normal force.
 """
 
-from labbook.scene import Surface
-from labbook.scene.contact import Hertz
+from labbook_dem.laws import hertz as shared
+from labbook_dem.laws.hertz import coefficients, hertz, normal
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
+__all__ = ["coefficients", "normal", "respond"]
 
-def coefficients(
-    law: Hertz, surface: Surface, stiffness_scale: float = 1.0, wall: bool = False
-) -> coefs:  # fmt: skip
-    """(4/3) E* [Pa], C_n, C_t, kappa, mu, mu_r of a contact between equal materials with this surface; and the least
-    normal force [N]: 0, or next to minus infinity where it may pull.
-
-    wall: whether it is of a grain and a wall; Hertz's laws have the same coefficients for both.
-    """
-    nu = law.poisson_ratio
-    c_n = law.damping_ratio(surface.restitution)
-    modulus = 4 / 3 * law.effective_modulus * stiffness_scale
-    kappa = (2 - nu) / (2 * (1 - nu))
-    least = -1e30 if law.pulls else 0.0
-    return (
-        modulus, c_n, law.tangential_damping * c_n, kappa, surface.friction, surface.rolling_friction, least, 0.0,
-    )  # fmt: skip
+NEEDS = (shared,)
 
 
 @func
@@ -35,9 +21,7 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     zero = real(0.0)
     one = real(1.0)
     six = real(6.0)
-    stiff = c[0] * sqrt(rs * delta)
-    damp = c[1] * sqrt(six * ms * stiff)
-    fn = max(stiff * delta - damp * vn, zero)
+    fn, stiff, _ = hertz(c, rs, ms, delta, vn)
     stiff_t = stiff / c[3]
     s_max = c[4] * c[3] * delta
     length = sqrt(dot(s, s))
@@ -52,11 +36,3 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     limit = c[4] * fn
     ft = ft * ((limit / size) if size > limit else one)
     return fn, ft, s
-
-
-@func
-def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
-    """Normal force alone, for contacts without friction."""
-    stiff = c[0] * sqrt(rs * delta)
-    damp = c[1] * sqrt(real(6.0) * ms * stiff)
-    return max(stiff * delta - damp * vn, real(0.0))

@@ -4,10 +4,13 @@ In the words of `hertz_mindlin`: F_t^e = K_t s' (1 + u + u^2)/(1 + u^{3/2}), whe
 delta_max and u = 1 - |s'|/delta_max; F_t^v = C_t sqrt(6 m* K_t sqrt(u)) v_t. The spring itself is kept whole.
 """
 
-from labbook_dem.laws.hertz_mindlin import coefficients
+from labbook_dem.laws import hertz as shared
+from labbook_dem.laws.hertz import coefficients, hertz, normal
 from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
+
+NEEDS = (shared,)
 
 
 @func
@@ -16,9 +19,7 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     zero = real(0.0)
     one = real(1.0)
     six = real(6.0)
-    stiff = c[0] * sqrt(rs * delta)
-    damp = c[1] * sqrt(six * ms * stiff)
-    fn = max(stiff * delta - damp * vn, c[6])
+    fn, stiff, _ = hertz(c, rs, ms, delta, vn)
     stiff_t = stiff / c[3]
     s_max = c[4] * c[3] * delta
     length = sqrt(dot(s, s))
@@ -30,11 +31,3 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     damp_t = c[2] * sqrt(six * ms * stiff_t * root)
     ft = -(s * k_t) - vt * damp_t
     return fn, ft, s
-
-
-@func
-def normal(c: coefs, rs: real, ms: real, delta: real, vn: real):
-    """Normal force alone, for contacts without friction."""
-    stiff = c[0] * sqrt(rs * delta)
-    damp = c[1] * sqrt(real(6.0) * ms * stiff)
-    return max(stiff * delta - damp * vn, c[6])
