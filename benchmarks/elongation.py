@@ -16,11 +16,11 @@ from typing import Any
 import members
 import pandas as pd
 
-from labbook import bench
 from labbook.backend import Backend, load
 from labbook.backend.machine import hardware
 from labbook.backend.probes import Crossing
-from labbook.bench import CYLINDER_STEP, FILLING_STEP, pongo
+from labbook.bench import speed
+from labbook.bench.speed import CYLINDER_STEP, FILLING_STEP, pongo
 from labbook.scene import Scene, Spheres, Spherocylinders
 
 ASPECT_RATIOS = (1.0, 2.0, 3.3, 5.0, 10.0)
@@ -55,7 +55,7 @@ def _costs(
     scene, how = elongated(aspect_ratio, grains), CYLINDER_STEP.model_copy(update={"dt": FILLING_STEP})
     bed = members.flowing(backend, device, f"L/d = {aspect_ratio:g}", scene, how)
     if device == "cpu":
-        one = bench.timed(backend, bed.name, scene, bed.numerics, bed.start, repeats, [Crossing(0.0)])
+        one = speed.timed(backend, bed.name, scene, bed.numerics, bed.start, repeats, [Crossing(0.0)])
         return one.grains, (1e3 / one.median, 1e3 / one.high, 1e3 / one.low)
     timings = [members.timed(backend, device, bed, MEMBERS, BEATS) for _ in range(repeats)]
     costs = sorted(1 / timing["rate"] for timing in timings)

@@ -27,6 +27,7 @@ from labbook.lab.runs import picture
 from labbook.measure.trajectories import Trajectories
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
+from labbook.results.calibrating import Calibrated, NotCalibrated, calibrate
 from labbook.results.find import find
 from labbook.results.frames import frames
 from labbook.results.paper import analyses
@@ -43,6 +44,7 @@ from labbook.run.watch import Unwatched, Watcher
 from labbook.scene.quantities import parse
 from labbook.study import Point, Study
 from labbook.study.keys import find as find_keys
+from labbook.study.pilot import SEEDS, is_pilot, pilot
 from labbook.study.problems import instead
 
 if TYPE_CHECKING:
@@ -101,6 +103,19 @@ class Lab:
             for why in summary.failed:
                 warnings.warn(f"failed: {why}", LabWarning, stacklevel=2)
         return summary
+
+    def calibrate(self, study: Study, seeds: int | None = None, progress: bool | Watcher = True) -> Calibrated:
+        """What numerics do to the flow rate of `study`: its pilot is run, a few settings with `seeds` runs each at its
+        first and last point, and evaluated by one regression. seeds: None for 8. A study that sweeps numerics is its
+        own pilot.
+
+        Raises what `run` raises; NotCalibrated where too few runs flowed, scenes of this kind cannot be calibrated, or
+        Ctrl-C ended the pilot early.
+        """
+        asked = study if is_pilot(study) else pilot(study, seeds or SEEDS)
+        if self.run(asked, progress).stopped:
+            raise NotCalibrated("its pilot was stopped early; give the same command again to go on")
+        return calibrate(asked.name, self.results(asked, False).points)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> "Results":
         """What was found of `study` so far. What was not evaluated yet is evaluated now, and kept.

@@ -105,7 +105,9 @@ class Ensemble(ABC, Generic[R]):
         settled_below: float | None = None,
         settled_beats: int = 3,
     ) -> Member:
-        """Add a member. Raises ValueError if it needs another Spec than this ensemble's."""
+        """Add a member. Raises ValueError if it needs another Spec than this ensemble's, or has no grains."""
+        if isinstance(start, Packing) and not len(start):
+            raise ValueError("packing: it has no grains, so that nothing could move; start from one grain or more")
         if self._specialise(scene, numerics) != self._spec:
             raise ValueError("this member needs another specialisation than the ensemble's")
         run = self._begin(scene, numerics, start)

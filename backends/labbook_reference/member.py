@@ -430,6 +430,8 @@ class Run(Standing):
 
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and angular velocities [rad/s], shape [n, 3], at the time of the positions."""
+        if self.step == 0:  # those of the start, even where grains in one place have forces of 0/0
+            return self.v.copy(), self._spins(self.m)
         forces = self.forces()
         v = kick(self.v, forces.f / self.bodies.mass[:, None], self.since_half)
         return v, self._spins(kick(self.m, forces.t / self.bodies.inertia[:, None], self.since_half))

@@ -41,6 +41,9 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
     )
 
 
+_INSTEAD = "use a thinner numerics.skin, or the backend numba, whose lists are of any length"
+
+
 def _rounded(grains: int) -> int:
     return max(32, -(-grains // 32) * 32)
 
@@ -53,7 +56,7 @@ def grown(sizes: Sizes, near: int, depth: int, walls: int) -> Sizes:
     if walls:
         raise Overflow(f"a grain is near {walls} walls, more than {sizes.seats}; use a thinner numerics.skin")
     if near > MOST_NEAR:
-        raise Overflow(f"a grain has {near} near neighbours, more than {MOST_NEAR}; use a thinner numerics.skin")
+        raise Overflow(f"a grain has {near} near neighbours, more than {MOST_NEAR}; {_INSTEAD}")
     wider = min(MOST_NEAR, near + 4) if near else sizes.near
     return replace(sizes, near=wider, depth=max(sizes.depth, depth + 4 if depth else 0))
 

@@ -130,7 +130,9 @@ class Ensemble(Protocol):
         settled_below: float | None = None,
         settled_beats: int = 3,
     ) -> Member:
-        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]."""
+        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d].
+
+        Raises ValueError for a packing without grains."""
         ...
 
     def advance(self, beats: int = 1) -> Sequence[Event]:

@@ -18,6 +18,7 @@ VERBS = (
     "new",
     "plan",
     "run",
+    "calibrate",
     "status",
     "runs",
     "show",
@@ -30,6 +31,7 @@ VERBS = (
     "reindex",
     "import_",
     "verify",
+    "stress",
     "bench",
 )
 

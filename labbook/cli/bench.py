@@ -1,8 +1,8 @@
-"""`labbook bench`: how fast a backend is on this machine."""
+"""`labbook bench`: how fast a backend is on this machine, and how its errors depend on the time step."""
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -14,25 +14,53 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def bench(
+        what: Annotated[
+            Literal["speed", "accuracy"], typer.Argument(help="speed: grain-steps per second; accuracy: errors by dt.")
+        ] = "speed",
         backend: Annotated[str, typer.Option(help="Backend to measure.")] = "numba",
-        repeats: Annotated[int, typer.Option(min=1, help="Times that each rate is measured.")] = 5,
-        quick: Annotated[bool, typer.Option("--quick", help="Only Fan's hopper; a minute or two.")] = False,
-        full: Annotated[bool, typer.Option("--full", help="Also rods in every precision.")] = False,
+        repeats: Annotated[
+            int | None, typer.Option(min=1, help="speed: times that each rate is measured.  [default: 5]")
+        ] = None,
+        quick: Annotated[
+            bool, typer.Option("--quick", help="speed: only Fan's hopper; accuracy: only spheres, two laws, no bed.")
+        ] = False,
+        full: Annotated[bool, typer.Option("--full", help="speed: also rods in every precision.")] = False,
+        precision: Annotated[
+            str | None, typer.Option(help="accuracy: precision to measure in.  [default: every one]")
+        ] = None,
+        device: Annotated[str | None, typer.Option(help="accuracy: device to measure on.  [default: cpu]")] = None,
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Measure grain-steps per second on Fan's hopper, in three dimensions and of rods.
+        """Measure the speed of a backend, or how its errors depend on the time step.
 
-        One member runs on one core. Takes some five minutes on a slow machine, most of them compiling.
+        Speed: grain-steps per second on Fan's hopper, in three dimensions and of rods. One member runs on one core.
+        Takes some five minutes on a slow machine, most of them compiling.
+
+        Accuracy: velocities and spins after impacts against SciPy, by contact law and precision, and dense beds of
+        spheres and rods against a step 32 times as small. Takes some ten minutes, and one with --quick.
         """
         from labbook.backend import BackendMissing, Unsupported
-        from labbook.bench import run
 
         if quick and full:
             raise typer.BadParameter("--quick and --full: one at a time")
+        for name, given in (("--repeats", repeats), ("--full", full or None)):
+            if given is not None and what == "accuracy":
+                raise typer.BadParameter("it belongs to speed; leave it out", param_hint=name)
+        for name, given in (("--precision", precision), ("--device", device)):
+            if given is not None and what == "speed":
+                raise typer.BadParameter(f"it belongs to accuracy: labbook bench accuracy {name} ...", param_hint=name)
         try:
             with saying("preparing") as say:
-                result = run(backend, repeats, say, "quick" if quick else "full" if full else "usual")
+                if what == "speed":
+                    from labbook.bench import speed
+
+                    extent = "quick" if quick else "full" if full else "usual"
+                    result = speed.run(backend, repeats or 5, say, extent)
+                else:
+                    from labbook.bench import accuracy
+
+                    result = accuracy.run(backend, precision, device or "cpu", quick, say)
         except BackendMissing as error:
             raise typer.BadParameter(str(error), param_hint="--backend") from None
         except Unsupported as error:
@@ -44,10 +72,10 @@ def register(app: typer.Typer) -> None:
         if as_json:
             print(text)
         else:
-            _show(result)
+            (_show_speed if what == "speed" else _show_accuracy)(result)
 
 
-def _show(result) -> None:
+def _show_speed(result) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -64,3 +92,30 @@ def _show(result) -> None:
         f"{result.members} members side by side: {result.speed_up:.2f} times one; {large}"
         f"peak memory {result.memory:.0f} MB"
     )
+
+
+def _show_accuracy(result) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    console.print(f"backend {result.backend} on {result.hardware['processor']}; errors in parts of the speed of impact")
+    at = [n for n in (20, 40, 160) if n in result.contacts[0].steps]
+    table = Table("impact", "law", "precision", *(f"t_c/{n}" for n in at), "order")
+    for one in result.contacts:
+        errors = (f"{one.error[one.steps.index(n)]:.1e}" for n in at)
+        table.add_row(one.situation, one.law, one.precision, *errors, _order(one.order))
+    console.print(table)
+    if not result.beds:
+        return
+    table = Table("bed", "precision", *(f"x [d], t_c/{n}" for n in result.beds[0].steps[:3]), "order", "v", "growth")
+    for one in result.beds:
+        errors = (f"{e:.1e} ({far:.0e})" for e, far in zip(one.position[:3], one.farthest[:3], strict=True))
+        orders = _order(one.order), _order(one.order_velocity)
+        table.add_row(one.bed, one.precision, *errors, *orders, f"{one.growth:.1f}")
+    console.print(table)
+    console.print("beds: median error of positions (largest); growth of a small change of the start meanwhile")
+
+
+def _order(order) -> str:
+    return "-" if order.value != order.value else f"{order.value:.2f} ± {order.error:.2f}"

@@ -152,13 +152,14 @@ def _physics(plan: "Plan") -> "Table":
     rods = any(point.shared.scene.grains.half_length > 0 for point in plan.points)
     ratio = "D/L" if rods else "D/d"
     table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("point", "dt", "fill steps", "steps", ratio, "bed height"):
+    for heading in ("point", "dt", "of limit", "fill steps", "steps", ratio, "bed height"):
         table.add_column(heading, overflow="fold", justify="left" if heading == "point" else "right")
     rows: dict[tuple[str, ...], list[str]] = {}
     for point in plan.points:
         one = outline(point.shared)
         row = (
             f"{one.dt * 1e6:.3g} µs",
+            f"{one.dt / one.limit:.0%}".replace("%", " %"),
             _count(one.fill_steps),
             _count(one.steps),
             "–" if one.ratio is None else f"{one.ratio:.3g}",

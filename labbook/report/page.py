@@ -133,6 +133,11 @@ def _numerics(results: Results, folder: Path) -> list[Section]:
     return [Section("Do numerics matter?", (tables.numerical_table(results.numerical),))] if results.numerical else []
 
 
+def _budget(results: Results, folder: Path) -> list[Section]:
+    table = tables.budget_table(results)
+    return [Section("Error budget", (table,))] if table.rows else []
+
+
 def _further(results: Results, folder: Path) -> list[Section]:
     table = tables.further_table(results)
     return [Section("Further measurements", (table,))] if table is not None else []
@@ -156,6 +161,7 @@ PARTS: tuple[Part, ...] = (
     _statements,
     _of_papers,
     _flow_rates,
+    _budget,
     _numerics,
     _further,
     _outcomes,

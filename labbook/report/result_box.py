@@ -9,6 +9,8 @@ from labbook.report.against import changes, found_against
 from labbook.report.blocks import Facts
 from labbook.report.fitted_tables import NOT_DETERMINED, parameter_row
 from labbook.results import display
+from labbook.results.budget import budgets
+from labbook.results.budget import summed_up as budget_summed_up
 from labbook.results.numerical import NUMERICS
 from labbook.results.numerical import summed_up as numerics_summed_up
 from labbook.results.points import FLOW_RATE, PointResult, redundant
@@ -70,6 +72,8 @@ def _found(results: Results) -> list[Row]:
         rows.append((results.source, summed_up(results.judged, results.source)))
     if tested:
         rows.append(("Numerics", tested))
+    if budget := budget_summed_up(budgets(results)):
+        rows.append(("Error budget", budget))
     return rows
 
 

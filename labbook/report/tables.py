@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from labbook.results import display
+from labbook.results.budget import NOT_MEASURED, SOURCES, budgets
 from labbook.results.numerical import Numerical
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import CLOSE, Comparison
@@ -100,6 +101,32 @@ def _remarks(result: PointResult) -> list[str]:
     if result.precise is False:
         remarks.append(f"misses the asked {100 * (result.tolerance or 0):g} %")
     return remarks
+
+
+def budget_table(results: Results) -> Table:
+    """The error of every point's flow rate by source, in percent of it."""
+    swept = _swept(results)
+    rows, reasons = [], dict[str, list[str]]()
+    for budget in budgets(results):
+        cells = ["–" if share.part is None else _parts(share.part) for share in budget.shares]
+        for share in budget.shares:
+            if share.source != "seeds":
+                reasons.setdefault(f"{share.source}: {share.basis}", []).append(budget.result.label)
+        rows.append((*_at(budget.result, swept), *cells, _parts(budget.total)))
+    headings = (*_headings(swept, ()), *SOURCES, "sum of what is known")
+    unmeasured = [reason for reason in reasons if NOT_MEASURED in reason]
+    return Table(headings, tuple(rows), frozenset(), notes=(_BUDGET, *unmeasured))
+
+
+def _parts(part: float) -> str:
+    return f"{100 * part:.2f} %"
+
+
+_BUDGET = (
+    "Parts of W. Seeds: half width of the 95 % interval. Numerics: bound of the bias by calibration, or the largest "
+    "difference in this study. Window: half of the drift of W across the window, by which W at either end differs from "
+    "its mean. Filling, bed: the largest difference in this study."
+)
 
 
 _MANY = 12
@@ -257,8 +284,8 @@ def _numerical_cells(one: Numerical) -> tuple[str, ...]:
 
 
 _OF_NUMERICS = (
-    "Differences are parts of the mean with the value that is listed first; ± is one standard error, of means that are "
-    "independent (Welch)."
+    "Differences are parts of the mean with the value that is listed first; ± is one standard error: of differences "
+    "seed by seed where both start from the same packings, else of independent means."
 )
 
 

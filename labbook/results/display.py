@@ -52,7 +52,7 @@ KEYS = {
 
 def key(name: str) -> Shown:
     """How the dotted key of a study is shown; an unknown one by its last part, in SI."""
-    if name.startswith("fill.contact."):
+    if name.startswith(("fill.contact.", "fill.numerics.")):
         inner = key(name.removeprefix("fill."))
         return replace(inner, name=f"{inner.name} while filling")
     shown = KEYS.get(name, Shown(name.rsplit(".", 1)[-1].replace("_", " ")))

@@ -11,6 +11,7 @@ from labbook.measure.outlet import DEFINITIONS, Outlet
 from labbook.measure.series import discharged, mean_mass
 from labbook.results.against import against
 from labbook.results.against import rows as against_rows
+from labbook.results.budget import budgets
 from labbook.results.paper import Row, analyses
 from labbook.results.points import PointResult
 from labbook.results.recorded import acceleration
@@ -46,6 +47,7 @@ def frames(
     | `reference`     | number of the reference: theirs, ours, and how far they lie apart                         |
     | `statements`    | statement of the reference and where: ours, interval, verdict                             |
     | `numerics`      | pair of points that differ in numerics only: difference and test of equivalence           |
+    | `budget`        | point and source: what it adds to the error of W, a part of it, and what that rests on     |
     | `accelerations` | point and bin of height above the outlet                                                  |
     | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
 
@@ -66,6 +68,7 @@ def frames(
         "reference": _reference(results),
         "statements": _statements(results),
         "numerics": _numerics(results),
+        "budget": _budget(results),
         "accelerations": _accelerations(results),
         "profiles": _profiles(results),
     }
@@ -175,7 +178,14 @@ def _numerics(results: Results) -> Iterator[Row]:
         if one.test is not None:
             told |= {name: getattr(one.test, name) for name in ("difference", "error", "low", "high")}
             told |= {"p": one.test.p, "power": one.test.power, "finding": one.finding} if one.finding else {}
+            told |= {"paired": one.paired}
         yield told | _resting(results, (one.first, one.other))
+
+
+def _budget(results: Results) -> Iterator[Row]:
+    for budget in budgets(results):
+        for share in budget.shares:
+            yield {**of_point(budget.result), "source": share.source, "part": share.part, "basis": share.basis}
 
 
 def _of_series(series: Series) -> Row:

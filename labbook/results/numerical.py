@@ -16,9 +16,10 @@ NUMERICS = "numerics."
 class Numerical:
     """W of a point against that of the one whose value of `key` is listed first.
 
-    `test`: of both means, in parts of the first; they are independent of one another, for a packing is filled with the
-    numerics of its point. None where `why` says why not. `margin`: within which both count as the same, a part of the
-    first mean; None: nothing is tested, and of `test` only difference, error and interval mean something.
+    `test`: of both means, in parts of the first. It is `paired`, seed by seed, where both start from the same packings
+    (`fill.numerics`); else the samples are independent: every packing is filled with the numerics of its point. None
+    where `why` says why not. `margin`: within which both count as the same, a part of the first mean; None: nothing is
+    tested, and of `test` only difference, error and interval mean something.
     """
 
     key: str
@@ -27,6 +28,7 @@ class Numerical:
     margin: float | None
     test: Equivalence | None
     why: str = ""
+    paired: bool = False
 
     @property
     def label(self) -> str:
@@ -63,11 +65,16 @@ def numerical(asked: Sequence[Point], points: Sequence[PointResult], margin: flo
 def _against(key: str, first: PointResult, other: PointResult, margin: float | None) -> Numerical:
     if first.partial or other.partial:
         return Numerical(key, first, other, margin, None, "runs are lacking")
-    a, b = (list(by_seed(result, FLOW_RATE).values()) for result in (first, other))
+    one, two = (by_seed(result, FLOW_RATE) for result in (first, other))
+    common = sorted(one.keys() & two.keys())
+    beds = [{run.seed: run.packing_key for run in result.runs} for result in (first, other)]
+    paired = len(common) >= 2 and all(beds[0][seed] == beds[1][seed] for seed in common)
+    a, b = ([values[seed] for seed in (common if paired else values)] for values in (one, two))
     mean = math.fsum(a) / len(a) if a else 0.0
     if min(len(a), len(b)) < 2 or not mean > 0:
         return Numerical(key, first, other, margin, None, "two runs of each that flowed are needed")
-    return Numerical(key, first, other, margin, tost(a, b, (margin or 1.0) * mean).over(mean))
+    test = tost(a, b, (margin or 1.0) * mean, paired=paired).over(mean)
+    return Numerical(key, first, other, margin, test, paired=paired)
 
 
 def summed_up(found: Sequence[Numerical]) -> str:

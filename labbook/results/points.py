@@ -18,9 +18,10 @@ from labbook.measure.outlet import Outlet, OutletProfile, OutletProfiles
 from labbook.measure.stress import ContactStress
 from labbook.results import display
 from labbook.stats import Measured, Pooled, StoppingRule
+from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
 
-FLOW_RATE = "flow_rate"
+FLOW_RATE, DRIFT = "flow_rate", "flow_rate_drift"
 ORIFICE = "container.orifice"
 
 
@@ -220,15 +221,20 @@ class PointResult:
 
     @property
     def trending(self) -> bool:
-        """Whether the flow of more than half of the replicates has no plateau."""
-        return self.notes["trending"] > len(self.runs) / 2
+        """Whether the flow of more than half of the replicates has no plateau, or the drift of all together is more
+        than 5 % and its 95 % interval leaves zero out: what each replicate alone is too noisy to show."""
+        drift = self.pooled.get(DRIFT)
+        together = drift is not None and abs(drift.value) > max(MATERIAL, drift.half_width)
+        return self.notes["trending"] > len(self.runs) / 2 or together
 
     @property
     def precise(self) -> bool | None:
-        """Whether the pooled flow rate meets the study's tolerance; None if none was asked for."""
+        """Whether the half width of the flow rate's interval, with the bias of numerics that were chosen, meets the
+        study's tolerance; None if none was asked for."""
         if self.tolerance is None:
             return None
-        return self.flow_rate is not None and self.flow_rate.relative <= self.tolerance
+        bias = 0.0 if self.point.choice is None else self.point.choice.bias.bound
+        return self.flow_rate is not None and self.flow_rate.relative + bias <= self.tolerance
 
     @property
     def partial(self) -> bool:

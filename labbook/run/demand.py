@@ -51,16 +51,20 @@ class PointDemand:
 
     @property
     def numerics(self) -> Numerics:
-        """How filling and discharge are computed."""
+        """How the discharge is computed."""
         return self.point.numerics
 
     @cached_property
-    def maker(self) -> Maker | None:
-        """What makes the packings, if that is not the backend of the run by the same numerics."""
+    def filled_by(self) -> Numerics:
+        """How the filling is computed."""
+        numerics = self.point.fill.numerics or self.numerics
         if self.packings_of is None:
-            return None
-        numerics = self.numerics.model_copy(update={"precision": self.packings_of.precision})
-        return Maker(self.packings_of.backend, numerics)
+            return numerics
+        return numerics.model_copy(update={"precision": self.packings_of.precision})
+
+    def maker(self, backend: Capabilities) -> Maker:
+        """What makes the packings of runs on `backend`."""
+        return Maker(backend if self.packings_of is None else self.packings_of.backend, self.filled_by)
 
     @cached_property
     def scene_key(self) -> str:
@@ -169,15 +173,17 @@ class Demand:
         found = self._keys.get((backend.name, backend.cache_version))
         if found is None:
             s = self.shared
-            found = identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker)
+            found = identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker(backend))
             self._keys[backend.name, backend.cache_version] = found
         return found
 
     def run_key(self, backend: str, version: int) -> str:
         """Key of this run on one version of the backend called `backend`."""
         s = self.shared
-        made = (s.maker.numerics, s.maker.backend.name, s.maker.backend.cache_version) if s.maker else None
-        packing = identity.packing_key(s.closed_key, self.filling, *(made or (s.numerics, backend, version)))
+        made = (backend, version)
+        if s.packings_of is not None:
+            made = (s.packings_of.backend.name, s.packings_of.backend.cache_version)
+        packing = identity.packing_key(s.closed_key, self.filling, s.filled_by, *made)
         return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, backend, version)
 
     @cached_property
@@ -187,7 +193,8 @@ class Demand:
     def lineage(self, backend: str) -> str:
         """Identity of this run on any version of the backend called `backend`."""
         s = self.shared
-        return identity.lineage_key(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker)
+        made = backend if s.packings_of is None else s.packings_of.backend.name
+        return identity.lineage_from(s.scene_key, s.closed_key, self.filling, s.filled_by, made, s.numerics, backend)
 
 
 def demands(study: Study, seeds: int) -> Iterator[Demand]:
@@ -197,8 +204,11 @@ def demands(study: Study, seeds: int) -> Iterator[Demand]:
         yield from (point.run(seed) for point in shared)
 
 
-def stopping_rule(study: Study) -> StoppingRule:
-    """The rule by which replicates are added to a point of `study`."""
+def stopping_rule(study: Study, point: Point | None = None) -> StoppingRule:
+    """The rule by which replicates are added to a point of `study`: until the half width of the interval is what the
+    bias of its numerics leaves of the tolerance. None: any point, whose numerics are not known to have a bias."""
     tolerance, least = study.accuracy.flow_rate, study.replicates
     cap = least if tolerance is None else max(least, study.accuracy.max_replicates)
+    if point is not None and point.choice is not None:
+        tolerance = point.choice.left
     return StoppingRule(tolerance=tolerance, minimum=least, cap=cap)

@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from labbook.backend import Checkpoint, Ensemble, Event, Failed, Member, Settled, Status
+from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.filling import PlacingError, place
 from labbook.filling.bed import at_rest
 from labbook.lab.folder import Claim
-from labbook.lab.identity import Keys, Maker
+from labbook.lab.identity import Keys
 from labbook.lab.journal import PROGRESS, Saved
 from labbook.lab.packings import ARRAYS, PackingRecord
 from labbook.lab.records import Unreadable
-from labbook.run.demand import Demand
+from labbook.run.demand import Demand, PackingsOf
 from labbook.run.forecast import fill_time
 from labbook.run.job import Bench, Job, JobFailed, failure
 from labbook.scene import Packing
@@ -43,13 +44,17 @@ class FillJob(Job):
 
     def begin(self) -> Packing | Checkpoint:
         """As every job, but a backend never fills in another one's place. Raises JobFailed."""
-        maker = self.demand.shared.maker
-        if maker is not None and maker != Maker(self.bench.backend.capabilities, self.numerics):
+        guest, own = self.demand.shared.packings_of, self.bench.backend.capabilities
+        if guest is not None and guest != PackingsOf(own, self.demand.shared.numerics.precision):
             raise JobFailed(
-                f"{self.label}: {maker.backend.name} has to make this packing first, in {maker.numerics.precision} "
-                "precision"
+                f"{self.label}: {guest.backend.name} has to make this packing first, in {guest.precision} precision"
             )
         return super().begin()
+
+    @property
+    def numerics(self) -> Numerics:
+        """How it is computed."""
+        return self.demand.shared.filled_by
 
     def fresh(self) -> Packing:
         """Grains in the air."""

@@ -17,6 +17,7 @@ from labbook.measure.expected import mass_flow
 from labbook.run.demand import Demand, PointDemand
 from labbook.run.plan import Forecast, Plan
 from labbook.scene import outlet_shape
+from labbook.scene.timescales import largest_stable_step
 
 DEFAULT_SPEED = 5e6
 """Grain-steps per second and lane that are assumed of a backend that nothing is known of."""
@@ -170,7 +171,7 @@ class _Specs:
         self._found: dict[tuple[PointDemand, str], Spec | str] = {}
 
     def filling(self, shared: PointDemand) -> Spec | str:
-        return self._of(shared, "filling", lambda b: b.specialise(shared.closed, shared.numerics, ()))
+        return self._of(shared, "filling", lambda b: b.specialise(shared.closed, shared.filled_by, ()))
 
     def discharge(self, demand: Demand) -> Spec | str:
         shared, film = demand.shared, (demand.film,) if demand.film else ()
@@ -261,7 +262,7 @@ def discharge_work(shared: PointDemand) -> float:
 def fill_work(demand: Demand, catalogue: Catalogue | None = None) -> float:
     """Grain-steps of a filling, by the mean of recorded fillings of the same container if there are any."""
     known = catalogue.settling(demand.shared.closed_key) if catalogue else None
-    return demand.shared.scene.grains.count * (known or fill_time(demand)) / demand.shared.numerics.dt
+    return demand.shared.scene.grains.count * (known or fill_time(demand)) / demand.shared.filled_by.dt
 
 
 def fill_time(demand: Demand) -> float:
@@ -299,11 +300,14 @@ def _bytes_of(probe: Probe, shared: PointDemand) -> float:
 
 @dataclass(frozen=True)
 class Outline:
-    """`dt` [s]; `fill_steps` and `steps`: of a filling and a discharge, as foreseen; `extent` [m]: the largest
-    dimension of a grain; `ratio`: the orifice over it, None without one; `height` [m]: of the bed above the outlet or
-    bottom at a packing fraction of PACKED, None where the container does not tell; `memory` [bytes] of one run."""
+    """`dt` [s]; `limit` [s]: the largest step with which the beds of its flow and filling come to rest, as measured
+    (`labbook.scene.timescales.largest_stable_step`); `fill_steps` and `steps`: of a filling and a discharge, as
+    foreseen; `extent` [m]: the largest dimension of a grain; `ratio`: the orifice over it, None without one; `height`
+    [m]: of the bed above the outlet or bottom at a packing fraction of PACKED, None where the container does not
+    tell; `memory` [bytes] of one run."""
 
     dt: float
+    limit: float
     fill_steps: float
     steps: float
     extent: float
@@ -323,9 +327,13 @@ def outline(shared: PointDemand) -> Outline:
     grains = scene.grains
     extent = grains.diameter + 2 * grains.half_length
     orifice = getattr(scene.container, "orifice", None)
+    closed, filled = shared.closed.stiffened(shared.filled_by.stiffness_scale), shared.filled_by
+    own = largest_stable_step(scene.stiffened(shared.numerics.stiffness_scale))
+    limit = min(own, largest_stable_step(closed)) if filled == shared.numerics else own
     return Outline(
         dt,
-        fill_time(shared.run(1)) / dt,
+        limit,
+        fill_time(shared.run(1)) / shared.filled_by.dt,
         discharge_time(shared) / dt,
         extent,
         None if orifice is None else orifice / extent,

@@ -155,7 +155,8 @@ def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
         return sys.maxsize
     fits = []
     for shared in (point.shared for point in points):
-        for scene, probes in ((shared.closed, ()), (shared.scene, shared.probes)):
-            spec = backend.specialise(scene, shared.numerics, probes)
+        stages = ((shared.closed, shared.filled_by, ()), (shared.scene, shared.numerics, shared.probes))
+        for scene, numerics, probes in stages:
+            spec = backend.specialise(scene, numerics, probes)
             fits.append(backend.capacity(spec, scene, device))
     return min((fit for fit in fits if fit is not None), default=sys.maxsize)

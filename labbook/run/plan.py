@@ -17,7 +17,7 @@ from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
 from labbook.run.progress import duration, size
 from labbook.stats import Decision, StoppingRule
-from labbook.study import Study
+from labbook.study import Point, Study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -143,6 +143,7 @@ class Plan:
         if self.rule.sequential:
             known = f"{self.rule.tolerance:.2%}"
             lines.append(f"Up to {self.rule.cap} replicates a point, until the flow rate is known to {known}")
+            lines += self._chosen()
         if self.todo and ahead is not None:
             making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
             packings = making if self.fillings else "all packings are there"
@@ -153,6 +154,36 @@ class Plan:
                 cached = f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}"
                 lines.append(f"{cached}, unless it is cached")
         return lines + [f"Warning: {line}" for line in self.warnings]
+
+    def _chosen(self) -> list[str]:
+        """The numerics that were chosen for the error asked for, a line for all points that share them."""
+        groups: dict[str, list[str]] = {}
+        for point in (one.shared.point for one in self.points):
+            choice = point.choice
+            if choice is not None:
+                needed = stopping_rule(self.study, point).forecast(choice.scatter)
+                cap = f" (accuracy.max_replicates is {self.rule.cap})" if needed == self.rule.cap else ""
+                bias = f"{choice.bias.value:+.2%} +- {choice.bias.half_width:.2%}"
+                said = (
+                    f"dt = {choice.dt * 1e6:.3g} us, stiffness_scale = {choice.stiffness_scale:g}: they move the flow "
+                )
+                said += (
+                    f"rate by {bias}, which leaves {choice.left:.2%} to the scatter; {needed} replicates foreseen{cap}"
+                )
+                if choice.usual is not None:
+                    part = f"{choice.over_usual:.0%}".replace("%", " %")
+                    said += f"; {part} of the steps that {choice.usual * 1e6:.3g} us would take, were that without bias"
+                groups.setdefault(f"Chosen for {choice.tolerance:.2%}: {said} ({choice.source})", []).append(
+                    point.label
+                )
+            elif point.unchosen:
+                step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
+                verb = f"labbook calibrate {self.study.path} measures it"
+                why = f"Not calibrated: {point.unchosen}; {step} ({verb})"
+                groups.setdefault(why, []).append(point.label)
+        if len(groups) == 1:
+            return list(groups)
+        return [f"{said}; at {'; '.join(at[:3])}{' ...' * (len(at) > 3)}" for said, at in groups.items()]
 
 
 _STATES: tuple[State, ...] = ("done", "missing", "partial", "stale")
@@ -205,7 +236,7 @@ class Planner:
     def _point(self, shared: PointDemand, demands: list[Demand]) -> PointPlan:
         items = [self._item(demand) for demand in demands]
         while all(item.state == "done" for item in items):
-            decision = self._decide([item.keys.run for item in items])
+            decision = self._decide(shared.point, [item.keys.run for item in items])
             more = min(decision.more, self.rule.cap - len(items))
             if more <= 0:
                 return PointPlan(shared, tuple(items), decision)
@@ -214,10 +245,11 @@ class Planner:
             items += [self._item(demand) for demand in added]
         return PointPlan(shared, tuple(items), None)
 
-    def _decide(self, run_keys: list[str]) -> Decision:
+    def _decide(self, point: Point, run_keys: list[str]) -> Decision:
         if self.rule.tolerance is None:
             return Decision(None, 0, None)
-        decision = self.rule.decide(flow_rates(self.study, self.catalogue, run_keys))
+        rule = stopping_rule(self.study, point)
+        decision = rule.decide(flow_rates(self.study, self.catalogue, run_keys))
         if decision.ended is None and len(run_keys) >= self.rule.cap:
             return Decision(decision.pooled, 0, "cap")
         return decision
@@ -301,5 +333,5 @@ def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
     for point in points:
         shared = point.shared
         film = (shared.film,) if shared.film else ()
-        backend.specialise(shared.closed, shared.numerics, ())
+        backend.specialise(shared.closed, shared.filled_by, ())
         backend.specialise(shared.scene, shared.numerics, tuple(dict.fromkeys((*shared.probes, *film))))

@@ -14,7 +14,7 @@ from labbook.lab.folder import Lab, is_full, room
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.run.board import Board, Started, Tally
-from labbook.run.demand import PackingsOf
+from labbook.run.demand import PackingsOf, stopping_rule
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.lane import Lane, Turn, slots
@@ -31,6 +31,7 @@ _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
 _POLL = 0.5  # s: how often claims that others hold are tried again
 _MANY = 10_000  # grains that take a while to place
+_WRONG = 1.5  # a forecast of replicates that is off by this factor is told
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Summary:
                 short = "" if decision.ended == "tolerance" else ": the tolerance is not met, and no more are allowed"
                 lines.append(
                     f"{point.shared.point.label}: flow rate to {decision.pooled.relative:.2%} "
-                    f"with {decision.pooled.n} replicates{short}"
+                    f"with {decision.pooled.n} replicates{_foreseen(point, decision.pooled.n)}{short}"
                 )
         for label, seeds in self.diverged.items():
             many = f"seeds {', '.join(map(str, seeds))}" if len(seeds) > 1 else f"seed {seeds[0]}"
@@ -110,6 +111,17 @@ class Summary:
     def __repr__(self) -> str:
         stopped = ["Stopped early; everything is saved: run the study again to go on"] if self.stopped else []
         return "\n".join(self.lines() + stopped)
+
+
+def _foreseen(point: PointPlan, needed: int) -> str:
+    """That the forecast of replicates was wrong, if it was."""
+    shared = point.shared
+    choice = shared.point.choice
+    if choice is None:
+        return ""
+    foreseen = stopping_rule(shared.study, shared.point).forecast(choice.scatter)
+    wrong = max(needed, foreseen) > _WRONG * min(needed, foreseen)
+    return f" ({foreseen} were foreseen, from a scatter of {choice.scatter:.2%})" if wrong else ""
 
 
 Turns = dict[Future[Turn], tuple[Lane, list[Started]]]

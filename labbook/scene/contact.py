@@ -187,6 +187,11 @@ class ContactLaw(Model, ABC):
         """Rayleigh time [s] of a grain of this radius [m] and density [kg/m^3]. Raises ValueError if it has none."""
         raise ValueError("the Rayleigh time needs a shear modulus: it belongs to the law hertz-mindlin")
 
+    def overlap(self, pressure: float, diameter: float) -> float | None:
+        """Overlap, in parts of the diameter d [m], of two equal grains that p d^2 presses together, p the pressure
+        [Pa]; None where a law cannot tell."""
+        return None
+
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer | None:
         """The stiffness at which grains of the diameter d [m] overlap by `overlap` d where p d^2, p the pressure [Pa],
         presses them together; None where a law cannot tell."""
@@ -281,10 +286,14 @@ class Hertz(ContactLaw, ABC):
         speed = math.sqrt(self.shear_modulus / density)
         return math.pi * radius / speed / (0.163 * self.poisson_ratio + 0.8766)
 
-    def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
+    def overlap(self, pressure: float, diameter: float) -> float:
         """(delta/d)^{3/2} = 3 p/(2 E*), as F = (4/3) E* sqrt(d/4) delta^{3/2} = (2/3) E* d^2 (delta/d)^{3/2}."""
-        modulus = 1.5 * pressure / overlap**1.5
-        return Softer("shear_modulus", "Pa", self.shear_modulus, modulus * (1 - self.poisson_ratio))
+        return (1.5 * pressure / self.effective_modulus) ** (2 / 3)
+
+    def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
+        """From the overlap now, which goes as G^{-2/3}."""
+        enough = self.shear_modulus * (self.overlap(pressure, diameter) / overlap) ** 1.5
+        return Softer("shear_modulus", "Pa", self.shear_modulus, enough)
 
 
 class HertzMindlin(Hertz):
@@ -392,9 +401,14 @@ class LinearSpringDashpot(ContactLaw):
         a, b = 1.8 * max(1.0, 3.5 * self.tangential_stiffness), 6.5 if rods else 5.7
         return a, b * max(1.0, self.tangential_damping)
 
-    def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
+    def overlap(self, pressure: float, diameter: float) -> float:
         """delta/d = p d/k_n."""
-        return Softer("normal_stiffness", "N/m", self.normal_stiffness, pressure * diameter / overlap)
+        return pressure * diameter / self.normal_stiffness
+
+    def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
+        """From the overlap now, which goes as 1/k_n."""
+        enough = self.normal_stiffness * self.overlap(pressure, diameter) / overlap
+        return Softer("normal_stiffness", "N/m", self.normal_stiffness, enough)
 
 
 CONTACT_LAWS = Choice(

@@ -12,12 +12,12 @@ standard deviations and caps from 6 to 30, its nominal 95 % intervals cover betw
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, inf, isfinite
+from math import ceil, inf, isfinite, sqrt
 from typing import Literal
 
 import numpy as np
 
-from labbook.stats.pooling import Pooled, pool
+from labbook.stats.pooling import Pooled, pool, student
 
 FEWEST = 3
 """With 2 replicates t is 12.7: a narrow interval would be an accident."""
@@ -92,6 +92,17 @@ class StoppingRule:
             return Decision(pooled, 0, "cap")
         # At most a third at a time: a scatter known from few replicates is no ground for ordering many.
         return Decision(pooled, min(self._missing(pooled), max(1, n // 3), self.cap - n), None)
+
+    def forecast(self, scatter: float) -> int:
+        """Replicates that will be needed if they scatter by `scatter`, a standard deviation relative to the mean; at
+        most the cap."""
+        if self.tolerance is None:
+            return self.first
+        for n in range(self.first, self.cap):
+            widened = 1 + _WIDENING / n if self.sequential else 1.0
+            if student(self.confidence, n - 1) * scatter / sqrt(n) * widened <= self.tolerance:
+                return n
+        return self.cap
 
     def _missing(self, pooled: Pooled) -> int:
         """Replicates that would be missing if the scatter stayed as it is."""

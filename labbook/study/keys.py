@@ -228,7 +228,9 @@ def all_keys() -> tuple[Key, ...]:
     for name, law in CONTACT_LAWS.items():
         laws.setdefault(law.usual_step, []).append(name)
     steps = ", ".join(f"{step} ({', '.join(names)})" for step, names in laws.items())
-    return tuple(replace(key, default=steps) if key.name == "numerics.dt" else key for key in keys)
+    defaults = {"numerics.dt": steps}
+    defaults |= {key.name: "as in numerics" for key in keys if key.name.startswith("fill.numerics.")}
+    return tuple(replace(key, default=defaults.get(key.name, key.default)) for key in keys)
 
 
 def find(name: str) -> tuple[Key, ...]:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from labbook.accuracy import Calibration
+from labbook.accuracy import load as load_calibration
 from labbook.backend.numerics import Numerics
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
@@ -73,11 +75,13 @@ class Study:
     """What its author wrote: keys and values as in YAML."""
     source: str = field(default="", repr=False, compare=False)
     """The text of its file as it was read, with comments; empty for a study made in Python."""
+    calibration: Calibration | None = field(default=None, repr=False, compare=False)
+    """That which it names, with the one that ships; None for the latter alone."""
 
     def numerics(self, scene: Scene) -> Numerics:
         """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
-        law = self.fill.contact
-        closed = None if law is None else scene.close(self.fill.friction, law)
+        law, own = self.fill.contact, self.fill.numerics
+        closed = None if law is None or own is not None else scene.close(self.fill.friction, law)
         return numerics_for(self.numerics_stated, scene, closed)
 
     def change(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> "Study":
@@ -149,7 +153,8 @@ def _resolved(source: Source) -> Study:
     misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
     settings = _settings(source, misspelled, problems)
     sweep = Sweep(source)
-    reader = PointReader(source, sweep.wrong | misspelled)
+    calibration = _calibration(source, settings, problems)
+    reader = PointReader(source, sweep.wrong | misspelled, settings, calibration)
     points = reader.read(sweep if sweep.size <= MAX_POINTS else islice(sweep, 1))
     reference = ReferenceReader(source, points, known_names, settings)
     published = reference.read()
@@ -170,6 +175,7 @@ def _resolved(source: Source) -> Study:
         numerics_stated=reader.numerics_stated,
         stated=source.data,
         source=source.text,
+        calibration=calibration,
         **{name: getattr(settings, name) for name in SETTING_KEYS},
     )
 
@@ -206,6 +212,21 @@ def _settings(source: Source, misspelled: Set[str | None], problems: list[Proble
             if dotted(found.location) not in misspelled:
                 line, key = source.line(found.location), shown(dotted(found.location))
                 problems.append(Problem(source.path, line, key, found.message, found.remedy))
+        return None
+
+
+def _calibration(source: Source, settings: Settings | None, problems: list[Problem]) -> Calibration | None:
+    """The calibration that the study names; None if it names none, or one that cannot be read."""
+    named = settings.accuracy.calibration if settings is not None else None
+    if named is None:
+        return None
+    path = source.path.parent / named
+    try:
+        return load_calibration(path)
+    except (OSError, ValueError) as error:
+        line = source.line(("accuracy", "calibration"))
+        remedy = "give a file that labbook calibrate has written, or leave it out"
+        problems.append(Problem(source.path, line, "accuracy.calibration", f"{path}: {error}", remedy))
         return None
 
 

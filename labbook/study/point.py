@@ -1,9 +1,10 @@
 """One point of a study: a scene with its filling and numerics."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from labbook.accuracy import Choice
 from labbook.backend.numerics import Numerics
 from labbook.scene.scene import Scene
 from labbook.study.schema import Fill
@@ -23,6 +24,10 @@ class Point:
     numerics: Numerics
     at: Mapping[str, float | str]
     label: str
+    choice: Choice | None = field(default=None, compare=False)
+    """Why its numerics are what they are, where they were chosen for an error."""
+    unchosen: str = field(default="", compare=False)
+    """Why they could not be chosen, though an error was asked for; empty otherwise."""
 
     def value(self, key: str) -> float | str | None:
         """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none."""

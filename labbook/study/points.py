@@ -6,13 +6,14 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from labbook.accuracy import Calibration, Choice, OutOfRange, choose
 from labbook.backend.numerics import Numerics
 from labbook.scene.grains import Grains, Spheres
 from labbook.scene.scene import Scene
 from labbook.study.explain import Complaint, complaints
 from labbook.study.point import Point
 from labbook.study.problems import Problem, shown
-from labbook.study.schema import SCENE_KEYS, Fill
+from labbook.study.schema import SCENE_KEYS, Fill, Settings
 from labbook.study.source import Location, Source, dotted
 from labbook.study.sweep import Assignment
 from labbook.study.timestep import TimeStepError, numerics_for
@@ -21,7 +22,10 @@ MAX_WRONG = 500
 """After this many points that are wrong, the rest are not looked at: they repeat the same mistakes."""
 
 _OWN = ("walls.", "fill.")
-_STEP = ("numerics", "dt")
+_NUMERICS, _FILLING = ("numerics",), ("fill", "numerics")
+_STEPS = ((*_NUMERICS, "dt"), (*_FILLING, "dt"))
+_SOFTENED = {"flow_rate", "packing"}
+"""Measures of which the calibration says what softer grains do to them; with others stiffness is left as stated."""
 _GRAINS = TypeAdapter(Grains)
 _PLACEHOLDER = Spheres(diameter=1e-3, density=1e3, count=1)  # stands in for grains that are wrong
 
@@ -29,9 +33,17 @@ _PLACEHOLDER = Spheres(diameter=1e-3, density=1e3, count=1)  # stands in for gra
 class PointReader:
     """Validates points and collects what is wrong with them."""
 
-    def __init__(self, source: Source, wrong_already: Set[str | None]):
-        """`wrong_already`: keys of which it is known that they are misspelled, or that their sweep is wrong."""
-        self._source = source
+    def __init__(
+        self,
+        source: Source,
+        wrong_already: Set[str | None],
+        settings: Settings | None,
+        calibration: Calibration | None = None,
+    ):
+        """`wrong_already`: keys of which it is known that they are misspelled, or that their sweep is wrong;
+        `settings`: what the study states once, None if that is wrong; `calibration`: its own, None for the one that
+        ships."""
+        self._source, self._settings, self._calibration = source, settings, calibration
         self._wrong_already = wrong_already
         self.numerics_stated: Mapping[str, Any] = {}
         """`numerics` as it holds at the first point."""
@@ -79,15 +91,26 @@ class PointReader:
         diameter = (grains or _PLACEHOLDER).diameter
         context = {"units": "required", "d": diameter}
         scene, near = self._scene(raw, grains, context, found)
-        fill: Fill | None = _validated(Fill, raw.get("fill", {}), context, "fill", found)
+        stated, filling = _apart(raw.get("fill", {}), "numerics")
+        fill: Fill | None = _validated(Fill, stated, context, ("fill",), found)
         closed = None
         if near is not None and fill is not None and fill.contact is not None:
             faults = tuple(near.faults_of_law(fill.contact))
             found += [Complaint(("fill", *fault.key.split(".")), fault.reason, fault.remedy) for fault in faults]
             closed = None if faults else near.close(fill.friction, fill.contact)
-        numerics = self._numerics(raw.get("numerics", {}), near, closed, context, found)
+        general = raw.get("numerics", {})
+        flowing = closed if filling is None else None  # a step of its own is for the filling alone
+        numerics = self._numerics({}, general, near, flowing, context, found, _NUMERICS)
+        choice, unchosen = None, ""
+        if numerics is not None and scene is not None and fill is not None and filling is None:
+            choice, unchosen = self._chosen(scene, fill, general, numerics)
+        if choice is not None and numerics is not None:
+            chosen = {"dt": choice.dt, "stiffness_scale": choice.stiffness_scale}
+            numerics = numerics.model_copy(update=chosen)
+        if filling is not None and fill is not None and numerics is not None:
+            fill = self._filled(fill, filling, general, numerics, near, closed, context, found)
         if scene is None:
-            found = [complaint for complaint in found if complaint.location != _STEP or not complaint.clash]
+            found = [complaint for complaint in found if complaint.location not in _STEPS or not complaint.clash]
         for complaint in found:
             # with grains that stand in for wrong ones, values clash that need not
             may_be_right = complaint.clash and grains is None and complaint.location[0] != "grains"
@@ -99,9 +122,26 @@ class PointReader:
             return None
         if index == 0:
             self.numerics_stated = raw.get("numerics", {})
-        point = Point(index, scene, fill, numerics, {}, label or "the only point")
+        point = Point(index, scene, fill, numerics, {}, label or "the only point", choice, unchosen)
         at = {key: value for key in assignment if (value := point.value(key)) is not None}
-        return Point(index, scene, fill, numerics, at, point.label)
+        return replace(point, at=at)
+
+    def _chosen(
+        self, scene: Scene, fill: Fill, stated: Mapping[str, Any], numerics: Numerics
+    ) -> tuple[Choice | None, str]:
+        """The numerics for the error that the study asks for, with those that it states kept; or why there are none."""
+        settings = self._settings
+        if settings is None or settings.accuracy.flow_rate is None:
+            return None, ""
+        soft = "stiffness_scale" not in stated and set(settings.measure) <= _SOFTENED
+        dt, usual = (numerics.dt, None) if "dt" in stated else (None, numerics.dt)
+        scale = None if soft else numerics.stiffness_scale
+        closed = scene.close(fill.friction, fill.contact)
+        try:
+            asked, own = settings.accuracy.flow_rate, self._calibration
+            return choose(scene, closed, asked, dt=dt, stiffness_scale=scale, usual=usual, calibration=own), ""
+        except OutOfRange as reason:
+            return None, str(reason)
 
     def _grains(self, raw: Mapping[str, Any], found: list[Complaint]) -> Grains | None:
         """The grains come first: their diameter is the unit d of everything else."""
@@ -126,7 +166,7 @@ class PointReader:
         stated = {key: raw[key] for key in SCENE_KEYS if key in raw}
         stated["grains"] = grains or _PLACEHOLDER
         first: list[Complaint] = []
-        scene = _validated(Scene, stated, context, None, first)
+        scene = _validated(Scene, stated, context, (), first)
         if scene is not None:
             return scene, scene
         # Clashes are only looked at once each value is right by itself: look without those that are not, and with
@@ -134,29 +174,52 @@ class PointReader:
         for complaint in first:
             stated = _moved(stated, complaint.location, complaint.meant)
         again: list[Complaint] = []
-        near = _validated(Scene, stated, context, None, again)
+        near = _validated(Scene, stated, context, (), again)
         found += [*first, *(complaint for complaint in again if complaint.clash and complaint not in first)]
         return None, near
 
     def _numerics(
         self,
+        usual: Mapping[str, Any],
         raw: Any,
         scene: Scene | None,
         closed: Scene | None,
         context: Mapping[str, Any],
         found: list[Complaint],
+        section: Location,
     ) -> Numerics | None:
+        """Numerics as the section `section` states them in `raw`, and `usual` where it does not."""
         settings = {key: value for key, value in raw.items() if key != "dt"} if isinstance(raw, dict) else raw
         if isinstance(settings, dict):
             settings["dt"] = "1 us"  # resolved below, in its scene
-        if _validated(Numerics, settings, context, "numerics", found) is None or scene is None:
+        if _validated(Numerics, settings, context, section, found) is None or scene is None:
             return None
+        stated = {**usual, **raw}
         try:
-            return numerics_for(raw, scene, closed)
+            return numerics_for(stated, scene, closed)
         except TimeStepError as error:
-            stated = f"{shown(raw['dt'])}: " if "dt" in raw else ""
-            found.append(Complaint(_STEP, f"{stated}{error}", error.remedy, error.clash))
+            said = f"{shown(stated['dt'])}: " if "dt" in stated else ""
+            found.append(Complaint((*section, "dt"), f"{said}{error}", error.remedy, error.clash))
             return None
+
+    def _filled(
+        self,
+        fill: Fill,
+        raw: Any,
+        general: Mapping[str, Any],
+        numerics: Numerics,
+        near: Scene | None,
+        closed: Scene | None,
+        context: Mapping[str, Any],
+        found: list[Complaint],
+    ) -> Fill:
+        """The filling with the numerics that it states in `raw`, and those of the flow where it does not."""
+        own = self._numerics(general, raw, closed or near, None, context, found, _FILLING)
+        if own is not None and own.stiffness_scale < numerics.stiffness_scale:
+            reason = f"grains {numerics.stiffness_scale / own.stiffness_scale:.3g} times softer than those that flow"
+            remedy = f"use {numerics.stiffness_scale:g} or more: springs of a softer bed would burst when they harden"
+            found.append(Complaint((*_FILLING, "stiffness_scale"), reason, remedy, clash=True))
+        return fill.model_copy(update={"numerics": own})
 
     def _problem(self, complaint: Complaint, assignment: Assignment) -> Problem:
         key = dotted(complaint.location)
@@ -165,13 +228,22 @@ class PointReader:
         return Problem(self._source.path, line, shown(key), complaint.message, complaint.remedy)
 
 
-def _validated(model: type[Any], raw: Any, context: Mapping[str, Any], name: str | None, found: list[Complaint]) -> Any:
-    """`raw`, the section `name` (None: the whole study), as a `model`; None and complaints if it is none."""
+def _validated(
+    model: type[Any], raw: Any, context: Mapping[str, Any], section: Location, found: list[Complaint]
+) -> Any:
+    """`raw`, of the section `section` (none: the whole study), as a `model`; None and complaints if it is none."""
     try:
         return model.model_validate(raw, context=dict(context))
     except ValidationError as error:
-        found += complaints(error, raw, (name,) if name else ())
+        found += complaints(error, raw, section)
         return None
+
+
+def _apart(data: Any, key: str) -> tuple[Any, Any]:
+    """`data` without `key`, and what is there; None if nothing is."""
+    if not isinstance(data, dict) or key not in data:
+        return data, None
+    return {name: value for name, value in data.items() if name != key}, data[key]
 
 
 def _moved(data: Any, location: Location, target: Location | None) -> Any:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
+from labbook.backend.numerics import Numerics
 from labbook.filling.placing import STARTS
 from labbook.scene.contact import AnyLaw
 from labbook.scene.model import Among, Fault, Model, refuse
@@ -40,6 +41,9 @@ class Fill(Model):
     contact: Annotated[AnyLaw | None, Field(exclude_if=lambda law: law is None)] = None
     """Contact law while filling, with all its keys as in `contact`; none: the study's own. Studies of several laws can
     so start from the same beds."""
+    numerics: Annotated[Numerics | None, Field(exclude_if=lambda numerics: numerics is None)] = None
+    """Numerics while filling; keys that are left out are those of `numerics`. Runs with other numerics can so start
+    from the same beds, and beds be filled with a longer step than they flow with."""
     settled_below: Annotated[Ratio, Field(gt=0, le=1)] = 1e-6
     """Kinetic energy per grain, in units of m g d, below which the bed is at rest."""
     moving: Fraction | None = None
@@ -113,9 +117,12 @@ class Accuracy(Model):
     """The error that is tolerated in the pooled mean of each point."""
 
     flow_rate: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
-    """Relative half-width of the 95 % interval of the flow rate; none: as many replicates as stated, no more."""
-    max_replicates: Annotated[int, Field(ge=2, le=10_000, strict=True)] = 10
+    """Error of the flow rate: bias of the numerics and half-width of the 95 % interval together, relative to it.
+    Numerics that are left out and the number of replicates are chosen for it; none: as many replicates as stated."""
+    max_replicates: Annotated[int, Field(ge=2, le=10_000, strict=True)] = 100
     """Replicates that are not exceeded, even if the error is still larger."""
+    calibration: Annotated[str, Field(min_length=1, max_length=500)] | None = None
+    """Calibration file, as `labbook calibrate` writes it, beside the study's file; none: the one that ships alone."""
     numerics: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     """Margin within which flow rates at other numerics of a sweep count as the same; none: that is not tested."""
 

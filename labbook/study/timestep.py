@@ -5,14 +5,12 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from labbook.accuracy.choosing import WITHIN
 from labbook.backend.numerics import Numerics
 from labbook.scene.quantities import parse
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import TIME_SCALES, collision, largest_stable_step
 from labbook.study.problems import instead
-
-WITHIN = 0.75
-"""Part of the largest stable step that the default does not exceed."""
 
 _FRACTION = re.compile(r"\s*(\S.*?)\s*\*?\s*([a-z]+)\s*")
 

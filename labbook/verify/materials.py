@@ -1,8 +1,11 @@
 """Grains and scenes that the cases share: Fan's glass beads, their linear likeness, a roomy box."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from labbook.scene import Box, HertzMindlin, LinearSpringDashpot, Plane, Scene, Spheres, SurfaceChange, Wall
+from labbook.scene import Box, ContactLaw, HertzMindlin, LinearSpringDashpot, Plane, Scene, Spheres, SurfaceChange, Wall
+from labbook.scene.contact import Hertz, HertzLammps, HertzLiggghts, HertzPrinted
 from labbook.scene.container import Container
 
 D = 3e-3
@@ -16,10 +19,17 @@ def spheres(count: int) -> Spheres:
     return Spheres(diameter=D, density=2500, count=count)
 
 
-def hertz(**given: Any) -> HertzMindlin:
-    """Fan's material; all that is given replaces its values."""
+def hertzian(law: type[Hertz], **given: Any) -> Hertz:
+    """Fan's material by a law after Hertz; all that is given replaces its values."""
     values = {"shear_modulus": 1e8, "poisson_ratio": 0.25, "friction": 0.5, "rolling_friction": 0.01}
-    return HertzMindlin.model_validate({**values, "restitution": 0.2, **given})
+    return law.model_validate({**values, "restitution": 0.2, **given})
+
+
+def hertz(**given: Any) -> HertzMindlin:
+    """Fan's material by labbook's own law; all that is given replaces its values."""
+    law = hertzian(HertzMindlin, **given)
+    assert isinstance(law, HertzMindlin)
+    return law
 
 
 def linear(**given: Any) -> LinearSpringDashpot:
@@ -29,6 +39,14 @@ def linear(**given: Any) -> LinearSpringDashpot:
 
 
 LAWS = {"hertz-mindlin": hertz, "linear": linear}
+"""The two laws that most cases are about."""
+EVERY_LAW: dict[str, Callable[..., ContactLaw]] = {
+    "hertz-mindlin": hertz,
+    "hertz-printed": partial(hertzian, HertzPrinted),
+    "hertz-liggghts": partial(hertzian, HertzLiggghts),
+    "hertz-lammps": partial(hertzian, HertzLammps),
+    "linear": linear,
+}
 
 
 def scene(count: int, law: Any, container: Container, gravity: float = 0.0, **walls: SurfaceChange) -> Scene:

@@ -1,12 +1,13 @@
 """The test stand that cases run on: a backend, known by its contract only, in one precision on one device."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from labbook.backend import Backend, Event, Failed, Member, Status
+from labbook.backend import Backend, Ensemble, Event, Failed, Member, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Ledger, Probe, Table
 from labbook.scene import Scene
@@ -64,6 +65,31 @@ class Start:
     numerics: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class Admitted:
+    """Members side by side in an open ensemble: each with its start and numerics."""
+
+    ensemble: Ensemble
+    starts: Sequence[Start]
+    numerics: Sequence[Numerics]
+    members: Sequence[Member]
+
+    def motions(self, events: Sequence[Event]) -> list[Motion]:
+        """What has become of the members; `events`: all that have happened to them."""
+        tables = self.ensemble.drain()
+        return [
+            Motion(
+                scene=start.scene,
+                numerics=numerics,
+                tables={probe: rows_of(table, member) for probe, table in tables.items()},
+                status=self.ensemble.status(member),
+                end=self.ensemble.packing(member),
+                events=[event for event in events if event.member == member],
+            )
+            for start, numerics, member in zip(self.starts, self.numerics, self.members, strict=True)
+        ]
+
+
 @dataclass(frozen=True)
 class Stand:
     """A backend to be checked."""
@@ -91,33 +117,28 @@ class Stand:
         members (they settle, or empty). Raises NotMeasured if a guard stops a member.
         """
         kept = (*probes, *([] if any(isinstance(p, Ledger) for p in probes) else [Ledger(every=beats)]))
+        with self.admitted(starts, steps_per_beat, kept) as admitted:
+            events: list[Event] = []
+            for _ in range(beats) if until_event else (beats,):
+                events += admitted.ensemble.advance(1 if until_event else beats)
+                if until_event and {event.member for event in events} == set(admitted.members):
+                    break
+            for event in events:
+                require(not isinstance(event, Failed), f"a guard stopped the run: {event}")
+            return admitted.motions(events)
+
+    @contextmanager
+    def admitted(self, starts: Sequence[Start], steps_per_beat: int, probes: Sequence[Probe]) -> Iterator[Admitted]:
+        """Members at their starts, in an ensemble of their own; all must need the same Spec."""
         numerics = [self.numerics(s.dt, steps_per_beat=steps_per_beat, **s.numerics) for s in starts]
-        spec = self.backend.specialise(starts[0].scene, numerics[0], kept)
+        spec = self.backend.specialise(starts[0].scene, numerics[0], probes)
         ensemble = self.backend.open(spec, len(starts), self.device)
         try:
             members = [
                 ensemble.admit(start.scene, n, start.packing, settled_below=start.settled_below)
                 for start, n in zip(starts, numerics, strict=True)
             ]
-            events: list[Event] = []
-            for _ in range(beats) if until_event else (beats,):
-                events += ensemble.advance(1 if until_event else beats)
-                if until_event and {event.member for event in events} == set(members):
-                    break
-            for event in events:
-                require(not isinstance(event, Failed), f"a guard stopped the run: {event}")
-            tables = ensemble.drain()
-            return [
-                Motion(
-                    scene=start.scene,
-                    numerics=n,
-                    tables={probe: rows_of(table, member) for probe, table in tables.items()},
-                    status=ensemble.status(member),
-                    end=ensemble.packing(member),
-                    events=[event for event in events if event.member == member],
-                )
-                for start, n, member in zip(starts, numerics, members, strict=True)
-            ]
+            yield Admitted(ensemble, starts, numerics, members)
         finally:
             ensemble.close()
 

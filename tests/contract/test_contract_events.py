@@ -112,6 +112,10 @@ def test_a_state_that_is_no_number_is_caught_and_named(silo):
         assert event.guard in guards
         assert ensemble.status(bad).step == 0 <= event.step <= numerics.steps_per_beat
         assert ensemble.status(sound).step == 2 * numerics.steps_per_beat
+        kept = ensemble.packing(bad)
+        assert np.array_equal(kept.v, start.v[kept.ids])
+        assert np.array_equal(kept.x, start.x[kept.ids])
+        assert np.isfinite(ensemble.status(bad).kinetic)
     # one step is enough for it to reach those that it touches
     apart = np.linalg.norm(start.x - start.x[5], axis=1)
     assert event.grain in np.flatnonzero(apart < 1.01 * silo.scene.grains.diameter)
@@ -122,6 +126,12 @@ def test_a_state_that_is_no_number_is_caught_and_named(silo):
 def test_nothing_starts_from_what_is_no_number(silo, component):
     with pytest.raises(ValueError, match=f"{component} is not finite in row 17"):
         with_changed(silo.start, 17, **{component: [0, np.nan, 0]})
+
+
+def test_nothing_starts_from_no_grains(silo):
+    none = np.zeros((0, 3))
+    with silo.ensemble() as ensemble, pytest.raises(ValueError, match="packing: it has no grains"):
+        ensemble.admit(silo.scene, silo.numerics(), Packing(x=none, v=none, omega=none))
 
 
 def test_a_grain_that_runs_away_is_caught_and_named(silo):

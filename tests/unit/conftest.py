@@ -135,7 +135,8 @@ class FinishedDouble:
 
     @property
     def packing_key(self) -> str:
-        return f"{self.seed:04x}" * 8
+        step = round((self.point.fill.numerics or self.point.numerics).dt * 1e9)
+        return f"{self.seed:04x}{step:012x}" * 2
 
     @property
     def ended(self) -> str:

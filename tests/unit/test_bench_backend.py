@@ -4,16 +4,16 @@ import pytest
 import switches
 from switches import STILL, bed_of, variants
 
-from labbook import bench
 from labbook.backend import load
 from labbook.backend.probes import Contacts
-from labbook.bench import FAN_STEP, SETTLED, fan, settled
+from labbook.bench import speed
+from labbook.bench.speed import FAN_STEP, SETTLED, fan, settled
 
 pytestmark = [pytest.mark.compiles, pytest.mark.ring]
 
 
 def test_rates_are_of_the_settled_and_the_flowing_hopper():
-    result = bench.run("numba", repeats=1, extent="full", grains=600, boxes=(500,), rods=200)
+    result = speed.run("numba", repeats=1, extent="full", grains=600, boxes=(500,), rods=200)
     resting, flowing, *mixed, stack = [rate for rate in result.rates if not rate.case.startswith("rods")]
     assert (resting.case, resting.grains) == ("fan settled", 600)
     assert 0 < flowing.grains < 600

@@ -8,7 +8,7 @@ import pytest
 from elongation import elongated
 from labbook_numba import Backend
 
-from labbook import bench
+from labbook.bench import speed
 from labbook.scene import Spherocylinders
 
 pytestmark = pytest.mark.compiles
@@ -27,7 +27,7 @@ def test_a_grain_step_of_each_has_a_cost(monkeypatch):
     monkeypatch.setattr(elongation, "load", lambda _: backend)
     monkeypatch.setattr(members, "SETTLED", 100.0)  # long before they rest
     monkeypatch.setattr(members, "OUTFLOW", 0.01)
-    monkeypatch.setattr(bench, "TIMED", 100_000)
+    monkeypatch.setattr(speed, "TIMED", 100_000)
     result = elongation.run("numba", "cpu", repeats=2, aspect_ratios=(1.0, 3.0), grains=60)
     assert [case["aspect_ratio"] for case in result["cases"]] == [1.0, 3.0]
     for case in result["cases"]:

@@ -29,6 +29,7 @@ from labbook.scene import (
     Spherocylinders,
     WedgeHopper,
 )
+from labbook.scene.timescales import largest_stable_step
 from labbook.study import load
 
 RESULTS = Path(__file__).parents[2] / "benchmarks/results"
@@ -198,6 +199,17 @@ def test_outlets_are_counted_in_the_largest_dimension(tmp_path):
     one = outline(PointDemand(asked, asked.points[0]))
     assert (one.extent, one.ratio) == (0.006, pytest.approx(3))
     assert one.steps * one.dt == pytest.approx(forecast.discharge_time(PointDemand(asked, asked.points[0])))
+
+
+def test_the_step_is_held_against_the_largest_stable_one_of_what_it_is_used_for(tmp_path):
+    path = study_file(tmp_path, "fill: {friction: 5}")
+    asked = load(path)
+    shared = PointDemand(asked, asked.points[0])
+    scenes = [shared.scene, shared.closed]
+    assert outline(shared).limit == min(map(largest_stable_step, scenes))
+    own = load(study_file(tmp_path, "fill: {numerics: {dt: 5 us}}"))
+    shared = PointDemand(own, own.points[0])
+    assert outline(shared).limit == largest_stable_step(shared.scene)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from labbook.stats import StoppingRule, pool
 
@@ -66,3 +67,15 @@ def test_few_replicates_are_ordered_at_a_time():
 def test_impossible_rules_are_refused(tolerance, minimum, cap):
     with pytest.raises(ValueError):
         StoppingRule(tolerance, minimum, cap)
+
+
+def test_the_forecast_is_the_number_at_which_an_interval_of_that_scatter_meets_the_tolerance():
+    rule = StoppingRule(tolerance=0.01, minimum=3, cap=200)
+    n = rule.forecast(0.02)
+
+    def width(n):
+        return stats.t.ppf(0.975, n - 1) * 0.02 / np.sqrt(n) * (1 + 1.25 / n)
+
+    assert width(n) <= 0.01 < width(n - 1)
+    assert StoppingRule(tolerance=0.001, minimum=3, cap=50).forecast(0.02) == 50
+    assert StoppingRule(tolerance=None, minimum=3, cap=3).forecast(0.02) == 3

@@ -13,7 +13,7 @@ from labbook_warp.arrays import Arrays
 from labbook_warp.layout import memory
 
 from labbook.backend.probes import Contacts, Crossing
-from labbook.bench import FAN_STEP, cylinder, fan
+from labbook.bench.speed import FAN_STEP, cylinder, fan
 from labbook.filling.placing import place
 
 pytestmark = pytest.mark.compiles

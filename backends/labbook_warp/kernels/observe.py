@@ -43,12 +43,15 @@ def look(a: System, p: Words, v_out: Wides3, w_out: Wides3):
         if g.x[2] > wide(0.5) * wide(PARKED):
             f, t, _held, _wall_held, _deepest = forces(a, p, m, s, r, lane, g, near, False)
             later = wide(0.5) * m.dt
-            if a.step[s] == wp.int64(0):
-                later = wide(0.0)
+            gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
+            faster = (f * per_mass(a, m, i) + gravity) * later
+            spun = t * (per_inertia(a, m, i) * later)
+            if a.step[s] == wp.int64(0):  # velocities of the start, even where grains in one place have forces of 0/0
+                faster = wide3(wide(0.0), wide(0.0), wide(0.0))
+                spun = faster
             if lane == 0:
-                gravity = wide3(wide(0.0), wide(0.0), wide(-1.0)) * m.gravity
-                v_out[i] = widen(narrow(widen(g.v) + (f * per_mass(a, m, i) + gravity) * later))
-                w_out[i] = widen(narrow(widen(whole(g, own(a, p, i)).w) + t * (per_inertia(a, m, i) * later)))
+                v_out[i] = widen(narrow(widen(g.v) + faster))
+                w_out[i] = widen(narrow(widen(whole(g, own(a, p, i)).w) + spun))
         else:
             v_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))
             w_out[i] = wide3(wide(0.0), wide(0.0), wide(0.0))

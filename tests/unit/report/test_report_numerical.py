@@ -109,3 +109,15 @@ def test_the_page_and_plain_data_show_it(synthetic, tmp_path):
     first, second = json.loads(to_json(analysis))["numerics"]
     assert (first["finding"], second["finding"]) == ("equivalent", "different")
     assert second["low"] > 0.05
+
+
+def test_runs_from_the_same_packings_are_compared_seed_by_seed(synthetic):
+    shared = [replace(p, fill=Fill(numerics=Numerics(dt=5e-6))) for p in swept(synthetic)]
+    analysis = found(synthetic, shared, 0.05)
+    told = analysis.numerical[0]
+    assert told.paired
+    one, other = ({r.seed: r.measured["flow_rate"].value for r in p.runs} for p in (told.first, told.other))
+    change = [other[seed] - one[seed] for seed in other]
+    assert told.test is not None
+    assert told.test.error == pytest.approx(stats.sem(change) / np.mean([one[seed] for seed in other]), rel=1e-9)
+    assert not found(synthetic, swept(synthetic), 0.05).numerical[0].paired

@@ -1,0 +1,19 @@
+"""What numerics do to a flow rate, as far as it was measured, and the numerics that an error asked for allows."""
+
+from labbook.accuracy.calibration import Bias, Calibration, Effects, OutOfRange, load, shipped
+from labbook.accuracy.choosing import Choice, bias_of, choose
+from labbook.accuracy.groups import Groups, groups
+
+__all__ = [
+    "Bias",
+    "Calibration",
+    "Choice",
+    "Effects",
+    "Groups",
+    "OutOfRange",
+    "bias_of",
+    "choose",
+    "groups",
+    "load",
+    "shipped",
+]

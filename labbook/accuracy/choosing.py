@@ -1,0 +1,117 @@
+"""Time step and stiffness for an error that can be tolerated, at the least cost.
+
+The error of a mean of n runs is |bias| + half width of its interval, and the half width goes as n^{-1/2}. With a bias
+of at most b, n = (s t/(e - b))^2 runs meet the error e, where s is the scatter between runs and t Student's quantile.
+Their cost goes as n/dt, both for fillings and discharges, whatever s is. A softer bed allows longer steps and has a
+larger bias: the choice is the setting with the least 1/(dt (e - b)^2) of those whose b is known.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from labbook.accuracy.calibration import Bias, Calibration, OutOfRange, shipped
+from labbook.accuracy.groups import Groups, groups
+from labbook.backend.numerics import Numerics
+from labbook.scene import Scene
+from labbook.scene.timescales import collision, largest_stable_step
+
+SCALES = (1.0, 0.7, 0.5, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.015, 0.01)
+"""Factors on the stiffness among which is chosen."""
+STEPS = (0.01, 0.015, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.055)
+"""Time steps in parts of the duration of a collision."""
+WITHIN = 0.75
+"""Part of the largest stable step that no step exceeds but a stated one."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """`dt` [s] and `stiffness_scale` for an error `tolerance`, a part of W.
+
+    `bias`: what they do to W; `left`: what of the tolerance is left to the scatter between runs; `scatter`: its
+    standard deviation from run to run, as measured. `source`: of the calibration.
+    """
+
+    dt: float
+    stiffness_scale: float
+    bias: Bias
+    tolerance: float
+    scatter: float
+    source: str
+    usual: float | None = None
+    """The time step [s] that the study would have had without an error asked for; None where it states its own."""
+
+    @property
+    def over_usual(self) -> float:
+        """Steps that meet the tolerance, over those of the usual step and the stated stiffness, were they without any
+        bias; 1 where there is no usual step."""
+        return 1.0 if self.usual is None else self.cost() * self.usual * self.tolerance**2
+
+    @property
+    def left(self) -> float:
+        """What of the tolerance is left for the half width of the interval."""
+        return self.tolerance - self.bias.bound
+
+    def cost(self) -> float:
+        """Of the runs that meet the tolerance, up to a factor that all choices share."""
+        return 1 / (self.dt * self.left**2)
+
+
+def choose(
+    scene: Scene,
+    closed: Scene,
+    tolerance: float,
+    *,
+    dt: float | None = None,
+    stiffness_scale: float | None = None,
+    usual: float | None = None,
+    calibration: Calibration | None = None,
+) -> Choice:
+    """The cheapest setting that meets `tolerance` in `scene`, filled as `closed` with the same numerics.
+
+    dt [s], stiffness_scale: stated ones, which are kept. usual: the step [s] without an error asked for. Raises
+    OutOfRange where nothing was measured of such scenes, or no setting that was measured meets the tolerance.
+    """
+    stated = _grouped(scene, 1.0, 1.0)
+    effects = (calibration or shipped()).of(stated)
+    best: Choice | None = None
+    reasons: list[str] = []
+    for scale in SCALES if stiffness_scale is None else (stiffness_scale,):
+        soft = _grouped(scene, 1.0, scale)  # with a step of 1 s, in proportion to which its group goes
+        for step in (dt,) if dt is not None else _steps(scene, closed, scale):
+            made = replace(soft, step=step * soft.step)
+            try:
+                bias = effects.bias(stated, made, made)
+            except OutOfRange as reason:
+                reasons.append(str(reason))
+                continue
+            found = Choice(step, scale, bias, tolerance, effects.scatter, effects.source, usual)
+            if found.left <= 0:
+                said = f"dt/t_c = {made.step:.3g} moves W by up to {bias.bound:.2%}, and {tolerance:.2%} is asked"
+                reasons.append(said)
+            elif best is None or found.cost() < best.cost():
+                best = found
+    if best is None:
+        raise OutOfRange(reasons[0] if reasons else "no step is stable")
+    return best
+
+
+def bias_of(scene: Scene, flow: Numerics, filled: Numerics, calibration: Calibration | None = None) -> Bias:
+    """What these numerics of the flow and of the filling do to W in `scene`, in parts of it. Raises OutOfRange."""
+    made, bed = (_grouped(scene, one.dt, one.stiffness_scale) for one in (flow, filled))
+    return (calibration or shipped()).of(made).bias(_grouped(scene, flow.dt, 1.0), made, bed)
+
+
+def _grouped(scene: Scene, dt: float, scale: float) -> Groups:
+    found = groups(scene, dt, scale)
+    if found is None:
+        raise OutOfRange("scenes of its outlet, bed or materials were not calibrated")
+    return found
+
+
+def _steps(scene: Scene, closed: Scene, scale: float) -> Iterator[float]:
+    """Time steps [s] that are stable in the flow and in the filling, rounded to six digits, so that keys do not hang on
+    the last bit of a square root."""
+    soft = scene.stiffened(scale)
+    limit = WITHIN * min(largest_stable_step(soft), largest_stable_step(closed.stiffened(scale)))
+    duration = collision(soft)
+    yield from (float(f"{part * duration:.6g}") for part in STEPS if part * duration <= limit)

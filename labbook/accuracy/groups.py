@@ -1,0 +1,61 @@
+"""The dimensionless groups that decide how numerics change a flow rate."""
+
+from dataclasses import dataclass
+
+from labbook.filling.bed import PACKED, bed_height_ahead
+from labbook.scene import Scene, outlet_shape
+from labbook.scene.timescales import collision
+
+
+@dataclass(frozen=True)
+class Groups:
+    """What the flow rate of a scene depends on beside its stated physics, in numbers without unit.
+
+    `overlap`: of two grains under the pressure of the bed, in d; `step`: the time step over the duration of a
+    collision. The rest says which calibration holds: `shape` of the grains, `outlet` (slot or hole), `law` of contact,
+    `friction`, `restitution`, `rolling` (friction) and `ratio`, the orifice over d.
+    """
+
+    overlap: float
+    step: float
+    shape: str
+    outlet: str
+    law: str
+    friction: float
+    restitution: float
+    rolling: float
+    ratio: float
+
+
+def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
+    """The groups of a scene with its stiffness times `stiffness_scale`, stepped by dt [s]; None of one without an
+    outlet or gravity, with grains or walls of several materials, or whose bed or law does not tell its pressure or
+    overlap.
+
+    The pressure is phi rho g h, with h the height of the bed, or the width of the container where that is less: below
+    that depth walls carry the weight (Janssen 1895).
+    """
+    outlet, height = outlet_shape(scene.container), bed_height_ahead(scene)
+    across = [getattr(scene.container, key) for key in ("width", "diameter") if hasattr(scene.container, key)]
+    if outlet is None or height is None or not across or scene.gravity == 0:
+        return None
+    surfaces = scene.surfaces
+    if scene.has_own_stiffness or scene.grains.varied or any(one != surfaces[0] for one in surfaces):
+        return None
+    soft = scene.stiffened(stiffness_scale)
+    pressure = PACKED * scene.grains.mean_density * scene.gravity * min(height, *across)
+    overlap = soft.contact.overlap(pressure, scene.grains.diameter)
+    if overlap is None:
+        return None
+    surface = surfaces[0]
+    return Groups(
+        overlap=overlap,
+        step=dt / collision(soft),
+        shape=scene.grains.shape,
+        outlet=outlet,
+        law=scene.contact.law,
+        friction=surface.friction,
+        restitution=surface.restitution,
+        rolling=surface.rolling_friction,
+        ratio=float(getattr(scene.container, "orifice", 0.0)) / scene.grains.diameter,
+    )

@@ -1,0 +1,107 @@
+"""What numerics do to the flow rate, from runs of many settings and seeds at once.
+
+ln W = (bed and orifice) + c_flow * overlap + c_step * step^2 is fitted within every bed that several settings flowed
+from, so that the scatter between beds drops out. What is left of each bed is then fitted against the overlap of its
+filling. Overlap and step are those of `Groups`. One regression over all runs needs several times fewer of them than a
+test of equivalence at every setting.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+_FEWEST = 20
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One run. `bed`: what it shares with others that started from the same packing and flowed through the same outlet;
+    `place`: what beds with the same outlet have in common. `filled`: the overlap while it was filled. `rate`: W."""
+
+    bed: str
+    place: str
+    filled: float
+    overlap: float
+    step: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """d ln W by overlap of the flow, by squared step, and by overlap of the filling, shape [3], with their covariance,
+    shape [3, 3].
+
+    `within`: standard deviation of ln W between settings in one bed that the slopes do not explain; `between`: from
+    bed to bed, runs of one setting. `freedom`: degrees of freedom of the fit within beds; `runs`, `beds`: how many
+    there were. The slope by the filling is 0 with an infinite variance where all beds were filled alike.
+    """
+
+    values: np.ndarray
+    covariance: np.ndarray
+    within: float
+    between: float
+    freedom: int
+    runs: int
+    beds: int
+
+
+def regress(observed: Sequence[Observed]) -> Slopes:
+    """Fit all runs at once. Raises ValueError for too few of them."""
+    if len(observed) < _FEWEST:
+        raise ValueError(f"too few runs: {len(observed)} flowed, and {_FEWEST} are needed")
+    beds: dict[str, list[Observed]] = defaultdict(list)
+    for one in observed:
+        beds[one.bed].append(one)
+    y, x = [], []
+    for runs in beds.values():
+        rates, factors = np.log([run.rate for run in runs]), np.array([[run.overlap, run.step**2] for run in runs])
+        y.append(rates - rates.mean())
+        x.append(factors - factors.mean(axis=0))
+    Y, X = np.concatenate(y), np.concatenate(x)
+    freedom = len(Y) - len(beds) - 2
+    if freedom < 10 or np.linalg.matrix_rank(X / np.abs(X).max(axis=0).clip(1e-300)) < 2:
+        raise ValueError("too few runs: overlap and step must both vary within beds")
+    inverse = np.linalg.inv(X.T @ X)
+    slopes = inverse @ X.T @ Y
+    within = math.sqrt(float(np.sum((Y - X @ slopes) ** 2)) / freedom)
+    left = {bed: _left(runs, slopes) for bed, runs in beds.items()}
+    fill, error, by_slopes, between = _filled(beds, left, within)
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2] = within**2 * inverse
+    covariance[:2, 2] = covariance[2, :2] = covariance[:2, :2] @ by_slopes
+    covariance[2, 2] = error**2 + by_slopes @ covariance[:2, 2]
+    values = np.array([*slopes, fill])
+    return Slopes(values, covariance, within, between, freedom, len(observed), len(beds))
+
+
+def _left(runs: Sequence[Observed], slopes: np.ndarray) -> float:
+    """Mean of ln W of a bed, without what the slopes explain."""
+    return float(np.mean([math.log(run.rate) - slopes @ [run.overlap, run.step**2] for run in runs]))
+
+
+def _filled(
+    beds: dict[str, list[Observed]], left: dict[str, float], within: float
+) -> tuple[float, float, np.ndarray, float]:
+    """Slope by the overlap of the filling, its standard error were the slopes within beds exact, its derivative by
+    these, shape [2], and the standard deviation from bed to bed of one run each."""
+    places: dict[str, list[str]] = defaultdict(list)
+    for bed, runs in beds.items():
+        places[runs[0].place].append(bed)
+    y = {bed: left[bed] - float(np.mean([left[one] for one in group])) for group in places.values() for bed in group}
+    mean = {place: float(np.mean([beds[one][0].filled for one in group])) for place, group in places.items()}
+    x = {bed: runs[0].filled - mean[runs[0].place] for bed, runs in beds.items()}
+    spread = sum(value**2 for value in x.values())
+    varied = spread > 1e-20
+    slope = sum(x[bed] * y[bed] for bed in y) / spread if varied else 0.0
+    factors = {bed: np.mean([[run.overlap, run.step**2] for run in runs], axis=0) for bed, runs in beds.items()}
+    by_slopes = -sum((x[bed] * factors[bed] for bed in x), np.zeros(2)) / spread if varied else np.zeros(2)
+    freedom = len(beds) - len(places) - varied
+    if freedom < 1:
+        raise ValueError("too few beds: several seeds of each setting are needed")
+    rest = sum((y[bed] - slope * x[bed]) ** 2 for bed in y) / freedom
+    runs = float(np.mean([len(runs) for runs in beds.values()]))
+    between = math.sqrt(max(0.0, rest - within**2 / runs) + within**2)
+    return slope, math.sqrt(rest / spread) if varied else math.inf, by_slopes, between

@@ -1,0 +1,31 @@
+"""The order of an error in the time step: the slope of a straight line through logarithms."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Order:
+    """Error ~ dt^value, with the standard error of the slope; NaN where there is nothing to fit."""
+
+    value: float
+    error: float
+
+
+def fitted(steps: Sequence[float] | np.ndarray, errors: Sequence[float] | np.ndarray) -> Order:
+    """Order from errors at time steps, by least squares over the finer half of the steps (at least three of them).
+
+    Errors of zero have no logarithm: where one is among them, there is no order.
+    """
+    h, e = np.asarray(steps, float), np.asarray(errors, float)
+    finest = np.argsort(h)[: max(3, (len(h) + 1) // 2)]
+    h, e = h[finest], e[finest]
+    if len(h) < 3 or not (np.isfinite(e) & (e > 0)).all():
+        return Order(math.nan, math.nan)
+    x, y = np.log(h) - np.log(h).mean(), np.log(e)
+    slope = float(x @ y / (x @ x))
+    rest = y - y.mean() - slope * x
+    return Order(slope, math.sqrt(float(rest @ rest) / (len(h) - 2) / float(x @ x)))

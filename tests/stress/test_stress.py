@@ -1,0 +1,195 @@
+"""Every case of `labbook stress` on the compiled backends, and that the suite notices what it looks for."""
+
+import json
+from pathlib import Path
+
+import broken_backends as broken
+import pytest
+from stands import stands, where
+from typer.testing import CliRunner
+
+from labbook.backend import Unsupported
+from labbook.cli import build
+from labbook.stress.bounded import Bench, judged
+from labbook.stress.case import Ending, judge, within
+from labbook.stress.cases import CASES, chosen
+from labbook.verify.case import limited
+from labbook.verify.stand import Stand, require
+
+IN_ONE = {"pyramid", "edges", "time-step", "stiffness", "incline", "units", "size-ratio", "rods-stacked"}
+"""Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
+LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges"}
+"""Cases that take more than ten seconds on the GPU backend's processor, where every step is a launch or more."""
+
+
+def checks():
+    """Every case on every stand of a compiled backend that takes it."""
+    for stand in stands():
+        if stand.part < 1:  # plain Python would take hours
+            continue
+        here = where(stand)
+        for case in CASES:
+            if not (stand.second and case.name in IN_ONE):
+                warp = stand.device == "cpu" and stand.backend.capabilities.name == "warp"
+                long = case.slow or (warp and case.name in LONG_ON_WARP)
+                marks = [*here.marks, pytest.mark.ring if long else pytest.mark.slow]
+                yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
+
+
+@pytest.mark.parametrize(("case", "stand"), list(checks()))
+def test_case(case, stand):
+    rows = judge(case, stand)
+    assert not [f"{row.part}: {row.figure}" for row in rows if row.outcome == "failed"]
+    assert any(row.outcome in ("right", "named error") for row in rows)
+
+
+def test_names_are_unique_and_chosen_by_their_beginning():
+    names = [case.name for case in CASES]
+    assert len(set(names)) == len(names)
+    assert set(names) > IN_ONE | LONG_ON_WARP
+    assert [case.name for case in chosen(["pyr"])] == ["pyramid", "pyramid-long"]
+    assert chosen([]) == list(CASES)
+    with pytest.raises(KeyError):
+        chosen(["no-such-case"])
+
+
+# that it can fail
+
+
+def told(run, made=None) -> Ending:
+    """The one row of a case on the toy backend, whose ensembles are `made`."""
+    backend = broken.Faulty(made or broken.Ensemble)
+    (row,) = judge(broken.case(run), Stand(backend))  # pyright: ignore[reportArgumentType]
+    return Ending(row.part, row.outcome, row.figure)
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (broken.Silent, "no guard has named this: packing: v is not finite in row 0"),
+        (broken.Standing, "a beat of 100 steps took 0, and no event says why"),
+        (broken.Spoiling, "after the error x is not that of the last good beat"),
+        (broken.Moving, "stands at step 40, not at 0"),
+        (broken.Mumbling, "names no grain or no remedy"),
+        (broken.Inventive, "no guard is called 'mood'"),
+        (broken.Raising, "IndexError: beyond the end"),
+    ],
+)
+def test_a_backend_that_breaks_is_reported(made, words):
+    ending = told(broken.stops, made)
+    assert ending.outcome == "failed"
+    assert words in ending.figure
+
+
+def test_a_guard_that_keeps_the_last_good_state_is_a_named_error():
+    ending = told(broken.stops, broken.Guarded)
+    assert (ending.outcome, ending.figure) == ("named error", broken.Guarded.message)
+
+
+def test_lists_that_are_too_short_are_named_but_no_guard():
+    ending = told(broken.stops, broken.Cramped)
+    assert ending.outcome == "failed"
+    assert "99 near neighbours" in ending.figure
+
+
+def test_a_guard_where_the_motion_should_be_right_and_silence_where_it_should_not_have_failed():
+    assert told(broken.runs, broken.Guarded).figure.startswith("stopped, where the motion should be right: grain 1")
+    assert told(broken.runs) == Ending("silence", "failed", "silence: no guard has named anything")
+
+
+@pytest.mark.slow
+@pytest.mark.compiles
+def test_a_guard_of_a_compiled_backend_that_is_swallowed_is_noticed(monkeypatch):
+    member = pytest.importorskip("labbook_numba.member")
+    monkeypatch.setattr(member.Run, "_fail", lambda *_: None)
+    (case,) = chosen(["deep-overlap"])
+    (numba,) = [stand for stand in stands() if stand.wide and not stand.second]
+    rows = judge(case, numba)
+    assert "right" in [row.outcome for row in rows[:-1]]
+    assert rows[-1].outcome == "failed"
+    assert "no event says why" in rows[-1].figure
+
+
+@pytest.mark.parametrize(("error", "outcome"), [(0.9, "right"), (1.1, "failed"), (float("nan"), "failed")])
+def test_errors_are_held_against_their_limit(error, outcome):
+    ending = within(Stand(broken.Toy()), "", "it", error, limited(1.0))
+    assert ending.outcome == outcome
+
+
+def nothing(_):
+    yield from ()
+
+
+def unmeasured(_):
+    require(False, "nothing moved")
+    yield
+
+
+def lacks(_):
+    raise Unsupported("grains.shape", "it has spheres only")
+    yield
+
+
+def refuses(_):
+    raise Unsupported("numerics.precision", "it has double only")
+    yield
+
+
+@pytest.mark.parametrize(
+    ("run", "outcome", "words"),
+    [
+        (nothing, "failed", "checked nothing"),
+        (unmeasured, "failed", "nothing moved"),
+        (lacks, "unsupported", "spheres only"),
+        (refuses, "failed", "double only"),
+    ],
+)
+def test_a_case_that_cannot_be_judged_has_failed_unless_the_backend_lacks_the_scene(run, outcome, words):
+    ending = told(run)
+    assert ending.outcome == outcome
+    assert words in ending.figure
+
+
+@pytest.mark.slow
+def test_a_case_that_hangs_or_ends_its_process_has_failed_and_the_next_one_runs():
+    bench = Bench("toy", "double", "cpu")
+    cases = [broken.case(broken.hangs, 5.0), broken.case(broken.crashes), broken.case(broken.runs)]
+    (hung,), (crashed,), (ran,) = judged(cases, bench)
+    assert (hung.outcome, hung.figure) == ("failed", "hung: no end after 5 s")
+    assert (crashed.outcome, crashed.figure) == ("failed", "crashed: the process of the case ended")
+    assert ran.figure == "silence: no guard has named anything"
+
+
+# the verb
+
+
+def stress(*words: str):
+    return CliRunner().invoke(build(), ["stress", *words])
+
+
+def test_the_list_says_what_each_case_does():
+    listed = json.loads(stress("--list", "--json").stdout)
+    assert [row["case"] for row in listed] == [case.name for case in CASES]
+    assert all(row["what"] and row["oracle"] for row in listed)
+    assert "pyramid-long" not in stress("--list", "--quick").stdout
+    assert stress("no-such-case").exit_code == 2
+
+
+def test_a_backend_or_precision_that_is_not_there_ends_the_program():
+    assert stress("few-grains", "--backend", "no-such-backend").exit_code == 2
+    assert stress("few-grains", "--backend", "toy", "--precision", "mixed").exit_code == 2
+
+
+@pytest.mark.slow
+def test_the_exit_status_says_whether_a_case_failed():
+    """Of the toy backend, which knows neither free fall nor empty packings."""
+    found = stress("few-grains", "--backend", "toy", "--json")
+    assert found.exit_code == 1
+    outcomes = {row["part"]: row["outcome"] for row in json.loads(found.stdout)}
+    assert outcomes["one grain"] == "failed"
+
+
+def test_the_page_has_every_case():
+    page = (Path(__file__).parents[2] / "docs/stress.md").read_text(encoding="utf-8")
+    for case in CASES:
+        assert f"| `{case.name}` | {case.what} | {case.oracle} |" in page

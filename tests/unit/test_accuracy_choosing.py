@@ -1,0 +1,214 @@
+"""Numerics for an error that is asked for: groups, regression, calibration and choice."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import root_scalar
+
+from labbook.accuracy import Calibration, Effects, OutOfRange, bias_of, choose, groups
+from labbook.accuracy.regression import Observed, regress
+from labbook.backend.numerics import Numerics
+from labbook.filling.bed import PACKED
+from labbook.run.demand import stopping_rule
+from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
+from labbook.scene.timescales import collision, largest_stable_step
+from labbook.study import define
+
+LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.2)
+SCENE = Scene(
+    grains=Spheres(diameter=3e-3, density=2500, count=3000),
+    contact=LAW,
+    container=WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=0.03),
+)
+KINDS = {"shape": "sphere", "outlet": "slot", "law": "hertz-mindlin"}
+RANGES = {"friction": (0.5, 0.5), "restitution": (0.2, 0.2), "rolling": (0.01, 0.01), "ratio": (10.0, 15.0),
+          "overlap": (0.0, 0.02), "step": (0.0, 0.06)}  # fmt: skip
+EXACT = ((0.0,) * 3,) * 3
+
+
+def known(slopes=(0.5, 0.0, 0.0), covariance=EXACT, **ranges) -> Calibration:
+    return Calibration((Effects(KINDS, RANGES | ranges, slopes, covariance, 100, 0.02, "made up"),))
+
+
+def grouped(scene, dt, scale):
+    found = groups(scene, dt, scale)
+    assert found is not None
+    return found
+
+
+def chosen(tolerance, calibration, **kept):
+    return choose(SCENE, SCENE.close(), tolerance, calibration=calibration, **kept)
+
+
+def test_the_overlap_is_that_of_two_grains_under_the_pressure_of_a_bed_as_high_as_it_is_wide():
+    found = grouped(SCENE, 2.5e-6, 0.1)
+    pressure = PACKED * 2500 * 9.81 * 0.1
+    force = pressure * 3e-3**2
+    modulus = 0.1 * LAW.effective_modulus
+    press = lambda delta: 4 / 3 * modulus * math.sqrt(1.5e-3 / 2) * delta**1.5 - force  # noqa: E731
+    deep = root_scalar(press, bracket=(0, 1e-3), xtol=1e-15).root
+    assert found.overlap == pytest.approx(deep / 3e-3, rel=1e-9)
+    assert found.step == pytest.approx(2.5e-6 / collision(SCENE.stiffened(0.1)), rel=1e-12)
+    assert (found.shape, found.outlet, found.law, found.ratio) == ("sphere", "slot", "hertz-mindlin", pytest.approx(10))
+
+
+def test_a_linear_spring_overlaps_by_pressure_times_d_over_its_stiffness():
+    law = LinearSpringDashpot(normal_stiffness=1e4, friction=0.5, restitution=0.5)
+    found = grouped(SCENE.model_copy(update={"contact": law}), 1e-6, 1.0)
+    assert found.overlap == pytest.approx(PACKED * 2500 * 9.81 * 0.1 * 3e-3 / 1e4, rel=1e-12)
+    assert found.law == "linear"
+
+
+def runs(rng, slopes, seeds=20, within=0.01, between=0.02):
+    """Runs of seven settings from shared beds, and of two from beds of their own, with known slopes."""
+    settings = ((0.001, 0.02), (0.001, 0.06), (0.003, 0.04), (0.005, 0.06), (0.01, 0.04), (0.02, 0.06))
+    shared = [(overlap, step, 0.001) for overlap, step in settings]
+    own = [(0.005, 0.04, 0.005), (0.02, 0.04, 0.02)]
+    found = []
+    for place in ("30", "45"):
+        for seed in range(seeds):
+            for first, settings in ((0, shared), *((1 + k, [one]) for k, one in enumerate(own))):
+                bed = rng.normal(0, math.sqrt(between**2 - within**2))
+                for overlap, step, filled in settings:
+                    rate = math.exp(bed + slopes @ [overlap, step**2, filled] + rng.normal(0, within) + (place == "45"))
+                    found.append(Observed(f"{place} {seed} {first}", place, filled, overlap, step, rate))
+    return found
+
+
+def test_regression_finds_slopes_within_its_errors_as_often_as_it_says():
+    rng, slopes = np.random.default_rng(7), np.array([2.0, 5.0, -0.5])
+    inside = np.zeros(4)  # of each slope, and of what acts where a bed is filled as it flows
+    repeats = 300
+    spread = []
+    for _ in range(repeats):
+        found = regress(runs(rng, slopes))
+        off = found.values - slopes
+        errors = [*np.diag(found.covariance), found.covariance[np.ix_([0, 2], [0, 2])].sum()]
+        inside += np.abs([*off, off[0] + off[2]]) < 1.98 * np.sqrt(errors)
+        spread.append((found.within, found.between))
+    assert np.all(inside / repeats > 0.91)
+    assert np.all(inside / repeats < 0.985)
+    assert np.mean(spread, axis=0) == pytest.approx([0.01, 0.02], rel=0.05)
+
+
+def test_regression_without_other_fillings_says_that_it_knows_nothing_of_them():
+    some = [one for one in runs(np.random.default_rng(1), np.array([2.0, 5.0, 0.0])) if one.filled == 0.001]
+    found = regress(some)
+    assert (found.values[2], found.covariance[2, 2]) == (0.0, math.inf)
+    with pytest.raises(ValueError, match="too few runs"):
+        regress([replace(one, overlap=0.001) for one in some])
+
+
+def test_the_choice_is_the_cheapest_of_all_settings_that_meet_the_error():
+    slopes = (1.5, 2.0, 0.3)
+    found = chosen(0.01, known(slopes))
+    stated = grouped(SCENE, 1e-6, 1.0).overlap
+    best = math.inf
+    for scale in np.geomspace(0.01, 1, 60):
+        soft = SCENE.stiffened(scale)
+        limit = 0.75 * min(largest_stable_step(soft), largest_stable_step(SCENE.close().stiffened(scale)))
+        for dt in np.linspace(0.005, 0.06, 40) * collision(soft):
+            here = grouped(SCENE, dt, scale)
+            bias = abs((slopes[0] + slopes[2]) * (here.overlap - stated) + slopes[1] * here.step**2)
+            if dt <= limit and bias < 0.01:
+                best = min(best, 1 / (dt * (0.01 - bias) ** 2))
+    assert found.cost() == pytest.approx(best, rel=0.15)  # of the coarser grid
+    assert found.cost() >= 0.97 * best
+    assert found.bias.bound + found.left == pytest.approx(0.01, rel=1e-12)
+
+
+def test_a_smaller_error_asks_for_a_stiffer_bed():
+    scales = [chosen(tolerance, known((1.5, 0.0, 0.0))).stiffness_scale for tolerance in (0.1, 0.01, 0.001)]
+    assert scales == sorted(scales)
+    assert scales[0] < scales[-1]
+
+
+def test_what_is_stated_is_kept():
+    found = chosen(0.01, known(), dt=2e-6)
+    assert found.dt == 2e-6
+    assert chosen(0.01, known(), stiffness_scale=1.0).stiffness_scale == 1.0
+
+
+def test_the_bound_has_the_error_of_the_slopes_in_it():
+    covariance = ((0.04, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    soft = Numerics(dt=2e-6, stiffness_scale=0.1)
+    bias = bias_of(SCENE, soft, soft, known((1.0, 0.0, 0.0), covariance))
+    deeper = grouped(SCENE, 2e-6, 0.1).overlap - grouped(SCENE, 2e-6, 1.0).overlap
+    assert bias.value == pytest.approx(deeper)
+    assert bias.half_width == pytest.approx(1.984 * 0.2 * deeper, rel=1e-3)
+
+
+def test_an_effect_that_was_never_measured_matters_only_where_it_acts():
+    covariance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, math.inf))
+    hard, soft = Numerics(dt=2e-6), Numerics(dt=2e-6, stiffness_scale=0.1)
+    assert math.isfinite(bias_of(SCENE, soft, hard, known(covariance=covariance)).bound)
+    assert bias_of(SCENE, soft, soft, known(covariance=covariance)).bound == math.inf
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"contact": LAW.model_copy(update={"friction": 0.3})}, "friction = 0.3, calibrated: 0.5"),
+        ({"container": SCENE.container.model_copy(update={"orifice": 0.018})}, "D/d = 6, calibrated: 10 to 15"),
+        ({"contact": LinearSpringDashpot(normal_stiffness=1e4, friction=0.5, restitution=0.2)}, "the law is linear"),
+        ({"gravity": 0.0}, "were not calibrated"),
+    ],
+)
+def test_beyond_what_was_measured_nothing_is_chosen(change, said):
+    other = SCENE.model_copy(update=change)
+    with pytest.raises(OutOfRange, match=said):
+        choose(other, other.close(), 0.01, calibration=known())
+
+
+def test_an_error_smaller_than_what_is_known_is_refused_with_the_reason():
+    covariance = ((0.0, 0.0, 0.0), (0.0, 100.0, 0.0), (0.0, 0.0, 0.0))
+    with pytest.raises(OutOfRange, match=r"moves W by up to .* and 0\.01% is asked"):
+        chosen(0.0001, known(covariance=covariance))
+
+
+STUDY = {
+    "name": "asked",
+    "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 3000},
+    "contact": {"law": "hertz-mindlin", "shear_modulus": "100 MPa", "poisson_ratio": 0.25, "friction": 0.5,
+                "rolling_friction": 0.01, "restitution": 0.2},
+    "container": {"kind": "wedge-hopper", "width": "100 mm", "height": "400 mm", "thickness": "1.01 d",
+                  "orifice": "36 mm"},
+    "accuracy": {"flow_rate": "1 %"},
+}  # fmt: skip
+
+
+@pytest.fixture
+def calibrated(monkeypatch):
+    monkeypatch.setattr("labbook.accuracy.choosing.shipped", lambda: known((1.5, 2.0, 0.3)))
+
+
+def test_a_study_that_asks_for_an_error_has_its_numerics_chosen(calibrated):
+    point = define(STUDY).points[0]
+    assert point.choice is not None
+    assert (point.numerics.dt, point.numerics.stiffness_scale) == (point.choice.dt, point.choice.stiffness_scale)
+    assert point.choice.tolerance == 0.01
+    assert point.numerics.stiffness_scale < 1
+    assert stopping_rule(define(STUDY), point).tolerance == point.choice.left
+
+
+def test_a_study_that_asks_for_none_is_left_as_it_is(calibrated):
+    plain = {key: value for key, value in STUDY.items() if key != "accuracy"}
+    point = define(plain).points[0]
+    assert (point.choice, point.unchosen, point.numerics.stiffness_scale) == (None, "", 1.0)
+
+
+def test_stiffness_is_left_where_something_is_measured_that_was_not_calibrated(calibrated):
+    point = define(STUDY | {"measure": ["flow_rate", "outlet_profiles"]}).points[0]
+    assert point.choice is not None
+    assert point.numerics.stiffness_scale == 1.0
+
+
+def test_beyond_the_calibration_the_usual_step_is_used_and_the_reason_kept(calibrated):
+    odd = define(STUDY | {"contact": STUDY["contact"] | {"restitution": 0.9}}).points[0]
+    usual = {key: value for key, value in STUDY.items() if key != "accuracy"}
+    usual = define(usual | {"contact": STUDY["contact"] | {"restitution": 0.9}}).points[0]
+    assert odd.choice is None
+    assert odd.unchosen == "restitution = 0.9, calibrated: 0.2"
+    assert odd.numerics == usual.numerics

@@ -1,0 +1,105 @@
+"""Error budgets of flow rates: what each source adds, and what was not measured."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from toy_results import analyse
+
+from labbook.accuracy import Calibration, Effects
+from labbook.backend.numerics import Numerics
+from labbook.report.page import summary
+from labbook.report.tables import budget_table
+from labbook.results.budget import budgets, summed_up
+from labbook.results.frames import to_json
+from labbook.study.schema import Fill
+
+
+def found(synthetic, points, seeds=6):
+    study = synthetic.study_of(points, replicates=seeds, reference=None, fit=())
+    return analyse(study, [synthetic.FinishedDouble(p, s) for p in points for s in range(1, seeds + 1)])
+
+
+def shares(budget):
+    return {share.source: share for share in budget.shares}
+
+
+def test_seeds_and_window_come_from_the_replicates(synthetic):
+    results = found(synthetic, [synthetic.point(0, 0.03)])
+    (budget,) = budgets(results)
+    rates = np.array([run.measured["flow_rate"].value for run in results.points[0].runs])
+    drifts = np.array([run.measured["flow_rate_drift"].value for run in results.points[0].runs])
+    half = stats.t.ppf(0.975, len(rates) - 1) * stats.sem(rates)
+    assert shares(budget)["seeds"].part == pytest.approx(half / rates.mean(), rel=1e-9)
+    assert shares(budget)["window"].part == pytest.approx(abs(drifts.mean()) / 2, rel=1e-9)
+    assert budget.total == pytest.approx(sum(s.part for s in budget.shares if s.part is not None), rel=1e-12)
+
+
+def test_what_was_not_measured_is_said(synthetic):
+    results = found(synthetic, [synthetic.point(0, 0.03)])
+    (budget,) = budgets(results)
+    assert budget.unknown == ("numerics", "filling", "bed")
+    assert "not measured: numerics, filling, bed" in budget.line
+    assert budget.line in summed_up([budget])
+    assert any("Error budget" in line or "not measured" in line for line in summary(results))
+
+
+def test_one_replicate_gives_no_error_of_seeds(synthetic):
+    (budget,) = budgets(found(synthetic, [synthetic.point(0, 0.03)], seeds=1))
+    assert shares(budget)["seeds"].part is None
+    assert shares(budget)["seeds"].basis == "one replicate"
+
+
+def test_a_sweep_of_the_study_itself_measures_its_source(synthetic):
+    one = synthetic.point(0, 0.03)
+    finer = replace(one, index=1, numerics=Numerics(dt=1e-6), at={**one.at, "numerics.dt": 1e-6})
+    one = replace(one, at={**one.at, "numerics.dt": one.numerics.dt})
+    rougher = replace(one, index=2, fill=Fill(friction=0.2), at={**one.at, "fill.friction": 0.2})
+    results = found(synthetic, [replace(one, at={**one.at, "fill.friction": 0.01}), rougher])
+    first, other = results.points
+    assert first.flow_rate is not None and other.flow_rate is not None  # noqa: PT018
+    part = abs(other.flow_rate.value / first.flow_rate.value - 1)
+    assert shares(budgets(results)[0])["filling"].part == pytest.approx(part, rel=1e-12)
+    assert shares(budgets(found(synthetic, [one, finer]))[0])["numerics"].part is not None
+
+
+def test_the_calibration_gives_the_bias_of_numerics_that_were_not_swept(synthetic, monkeypatch):
+    point = synthetic.point(0, 0.03)
+    contact = point.scene.contact
+    around = {"friction": contact.friction, "restitution": contact.restitution, "rolling": contact.rolling_friction}
+    ranges = {name: (value, value) for name, value in around.items()}
+    ranges |= {"ratio": (1.0, 100.0), "overlap": (0.0, 1.0), "step": (0.0, 1.0)}
+    kinds = {"shape": "sphere", "outlet": "slot", "law": "hertz-mindlin"}
+    known = Effects(kinds, ranges, (0.0, 4.0, 0.0), ((0.0,) * 3,) * 3, 100, 0.02, "made up")
+    monkeypatch.setattr("labbook.accuracy.choosing.shipped", lambda: Calibration((known,)))
+    (budget,) = budgets(found(synthetic, [point]))
+    from labbook.scene.timescales import collision
+
+    step = point.numerics.dt / collision(point.scene)
+    assert shares(budget)["numerics"].part == pytest.approx(4 * step**2, rel=1e-9)
+    assert "calibration" in shares(budget)["numerics"].basis
+
+
+def test_table_and_frame_have_a_row_for_every_point_and_source(synthetic):
+    results = found(synthetic, [synthetic.point(0, 0.03), synthetic.point(1, 0.04)])
+    table = budget_table(results)
+    assert len(table.rows) == 2
+    assert [heading for heading in table.headings if heading in ("seeds", "numerics", "window", "filling", "bed")] == [
+        "seeds", "numerics", "window", "filling", "bed",
+    ]  # fmt: skip
+    rows = json.loads(to_json(results))["budget"]
+    assert len(rows) == 10
+    assert {row["source"] for row in rows} == set(table.headings) & {row["source"] for row in rows}
+    assert sum(row["part"] is None for row in rows) == 6
+
+
+def test_drifts_that_single_runs_cannot_show_are_trending_together(synthetic):
+    results = found(synthetic, [synthetic.point(0, 0.03)], seeds=8)
+    (result,) = results.points
+    drift = result.pooled["flow_rate_drift"]
+    steady = replace(result, pooled={**result.pooled, "flow_rate_drift": replace(drift, value=0.04, half_width=0.01)})
+    noisy = replace(result, pooled={**result.pooled, "flow_rate_drift": replace(drift, value=0.2, half_width=0.25)})
+    moving = replace(result, pooled={**result.pooled, "flow_rate_drift": replace(drift, value=0.2, half_width=0.17)})
+    assert [one.trending for one in (steady, noisy, moving)] == [False, False, True]
