@@ -104,10 +104,12 @@ class Lab:
                 warnings.warn(f"failed: {why}", LabWarning, stacklevel=2)
         return summary
 
-    def calibrate(self, study: Study, seeds: int | None = None, progress: bool | Watcher = True) -> Calibrated:
-        """What numerics do to the flow rate of `study`: its pilot is run, a few settings with `seeds` runs each at its
-        first and last point, and evaluated by one regression. seeds: None for 8. A study that sweeps numerics is its
-        own pilot.
+    def calibrate(
+        self, study: Study, seeds: int | None = None, progress: bool | Watcher = True
+    ) -> tuple[Calibrated, ...]:
+        """What numerics do to the flow rate of `study`, scene by scene: its pilot is run, a few settings with `seeds`
+        runs each at its first and last point, and evaluated by one regression a scene. seeds: None for 8. A study that
+        sweeps numerics is its own pilot.
 
         Raises what `run` raises; NotCalibrated where too few runs flowed, scenes of this kind cannot be calibrated, or
         Ctrl-C ended the pilot early.

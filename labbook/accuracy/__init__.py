@@ -1,10 +1,21 @@
 """What numerics do to a flow rate, as far as it was measured, and the numerics that an error asked for allows."""
 
-from labbook.accuracy.calibration import Bias, Calibration, Effects, OutOfRange, load, shipped
+from labbook.accuracy.calibration import (
+    Alike,
+    Bias,
+    Calibration,
+    Effects,
+    OutOfRange,
+    calibration,
+    load,
+    shipped,
+    write,
+)
 from labbook.accuracy.choosing import Choice, bias_of, choose
 from labbook.accuracy.groups import Groups, groups
 
 __all__ = [
+    "Alike",
     "Bias",
     "Calibration",
     "Choice",
@@ -12,8 +23,10 @@ __all__ = [
     "Groups",
     "OutOfRange",
     "bias_of",
+    "calibration",
     "choose",
     "groups",
     "load",
     "shipped",
+    "write",
 ]

@@ -1,20 +1,24 @@
 """The calibration that ships with labbook: what numerics did to the flow rate of scenes that were measured.
 
-It is made by `labbook calibrate studies/accuracy-hopper.yaml`, and kept in calibration.json beside this file. It is
-keyed by dimensionless groups, and says nothing of scenes beyond those that were measured.
+It is made by `labbook calibrate studies/accuracy-hopper.yaml studies/accuracy-hole.yaml`, and kept in calibration.json
+beside this file. It is keyed by dimensionless groups, and says nothing of scenes beyond those that were measured.
+Effects differ from scene to scene by more than their errors: what is said of one that was not measured has the scatter
+between those that were in its interval.
 """
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import cache
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from labbook.accuracy.groups import Groups
+from labbook.stats.effects import one_more
 from labbook.stats.pooling import student
 
 PATH = Path(__file__).with_name("calibration.json")
@@ -23,7 +27,7 @@ KINDS = ("shape", "outlet", "law")
 RANGES = ("friction", "restitution", "rolling", "ratio")
 """Groups that have to lie within its range, whatever the numerics are."""
 NUMERICS = ("overlap", "step")
-"""Groups that numerics decide; their range begins at 0."""
+"""Groups that numerics decide; their range goes from 0 to where all scenes were measured."""
 CONFIDENCE = 0.95
 _TITLES = {"shape": "grains are", "outlet": "the outlet is a", "law": "the law is", "ratio": "D/d", "step": "dt/t_c",
            "rolling": "rolling friction", "overlap": "the overlap"}  # fmt: skip
@@ -48,60 +52,116 @@ class Bias:
 
 @dataclass(frozen=True)
 class Effects:
-    """What was measured of one kind of scenes.
+    """What was measured in one scene.
 
-    `kinds`: shape, outlet and law; `ranges`: smallest and largest of each group that was measured. `slopes` and
-    `covariance`: see `labbook.accuracy.regression.Slopes`, with `freedom` degrees of freedom. `scatter`: standard
-    deviation of ln W from seed to seed. `source`: study, backend and date, in words.
+    `here`: its groups, with the largest overlap and step that were measured. `slopes` and `covariance`: see
+    `labbook.accuracy.regression.Slopes`, with `freedom` degrees of freedom. `scatter`: standard deviation of ln W from
+    seed to seed. `source`: study, backend and date, in words.
     """
 
-    kinds: Mapping[str, str]
-    ranges: Mapping[str, tuple[float, float]]
+    here: Groups
     slopes: tuple[float, float, float]
     covariance: tuple[tuple[float, ...], ...]
     freedom: int
     scatter: float
     source: str
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Shape, outlet and law."""
+        return tuple(getattr(self.here, name) for name in KINDS)
+
+    def of(self, x: np.ndarray) -> tuple[float, float]:
+        """What a change `x` of overlap, squared step and overlap while filling, shape [3], does to ln W, and the
+        variance of that; infinite where it was not measured."""
+        moved = x != 0  # an effect that was never measured has an infinite variance, and matters only where it acts
+        covariance = np.asarray(self.covariance)[np.ix_(moved, moved)]
+        return float(x @ self.slopes), float(x[moved] @ covariance @ x[moved])
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Effects in scenes of one shape, outlet and law."""
+
+    effects: tuple[Effects, ...]
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of ln W from seed to seed, of all scenes together."""
+        return math.sqrt(float(np.mean([one.scatter**2 for one in self.effects])))
+
+    @property
+    def source(self) -> str:
+        """Where the effects are from, in words."""
+        return "; ".join(dict.fromkeys(one.source for one in self.effects))
+
+    def range(self, name: str) -> tuple[float, float]:
+        """Smallest and largest value of a group; of what numerics decide, from 0 to where all scenes were measured."""
+        values = [getattr(one.here, name) for one in self.effects]
+        return (0.0, min(values)) if name in NUMERICS else (min(values), max(values))
+
     def misfits(self, here: Groups, names: tuple[str, ...]) -> Iterator[str]:
         """What of a scene was not measured: one phrase for each group of `names` and each kind."""
-        for name, known in self.kinds.items():
+        for name, known in zip(KINDS, self.effects[0].kinds, strict=True):
             if getattr(here, name) != known:
                 yield f"{_TITLES[name]} {getattr(here, name)}, calibrated: {known}"
         for name in names:
-            low, high = self.ranges[name]
+            low, high = self.range(name)
             if not low * (1 - 1e-6) <= getattr(here, name) <= high * (1 + 1e-6):
                 span = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
                 yield f"{_TITLES.get(name, name)} = {getattr(here, name):.3g}, calibrated: {span}"
 
     def bias(self, stated: Groups, flow: Groups, filled: Groups) -> Bias:
-        """Bias of W computed with the numerics of `flow` in a bed filled with those of `filled`, against the
-        stiffness of `stated` and an infinitely small step. Raises OutOfRange."""
+        """Bias of W computed with the numerics of `flow` in a bed filled with those of `filled`, against the stiffness
+        of `stated` and an infinitely small step, in a scene that need not be among the measured ones.
+
+        A scene that was measured has its own effects. Another is taken for one more of those that were: what these
+        differ by is in its interval (`labbook.stats.effects`). Raises OutOfRange.
+        """
         wrong = dict.fromkeys((*self.misfits(flow, (*RANGES, *NUMERICS)), *self.misfits(filled, NUMERICS)))
         if wrong:
             raise OutOfRange("; ".join(wrong))
-        x = np.array([flow.overlap - stated.overlap, flow.step**2, filled.overlap - stated.overlap])
-        moved = x != 0  # an effect that was never measured has an infinite variance, and matters only where it acts
-        covariance = np.asarray(self.covariance)[np.ix_(moved, moved)]
-        error = math.sqrt(float(x[moved] @ covariance @ x[moved]))
-        return Bias(float(x @ self.slopes), student(CONFIDENCE, self.freedom) * error)
+        x = (flow.overlap - stated.overlap, flow.step**2, filled.overlap - stated.overlap)
+        for one in self.effects:
+            if all(math.isclose(getattr(one.here, name), getattr(flow, name), rel_tol=1e-6) for name in RANGES):
+                value, variance = one.of(np.array(x))
+                return Bias(value, student(CONFIDENCE, one.freedom) * math.sqrt(variance))
+        return _one_more(self, x)
+
+
+@lru_cache(maxsize=4096)  # the points of a study have the same numerics to choose from
+def _one_more(alike: Alike, x: tuple[float, float, float]) -> Bias:
+    found = [one.of(np.array(x)) for one in alike.effects]
+    known = [(value, variance) for value, variance in found if math.isfinite(variance)]
+    if not known:
+        return Bias(float(np.mean([value for value, _ in found])), math.inf)
+    values, variances = zip(*known, strict=True)
+    return Bias(*one_more(values, variances, CONFIDENCE))
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """All that was measured."""
+    """All that was measured; of what fits a scene the first counts."""
 
-    effects: tuple[Effects, ...]
+    known: tuple[Alike, ...]
 
-    def of(self, here: Groups) -> Effects:
+    def of(self, here: Groups) -> Alike:
         """What was measured of scenes like this one. Raises OutOfRange."""
         wrong = []
-        for one in self.effects:
+        for one in self.known:
             found = list(one.misfits(here, RANGES))
             if not found:
                 return one
             wrong.append(found)
         raise OutOfRange("; ".join(min(wrong, key=len, default=["nothing was measured"])))
+
+
+def calibration(effects: Iterable[Effects]) -> Calibration:
+    """Effects by their kinds."""
+    kinds: dict[tuple[str, ...], list[Effects]] = defaultdict(list)
+    for one in effects:
+        kinds[one.kinds].append(one)
+    return Calibration(tuple(Alike(tuple(some)) for some in kinds.values()))
 
 
 @cache
@@ -117,22 +177,36 @@ def load(path: Path) -> Calibration:
         own = read(json.loads(path.read_text(encoding="utf-8")))
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"it is no calibration: {error!r}") from error
-    return Calibration((*own.effects, *shipped().effects))
+    return Calibration((*own.known, *shipped().known))
 
 
 def read(stored: Mapping[str, Any]) -> Calibration:
     """The calibration in a file's JSON."""
-    return Calibration(
-        tuple(
-            Effects(
-                kinds=dict(one["kinds"]),
-                ranges={name: (low, high) for name, (low, high) in one["ranges"].items()},
-                slopes=tuple(one["slopes"]),
-                covariance=tuple(tuple(math.inf if v is None else v for v in row) for row in one["covariance"]),
-                freedom=one["freedom"],
-                scatter=one["scatter"],
-                source=one["source"],
-            )
-            for one in stored["effects"]
+    return calibration(
+        Effects(
+            here=Groups(**one["scene"]),
+            slopes=tuple(one["slopes"]),
+            covariance=tuple(tuple(math.inf if v is None else v for v in row) for row in one["covariance"]),
+            freedom=one["freedom"],
+            scatter=one["scatter"],
+            source=one["source"],
         )
+        for one in stored["effects"]
     )
+
+
+def write(path: Path, effects: Iterable[Effects]) -> None:
+    """Write a calibration file. Raises OSError."""
+    entries = [
+        {
+            "scene": asdict(one.here),
+            "slopes": one.slopes,
+            "covariance": [[None if math.isinf(v) else v for v in row] for row in one.covariance],
+            "freedom": one.freedom,
+            "scatter": one.scatter,
+            "source": one.source,
+        }
+        for one in effects
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"effects": entries}, indent=1) + "\n", encoding="utf-8")

@@ -72,26 +72,31 @@ def choose(
     OutOfRange where nothing was measured of such scenes, or no setting that was measured meets the tolerance.
     """
     stated = _grouped(scene, 1.0, 1.0)
-    effects = (calibration or shipped()).of(stated)
+    alike = (calibration or shipped()).of(stated)
     best: Choice | None = None
     reasons: list[str] = []
-    for scale in SCALES if stiffness_scale is None else (stiffness_scale,):
-        soft = _grouped(scene, 1.0, scale)  # with a step of 1 s, in proportion to which its group goes
-        for step in (dt,) if dt is not None else _steps(scene, closed, scale):
-            made = replace(soft, step=step * soft.step)
-            try:
-                bias = effects.bias(stated, made, made)
-            except OutOfRange as reason:
-                reasons.append(str(reason))
-                continue
-            found = Choice(step, scale, bias, tolerance, effects.scatter, effects.source, usual)
-            if found.left <= 0:
-                said = f"dt/t_c = {made.step:.3g} moves W by up to {bias.bound:.2%}, and {tolerance:.2%} is asked"
-                reasons.append(said)
-            elif best is None or found.cost() < best.cost():
-                best = found
+    scales = SCALES if stiffness_scale is None else (stiffness_scale,)
+    settings = [
+        (step, scale) for scale in scales for step in ((dt,) if dt is not None else _steps(scene, closed, scale))
+    ]
+    soft = {scale: _grouped(scene, 1.0, scale) for scale in scales}  # steps of 1 s, in proportion to which groups go
+    for step, scale in sorted(settings, reverse=True):
+        if best is not None and 1 / (step * tolerance**2) >= best.cost():
+            break  # no shorter step is cheaper, were it without bias
+        made = replace(soft[scale], step=step * soft[scale].step)
+        try:
+            bias = alike.bias(stated, made, made)
+        except OutOfRange as reason:
+            reasons.append(str(reason))
+            continue
+        found = Choice(step, scale, bias, tolerance, alike.scatter, alike.source, usual)
+        if found.left <= 0:
+            said = f"dt/t_c = {made.step:.3g} moves W by up to {bias.bound:.2%}, and {tolerance:.2%} is asked"
+            reasons.append(said)
+        elif best is None or found.cost() < best.cost():
+            best = found
     if best is None:
-        raise OutOfRange(reasons[0] if reasons else "no step is stable")
+        raise OutOfRange(reasons[-1] if reasons else "no step is stable")
     return best
 
 

@@ -1,6 +1,6 @@
-"""What numerics do to the flow rate, from runs of many settings and seeds at once.
+"""What numerics do to the flow rate of a scene, from runs of many settings and seeds at once.
 
-ln W = (bed and orifice) + c_flow * overlap + c_step * step^2 is fitted within every bed that several settings flowed
+ln W = (bed) + c_flow * overlap + c_step * step^2 is fitted within every bed that several settings flowed
 from, so that the scatter between beds drops out. What is left of each bed is then fitted against the overlap of its
 filling. Overlap and step are those of `Groups`. One regression over all runs needs several times fewer of them than a
 test of equivalence at every setting.
@@ -18,11 +18,10 @@ _FEWEST = 20
 
 @dataclass(frozen=True)
 class Observed:
-    """One run. `bed`: what it shares with others that started from the same packing and flowed through the same outlet;
-    `place`: what beds with the same outlet have in common. `filled`: the overlap while it was filled. `rate`: W."""
+    """One run. `bed`: what it shares with others that started from the same packing. `filled`: the overlap while it was
+    filled. `rate`: W."""
 
     bed: str
-    place: str
     filled: float
     overlap: float
     step: float
@@ -87,21 +86,18 @@ def _filled(
 ) -> tuple[float, float, np.ndarray, float]:
     """Slope by the overlap of the filling, its standard error were the slopes within beds exact, its derivative by
     these, shape [2], and the standard deviation from bed to bed of one run each."""
-    places: dict[str, list[str]] = defaultdict(list)
-    for bed, runs in beds.items():
-        places[runs[0].place].append(bed)
-    y = {bed: left[bed] - float(np.mean([left[one] for one in group])) for group in places.values() for bed in group}
-    mean = {place: float(np.mean([beds[one][0].filled for one in group])) for place, group in places.items()}
-    x = {bed: runs[0].filled - mean[runs[0].place] for bed, runs in beds.items()}
-    spread = sum(value**2 for value in x.values())
+    y = np.array(list(left.values()))
+    x = np.array([runs[0].filled for runs in beds.values()])
+    factors = np.array([np.mean([[run.overlap, run.step**2] for run in runs], axis=0) for runs in beds.values()])
+    x, y = x - x.mean(), y - y.mean()
+    spread = float(x @ x)
     varied = spread > 1e-20
-    slope = sum(x[bed] * y[bed] for bed in y) / spread if varied else 0.0
-    factors = {bed: np.mean([[run.overlap, run.step**2] for run in runs], axis=0) for bed, runs in beds.items()}
-    by_slopes = -sum((x[bed] * factors[bed] for bed in x), np.zeros(2)) / spread if varied else np.zeros(2)
-    freedom = len(beds) - len(places) - varied
+    slope = float(x @ y) / spread if varied else 0.0
+    by_slopes = -(x @ factors) / spread if varied else np.zeros(2)
+    freedom = len(beds) - 1 - varied
     if freedom < 1:
         raise ValueError("too few beds: several seeds of each setting are needed")
-    rest = sum((y[bed] - slope * x[bed]) ** 2 for bed in y) / freedom
+    rest = float(np.sum((y - slope * x) ** 2)) / freedom
     runs = float(np.mean([len(runs) for runs in beds.values()]))
     between = math.sqrt(max(0.0, rest - within**2 / runs) + within**2)
     return slope, math.sqrt(rest / spread) if varied else math.inf, by_slopes, between

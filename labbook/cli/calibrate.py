@@ -5,13 +5,14 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.options import BACKEND, LAB, Device, Lab, RunsOn, StudyFile, fail, read_study
+from labbook.cli.options import BACKEND, LAB, Device, Lab, RunsOn, fail, read_study
 from labbook.cli.screen import screen
 
+Studies = Annotated[list[Path], typer.Argument(help="Study files (YAML).", metavar="STUDY...", show_default=False)]
 Seeds = Annotated[int, typer.Option(help="Runs of each setting.", min=3)]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Calibration file to write.", show_default="STUDY.calibration.json beside the study"),
+    typer.Option(help="Calibration file to write.", show_default="STUDY.calibration.json beside the first study"),
 ]
 
 
@@ -20,42 +21,44 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def calibrate(
-        study: StudyFile,
+        studies: Studies,
         lab: Lab = LAB,
         backend: RunsOn = BACKEND,
         device: Device = "cpu",
         seeds: Seeds = 8,
         out: Out = None,
     ) -> None:
-        """Measure what time step and stiffness do to the flow rate of a study.
+        """Measure what time step and stiffness do to the flow rate of studies.
 
         Runs a pilot: seven settings of its numerics at its first and last point, from shared packings. The file that it
-        writes goes into the study as accuracy.calibration, and labbook then chooses numerics for accuracy.flow_rate.
-        A study that sweeps numerics itself is run as it is. Ctrl-C leaves everything resumable.
+        writes, one for all, goes into studies as accuracy.calibration, and labbook then chooses numerics for
+        accuracy.flow_rate. A study that sweeps numerics itself is run as it is. Ctrl-C leaves everything resumable.
         """
+        from labbook.accuracy import write
         from labbook.api import Lab as Place
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
         from labbook.lab.folder import DiskFull
         from labbook.measure import MeasureError
-        from labbook.results.calibrating import NotCalibrated, write
+        from labbook.results.calibrating import NotCalibrated
         from labbook.run.demand import Conflict
         from labbook.run.progress import Bar
         from labbook.study import StudyError
 
-        asked = read_study(study)
-        path = out or study.with_suffix(".calibration.json")
-        try:
-            with Bar(screen(stderr=True)) as bar:
-                found = Place(lab, backend, device).calibrate(asked, seeds, bar)
-        except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull, StudyError) as problem:
-            fail(problem)
-        except NotCalibrated as problem:
-            fail(f"{asked.name} cannot be calibrated: {problem}")
-        write(path, [found.entry])
+        path = out or studies[0].with_suffix(".calibration.json")
+        place, found = Place(lab, backend, device), []
+        for asked in [read_study(study) for study in studies]:
+            try:
+                with Bar(screen(stderr=True)) as bar:
+                    found += place.calibrate(asked, seeds, bar)
+            except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull, StudyError) as problem:
+                fail(problem)
+            except NotCalibrated as problem:
+                fail(f"{asked.name} cannot be calibrated: {problem}")
+        write(path, [one.effects for one in found])
         console = screen(highlight=False, markup=False)
-        for line in found.lines():
+        for line in (line for one in found for line in one.lines()):
             console.print(line, soft_wrap=True)
         console.print(f"Written: {path}", soft_wrap=True)
-        name = path.name if path.resolve().parent == study.resolve().parent else path
-        console.print(f"Next, in {study}: accuracy: {{flow_rate: 1 %, calibration: {name}}}", soft_wrap=True)
+        name = path.name if path.resolve().parent == studies[0].resolve().parent else path
+        console.print(f"Next, in {studies[0]}: accuracy: {{flow_rate: 1 %, calibration: {name}}}", soft_wrap=True)

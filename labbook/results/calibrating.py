@@ -1,16 +1,14 @@
-"""A calibration from the runs of a study: what its numerics did to the flow rate, by one regression."""
+"""A calibration from the runs of a study: what its numerics did to the flow rate, by one regression a scene."""
 
-import json
 import math
+from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from labbook.accuracy.calibration import KINDS, RANGES
+from labbook.accuracy.calibration import Effects
 from labbook.accuracy.groups import Groups, groups
 from labbook.accuracy.regression import Observed, Slopes, regress
 from labbook.results.points import FLOW_RATE, PointResult, by_seed
@@ -21,8 +19,8 @@ class NotCalibrated(ValueError):
 
 
 @dataclass(frozen=True)
-class Effect:
-    """What a setting does to W against the first one of its outlet, seed by seed: `change` of ln W with its standard
+class Change:
+    """What a setting does to W against the first one of its scene, seed by seed: `change` of ln W with its standard
     error over `seeds` seeds, and `fitted`, the same by the regression."""
 
     label: str
@@ -33,64 +31,77 @@ class Effect:
     seeds: int
     fitted: float
 
+    def line(self) -> str:
+        """In words."""
+        return (
+            f"{self.label}: overlap {self.flow.overlap:.2g} d (filled {self.filled.overlap:.2g}), "
+            f"dt/t_c {self.flow.step:.3g}: W {self.change:+.2%} +- {self.error:.2%} ({self.seeds} seeds), "
+            f"by the fit {self.fitted:+.2%}"
+        )
+
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Slopes with their errors, what each setting did, and the entry of a calibration file."""
+    """What numerics do to W in one scene: slopes with their errors, what each setting did, and the entry of a
+    calibration file."""
 
     slopes: Slopes
-    effects: tuple[Effect, ...]
-    entry: dict[str, Any]
+    changes: tuple[Change, ...]
+    effects: Effects
 
     def lines(self) -> list[str]:
         """What came of it, line by line."""
-        found = [
-            f"{one.label}: overlap {one.flow.overlap:.2g} d (filled {one.filled.overlap:.2g}), "
-            f"dt/t_c {one.flow.step:.3g}: W {one.change:+.2%} +- {one.error:.2%} ({one.seeds} seeds), "
-            f"by the fit {one.fitted:+.2%}"
-            for one in self.effects
-        ]
-        errors = np.sqrt(np.diag(self.slopes.covariance))
+        here, errors = self.effects.here, np.sqrt(np.diag(self.slopes.covariance))
         words = ("overlap", "(dt/t_c)^2", "overlap while filling")
-        found += [
+        found = (
             f"d ln W/d {w} = {v:.3g} +- {e:.2g}" for w, v, e in zip(words, self.slopes.values, errors, strict=True)
-        ]
-        scatter = (
-            f"scatter between seeds {self.slopes.between:.2%}, between settings in one bed {self.slopes.within:.2%}"
         )
-        return [*found, f"{self.slopes.runs} runs from {self.slopes.beds} beds; {scatter}"]
+        return [
+            f"{here.law}, D/d = {here.ratio:.3g}, friction {here.friction:g}, restitution {here.restitution:g}, "
+            f"rolling friction {here.rolling:g}: {self.slopes.runs} runs from {self.slopes.beds} beds",
+            *(one.line() for one in self.changes),
+            *found,
+            f"scatter between seeds {self.slopes.between:.2%}, between settings in one bed {self.slopes.within:.2%}",
+        ]
 
 
-def calibrate(name: str, points: Sequence[PointResult]) -> Calibrated:
-    """The calibration that the points of the study `name` give. Raises NotCalibrated."""
+def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...]:
+    """The calibration that the points of the study `name` give, for every scene that has enough runs. Raises
+    NotCalibrated where none has."""
     if not points:
         raise NotCalibrated("no run is there")
-    numerics = {one.point.index: _groups(one) for one in points}
-    try:
-        slopes = regress([run for one in points for run in _observed(one, *numerics[one.point.index])])
-    except ValueError as reason:
-        raise NotCalibrated(str(reason)) from None
-    known = [group for pair in numerics.values() for group in pair]
+    scenes: dict[str, list[PointResult]] = defaultdict(list)
+    for one in points:
+        scenes[_place(one)].append(one)
     made = sorted({f"{run.backend} version {run.cache_version}" for one in points for run in one.runs})
-    ranges = {key: [min(getattr(g, key) for g in known), max(getattr(g, key) for g in known)] for key in RANGES}
-    ranges["overlap"] = [0.0, max(group.overlap for group in known)]
-    ranges["step"] = [0.0, max(flow.step for flow, _ in numerics.values())]
-    entry = {
-        "kinds": {key: getattr(known[0], key) for key in KINDS},
-        "ranges": ranges,
-        "slopes": [float(value) for value in slopes.values],
-        "covariance": [[None if math.isinf(v) else float(v) for v in row] for row in slopes.covariance],
-        "freedom": slopes.freedom,
-        "scatter": slopes.between,
-        "source": f"{name}, {slopes.runs} runs on {', '.join(made)}, {datetime.now(UTC):%Y-%m-%d}",
-    }
-    return Calibrated(slopes, tuple(_effects(points, numerics, slopes)), entry)
+    runs = sum(len(by_seed(one, FLOW_RATE)) for one in points)
+    source = f"{name}, {runs} runs on {', '.join(made)}, {datetime.now(UTC):%Y-%m-%d}"
+    found, reasons = [], []
+    for some in scenes.values():
+        try:
+            found.append(_scene(some, source))
+        except ValueError as reason:
+            reasons.append(f"{some[0].label}: {reason}")
+    if not found:
+        raise NotCalibrated(reasons[0])
+    return tuple(found)
 
 
-def write(path: Path, entries: Sequence[dict[str, Any]]) -> None:
-    """Write a calibration file. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"effects": list(entries)}, indent=2) + "\n", encoding="utf-8")
+def _scene(points: Sequence[PointResult], source: str) -> Calibrated:
+    """Of one scene with several numerics. Raises ValueError for too few runs."""
+    numerics = {one.point.index: _groups(one) for one in points}
+    slopes = regress([run for one in points for run in _observed(one, *numerics[one.point.index])])
+    known = [group for pair in numerics.values() for group in pair]
+    overlap, step = max(group.overlap for group in known), max(flow.step for flow, _ in numerics.values())
+    effects = Effects(
+        here=replace(known[0], overlap=overlap, step=step),
+        slopes=tuple(slopes.values.tolist()),
+        covariance=tuple(tuple(row) for row in slopes.covariance.tolist()),
+        freedom=slopes.freedom,
+        scatter=slopes.between,
+        source=source,
+    )
+    return Calibrated(slopes, tuple(_changes(points, numerics, slopes)), effects)
 
 
 def _groups(point: PointResult) -> tuple[Groups, Groups]:
@@ -99,7 +110,7 @@ def _groups(point: PointResult) -> tuple[Groups, Groups]:
     own = point.point.fill.numerics or numerics
     flow, filled = (groups(scene, one.dt, one.stiffness_scale) for one in (numerics, own))
     if flow is None or filled is None:
-        raise NotCalibrated(f"{point.label}: scenes of its outlet, bed or materials cannot be calibrated")
+        raise NotCalibrated("scenes of its outlet, bed or materials cannot be calibrated")
     return flow, filled
 
 
@@ -111,20 +122,20 @@ def _place(point: PointResult) -> str:
 
 
 def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observed]:
-    beds, place = {run.seed: run.packing_key for run in point.runs}, _place(point)
+    beds = {run.seed: run.packing_key for run in point.runs}
     rates = by_seed(point, FLOW_RATE).items()
-    return [Observed(f"{beds[s]} {place}", place, filled.overlap, flow.overlap, flow.step, rate) for s, rate in rates]
+    return [Observed(beds[seed], filled.overlap, flow.overlap, flow.step, rate) for seed, rate in rates]
 
 
-def _effects(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Groups]], slopes: Slopes) -> list[Effect]:
+def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Groups]], slopes: Slopes) -> list[Change]:
     found = []
+    first = points[0]
+    (reference, bed), a = numerics[first.point.index], by_seed(first, FLOW_RATE)
     for point in points:
-        first = next(one for one in points if _place(one) == _place(point))
-        (flow, filled), (reference, bed) = numerics[point.point.index], numerics[first.point.index]
-        a, b = by_seed(first, FLOW_RATE), by_seed(point, FLOW_RATE)
+        (flow, filled), b = numerics[point.point.index], by_seed(point, FLOW_RATE)
         change = np.array([math.log(b[seed] / a[seed]) for seed in sorted(a.keys() & b.keys())])
         x = [flow.overlap - reference.overlap, flow.step**2 - reference.step**2, filled.overlap - bed.overlap]
         error = float(change.std(ddof=1)) / math.sqrt(len(change)) if len(change) > 1 else math.nan
         mean = float(change.mean()) if len(change) else math.nan
-        found.append(Effect(point.label, flow, filled, mean, error, len(change), float(slopes.values @ x)))
+        found.append(Change(point.label, flow, filled, mean, error, len(change), float(slopes.values @ x)))
     return found

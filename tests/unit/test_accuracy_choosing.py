@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from labbook.accuracy import Calibration, Effects, OutOfRange, bias_of, choose, groups
+from labbook.accuracy import Calibration, Effects, Groups, OutOfRange, bias_of, calibration, choose, groups, shipped
 from labbook.accuracy.regression import Observed, regress
 from labbook.backend.numerics import Numerics
 from labbook.filling.bed import PACKED
 from labbook.run.demand import stopping_rule
 from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
 from labbook.scene.timescales import collision, largest_stable_step
+from labbook.stats.effects import one_more
 from labbook.study import define
 
 LAW = HertzMindlin(shear_modulus=1e8, poisson_ratio=0.25, friction=0.5, rolling_friction=0.01, restitution=0.2)
@@ -22,14 +23,18 @@ SCENE = Scene(
     contact=LAW,
     container=WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=0.03),
 )
-KINDS = {"shape": "sphere", "outlet": "slot", "law": "hertz-mindlin"}
-RANGES = {"friction": (0.5, 0.5), "restitution": (0.2, 0.2), "rolling": (0.01, 0.01), "ratio": (10.0, 15.0),
-          "overlap": (0.0, 0.02), "step": (0.0, 0.06)}  # fmt: skip
+LARGEST = Groups(0.02, 0.06, "sphere", "slot", "hertz-mindlin", 0.5, 0.2, 0.01, 10.0)
 EXACT = ((0.0,) * 3,) * 3
 
 
-def known(slopes=(0.5, 0.0, 0.0), covariance=EXACT, **ranges) -> Calibration:
-    return Calibration((Effects(KINDS, RANGES | ranges, slopes, covariance, 100, 0.02, "made up"),))
+def scene(slopes=(0.5, 0.0, 0.0), covariance=EXACT, **here) -> Effects:
+    """What was measured in a scene like SCENE, but for `here`."""
+    return Effects(replace(LARGEST, **here), slopes, covariance, 100, 0.02, "made up")
+
+
+def known(slopes=(0.5, 0.0, 0.0), covariance=EXACT) -> Calibration:
+    """The same in outlets of 10 and 15 d."""
+    return calibration([scene(slopes, covariance, ratio=ratio) for ratio in (10.0, 15.0)])
 
 
 def grouped(scene, dt, scale):
@@ -61,19 +66,18 @@ def test_a_linear_spring_overlaps_by_pressure_times_d_over_its_stiffness():
     assert found.law == "linear"
 
 
-def runs(rng, slopes, seeds=20, within=0.01, between=0.02):
-    """Runs of seven settings from shared beds, and of two from beds of their own, with known slopes."""
+def runs(rng, slopes, seeds=40, within=0.01, between=0.02):
+    """Runs of six settings from shared beds, and of two from beds of their own, with known slopes."""
     settings = ((0.001, 0.02), (0.001, 0.06), (0.003, 0.04), (0.005, 0.06), (0.01, 0.04), (0.02, 0.06))
     shared = [(overlap, step, 0.001) for overlap, step in settings]
     own = [(0.005, 0.04, 0.005), (0.02, 0.04, 0.02)]
     found = []
-    for place in ("30", "45"):
-        for seed in range(seeds):
-            for first, settings in ((0, shared), *((1 + k, [one]) for k, one in enumerate(own))):
-                bed = rng.normal(0, math.sqrt(between**2 - within**2))
-                for overlap, step, filled in settings:
-                    rate = math.exp(bed + slopes @ [overlap, step**2, filled] + rng.normal(0, within) + (place == "45"))
-                    found.append(Observed(f"{place} {seed} {first}", place, filled, overlap, step, rate))
+    for seed in range(seeds):
+        for first, settings in ((0, shared), *((1 + k, [one]) for k, one in enumerate(own))):
+            bed = rng.normal(0, math.sqrt(between**2 - within**2))
+            for overlap, step, filled in settings:
+                rate = math.exp(bed + slopes @ [overlap, step**2, filled] + rng.normal(0, within))
+                found.append(Observed(f"{seed} {first}", filled, overlap, step, rate))
     return found
 
 
@@ -145,6 +149,51 @@ def test_an_effect_that_was_never_measured_matters_only_where_it_acts():
     hard, soft = Numerics(dt=2e-6), Numerics(dt=2e-6, stiffness_scale=0.1)
     assert math.isfinite(bias_of(SCENE, soft, hard, known(covariance=covariance)).bound)
     assert bias_of(SCENE, soft, soft, known(covariance=covariance)).bound == math.inf
+
+
+def test_a_scene_that_was_not_measured_has_the_scatter_between_those_that_were_in_its_interval():
+    exact = ((1e-4, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    apart = calibration([scene((slope, 0.0, 0.0), exact, ratio=ratio) for slope, ratio in ((3.0, 10.0), (-1.0, 15.0))])
+    soft = Numerics(dt=2e-6, stiffness_scale=0.1)
+    deeper = grouped(SCENE, 2e-6, 0.1).overlap - grouped(SCENE, 2e-6, 1.0).overlap
+    measured = bias_of(SCENE, soft, soft, apart)
+    assert measured.value == pytest.approx(3 * deeper)
+    assert measured.half_width == pytest.approx(1.984 * 0.01 * deeper, rel=1e-3)
+    between = SCENE.model_copy(update={"container": SCENE.container.model_copy(update={"orifice": 0.036})})
+    guessed = bias_of(between, soft, soft, apart)
+    assert guessed.value == pytest.approx(deeper, rel=0.01)
+    assert guessed.half_width > 4 * deeper
+
+
+def test_the_interval_of_one_more_effect_holds_it_as_often_as_it_says():
+    """Eight measured cases, which differ by much less than the error of measurement, by as much, and by much more."""
+    rng, repeats = np.random.default_rng(2), 400
+    for spread, least in ((0.1, 0.97), (1.0, 0.9), (10.0, 0.9)):
+        inside = 0
+        for _ in range(repeats):
+            errors = rng.uniform(0.7, 1.4, 8)
+            measured = 5 + rng.normal(0, spread, 8) + rng.normal(0, errors)
+            mean, half_width = one_more(measured.tolist(), (errors**2).tolist())
+            inside += abs(rng.normal(5, spread) - mean) < half_width
+        assert inside / repeats > least
+    with pytest.raises(ValueError, match="one that was measured"):
+        one_more([], [])
+
+
+def test_one_case_alone_says_little_of_others():
+    mean, half_width = one_more([2.0], [1.0])
+    assert mean == pytest.approx(2.0)
+    assert (
+        12 < half_width < 18
+    )  # a Cauchy distribution of that width has its quantile at 12.7, and the error adds to it
+
+
+def test_the_calibration_that_ships_is_of_scenes_that_differ():
+    """Softness moves W by amounts of both signs: no scene's slope serves for another."""
+    slopes = [one.slopes[0] for alike in shipped().known for one in alike.effects]
+    assert len(slopes) > 5
+    assert min(slopes) < -2
+    assert max(slopes) > 2
 
 
 @pytest.mark.parametrize(

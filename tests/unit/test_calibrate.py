@@ -65,13 +65,13 @@ def test_a_calibration_finds_what_was_put_into_the_runs(synthetic):
             measured = {**run.measured, "flow_rate": replace(run.measured["flow_rate"], value=value)}
             made.append(replace(run, measured=measured))
         scaled.append(replace(result, runs=tuple(made)))
-    found = calibrate("known", scaled)
+    (found,) = calibrate("known", scaled)
     errors = np.sqrt(np.diag(found.slopes.covariance))[:2]
     assert np.all(np.abs(found.slopes.values[:2] - wanted) < 4 * errors)
     assert np.all(errors < 0.1 * wanted)
-    assert found.entry["kinds"] == {"shape": "sphere", "outlet": "slot", "law": "hertz-mindlin"}
-    assert len(found.effects) == 5
-    assert found.effects[4].change == pytest.approx(math.log(rates[4] / rates[0]), abs=1e-3)
+    assert found.effects.kinds == ("sphere", "slot", "hertz-mindlin")
+    assert len(found.changes) == 5
+    assert found.changes[4].change == pytest.approx(math.log(rates[4] / rates[0]), abs=1e-3)
     with pytest.raises(NotCalibrated, match="too few"):
         calibrate("alone", scaled[:1])
 
@@ -83,7 +83,7 @@ def test_the_verb_writes_a_file_that_the_study_can_name(tmp_path):
     assert f"Written: {written}" in said
     assert "accuracy: {flow_rate: 1 %, calibration: toy.calibration.json}" in said
     (entry,) = json.loads(written.read_text())["effects"]
-    assert entry["ranges"]["ratio"] == [8.0, 8.0]
+    assert entry["scene"]["ratio"] == pytest.approx(8.0)
     with path.open("a") as file:
         file.write("accuracy: {flow_rate: 10 %, calibration: toy.calibration.json}\n")
     path.write_text(path.read_text().replace("numerics: {dt: 10 us, steps_per_beat: 200}\n", ""))

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 from toy_results import analyse
 
-from labbook.accuracy import Calibration, Effects
+from labbook.accuracy import Effects, calibration, groups
 from labbook.backend.numerics import Numerics
 from labbook.report.page import summary
 from labbook.report.tables import budget_table
@@ -67,13 +67,10 @@ def test_a_sweep_of_the_study_itself_measures_its_source(synthetic):
 
 def test_the_calibration_gives_the_bias_of_numerics_that_were_not_swept(synthetic, monkeypatch):
     point = synthetic.point(0, 0.03)
-    contact = point.scene.contact
-    around = {"friction": contact.friction, "restitution": contact.restitution, "rolling": contact.rolling_friction}
-    ranges = {name: (value, value) for name, value in around.items()}
-    ranges |= {"ratio": (1.0, 100.0), "overlap": (0.0, 1.0), "step": (0.0, 1.0)}
-    kinds = {"shape": "sphere", "outlet": "slot", "law": "hertz-mindlin"}
-    known = Effects(kinds, ranges, (0.0, 4.0, 0.0), ((0.0,) * 3,) * 3, 100, 0.02, "made up")
-    monkeypatch.setattr("labbook.accuracy.choosing.shipped", lambda: Calibration((known,)))
+    here = groups(point.scene, point.numerics.dt, 1.0)
+    assert here is not None
+    one = Effects(here, (0.0, 4.0, 0.0), ((0.0,) * 3,) * 3, 100, 0.02, "made up")
+    monkeypatch.setattr("labbook.accuracy.choosing.shipped", lambda: calibration([one]))
     (budget,) = budgets(found(synthetic, [point]))
     from labbook.scene.timescales import collision
 
