@@ -134,7 +134,8 @@ class Lab:
     def frame(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
         """All runs of the lab, the latest first: a row a run, with units in `attrs`.
 
-        study: only runs first made for the study of this name; outcome: only those that ended so, or `unreadable`;
+        study: only runs first made for the study of this name; outcome: only those that ended so, or `unreadable`, or
+        `suspect`;
         limit: how many. Raises LabError.
         """
         with self._catalogue() as catalogue:
@@ -241,7 +242,11 @@ class Results(Found):
     @cached_property
     def runs(self) -> "tuple[Run, ...]":
         """Every run, by point and seed."""
-        return tuple(Run(run.run, run.measured, run.measures, run.window, self) for p in self.points for run in p.runs)
+        return tuple(
+            Run(run.run, run.measured, run.measures, run.window, run.counted, self)
+            for p in self.points
+            for run in p.runs
+        )
 
     def run(self, point: int, seed: int = 1) -> "Run":
         """The run of a point, counted from 1, with this seed. Raises LookupError."""

@@ -1,5 +1,6 @@
 """What ensembles of all backends do alike: members come and go, rows are collected, and events tell what happened."""
 
+import math
 from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,8 @@ from labbook_dem.reading import Readable, read
 
 LONGEST = 2**53
 """Steps from which on their number has no exact time."""
+UNKNOWN = math.inf
+"""Largest overlap or speed of a member that went on from a checkpoint which does not tell it: none is ever larger."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +52,18 @@ class Standing(Readable):
     def packing(self) -> Packing:
         """The portable state."""
 
+    @abstractmethod
+    def extremes(self) -> tuple[float, float]:
+        """Largest overlap [m] and speed [m/s] of all steps so far; UNKNOWN where they are not known."""
+
     def energy(self) -> float:
         """Kinetic energy [J] at the time of positions."""
         now = self.look()
         return kinetic(now.bodies or self.scene.grains, now.v, now.m, now.q)
 
     def status(self) -> Status:
-        """Step, time, grains, kinetic energy per grain in m g d (m d^2/s^2 without gravity)."""
-        return status(self.scene, self.step, self.time, self.grains, self.energy())
+        """See `labbook.backend.Status`."""
+        return status(self.scene, self.step, self.time, self.grains, self.energy(), *self.extremes())
 
 
 @dataclass
@@ -174,14 +181,17 @@ def _joined(tables: list[Table]) -> Table:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
-def check_checkpoint(can: Capabilities, names: set[str], stored: Checkpoint) -> None:
-    """Raises ValueError if a checkpoint is not of this backend and version, or has other arrays than `names`."""
+def check_checkpoint(
+    can: Capabilities, names: set[str], stored: Checkpoint, newer: frozenset[str] = frozenset()
+) -> None:
+    """Raises ValueError if a checkpoint is not of this backend and version, or has other arrays than `names`; those in
+    `newer`, older checkpoints may lack."""
     if (stored.backend, stored.cache_version) != (can.name, can.cache_version):
         raise ValueError(
             f"the checkpoint is of {stored.backend} version {stored.cache_version}, "
             f"not of {can.name} version {can.cache_version}"
         )
-    if other := names ^ set(stored.arrays):
+    if other := (names ^ set(stored.arrays)) - (newer - set(stored.arrays)):
         raise ValueError(f"the checkpoint has other arrays than this backend's state: {', '.join(sorted(other))}")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from labbook.backend import Status
 from labbook.scene import Bodies, Grains, Scene
+from labbook_dem.features import finest
 from labbook_dem.rotation import spins
 
 
@@ -26,9 +27,12 @@ def energy_scale(scene: Scene) -> float:
     return scene.grains.mass * (scene.gravity * d or d**2)
 
 
-def status(scene: Scene, step: int, time: float, grains: int, energy: float) -> Status:
-    """Where a member stands, given the kinetic energy [J] of its grains."""
-    return Status(step, time, grains, energy / max(grains, 1) / energy_scale(scene))
+def status(scene: Scene, step: int, time: float, grains: int, energy: float, deepest: float, fastest: float) -> Status:
+    """Where a member stands, given the kinetic energy [J] of its grains, and the largest overlap [m] and speed [m/s] so
+    far: infinite where they are not known."""
+    overlap = deepest / finest(scene) if math.isfinite(deepest) else None
+    kinetic_per_grain = energy / max(grains, 1) / energy_scale(scene)
+    return Status(step, time, grains, kinetic_per_grain, overlap, fastest if math.isfinite(fastest) else None)
 
 
 def _sum(weight: float | np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import ModuleType
 
 import numpy as np
-from labbook_dem.ensemble import Failure, Standing, check_checkpoint, explain, places
+from labbook_dem.ensemble import UNKNOWN, Failure, Standing, check_checkpoint, explain, places
 from labbook_dem.features import is_oriented, rolling_springs
 from labbook_dem.reading import Grains
 from labbook_dem.rotation import axes, momenta
@@ -98,6 +98,8 @@ class Run(Standing):
         member of this scene can have stood there."""
         check_checkpoint(self._can, self._kept, checkpoint)
         stored = {name: np.array(array, order="C") for name, array in checkpoint.arrays.items()}
+        if stored["sums"].shape == (S.OLDER_SUMS,):
+            stored["sums"] = np.append(stored["sums"], [UNKNOWN, UNKNOWN])
         check_state(stored, self.scene, self.numerics, crossings=bool(self._crossings(1)))
         self._put_back(stored)
 
@@ -176,6 +178,10 @@ class Run(Standing):
         sums, count = self.state.sums, self.state.count
         counters = {"touching": int(count[S.TOUCHING]), "rebuilds": int(count[S.REBUILDS])}
         return {"work": float(sums[S.WORK]), "max_overlap": float(sums[S.MAX_OVERLAP]), **counters}
+
+    def extremes(self) -> tuple[float, float]:
+        """Largest overlap [m] and speed [m/s] so far."""
+        return float(self.state.sums[S.DEEPEST]), float(np.sqrt(self.state.sums[S.FASTEST2]))
 
     def crossings(self) -> np.ndarray:
         """First passages since the last call."""

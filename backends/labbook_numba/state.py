@@ -9,8 +9,9 @@ from labbook_dem.reading import crossing_columns
 GRAINS, PAIRS, STEP, CROSSED, REBUILDS, TOUCHING, FAIL_GRAIN, LEAVING, WANT_PAIRS, WANT_WALLS = range(10)
 COUNTERS = 10
 # sums and clocks, in State.sums
-MOVED, WORK, MAX_OVERLAP, FAIL_VALUE = range(4)
-SUMS = 4
+MOVED, WORK, MAX_OVERLAP, FAIL_VALUE, DEEPEST, FASTEST2 = range(6)
+SUMS = 6
+OLDER_SUMS = 4  # in checkpoints from before DEEPEST and FASTEST2: the largest overlap, and square of a speed, so far
 # of a domain, in State.domain: its number, and how many there are; its rows and its pairs, from the first to behind the
 # last; how many pairs it has borrowed
 NUMBER, DOMAINS, FIRST, LAST, FIRST_PAIR, LAST_PAIR, BORROWED = range(7)

@@ -91,7 +91,9 @@ def _check_grains(arrays: Mapping[str, np.ndarray], scene: Scene) -> None:
         raise ValueError("the last ghost is not far away")
     parts = len(arrays["wall_spring"]) // len(arrays["wall_grain"])
     springs = {"spring": pairs, "wall_spring": int(arrays["wall_first"][-1]) * parts}
-    for name, rows in ({"grains": n, "loads": n, "sums": S.SUMS} | springs).items():
+    if not (arrays["sums"][[S.DEEPEST, S.FASTEST2]] >= 0).all():
+        raise ValueError("the largest overlap or speed so far is negative or NaN")
+    for name, rows in ({"grains": n, "loads": n, "sums": S.OLDER_SUMS} | springs).items():
         if not np.isfinite(arrays[name][:rows]).all():
             row = int(np.argmin(np.isfinite(arrays[name][:rows]).reshape(rows, -1).all(axis=1)))
             raise ValueError(f"{name} is not finite in row {row}")

@@ -9,7 +9,7 @@ from labbook_dem import motion, rods, rotation, segments, spheres
 from labbook_dem.chosen import choose
 from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
-from labbook_dem.ensemble import LONGEST, Failure, Standing, explain
+from labbook_dem.ensemble import LONGEST, UNKNOWN, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, finest, is_oriented, outlet, planes, rolling_springs
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, crossing_columns
@@ -26,6 +26,8 @@ from labbook.scene.packing import Packing
 NONE, LOST = vec3(0.0, 0.0, 0.0), vec3(np.nan, np.nan, np.nan)
 PARTS = 4
 """Points at which a rod may touch a wall (`labbook_dem.walls`)."""
+NEWER = ("deepest", "fastest")
+"""Numbers of a checkpoint that older ones lack."""
 Key = tuple[int, ...]
 """Of a spring: ids of both grains, or id of the grain, place of the wall, and part."""
 
@@ -89,6 +91,9 @@ class Run(Standing):
     max_overlap: float
     touching: int
     """Contacts of the last step."""
+    deepest: float
+    """Largest overlap [m] of all steps so far, and largest speed [m/s]."""
+    fastest: float
 
     def __init__(self, can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]):
         self._can, self.scene, self.numerics, self.probes = can, scene, numerics, tuple(probes)
@@ -140,6 +145,7 @@ class Run(Standing):
         run.y = run.m.copy()
         run.gone = packing.x[:, 2] < run._plane
         run.step, run.work, run.max_overlap, run.touching = 0, 0.0, 0.0, 0
+        run.deepest = run.fastest = 0.0
         run.springs = run._springs_of(packing, packing.pair_spring, packing.wall_spring) if run._friction else {}
         run.rolling = run._springs_of(packing, *packing.rolling) if run._rolling else {}
         run.clear = np.zeros((len(run.walls), run.grains))
@@ -171,6 +177,7 @@ class Run(Standing):
         run.step, run.touching = int(kept["step"]), int(kept["touching"])
         run.clear = np.zeros((len(run.walls), run.grains))
         run.work, run.max_overlap = float(kept["work"]), float(kept["max_overlap"])
+        run.deepest, run.fastest = (float(kept.get(name, UNKNOWN)) for name in NEWER)
 
         def kept_of(name: str) -> dict[Key, vec3]:
             return {
@@ -186,7 +193,7 @@ class Run(Standing):
         """The exact state, copied."""
         arrays = {name: getattr(self, name).copy() for name in ("x", "v", "u", "m", "y", "ids", "gone")}
         arrays |= {name: array.copy() for name, array in vars(self.bodies).items()}
-        arrays |= {name: np.array(getattr(self, name)) for name in ("step", "touching", "work", "max_overlap")}
+        arrays |= {name: np.array(getattr(self, name)) for name in ("step", "touching", "work", "max_overlap", *NEWER)}
         if self.q is not None:
             arrays["q"] = self.q.copy()
         for of, size in (("pair", 2), ("wall", 3)):
@@ -221,6 +228,7 @@ class Run(Standing):
         self.max_overlap, self.touching = deepest.overlap if deepest else 0.0, len(forces.contacts)
         if deepest and not deepest.overlap <= self.numerics.overlap_limit * finest(self.scene):
             return self._failed("overlap", deepest.i, deepest.overlap)
+        self.deepest = max(self.deepest, self.max_overlap)
         kick_dt = dt if self.step else 0.5 * dt  # the first brings velocities from a whole to a half step
         a, turns = forces.f / self.bodies.mass[:, None], forces.t / self.bodies.inertia[:, None]
         v, m = self.v, self.m
@@ -253,6 +261,7 @@ class Run(Standing):
             worst = int(np.argmax(wrong))
             known = np.isfinite(speed[worst])
             return self._failed("speed" if known else "state", worst, float(speed[worst]))
+        self.fastest = max(self.fastest, float(speed.max(initial=0.0)))
         lost = ~np.isfinite(self.m).all(axis=1)
         return self._failed("spin", int(np.argmax(lost)), np.nan) if lost.any() else None
 
@@ -446,6 +455,10 @@ class Run(Standing):
         """See `labbook_dem.reading.Readable`; there are no lists to rebuild."""
         return {"work": self.work, "max_overlap": self.max_overlap, "touching": self.touching, "rebuilds": 0}
 
+    def extremes(self) -> tuple[float, float]:
+        """Largest overlap [m] and speed [m/s] so far."""
+        return self.deepest, self.fastest
+
     def contacts(self) -> np.ndarray:
         """Touching contacts, as the probe `Contacts` gives them."""
         rows = [
@@ -495,7 +508,7 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     names |= {"max_overlap", "pair_key", "pair_spring", "wall_key", "wall_spring"}
     names |= {"q"} if is_oriented(scene) else set()
     names |= {"pair_rolling", "wall_rolling"} if rolling_springs(scene) else set()
-    check_names(can, names, stored)
+    check_names(can, names | {*NEWER}, stored, frozenset(NEWER))
     arrays: Mapping[str, np.ndarray] = stored.arrays
     n = arrays["ids"].shape[0] if arrays["ids"].ndim == 1 else -1
     pairs, walls = (len(arrays[f"{of}_key"]) if arrays[f"{of}_key"].ndim else -1 for of in ("pair", "wall"))
@@ -505,12 +518,16 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     shapes |= dict.fromkeys(("step", "touching"), ((), np.int64)) | dict.fromkeys(("work", "max_overlap"), ((), float))
     shapes |= {"pair_key": ((pairs, 2), np.int64), "pair_spring": ((pairs, 3), np.float64)}
     shapes |= {"wall_key": ((walls, 3), np.int64), "wall_spring": ((walls, 3), np.float64)}
+    shapes |= dict.fromkeys(NEWER, ((), float))
     shapes |= {"pair_rolling": ((pairs, 3), np.float64), "wall_rolling": ((walls, 3), np.float64)}
     for name, array in arrays.items():
         shape, kind = shapes[name]
         if array.shape != shape or array.dtype != kind:
             raise ValueError(f"{name} has shape {array.shape} of {array.dtype}, not {shape} of {np.dtype(kind)}")
-        if array.dtype == np.float64 and not np.isfinite(array).all():
+        if name in NEWER:
+            if not array >= 0:
+                raise ValueError(f"{name} is negative or NaN")
+        elif array.dtype == np.float64 and not np.isfinite(array).all():
             raise ValueError(f"{name} is not finite")
     ids, kinds = arrays["ids"], len(scene.grains.species)
     if not (0 < n <= scene.grains.count and len(np.unique(ids)) == n and ids.min() >= 0):

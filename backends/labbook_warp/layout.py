@@ -75,13 +75,14 @@ BESIDE = ("beside", "wall_touching", "wall_force", "wall_torque", "wall_deep")
 BESIDE_FINE = ("wall_fine_force", "wall_fine_torque")
 SCRATCH = {"found": "one", "new_nbr": "near", "new_key": "near", "new_spring": "near", "bad": "one"}
 SCRATCH_OF_ROLLING = {"new_rolling": "near"}
-OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail")
+EXTREMES = ("most_deep", "most_speed2")
+OF_SLOTS = ("rows", "material", "place", "step", "flag", "late", "rebuilds", "left", "fail", *EXTREMES)
 OF_WALLS = ("wall_kind", "wall_motion")
 WORDS_OF_STATE = ("p", "q")
 OF_SHAPES = tuple(dict.fromkeys(name for shape in SHAPES.values() for name in shape.state))
 SOMETIMES = (*OF_SHAPES, *OF_MANY_WALLS, *OF_ROLLING)
 """Arrays that are copied aside where there are any."""
-COPIED = ("p", *(name for name in STATE if name != "ids"), *SOMETIMES, "rebuilds", "left")
+COPIED = ("p", *(name for name in STATE if name != "ids"), *SOMETIMES, "rebuilds", "left", *EXTREMES)
 """Arrays that are copied aside before every beat."""
 MOST_CONTACTS = 32
 """Entries of a grain at walls: bits of a mask."""

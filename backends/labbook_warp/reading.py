@@ -27,6 +27,10 @@ class Seen(Run, Standing):
         """Kinetic energy [J] at the time of positions."""
         return self.view.energy(self)
 
+    def extremes(self) -> tuple[float, float]:
+        """Largest overlap [m] and speed [m/s] so far."""
+        return self.view.extremes(self)
+
     def checkpoint(self) -> Checkpoint:
         """The exact state, copied."""
         return self.view.checkpoint(self)

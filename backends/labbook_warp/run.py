@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from labbook_dem.ensemble import Failure
+from labbook_dem.ensemble import UNKNOWN, Failure
 from labbook_dem.ledger import kinetic
 from labbook_dem.rotation import momenta
 
@@ -34,6 +34,8 @@ class Run:
     failure: Failure | None = None
     names: list[str] = field(default_factory=list)
     rebuilds: int = 0
+    most: tuple[float, float] = (0.0, 0.0)
+    """Largest overlap [m] so far, and square of the largest speed, as it gets its slot."""
     past_work: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Work [J] of contacts on grains that have no row any more."""
     lattice: tuple[int, ...] = ()
@@ -59,6 +61,8 @@ class Run:
         self.rows, self.left, self.past_work = len(arrays["ids"]), 0, arrays["past_work"]
         self.near = len(arrays["nbr"])
         self.step, self.rebuilds = int(arrays["step"]), int(arrays["rebuilds"])
+        deep, speed2 = arrays.get("most", (UNKNOWN, UNKNOWN))
+        self.most = float(deep), float(speed2)
 
     @property
     def grains(self) -> int:

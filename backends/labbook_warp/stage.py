@@ -15,7 +15,7 @@ from labbook.scene.packing import Packing
 from labbook_warp import room, transfer
 from labbook_warp.arrays import Arrays, fetch
 from labbook_warp.beat import Beat
-from labbook_warp.layout import Sizes
+from labbook_warp.layout import EXTREMES, Sizes
 from labbook_warp.parameters import cell_size, material, place, same_material
 from labbook_warp.report import Report, collect
 from labbook_warp.run import Run
@@ -92,6 +92,7 @@ class Stage:
             run.slot = next(free)
             self._seated[run.slot] = run
             self._parameters(run)
+            self._put_extremes(run)
             self._put(run)
         self._counters()
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
@@ -125,6 +126,10 @@ class Stage:
             tables = {"wall_c": walls.c, "wall_numbers": numbers.ravel(), "wall_kind": walls.kind}
             for name, table in {**tables, "wall_motion": walls.motion}.items():
                 arrays.put(name, run.slot, table)
+
+    def _put_extremes(self, run: Run) -> None:
+        for name, value in zip(EXTREMES, run.most, strict=True):
+            self.arrays.put(name, run.slot, np.array([value]))
 
     def _counters(self) -> None:
         """Bring the arrays of slots in line with what is known of the members."""
@@ -173,6 +178,7 @@ class Stage:
         self._beats = Beat(self._arrays, spec.steps_per_beat, self._every)
         for run, checkpoint in stored.items():
             self._parameters(run)
+            self._put_extremes(run)
             transfer.restore(self._arrays, run.slot, checkpoint)
         self._counters()
         self.changes += 1
@@ -232,10 +238,15 @@ class Stage:
         row = int(np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)[0])
         return float(fetch(self.arrays.system.bad)[run.slot * self._sizes.cap + row])
 
+    def extremes(self) -> np.ndarray:
+        """Largest overlap [m] so far, and square of the largest speed, of all slots, shape [slots, 2]."""
+        return np.stack([fetch(getattr(self.arrays.system, name)) for name in EXTREMES], axis=1).astype(np.float64)
+
     def stored(self, run: Run) -> Checkpoint:
         """The exact state of a member that has a slot."""
         run.rebuilds = int(fetch(self.arrays.system.rebuilds)[run.slot])
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
+        numbers["most"] = np.array(self.extremes()[run.slot])
         state = transfer.checkpoint(self.arrays, run.slot, run.rows, run.past_work)
         return Checkpoint(self._can.name, self._can.cache_version, state | numbers)
 

@@ -15,6 +15,8 @@ from labbook_warp.room import MOST_NEAR
 from labbook_warp.shapes import SHAPES
 
 _NUMBERS = ("step", "rebuilds")
+_NEWER = frozenset({"most"})
+"""Older checkpoints lack these."""
 _WIDE = {"origin": 3, "facing": 3, "turned": 4, "body": 4, "work": 0, "deep": 0}
 _REAL = {"spring": 3, "wall_spring": 3, "rolling": 3, "wall_rolling": 3, "momentum": 4}
 _WHOLE = ("ids", "gone", "count", "nbr", "wall_seat")
@@ -25,7 +27,7 @@ def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, store
     """Raises ValueError, saying what is wrong, for a checkpoint that no member of `scene` with `spec` can have left."""
     listed, rolling = spec.feature("LISTED"), spec.feature("ROLLING_SPRING")
     entries = state(scene.grains.shape, scene.grains.varied, listed, rolling)
-    check_checkpoint(can, {"p", *entries, *_NUMBERS, "past_work"}, stored)
+    check_checkpoint(can, {"p", *entries, *_NUMBERS, "past_work", *_NEWER}, stored, _NEWER)
     arrays = {name: np.asarray(array) for name, array in stored.arrays.items()}
     codec, real = (
         Codec(numerics.precision == "mixed", SHAPES[scene.grains.shape].shown),
@@ -46,10 +48,15 @@ def check(can: Capabilities, spec: Spec, scene: Scene, numerics: Numerics, store
         size = _WIDE.get(name, _REAL.get(name, 0))
         kind = np.float64 if name in _WIDE else real if name in _REAL else np.int32 if name in _WHOLE else np.uint32
         wanted[name] = ((*lead[of], *((size,) if size else ())), np.dtype(kind))
+    if "most" in arrays:
+        wanted["most"] = ((2,), np.dtype("f8"))
     for name, (shape, kind) in wanted.items():
         if arrays[name].shape != shape or arrays[name].dtype != kind:
             raise ValueError(f"{name} has shape {arrays[name].shape} of {arrays[name].dtype}, not {shape} of {kind}")
-        if name != "p" and not np.isfinite(arrays[name]).all():
+        if name == "most":
+            if not (arrays[name] >= 0).all():
+                raise ValueError("most: the largest overlap or speed so far is negative or NaN")
+        elif name != "p" and not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} is not finite")
     for name, part in zip(("positions", "velocities", "spins"), codec.decode(arrays["p"]), strict=True):
         if not np.isfinite(part).all():

@@ -1,5 +1,6 @@
 """Reading members: states, energies, contacts. What is costly is read for all members at once."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ class View:
         self._at = -1  # the stage's `changes` at which velocities and energies were read
         self._velocities: tuple[Any, Any] | None = None
         self._energies = np.zeros(0)
+        self._extremes = np.zeros((0, 2))
         self._touched_at = -1  # the same, of contacts
         self._touching: dict[int, np.ndarray] = {}
 
@@ -30,6 +32,7 @@ class View:
             stage.wake(stage.runs)
             self._velocities = stage.beats.look()
             self._energies = stage.beats.kinetic(*self._velocities)
+            self._extremes = stage.extremes()
             self._at = stage.changes
         return self._velocities
 
@@ -63,6 +66,15 @@ class View:
             return run.first_energy()
         self._look()
         return float(self._energies[run.slot])
+
+    def extremes(self, run: Run) -> tuple[float, float]:
+        """Largest overlap [m] and speed [m/s] of a member so far."""
+        if run.slot < 0:
+            deep, speed2 = run.most
+        else:
+            self._look()
+            deep, speed2 = self._extremes[run.slot]
+        return float(deep), math.sqrt(speed2)
 
     def packing(self, run: Run) -> Packing:
         """The portable state of a member."""

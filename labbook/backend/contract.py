@@ -75,12 +75,20 @@ Event = Settled | Emptied | Failed
 
 @dataclass(frozen=True)
 class Status:
-    """Where a member stands; kinetic energy per grain is in units of m g d (m d^2/s^2 without gravity)."""
+    """Where a member stands; kinetic energy per grain is in units of m g d (m d^2/s^2 without gravity).
+
+    What its guards have seen in all steps so far, also before a checkpoint: None where that is not known, as after a
+    checkpoint that says nothing of it.
+    """
 
     step: int
     time: float
     grains: int
     kinetic: float
+    deepest: float | None = None
+    """Largest overlap of any contact, in diameters of the smallest grains, as `numerics.overlap_limit` counts it."""
+    fastest: float | None = None
+    """Largest speed of any grain [m/s], as `numerics.speed_limit` counts it: of rods it may be that of an end."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
 
         A second Ctrl-C leaves at once; what was saved last is kept. Exit status: 0 if all runs of the study are there,
-        1 if some failed or diverged, 130 if it was stopped.
+        1 if some failed, diverged or are suspect, 130 if it was stopped.
         """
         from labbook.api import Lab as Place
         from labbook.backend import BackendMissing, Unsupported
@@ -60,7 +60,7 @@ def register(app: typer.Typer) -> None:
             leave(STOPPED)
         if summary.stopped:
             raise typer.Exit(STOPPED)
-        if summary.failed or summary.diverged:
+        if summary.failed or summary.diverged or summary.suspect:
             raise typer.Exit(1)
 
 
@@ -78,6 +78,8 @@ def advice(summary: "Summary", study: Path, lab: Path, backend: str) -> list[str
         if summary.diverged
         else []
     )
+    if summary.suspect:
+        lines.append(f"Which runs are suspect, and why: labbook runs --outcome suspect{there}")
     if summary.done and not summary.stopped:
         lines.append(f"Next: labbook report {given}")
         if any(item.demand.recorded for point in summary.points for item in point.items):

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from labbook.lab import Lab as Folder
 
 OfStudy = Annotated[str | None, typer.Option("--study", help="Only runs first made for the study of this name.")]
-OfOutcome = Annotated[str | None, typer.Option("--outcome", help="Only runs that ended so, or `unreadable`.")]
+OfOutcome = Annotated[
+    str | None, typer.Option("--outcome", help="Only runs that ended so, or `unreadable`, or `suspect`.")
+]
 OfTag = Annotated[str | None, typer.Option("--tag", help="Only runs with this tag in their note.")]
 Limit = Annotated[int, typer.Option("--limit", help="How many, the latest first; 0: all.", min=0)]
 
@@ -32,11 +34,12 @@ def register(app: typer.Typer) -> None:
         """List runs, the latest first, with outcome, how far they went and how fast."""
         from typing import get_args
 
+        from labbook.lab.catalogue import SUSPECT
         from labbook.lab.index import UNREADABLE
         from labbook.lab.records import Ending
 
         catalogue = existing(lab)
-        if outcome is not None and outcome not in (known := (*get_args(Ending), UNREADABLE)):
+        if outcome is not None and outcome not in (known := (*get_args(Ending), UNREADABLE, SUSPECT)):
             fail(f"--outcome {outcome}: no run ends so; use one of: {', '.join(known)}")
         if tag is None:
             found = catalogue.runs(study, outcome, limit or None)
@@ -83,7 +86,7 @@ def _show(found) -> None:
     for heading in ("run", "study", "point", "seed", "backend", "outcome", "left", "t [s]", "M/s"):
         right = heading in ("seed", "left", "t [s]", "M/s")
         table.add_column(heading, justify="right" if right else "left", no_wrap=heading != "study")
-    problems = []
+    problems, suspects = [], []
     for row in found.itertuples(index=False):
         if row.outcome == "unreadable":
             table.add_row(row.run_key[:10], "", "", "", "", "unreadable", "", "", "", style="red")
@@ -96,15 +99,19 @@ def _show(found) -> None:
             escape(row.label),
             str(int(row.seed)),
             f"{escape(row.backend)} {int(row.cache_version)}",
-            row.outcome,
+            f"{row.outcome}, suspect" if row.suspect else row.outcome,
             f"{row.discharged:.0%}",
             f"{row.duration:.3g}",
             rate,
-            style="yellow" if row.outcome == "diverged" else None,
+            style="yellow" if row.outcome == "diverged" or row.suspect else None,
         )
+        if row.suspect:
+            suspects.append(f"{row.run_key[:10]} is suspect: {row.suspect}")
     console = screen(highlight=False)
     if not console.is_terminal:
         console = screen(highlight=False, width=200)
     console.print(table)
     for problem in problems:
         console.print(problem, style="red", markup=False)
+    for suspect in suspects:
+        console.print(suspect, style="yellow", markup=False)

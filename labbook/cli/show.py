@@ -69,6 +69,13 @@ def _noted(lab: "Folder", key: str) -> tuple["Note", str | None]:
         return Note(), str(problem)
 
 
+def _ledger(ledger) -> str:
+    from labbook.lab.suspect import said, suspicion
+
+    why = suspicion(ledger)
+    return said(ledger) + (f"; suspect: {why}" if why else "")
+
+
 def _show(record, folder, picture, measured) -> None:
     from rich import box
     from rich.markup import escape
@@ -81,6 +88,7 @@ def _show(record, folder, picture, measured) -> None:
         "run": record.run_key,
         "study": f"{record.study}, {record.label}, seed {record.seed}",
         "outcome": record.outcome + (f": {record.failure.message}" if record.failure else ""),
+        "ledger": _ledger(record.ledger),
         "covered": f"{coverage.duration:.4g} s, {coverage.crossed} of {coverage.grains} grains discharged "
         f"({coverage.discharged:.1%} of the mass), the last one {coverage.waiting:.3g} s before the end",
         "backend": f"{record.backend} version {record.cache_version} on {record.device}, {record.numerics.precision}, "

@@ -20,11 +20,12 @@ def register(app: typer.Typer) -> None:
         from labbook.run.progress import remaining
 
         catalogue = existing(lab)
-        counts, packings = catalogue.counts(), catalogue.packing_count()
+        counts, suspect, packings = catalogue.counts(), catalogue.suspect_count(), catalogue.packing_count()
         works, live = unfinished(catalogue.lab), running(catalogue.lab)
         if as_json:
             found = {
                 "runs": counts,
+                "suspect": suspect,
                 "packings": packings,
                 "unfinished": [vars(work) for work in works],
                 "running": [one.plain() for one in live],
@@ -34,6 +35,9 @@ def register(app: typer.Typer) -> None:
         total = sum(counts.values())
         by = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
         say(f"{total} runs{f' ({by})' if by else ''}, {packings} packings")
+        if suspect:
+            verb = "run is" if suspect == 1 else "runs are"
+            say(f"  {suspect} {verb} suspect: labbook runs --outcome suspect --lab {lab} says why")
         for one in live:
             where = f"{one.backend} on {one.device}, process {one.pid} on {one.host}"
             say(f"  {one.study}: {'; '.join(filter(None, (runs_done(one), remaining(one), where)))}")

@@ -44,7 +44,9 @@ def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = 
     if number < 2:
         raise CannotCompare(f"{study.name} has 1 replicate a point and a test needs 2 at least; use --replicates")
     chosen = tuple(point for point in study.points if not points or point.index in points)
-    return replace(study, points=chosen, replicates=number, accuracy=Accuracy(flow_rate=None))
+    return replace(
+        study, points=chosen, replicates=number, accuracy=Accuracy(count_suspect=study.accuracy.count_suspect)
+    )
 
 
 def compare(

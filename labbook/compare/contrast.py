@@ -23,12 +23,12 @@ Found = Mapping[int, float | str]
 
 
 def of_runs(point: PointPlan, numbers: Numbers, measure: str, quantity: str) -> Found:
-    """A quantity of the runs of a point; one that clogged, diverged or is not there has none."""
+    """A quantity of the runs of a point; one that clogged, does not count or is not there has none."""
     given, found = {one.name for one in MEASURES[measure].declared}, {}
     for item in point.items:
         key, seed = item.keys.run, item.demand.seed
-        if item.state != "done" or item.outcome == "diverged":
-            found[seed] = item.reason
+        if item.state != "done" or not item.counts:
+            found[seed] = f"suspect: {item.suspect}" if item.suspect else item.reason
         else:
             measured = [one for one in numbers.measured.get(key, {}).values() if one.quantity in given]
             found[seed] = _number(measured, quantity, numbers.problems.get(key, ""))

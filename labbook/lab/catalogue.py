@@ -27,6 +27,7 @@ from labbook.lab.database import (
 from labbook.lab.folder import Lab, LabError, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Coverage, RunRecord, Unreadable
+from labbook.lab.suspect import suspicion
 from labbook.measure import Window
 
 if TYPE_CHECKING:
@@ -51,12 +52,14 @@ class Entry:
     device: str = ""
     finished: str = ""
     """When it ended (UTC, ISO 8601)."""
+    suspect: str = ""
+    """Why it is suspect (`labbook.lab.suspect`); empty if it is not."""
 
     @classmethod
     def of(cls, record: RunRecord, stamp: int) -> "Entry":
         """What a run says of itself; `stamp`: of its folder."""
         said = {name: getattr(record, name) for name in _SAID}
-        return cls(coverage=record.coverage, stamp=stamp, **said)
+        return cls(coverage=record.coverage, stamp=stamp, suspect=suspicion(record.ledger), **said)
 
 
 _SAID = ("run_key", "lineage_key", "cache_version", "outcome", "packing_key", "backend", "device", "finished")
@@ -74,6 +77,14 @@ class StudyCount:
     latest: str
 
 
+SUSPECT = "suspect"
+"""What may be asked for in place of an outcome: the runs that are suspect, however they ended."""
+
+
+def _ended(outcome: str) -> "ColumnElement[bool]":
+    return runs.c.suspect != "" if outcome == SUSPECT else runs.c.outcome == outcome
+
+
 @dataclass(frozen=True)
 class Listing:
     """Which runs are listed, and in what order. Whatever is None leaves all runs in."""
@@ -81,6 +92,7 @@ class Listing:
     study: str | None = None
     backend: str | None = None
     outcome: str | None = None
+    """How they ended, or SUSPECT."""
     packing: str | None = None
     """Key of the packing that they started from."""
     text: str | None = None
@@ -95,8 +107,10 @@ class Listing:
 
     def conditions(self) -> "list[ColumnElement[bool]]":
         """What SQL is asked for."""
-        stated = {"study": self.study, "backend": self.backend, "outcome": self.outcome, "packing_key": self.packing}
+        stated = {"study": self.study, "backend": self.backend, "packing_key": self.packing}
         found: list[ColumnElement[bool]] = [runs.c[name] == one for name, one in stated.items() if one is not None]
+        if self.outcome is not None:
+            found.append(_ended(self.outcome))
         if self.text:
             begins = runs.c.run_key.startswith(self.text, autoescape=True)
             found.append(runs.c.label.contains(self.text, autoescape=True)
@@ -147,7 +161,8 @@ class Catalogue:
         """Runs, the latest first: key, study, point, seed, backend, outcome, how far, speed, size.
 
         Columns: run_key, study, label, seed, backend, cache_version, outcome, grains, discharged, duration
-        [s], wall_time [s], rate [grain-steps/s], finished, device, bytes, problem.
+        [s], wall_time [s], rate [grain-steps/s], finished, device, bytes, problem, suspect (why it is; else empty).
+        outcome: only those that ended so, or those that are SUSPECT.
         """
         query = select(*(runs.c[name].label(name) for name in RUN_COLUMNS)).order_by(
             runs.c.finished.desc(), runs.c.run_key
@@ -155,7 +170,7 @@ class Catalogue:
         if study is not None:
             query = query.where(runs.c.study == study)
         if outcome is not None:
-            query = query.where(runs.c.outcome == outcome)
+            query = query.where(_ended(outcome))
         return self._frame(query.limit(limit) if limit is not None else query)
 
     def listed(self, wanted: "Listing") -> "tuple[pd.DataFrame, int]":
@@ -182,6 +197,11 @@ class Catalogue:
         with self._asking() as connection:
             rows = connection.execute(select(runs.c.outcome, func.count()).group_by(runs.c.outcome))
             return {outcome: count for outcome, count in rows}
+
+    def suspect_count(self) -> int:
+        """Number of runs that are suspect."""
+        with self._asking() as connection:
+            return connection.scalar(select(func.count()).select_from(runs).where(_ended(SUSPECT))) or 0
 
     def packing_count(self) -> int:
         """Number of packings."""
@@ -260,8 +280,11 @@ class Catalogue:
                 of_run.setdefault((told["measure"], told["version"]), []).append(told)
         return found
 
-    def values(self, run_keys: Iterable[str], quantity: str, version: int, window: Window) -> dict[str, float]:
-        """The finite values of one quantity, by run; runs that diverged have none."""
+    def values(
+        self, run_keys: Iterable[str], quantity: str, version: int, window: Window, *, suspects: bool
+    ) -> dict[str, float]:
+        """The finite values of one quantity, by run; runs that diverged have none, nor those that are suspect unless
+        `suspects` says so."""
         query = select(measurements.c.run_key, measurements.c.value).where(
             measurements.c.run_key == runs.c.run_key,
             runs.c.outcome != "diverged",
@@ -272,6 +295,8 @@ class Catalogue:
             measurements.c.window_timed == window.timed,
             measurements.c.value.is_not(None),
         )
+        if not suspects:
+            query = query.where(runs.c.suspect == "")
         with self._asking() as connection:
             return {key: value for key, value in among(connection, query, measurements.c.run_key, run_keys)}
 
@@ -307,7 +332,7 @@ def _entry(row: Row) -> Entry:
     """A row of the index; what a damaged run does not tell is empty."""
     said: dict[str, Any] = {name: getattr(row, name) or ("" if name != "cache_version" else 0) for name in _SAID}
     coverage = Coverage.model_validate_json(row.coverage) if row.coverage else None
-    return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, **said)
+    return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, suspect=row.suspect, **said)
 
 
 def _problem(folder: Path) -> str | None:
@@ -335,4 +360,5 @@ RUN_COLUMNS = (
     "device",
     "bytes",
     "problem",
+    "suspect",
 )

@@ -36,7 +36,7 @@ from sqlalchemy.schema import CreateTable
 
 from labbook.lab.folder import DiskFull, Lab, LabError
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 metadata = MetaData()
 
@@ -68,16 +68,18 @@ runs = Table(
     Column("coverage", Text),
     Column("stamp", Integer, nullable=False),
     Column("problem", Text),
+    Column("suspect", Text, nullable=False, default=""),
     Index("runs_by_lineage", "lineage_key"),
     Index("runs_by_study", "study", "backend", "outcome", "finished"),
     Index("runs_by_finish", "finished"),
     Index("runs_by_packing", "packing_key"),
     Index("runs_damaged", "run_key", sqlite_where=text("problem IS NOT NULL")),
+    Index("runs_suspect", "run_key", sqlite_where=text("suspect != ''")),
     sqlite_with_rowid=True,
 )
 """One row a run folder. `coverage`: that of `run.json`, as JSON; `stamp`: that of the folder
 (`labbook.lab.folder.stamp`) when it was read, by which changes are noticed; `outcome` is `unreadable` and `problem`
-says why where a folder cannot be read."""
+says why where a folder cannot be read; `suspect`: why the run is (`labbook.lab.suspect`), empty if it is not."""
 
 packings = Table(
     "packings",

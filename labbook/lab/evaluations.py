@@ -167,6 +167,11 @@ class FinishedRun:
         return self.entry.outcome
 
     @property
+    def suspect(self) -> str:
+        """Why it is suspect; empty if it is not."""
+        return self.entry.suspect
+
+    @property
     def ended(self) -> str:
         """When it ended (UTC, ISO 8601)."""
         return self.entry.finished

@@ -32,6 +32,7 @@ from labbook.lab.folder import Lab, LabError, folders, is_beside, remove, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
+from labbook.lab.suspect import suspicion
 
 Tick = Callable[[int, int], None]
 """Told how many folders of how many are done."""
@@ -287,6 +288,7 @@ def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], lis
         "coverage": coverage.model_dump_json(),
         "stamp": seen,
         "problem": None,
+        "suspect": suspicion(record.ledger),
     }
     return row, rows
 
@@ -300,7 +302,7 @@ def unreadable_row(folder: Path, seen: int, problem: Unreadable) -> dict[str, An
         row |= {"study": "", "label": ""}
     else:
         row |= {name: getattr(record, name) for name in _KNOWN}
-    return {**row, "run_key": folder.name, "outcome": UNREADABLE, "stamp": seen, "problem": str(problem)}
+    return {**row, "run_key": folder.name, "outcome": UNREADABLE, "stamp": seen, "problem": str(problem), "suspect": ""}
 
 
 def packing_row(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pydantic import Field
 from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.identity import Filling
-from labbook.lab.records import Measure, Record, StoredBackend, Unreadable, Whole
+from labbook.lab.records import Ledger, Measure, Record, StoredBackend, Unreadable, Whole
 from labbook.lab.tables import MOST, read_table
 from labbook.scene import Bodies, Scene, Spheres
 from labbook.scene.packing import Packing
@@ -38,6 +38,8 @@ class PackingRecord(Record):
     """Simulated time until it was at rest [s]."""
     kinetic: Measure
     """Kinetic energy per grain at the end [m g d]."""
+    ledger: Annotated[Ledger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
+    """None of packings from before it was kept."""
 
 
 def load_packing(folder: Path) -> Packing:

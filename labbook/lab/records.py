@@ -112,6 +112,31 @@ class Record(Part):
         return record
 
 
+class Ledger(Part):
+    """What guards saw in all steps, and where the grains are at the end; None where it is not known."""
+
+    overlap: Measure | None
+    """Largest overlap of any contact, in diameters of the smallest grains, as `numerics.overlap_limit` counts it."""
+    speed: Measure | None
+    """Largest speed of any grain [m/s], as `numerics.speed_limit` counts it."""
+    expected_speed: Measure | None
+    """Speed [m/s] of a grain that falls from the top of the start to where it is dropped, moving walls helping; None of
+    a filling."""
+    started: Whole
+    """Grains at the start."""
+    inside: Whole
+    """Grains between the walls at the end."""
+    left: Whole
+    """Grains that have left through the outlet."""
+    outside: Whole
+    """Grains behind a wall at the end, or that passed the plane of the outlet beside it."""
+
+    @property
+    def lost(self) -> int:
+        """Grains that are in none of these places; negative if some are in two."""
+        return self.started - self.inside - self.left - self.outside
+
+
 Ending = Literal["finished", "precise", "emptied", "clogged", "diverged", "time-limit"]
 Outcome = Annotated[
     Ending,
@@ -245,6 +270,8 @@ class RunRecord(Record):
     device: str
     finished: str
     """When it ended (UTC, ISO 8601)."""
+    ledger: Annotated[Ledger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
+    """None of runs from before it was kept."""
 
     @property
     def provenance(self) -> dict[str, Any]:

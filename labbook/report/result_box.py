@@ -192,6 +192,12 @@ def concerns(results: Results) -> list[str]:
         if ended:
             places = [f"{one.label or 'the only point'} ({n} of {len(one.runs)})" for one, n in ended]
             sentences.append(f"{_count(sum(n for _, n in ended), 'run')} {how}: {_listed(places)}.")
+    suspects = [(one, run) for one in points for run in one.suspect]
+    if suspects:
+        verb = "is" if len(suspects) == 1 else "are"
+        fate = "counted all the same (accuracy.count_suspect)" if study.accuracy.count_suspect else "left out"
+        why = [f"{one.label or 'the only point'}, seed {run.seed}: {run.suspect}" for one, run in suspects]
+        sentences.append(f"{_count(len(suspects), 'run')} {verb} suspect and {fate}: {_listed(why)}.")
     sentences += _imprecise(results)
     measured = [run.measured for result in points for run in result.runs]
     packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]

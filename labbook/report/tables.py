@@ -192,15 +192,21 @@ def outcomes_table(results: Results) -> Table:
             where.setdefault(outcome, []).append(result.label)
         if result.trending:
             where.setdefault("trending", []).append(result.label)
+        if result.suspect:
+            where.setdefault("suspect", []).append(result.label)
+    total["suspect"] = sum(len(result.suspect) for result in results.points)
     total["trending"] = sum(result.trending for result in results.points)
     rows = [
         (name, str(n), "all" if len(where[name]) == len(results.points) else "; ".join(where[name]))
         for name, n in total.items()
         if n
     ]
-    notes = ()
+    notes: tuple[str, ...] = ()
     if total["trending"]:
         notes = ("Trending points have no plateau: W still changes within the window. They are counted as points.",)
+    if total["suspect"]:
+        fate = "They count all the same." if results.study.accuracy.count_suspect else "They are in no mean and no fit."
+        notes += (f"Suspect runs ended as said above, but their ledger says that something is wrong. {fate}",)
     return Table(("outcome", "runs", "points"), tuple(rows), frozenset({0, 2}), notes=notes)
 
 
@@ -229,7 +235,9 @@ def provenance_table(results: Results) -> Table:
 def runs_table(results: Results) -> Table:
     """Point, seed, outcome and key of every run."""
     rows = tuple(
-        (result.label, str(run.seed), run.outcome, run.run_key) for result in results.points for run in result.runs
+        (result.label, str(run.seed), f"{run.outcome}, suspect" if run.suspect else run.outcome, run.run_key)
+        for result in results.points
+        for run in result.runs
     )
     return Table(("point", "seed", "outcome", "run key"), rows, frozenset({0, 2, 3}))
 

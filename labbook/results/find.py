@@ -9,6 +9,7 @@ from labbook.fit import LAWS
 from labbook.lab import Catalogue
 from labbook.lab.evaluations import FinishedRun, KeptRun, NotEvaluated, kept_numbers, numbers
 from labbook.lab.records import Observe
+from labbook.lab.suspect import counts
 from labbook.results.numerical import numerical
 from labbook.results.paper import compared, further_fits, judged
 from labbook.results.points import Finished, RunResult, pooled_point, redundant
@@ -40,7 +41,8 @@ def results_of(
         if (why := wrong.get(run.run_key)) is not None:
             unreadable.append(why)
             continue
-        found = RunResult(run, measured.get(run.run_key, {}), study.measure, study.window)
+        counted = counts(run.outcome, run.suspect, study.accuracy.count_suspect)
+        found = RunResult(run, measured.get(run.run_key, {}), study.measure, study.window, counted)
         by_point.setdefault(run.point.index, []).append(found)
     read = [point for point in study.points if by_point.get(point.index)]
     extra = redundant(study.points)

@@ -119,6 +119,7 @@ def _runs(results: Results) -> Iterator[Row]:
     for result in results.points:
         for run in result.runs:
             head = {**of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
+            head |= {"suspect": run.suspect}
             for measured in run.measured.values():
                 yield {**head, **vars(measured), "stale": run.cache_version in results.stale}
 
@@ -126,8 +127,9 @@ def _runs(results: Results) -> Iterator[Row]:
 def _points(results: Results) -> Iterator[Row]:
     for result in results.points:
         outcomes = {f"runs_{name.replace('-', '_')}": n for name, n in sorted(result.outcomes.items())}
+        outcomes |= {"runs_suspect": len(result.suspect)} if result.suspect else {}
         for name, pooled in result.pooled.items():
-            measured = [run.measured[name] for run in result.runs if name in run.measured]
+            measured = [run.measured[name] for run in result.runs if run.counted and name in run.measured]
             yield {
                 **of_point(result),
                 "quantity": name,

@@ -51,6 +51,11 @@ class Finished(Protocol):
     @property
     def outcome(self) -> str: ...
     @property
+    def suspect(self) -> str:
+        """Why it is suspect; empty if it is not."""
+        ...
+
+    @property
     def ended(self) -> str:
         """When it ended (UTC, ISO 8601)."""
         ...
@@ -83,6 +88,8 @@ class RunResult:
     measures: tuple[str, ...]
     """Those that the study asks for."""
     window: Window
+    counted: bool
+    """Whether it takes part in means and fits (`labbook.lab.suspect`)."""
 
     @property
     def seed(self) -> int:
@@ -103,6 +110,11 @@ class RunResult:
     def outcome(self) -> str:
         """How it ended."""
         return self.run.outcome
+
+    @property
+    def suspect(self) -> str:
+        """Why it is suspect; empty if it is not."""
+        return self.run.suspect
 
     @property
     def ended(self) -> str:
@@ -165,9 +177,9 @@ class RunResult:
 
     @cached_property
     def outlets(self) -> Mapping[str, Outlet]:
-        """Profiles along its outlet by definition (`labbook.measure.outlet.DEFINITIONS`); none of a run that clogged,
-        as for its flow rate."""
-        if OutletProfiles.name not in self.measures or self.outcome in ("clogged", "diverged"):
+        """Profiles along its outlet by definition (`labbook.measure.outlet.DEFINITIONS`); none of a run that clogged
+        or does not count, as for its flow rate."""
+        if OutletProfiles.name not in self.measures or self.outcome == "clogged" or not self.counted:
             return {}
         found = OutletProfile.of(self.evaluation(OutletProfiles()))
         return found.outlets(self.run.point.scene.grains.radius) if found is not None else {}
@@ -213,6 +225,11 @@ class PointResult:
         """How many replicates ended in which way."""
         return Counter(run.outcome for run in self.runs)
 
+    @property
+    def suspect(self) -> tuple[RunResult, ...]:
+        """Replicates that are suspect, whether they count or not."""
+        return tuple(run for run in self.runs if run.suspect)
+
     @cached_property
     def notes(self) -> Counter[str]:
         """How many replicates carry which note on their flow rate (`trending` ...)."""
@@ -248,6 +265,7 @@ class PointResult:
         parts += ["trending"] if self.trending else []
         parts += ["stopped within the window"] if self.notes[CUT_SHORT] else []
         ended = {how: n for how, n in self.outcomes.items() if how in ("clogged", "diverged")}
+        ended |= {"suspect": len(self.suspect)} if self.suspect else {}
         return ", ".join(parts + [f"{n} of {len(self.runs)} {how}" for how, n in ended.items()])
 
     def __repr__(self) -> str:
@@ -257,9 +275,9 @@ class PointResult:
 
 def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
     """The quantity of every run of a point that counts."""
-    found = {run.seed: run.measured[quantity].value for run in result.runs if quantity in run.measured}
-    diverged = {run.seed for run in result.runs if run.outcome == "diverged"}
-    return {seed: value for seed, value in found.items() if math.isfinite(value) and seed not in diverged}
+    counted = (run for run in result.runs if run.counted and quantity in run.measured)
+    found = {run.seed: run.measured[quantity].value for run in counted}
+    return {seed: value for seed, value in found.items() if math.isfinite(value)}
 
 
 def redundant(points: Sequence[Point]) -> frozenset[str]:
@@ -283,14 +301,14 @@ def swept(point: Point, extra: frozenset[str]) -> dict[str, float | str]:
 
 
 def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
-    """A point with its numbers pooled over seeds; runs that diverged do not count."""
+    """A point with its numbers pooled over seeds, of the runs that count."""
     cap = max(study.replicates, study.accuracy.max_replicates)
     rule = StoppingRule(study.accuracy.flow_rate, study.replicates, cap)
     unpooled = {one.name for measure in MEASURES.values() for one in measure.declared if not one.pooled}
     values: dict[str, list[float]] = {}
     for run in runs:
         for name, measured in run.measured.items():
-            if run.outcome != "diverged" and name not in unpooled and math.isfinite(measured.value):
+            if run.counted and name not in unpooled and math.isfinite(measured.value):
                 values.setdefault(name, []).append(measured.value)
     pooled = {name: rule.pool(found) for name, found in values.items()}
     return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, study.replicates)

@@ -111,7 +111,7 @@ def acceleration(result: PointResult) -> AccelerationProfile | None:
     The mean over the runs of a point that measured `orifice`, else of its first recorded run; None without any, or with
     frames too far apart.
     """
-    measured = [run.acceleration for run in result.runs if run.acceleration is not None]
+    measured = [run.acceleration for run in result.runs if run.counted and run.acceleration is not None]
     if measured:
         return pooled_profile(measured)
     found = (AccelerationProfile.of(run.evaluation(FreeFall())) for run in _recorded(result))
@@ -131,7 +131,7 @@ def _recorded(result: PointResult) -> list[RunResult]:
     container = result.point.scene.container
     if not isinstance(container, WedgeHopper) and not hasattr(container, "diameter"):
         return []
-    return [run for run in result.runs if run.recorded]
+    return [run for run in result.runs if run.recorded and run.counted]
 
 
 def _of_run(result: PointResult, run: RunResult) -> Flowing | None:

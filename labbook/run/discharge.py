@@ -28,12 +28,13 @@ from labbook.lab.folder import PICTURE, Claim
 from labbook.lab.identity import Keys
 from labbook.lab.journal import PROGRESS, Saved, at_its_end
 from labbook.lab.packings import load_packing
-from labbook.lab.records import Coverage, Failure, Observe, Outcome, RunRecord, Unreadable
+from labbook.lab.records import Coverage, Failure, Ledger, Observe, Outcome, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.picture import bed
 from labbook.run.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, failure
+from labbook.run.ledger import ledger
 from labbook.run.provenance import now
 from labbook.scene import Packing, Silo
 
@@ -274,9 +275,10 @@ class DischargeJob(Job):
             self._draw(ensemble, member)
         if self._picture:
             (folder / PICTURE).write_bytes(self._picture)
-        self.record(verdict).write(folder)
+        kept = ledger(self.scene, self.status, ensemble.packing(member), self._packing(), tables.get("crossing"))
+        self.record(verdict, kept).write(folder)
 
-    def record(self, verdict: str) -> RunRecord:
+    def record(self, verdict: str, kept: Ledger) -> RunRecord:
         """What the run says of itself."""
         bench, demand, status = self.bench, self.demand, self.status
         coverage = Coverage(
@@ -316,6 +318,7 @@ class DischargeJob(Job):
                 "physics": {key: float(value) for key, value in physics.items() if math.isfinite(value)},
                 "device": bench.device,
                 "finished": now(),
+                "ledger": kept,
                 "sessions": self.sessions(),
             }
         )

@@ -18,6 +18,7 @@ from labbook.lab.records import Unreadable
 from labbook.run.demand import Demand, PackingsOf
 from labbook.run.forecast import fill_time
 from labbook.run.job import Bench, Job, JobFailed, failure
+from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.timescales import collision
 
@@ -152,7 +153,7 @@ class FillJob(Job):
 
     def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
         """The packing and how it was made."""
-        capabilities = self.bench.backend.capabilities
+        capabilities, packing = self.bench.backend.capabilities, ensemble.packing(member)
         record = PackingRecord(
             packing_key=self.key,
             closed_key=self.demand.shared.closed_key,
@@ -164,9 +165,10 @@ class FillJob(Job):
             grains=self.scene.grains.count,
             duration=self.status.time,
             kinetic=self.status.kinetic,
+            ledger=ledger(self.scene, self.status, packing),
             sessions=self.sessions(),
         )
-        ensemble.packing(member).save(folder / ARRAYS)
+        packing.save(folder / ARRAYS)
         record.write(folder)
 
     def progress(self) -> float:

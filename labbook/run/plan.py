@@ -12,6 +12,7 @@ from labbook.lab.folder import stamp
 from labbook.lab.identity import Keys
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
+from labbook.lab.suspect import counts
 from labbook.measure import MEASURES
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
@@ -37,6 +38,13 @@ class Item:
     outcome: str | None
     packed: bool
     """Whether its packing is there."""
+    suspect: str = ""
+    """Why the run is suspect (`labbook.lab.suspect`); empty if it is not."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether the run, once it is done, takes part in means and fits."""
+        return counts(self.outcome or "", self.suspect, self.demand.shared.study.accuracy.count_suspect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +284,7 @@ class Planner:
         problem = self.catalogue.packing_problem(keys.packing)
         if problem and state == "done":
             state, reason = "missing", f"its packing cannot be read: {problem}"
-        return Item(demand, keys, state, reason, outcome, problem is None)
+        return Item(demand, keys, state, reason, outcome, problem is None, entry.suspect if entry else "")
 
     def _compare(self, demand: Demand, keys: Keys, entry: Entry | None) -> tuple[State, str]:
         begun = (self.catalogue.lab.work(keys.run) / "progress.json").exists()
@@ -314,9 +322,10 @@ QUANTITY = "flow_rate"
 
 
 def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> list[float]:
-    """Flow rates [kg/s] of these runs, in their order, without those that gave none (clogged, diverged)."""
+    """Flow rates [kg/s] of these runs, in their order, without those that gave none (clogged, diverged, suspect)."""
 
-    found = catalogue.values(run_keys, QUANTITY, MEASURES[QUANTITY].version, study.window)
+    version, suspects = MEASURES[QUANTITY].version, study.accuracy.count_suspect
+    found = catalogue.values(run_keys, QUANTITY, version, study.window, suspects=suspects)
     return [found[key] for key in run_keys if key in found]
 
 

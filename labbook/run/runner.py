@@ -78,9 +78,18 @@ class Summary:
         return found
 
     @property
+    def suspect(self) -> dict[str, dict[int, str]]:
+        """Why runs are suspect and left out of every mean, by the label of their point and their seed."""
+        found: dict[str, dict[int, str]] = {}
+        for item in (item for point in self.points for item in point.items):
+            if item.state == "done" and item.suspect and not item.counts:
+                found.setdefault(item.demand.point.label, {})[item.demand.seed] = item.suspect
+        return found
+
+    @property
     def complete(self) -> bool:
-        """Whether all runs are there, and none diverged."""
-        return self.done == self.asked and not self.diverged
+        """Whether all runs are there, and none diverged or is suspect."""
+        return self.done == self.asked and not self.diverged and not self.suspect
 
     def lines(self) -> list[str]:
         """What came of it, line by line."""
@@ -105,6 +114,9 @@ class Summary:
         for label, seeds in self.diverged.items():
             many = f"seeds {', '.join(map(str, seeds))}" if len(seeds) > 1 else f"seed {seeds[0]}"
             lines.append(f"Diverged: {label}, {many}: stopped by a guard, and left out of every mean")
+        for label, reasons in self.suspect.items():
+            for seed, why in reasons.items():
+                lines.append(f"Suspect: {label}, seed {seed}: {why}; left out of every mean")
         lines += [f"Failed: {why}" for why in tally.failed]
         return lines + [f"Unreadable: {problem}" for problem in self.problems]
 

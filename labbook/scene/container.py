@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, StrictBool, model_validator
 
 from labbook.scene.model import Fault, InternalFlag, Model, refuse
@@ -99,6 +100,17 @@ class WedgeHopper(Model):
         """z [m] up to which the side walls reach: `height`; closed, as high as any filling (2000 widths)."""
         return 2000 * self.width if self.closed else self.height
 
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+        (left, right), cot = self.outlet, 0.0 if self.flat else 1 / math.tan(self.angle)
+        bottom = np.maximum(np.maximum(left - x[:, 0], x[:, 0] - right), 0) * cot
+        return (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.thickness / 2) & (x[:, 2] >= bottom)
+
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
+        left, right = self.outlet
+        return (x[:, 0] >= left) & (x[:, 0] <= right) & (np.abs(x[:, 1]) <= self.thickness / 2)
+
     def close(self) -> "WedgeHopper":
         """The closed container in which a packing is made; flat bottoms lose their outlet altogether."""
         if self.flat:
@@ -150,6 +162,14 @@ class CylinderSilo(Model):
     def outlet_plane(self) -> float:
         """z [m] of the plane through which grains leave."""
         return 0.0
+
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+        return (np.hypot(x[:, 0], x[:, 1]) <= self.diameter / 2) & (x[:, 2] >= 0)
+
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
+        return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
 
     def close(self) -> "CylinderSilo":
         """The closed container in which a packing is made; it has neither outlet nor rotation."""
@@ -205,6 +225,16 @@ class ConicalSilo(Model):
         """z [m] of the plane through which grains leave."""
         return 0.0
 
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; above them too."""
+        off = np.hypot(x[:, 0], x[:, 1])
+        bottom = np.maximum(off - self.orifice / 2, 0) / math.tan(self.angle)
+        return (off <= self.diameter / 2) & (x[:, 2] >= bottom)
+
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
+        return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
+
     def close(self) -> "ConicalSilo":
         """The closed container in which a packing is made, with a lid over its outlet."""
         return self.model_copy(update={"closed": True})
@@ -245,6 +275,15 @@ class Box(Model):
         """A box has no outlet."""
         return None
 
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie between the walls, shape [n]; without a lid above them too."""
+        beside = (np.abs(x[:, 0]) <= self.width / 2) & (np.abs(x[:, 1]) <= self.depth / 2)
+        return beside & (x[:, 2] >= 0) & ((x[:, 2] <= self.height) | (not self.lid))
+
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """None: a box has no outlet."""
+        return np.zeros(len(x), bool)
+
     def close(self) -> "Box":
         """The box as a packing is made in it: without a lid, since grains may start above."""
         return self.model_copy(update={"closed": True, "lid": False})
@@ -279,6 +318,15 @@ class Primitives(Model):
         if len(set(names)) < len(names):
             refuse([Fault("parts", "two walls have the same name", "name each wall differently")])
         return self
+
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], lie behind no plane, shape [n]; plates have no inner side."""
+        planes = [wall.shape for wall in self.parts if isinstance(wall.shape, Plane)]
+        return np.all([np.ones(len(x), bool), *(plane.distance(x) >= 0 for plane in planes)], axis=0)
+
+    def lets_out(self, x: np.ndarray) -> np.ndarray:
+        """Which of the centres x [m], shape [n, 3], of grains that pass `outlet_plane` lie behind no plane."""
+        return self.holds(x)
 
     def close(self) -> "Primitives":
         """Itself: nothing is known that could be closed."""

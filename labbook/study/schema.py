@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, StrictBool, TypeAdapter, ValidationError, model_validator
 
 from labbook.backend.numerics import Numerics
 from labbook.filling.placing import STARTS
@@ -125,6 +125,8 @@ class Accuracy(Model):
     """Calibration file, as `labbook calibrate` writes it, beside the study's file; none: the one that ships alone."""
     numerics: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     """Margin within which flow rates at other numerics of a sweep count as the same; none: that is not tested."""
+    count_suspect: StrictBool = False
+    """Whether runs whose ledger makes them suspect take part in means and fits."""
 
 
 class Record(Model):

@@ -116,11 +116,12 @@ def test_a_damaged_one_is_refused_before_anything_runs(silo, kind):
         backend.verify(silo.scene, silo.numerics(), sound, step)
         with pytest.raises(ValueError, match="step"):
             backend.verify(silo.scene, silo.numerics(), sound, step + 1)
-        taken = []
+        taken, older = [], silo.stand.older(sound.arrays)
         for name, array in sound.arrays.items():
             changed = DAMAGES[kind](array)
             unread = name in UNREAD and kind in ("not finite", "out of range", "negative")
-            if not array.size or unread or (changed is None and kind != "missing"):
+            lacking = kind == "missing" and name not in older
+            if not array.size or unread or lacking or (changed is None and kind != "missing"):
                 continue
             rest = {other: kept for other, kept in sound.arrays.items() if other != name}
             damaged = replace(sound, arrays=rest if changed is None else rest | {name: changed})

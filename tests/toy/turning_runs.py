@@ -28,6 +28,7 @@ class Run:
     point: Point
     seed: int
     outcome: str = "finished"
+    suspect: str = ""
     filmed: bool = False
     every: float = 0.04
     cache_version: int = 1

@@ -128,6 +128,7 @@ class FinishedDouble:
     cache_version: int = 1
     backend: str = "double"
     device: str = "cpu"
+    suspect: str = ""
 
     @property
     def run_key(self) -> str:

@@ -105,7 +105,7 @@ def test_an_outcome_that_no_run_has_is_named_with_those_that_there_are(lab):
     code, out = cli("runs", "--lab", lab, "--outcome", "bogus")
     assert code == 1
     assert "bogus" in out
-    assert "finished, precise, emptied, clogged, diverged, time-limit, unreadable" in out
+    assert "finished, precise, emptied, clogged, diverged, time-limit, unreadable, suspect" in out
     assert cli("runs", "--lab", lab, "--outcome", "clogged")[0] == 0
 
 

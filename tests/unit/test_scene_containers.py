@@ -2,10 +2,25 @@
 
 import math
 
+import numpy as np
 import pytest
+from matplotlib.path import Path
 from pydantic import ValidationError
 
-from labbook.scene import HertzMindlin, Scene, Spheres, Strip, SurfaceChange, WedgeHopper
+from labbook.scene import (
+    Box,
+    ConicalSilo,
+    CylinderSilo,
+    HertzMindlin,
+    Plane,
+    Primitives,
+    Scene,
+    Spheres,
+    Strip,
+    SurfaceChange,
+    Wall,
+    WedgeHopper,
+)
 
 
 def hopper(**changes) -> WedgeHopper:
@@ -86,3 +101,57 @@ def test_a_study_may_not_close_a_container():
     }
     with pytest.raises(ValidationError, match="not for a study"):
         WedgeHopper.model_validate(raw, context={"units": "required"})
+
+
+def polygon(container) -> np.ndarray:
+    """The inside of a section through the axis, above the outlet, from its walls as they are drawn."""
+    ends = [end for wall in container.walls() for segment in wall.shape.section() for end in segment]
+    right = sorted({(x, z) for x, z in ends if x > 0 and z < 1}, key=lambda end: (end[1], end[0]))
+    left = sorted({(x, z) for x, z in ends if x < 0 and z < 1}, key=lambda end: (-end[1], end[0]))
+    return np.array([*right, *left])
+
+
+@pytest.mark.parametrize(
+    "container",
+    [
+        hopper(),
+        hopper(angle=math.radians(30)),
+        hopper(angle=math.radians(60), gap=0.01),
+        CylinderSilo(diameter=0.1, height=0.2, orifice=0.03),
+        ConicalSilo(diameter=0.1, height=0.2, orifice=0.03, angle=math.radians(40)),
+    ],
+)
+def test_a_container_holds_what_lies_between_its_walls(container):
+    """Against the polygon of its drawn walls, in the plane y = 0."""
+    x = np.random.default_rng(1).uniform((-0.07, 0, -0.02), (0.07, 0, 0.15), (4000, 3))
+    assert np.array_equal(container.holds(x), Path(polygon(container)).contains_points(x[:, [0, 2]]))
+    above = x + np.array([0.0, 0.0, 1.0])
+    assert np.array_equal(container.holds(above), np.abs(x[:, 0]) < 0.05)
+    across = x[:, [1, 0, 2]]
+    if isinstance(container, WedgeHopper):
+        assert not container.holds(across)[np.abs(across[:, 1]) > container.thickness / 2].any()
+    else:
+        assert np.array_equal(container.holds(across), container.holds(x))
+    ends = polygon(container)
+    out = x[:, 0]
+    lowest = ends[ends[:, 1] == 0, 0]
+    if container.walls()[-1].shape.section()[0][0][1] == 0:
+        first, last = sorted(end for end in lowest if abs(end) < 0.05 * (1 - 1e-9))
+        assert np.array_equal(container.lets_out(x), (out > first) & (out < last))
+
+
+def test_a_box_holds_what_is_below_its_lid_and_has_no_outlet():
+    x = np.array([[0, 0, 0.01], [0.051, 0, 0.01], [0, -0.021, 0.01], [0, 0, -0.01], [0, 0, 0.2]])
+    box = Box(width=0.1, depth=0.04, height=0.1)
+    assert box.holds(x).tolist() == [True, False, False, False, True]
+    assert box.model_copy(update={"lid": True}).holds(x).tolist() == [True, False, False, False, False]
+    assert not box.lets_out(x).any()
+
+
+def test_primitives_hold_what_is_behind_no_plane():
+    x = np.array([[0, 0, 0.01], [0, 0, -0.01], [-1.0, 0, 0.01]])
+    floor = Wall(name="floor", shape=Plane(point=(0, 0, 0), normal=(0, 0, 2)))
+    side = Wall(name="side", shape=Plane(point=(-0.5, 0, 0), normal=(1, 0, 0)))
+    plate = Wall(name="plate", shape=Strip(start=(0, 0), end=(1, 1)))
+    assert Primitives(parts=(floor, side, plate)).holds(x).tolist() == [True, False, False]
+    assert Primitives().holds(x).all()

@@ -9,9 +9,11 @@ from labbook_numba.kernels.features import (
     BAD_STATE,
     CROSSED,
     CROSSING,
+    DEEPEST,
     DONE,
     FAIL_GRAIN,
     FAIL_VALUE,
+    FASTEST2,
     FIRST,
     GRAINS,
     LAST,
@@ -117,6 +119,7 @@ def advance(st: State, p: Params, target):
         if not overlap <= p.overlap_limit:
             st.sums[FAIL_VALUE] = overlap
             return BAD_OVERLAP
+        st.sums[DEEPEST] = max(st.sums[DEEPEST], overlap)
         fastest2 = agree(st, SPEED, integrate(st, p))
         if not fastest2 <= limit2:
             st.sums[FAIL_VALUE] = sqrt(fastest2)
@@ -124,5 +127,6 @@ def advance(st: State, p: Params, target):
                 if not st.speed2[i] <= limit2:
                     st.count[FAIL_GRAIN] = st.ids[i]
             return BAD_SPEED if fastest2 > limit2 else BAD_STATE
+        st.sums[FASTEST2] = max(st.sums[FASTEST2], fastest2)
         st.sums[MOVED] += sqrt(fastest2) * p.dt
     return DONE

@@ -114,6 +114,8 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
         if fast2 > m.speed2:
             code = BAD_SPEED
         fails(a, s, i, now + wp.int64(1), code, wp.sqrt(fast2))
+    elif fast2 > a.most_speed2[s]:
+        wp.atomic_max(a.most_speed2, s, fast2)
     store(a, q, i, new, more)
 
 
@@ -164,6 +166,8 @@ def step(a: System, p: Words, q: Words, first: int, some: int, arrived: Bits):
                         code = BAD_FORCE
                     fails(a, s, i, now, code, deepest)
                 if lane == 0 and sound:
+                    if deepest > a.most_deep[s]:  # rarely: hardly any contact is the deepest there ever was
+                        wp.atomic_max(a.most_deep, s, deepest)
                     if held != near.held:
                         a.held[i] = held
                     if not APART:

@@ -128,6 +128,8 @@ class System:
     wall_deep: Reals
     work: Wides
     deep: Wides  # largest overlap at the last step
+    most_deep: Reals  # largest overlap [m] of each member so far, and square of the largest speed
+    most_speed2: Reals
     found: Ints  # neighbours so far, while threads that share a grain look for them
     new_nbr: Ints
     new_key: Floats

@@ -250,6 +250,7 @@ class Glass:
             scale = DECAY ** (end - self.step)
             rest = 0.5 * self.x[:, 2]
             self.x[:, 2] = rest + (self.x[:, 2] - rest) * max(scale, 1e-3)
+            self._stay_above_the_bottom()
             self.v *= scale
         before = dict(self.checkpoint().arrays)
         while self.next[0] <= end * self.numerics.dt and len(self.x):
@@ -267,7 +268,7 @@ class Glass:
                 return []
             lowest = int(np.argmin(self.x[:, 2]))
             turn = () if self.q is None else self.q[lowest]
-            rows.append((int(self.ids[lowest]), step, when, *self.x[lowest, :2], *turn))
+            rows.append((int(self.ids[lowest]), step, when, *self._way_out(self.x[lowest]), *turn))
             for name in ("x", "v", *self.OWN):
                 if getattr(self, name) is not None:
                     setattr(self, name, np.delete(getattr(self, name), lowest, axis=0))
@@ -275,6 +276,25 @@ class Glass:
             self.next[0] += self._interval(int(self.count[1]))
         self.count[0] = end
         return rows
+
+    def _stay_above_the_bottom(self):
+        """Where it is inclined."""
+        container = self.scene.container
+        if getattr(container, "angle", math.pi / 2) > math.pi / 2 - 1e-9:
+            return
+        wedge = hasattr(container, "width")
+        off = np.abs(self.x[:, 0] - container.eccentricity) if wedge else np.hypot(self.x[:, 0], self.x[:, 1])
+        bottom = np.maximum(off - container.orifice / 2, 0) / math.tan(container.angle)
+        self.x[:, 2] = np.maximum(self.x[:, 2], bottom * (1 + 1e-9))
+
+    def _way_out(self, x):
+        """x and y at which a grain leaves: as far across the outlet as it stood across the container."""
+        container = self.scene.container
+        if not hasattr(container, "orifice"):
+            return x[0], x[1]
+        if hasattr(container, "width"):
+            return container.eccentricity + x[0] * container.orifice / container.width, x[1]
+        return x[0] * container.orifice / container.diameter, x[1] * container.orifice / container.diameter
 
     def _fails(self):
         orifice = getattr(self.scene.container, "orifice", 0.0) * 1e3

@@ -30,6 +30,7 @@ class Double:
     seed: int
     packing_key: str
     outcome: str = "finished"
+    suspect: str = ""
     ended: str = "2026-01-02T03:04:05+00:00"
     recorded: bool = False
     cache_version: int = 1
@@ -76,7 +77,10 @@ def result(
     point = Point(index, scene, Fill(), Numerics(dt=1e-5), at, "")
     ended = dict.fromkeys(flows, "finished") | dict(outcomes or {})
     doubles: list[Finished] = [Double(point, seed, packing(index, seed), how) for seed, how in ended.items()]
-    runs = tuple(RunResult(run, measured(flows.get(run.seed)), ("flow_rate",), Window()) for run in doubles)
+    runs = tuple(
+        RunResult(run, measured(flows.get(run.seed)), ("flow_rate",), Window(), run.outcome != "diverged")
+        for run in doubles
+    )
     kept = [flow for seed, flow in flows.items() if (outcomes or {}).get(seed) != "diverged"]
     pooled = {FLOW_RATE: pool(kept)} if kept else {}
     return PointResult(point, at, runs, pooled, None, asked)

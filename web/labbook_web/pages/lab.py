@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 
 from labbook.lab import LabError
+from labbook.lab.catalogue import SUSPECT
 from labbook.lab.journal import unfinished
 from labbook.report.result_box import concerns, headline
 from labbook.results.study import Results
@@ -36,6 +37,8 @@ def lab_page(shelf: Shelf, query: Mapping[str, str], cards: int | None = None) -
         raise NotThere(f"there is no page {number}; the last one is {pages}")
     shown = found[most * (number - 1) : most * number]
     counts, packings = shelf.catalogue.counts(), shelf.catalogue.packing_count()
+    if suspect := shelf.catalogue.suspect_count():
+        counts[SUSPECT] = suspect
     studies = [_told(one) for one in found]
     return Page(
         "lab.html.j2",
@@ -93,11 +96,13 @@ def _left(one: Running) -> str:
 
 
 def outcomes(results: Results) -> dict[str, int]:
-    """How many runs ended in which way."""
+    """How many runs ended in which way, and how many of them are suspect."""
     found: dict[str, int] = {}
     for one in results.points:
         for name, count in one.outcomes.items():
             found[name] = found.get(name, 0) + count
+        if one.suspect:
+            found[SUSPECT] = found.get(SUSPECT, 0) + len(one.suspect)
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 

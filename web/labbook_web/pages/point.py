@@ -72,9 +72,14 @@ def run_rows(result: PointResult) -> list[dict[str, Any]]:
         rows.append({
             "run": run,
             "flow": display.with_error(flow.value, flow.error, shown.scale) if flow is not None else "–",
-            "note": flow.note if flow is not None else "",
+            "note": "; ".join(filter(None, (flow.note if flow is not None else "", said(run)))),
         })  # fmt: skip
     return rows
+
+
+def said(run: RunResult) -> str:
+    """Why a run is suspect, and whether it counts; empty if it is not."""
+    return f"suspect: {run.suspect}{'' if run.counted else '; left out of means'}" if run.suspect else ""
 
 
 def curve_of(run: RunResult, label: str, lacking: list[str]) -> dict[str, Any] | None:

@@ -11,6 +11,7 @@ from labbook.lab import LabError, RunRecord, Unreadable
 from labbook.lab.catalogue import Entry, Listing
 from labbook.lab.evaluations import KeptRun, NotEvaluated
 from labbook.lab.folder import EVALUATION, PICTURE, stamp
+from labbook.lab.suspect import said, suspicion
 from labbook.measure import MEASURES
 from labbook.measure.flow import Trace
 from labbook.measure.ledger import EnergyLedger
@@ -53,6 +54,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "measured": _rows(measured),
         "changed": stamp(folder) != entry.stamp,
         "stale": _stale(record),
+        "suspect": suspicion(record.ledger),
         "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _may_be_had(path)],
         "recorded": record.coverage.recording is not None,
         "picture": (folder / PICTURE).is_file(),
@@ -166,6 +168,7 @@ def _facts(record: RunRecord) -> Facts:
     left = f"{coverage.crossed} of {coverage.grains} grains ({coverage.discharged:.1%})"
     rows = [
         ("Outcome", ended),
+        ("Ledger", said(record.ledger)),
         ("Simulated", f"{coverage.duration:.4g} s, {coverage.steps} steps of {record.numerics.dt * 1e6:.4g} µs"),
         ("Discharged", left + (f", none in the last {coverage.waiting:.2g} s" if coverage.waiting > 0.1 else "")),
         ("Backend", f"{record.backend} (version {record.cache_version}), {record.numerics.precision}, {record.device}"),

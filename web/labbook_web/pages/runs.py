@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from labbook.lab import notes
-from labbook.lab.catalogue import RUN_COLUMNS, Listing
+from labbook.lab.catalogue import RUN_COLUMNS, SUSPECT, Listing
 from labbook_web.page import Page, records
 from labbook_web.shelf import NotThere, Shelf
 
@@ -56,7 +56,7 @@ def runs_page(shelf: Shelf, query: Mapping[str, str]) -> Page:
             "tags": tags,
             "studies": sorted({one.study for one in studies if one.study}),
             "backends": sorted({one.backend for one in studies if one.backend}),
-            "outcomes": sorted({one.outcome for one in studies}),
+            "outcomes": sorted({one.outcome for one in studies}) + [SUSPECT] * bool(catalogue.suspect_count()),
             "known_tags": sorted({tag for each in tags.values() for tag in each}),
         },
         query={**asked, **_stated(query)},

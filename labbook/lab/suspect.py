@@ -1,0 +1,61 @@
+"""Which runs are suspect: their ledger says that something is wrong although no guard stopped them.
+
+A suspect run is kept and shown with the reason. It takes part in no mean and no fit unless the study says
+`accuracy.count_suspect`.
+"""
+
+import math
+
+from labbook.lab.records import Ledger
+
+DEEPEST = 0.1
+"""Largest overlap, in diameters, of a run that is not suspect.
+
+Contact laws are those of small overlaps: at a tenth of d, the circle of contact of two spheres by Hertz has a third of
+their radius. Runs of studies/quickstart.yaml reach 1.7 to 2.5 % (G = 5 MPa); with grains as soft as 1 MPa 3.4 to 4.9 %,
+and with 0.2 MPa 8.6 to 10.6 %; rods of studies/pongo2022-small.yaml 1.3 to 5.7 %. The guard
+`numerics.overlap_limit` stops runs at 25 % by default.
+"""
+FASTEST = 3.0
+"""Largest speed of a run that is not suspect, in units of the speed of free fall through it.
+
+A grain this fast has nine times the energy that its fall can give it. Runs of studies/quickstart.yaml reach 0.5 to
+0.65."""
+
+
+def counts(outcome: str, suspect: str, count_suspect: bool) -> bool:
+    """Whether a run takes part in means and fits: it did not diverge, and is not suspect, or counts all the same."""
+    return outcome != "diverged" and (not suspect or count_suspect)
+
+
+def suspicion(ledger: Ledger | None) -> str:
+    """Why a run with this ledger is suspect; empty if it is not, or if nothing is known."""
+    if ledger is None:
+        return ""
+    reasons = []
+    if ledger.overlap is not None and ledger.overlap > DEEPEST:
+        reasons.append(f"grains overlap by {ledger.overlap:.3g} d, more than {DEEPEST:g} d")
+    limit = FASTEST * (ledger.expected_speed or math.inf)
+    if ledger.speed is not None and ledger.speed > limit:
+        reasons.append(f"a grain moves at {ledger.speed:.3g} m/s, more than {FASTEST:g} times as fast as by its fall")
+    if ledger.outside:
+        reasons.append(f"{_grains(ledger.outside)} got behind a wall or past the outlet beside it")
+    if ledger.lost:
+        told = f"{ledger.started} = {ledger.inside} inside + {ledger.left} left + {ledger.outside} outside"
+        reasons.append(f"the grains do not add up: {told} fails by {ledger.lost}")
+    return "; ".join(reasons)
+
+
+def said(ledger: Ledger | None) -> str:
+    """A ledger in a line."""
+    if ledger is None:
+        return "not kept"
+    overlap = "not known" if ledger.overlap is None else f"{ledger.overlap:.3g} d"
+    speed = "not known" if ledger.speed is None else f"{ledger.speed:.3g} m/s"
+    lost = f" + {ledger.lost} lost" if ledger.lost else ""
+    grains = f"{ledger.started} grains = {ledger.inside} inside + {ledger.left} left + {ledger.outside} outside{lost}"
+    return f"largest overlap {overlap}, largest speed {speed}; {grains}"
+
+
+def _grains(n: int) -> str:
+    return f"{n} grain{'' if n == 1 else 's'}"
