@@ -56,6 +56,14 @@ class Standing(Readable):
     def extremes(self) -> tuple[float, float]:
         """Largest overlap [m] and speed [m/s] of all steps so far; UNKNOWN where they are not known."""
 
+    @abstractmethod
+    def present(self) -> np.ndarray:
+        """Ids of the grains that have not left, in any order."""
+
+    @abstractmethod
+    def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
+        """Put grains that left back. half_v: their velocities [m/s] at the time of those that are kept."""
+
     def energy(self) -> float:
         """Kinetic energy [J] at the time of positions."""
         now = self.look()
@@ -141,6 +149,20 @@ class Ensemble(ABC, Generic[R]):
     def packing(self, member: Member) -> Packing:
         """The portable state of a member."""
         return self._runs[member].packing()
+
+    def put_back(self, member: Member, grains: Packing) -> None:
+        """Put grains that left back into a member. Raises ValueError for grains that have not left."""
+        run = self._runs[member]
+        there = run.present()
+        assert grains.ids is not None
+        if len(np.unique([*there, *grains.ids])) < len(there) + len(grains):
+            raise ValueError("put_back: some of these grains have not left")
+        if len(grains) and not (grains.ids.min() >= 0 and grains.ids.max() < run.scene.grains.count):
+            raise ValueError(f"put_back: ids are not those of {run.scene.grains.count} grains")
+        # nothing touches them, so that only gravity has acted; the first kick of a run starts at the whole step
+        since_half = run.numerics.dt / 2 if run.step else 0.0
+        gained = np.array([0.0, 0.0, -run.scene.gravity]) * since_half
+        run.put_back(grains, grains.v - gained)
 
     def close(self) -> None:
         """Free all arrays."""

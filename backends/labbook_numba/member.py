@@ -49,25 +49,19 @@ class Run(Standing):
         st.count[S.GRAINS] = n
         st.x[:], st.v[:], st.w[:], st.ids[:] = packing.x, packing.v, packing.omega, packing.ids
         st.u[:] = packing.v
-        st.f[:, 2] = -self.params.mass * self.params.gravity
-        if self._varied:
-            own = Bodies.of(self.scene.grains, packing)
-            st.body[: len(packing)] = np.column_stack([own.radius, own.mass, own.inertia, own.kind])
-            st.f[:, 2] = -own.mass * self.params.gravity
         st.gone[:] = packing.x[:, 2] < self.params.plane
-        if self.rods:
-            self._orient(packing)
+        self._make(packing, slice(n))
         self._rebuild()
         self._set_springs(packing)
 
-    def _orient(self, packing: Packing) -> None:
+    def _orient(self, packing: Packing, rows: slice) -> None:
         if packing.q is None:
             raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
-        st, n = self.state, len(packing)
-        st.q[:] = packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
-        st.grains[:n, S.A : S.A + 3] = axes(st.q)
-        st.grains[:n, S.P : S.P + 3] = packing.omega
-        st.m[:] = momenta(self.scene.grains, packing.omega, st.q)
+        st = self.state
+        st.q[rows] = packing.q / np.linalg.norm(packing.q, axis=1)[:, None]
+        st.grains[rows, S.A : S.A + 3] = axes(st.q[rows])
+        st.grains[rows, S.P : S.P + 3] = packing.omega
+        st.m[rows] = momenta(self.scene.grains, packing.omega, st.q[rows])
 
     def _crossings(self, n: int) -> int:
         return n if any(isinstance(probe, Crossing) for probe in self.probes) else 0
@@ -131,8 +125,7 @@ class Run(Standing):
         """
         before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._kept}
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
-        if self.state.count[S.LEAVING] > 0:  # so that grains far below the outlet go, even when nothing else moves
-            self._rebuild()
+        self._drop_leavers()
         try:
             while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.REBUILD:
                 self._rebuild()
@@ -148,6 +141,11 @@ class Run(Standing):
         lost = ~np.isfinite(st.w[: st.count[S.GRAINS]]).all(axis=1)
         if lost.any():
             self._fail("spin", int(st.ids[np.argmax(lost)]), np.nan, before)
+
+    def _drop_leavers(self) -> None:
+        """Let grains far below the outlet go, even when nothing else moves."""
+        if self.state.count[S.LEAVING] > 0:
+            self._rebuild()
 
     def _fail(self, guard: str, grain: int, value: float, before: dict[str, np.ndarray]) -> None:
         message = explain(guard, grain, self.step, value, self.scene, self.numerics)
@@ -197,7 +195,8 @@ class Run(Standing):
         return Bodies(radius, mass, inertia, kind.astype(np.int64))
 
     def packing(self) -> Packing:
-        """The portable state."""
+        """The portable state, without grains that are far below the outlet."""
+        self._drop_leavers()
         st, n, pairs = self.state, int(self.state.count[S.GRAINS]), int(self.state.count[S.PAIRS])
         walls = int(st.wall_first[-1])
         wall = np.repeat(np.arange(len(self.names)), np.diff(st.wall_first))
@@ -222,6 +221,36 @@ class Run(Standing):
             wall_rolling=st.wall_spring[row, roll] if self._rolling else None,
             **(own.carried(self.scene.grains) if own else {}),
         )
+
+    def present(self) -> np.ndarray:
+        """Ids of the grains that have not left."""
+        self._drop_leavers()
+        return self.state.ids[: self.grains]
+
+    def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
+        """See `Standing`; they get the rows behind the others."""
+        st, first = self.state, self.grains
+        last = first + len(grains)
+        if last > len(st.ids):
+            raise ValueError(f"put_back: {last} grains are more than the {len(st.ids)} that it had at its start")
+        new = slice(first, last)
+        st.grains[new], st.loads[new] = 0.0, 0.0
+        st.x[new], st.v[new], st.u[new], st.w[new] = grains.x, half_v, grains.v, grains.omega
+        st.ids[new], st.gone[new] = grains.ids, grains.x[:, 2] < self.params.plane
+        self._make(grains, new)
+        st.count[S.GRAINS] = last
+        self._rebuild()
+
+    def _make(self, packing: Packing, rows: slice) -> None:
+        """Give the grains in `rows` their weights, bodies and orientations."""
+        st = self.state
+        st.f[rows, 2] = -self.params.mass * self.params.gravity
+        if self._varied:
+            own = Bodies.of(self.scene.grains, packing)
+            st.body[: len(st.ids)][rows] = np.column_stack([own.radius, own.mass, own.inertia, own.kind])
+            st.f[rows, 2] = -own.mass * self.params.gravity
+        if self.rods:
+            self._orient(packing, rows)
 
     @property
     def q(self) -> np.ndarray | None:

@@ -204,6 +204,22 @@ class Run(Standing):
                 arrays[f"{of}_rolling"] = np.array([_three(self.rolling[key]) for key in mine], float).reshape(-1, 3)
         return Checkpoint(self._can.name, self._can.cache_version, arrays)
 
+    def present(self) -> np.ndarray:
+        """Ids of the grains that have not left."""
+        return self.ids
+
+    def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
+        """See `Standing`."""
+        new = Run.started(self._can, self.scene, self.numerics, self.probes, grains)
+        new.v = half_v
+        for name in ("x", "v", "u", "m", "y", "ids", "gone"):
+            setattr(self, name, np.concatenate([getattr(self, name), getattr(new, name)]))
+        if self.q is not None and new.q is not None:
+            self.q = np.concatenate([self.q, new.q])
+        both = zip(vars(self.bodies).values(), vars(new.bodies).values(), strict=True)
+        self.bodies = Bodies(*map(np.concatenate, both))
+        self.clear = np.concatenate([self.clear, new.clear], axis=1)
+
     # how it runs
 
     @property

@@ -39,6 +39,14 @@ class Seen(Run, Standing):
         """The portable state."""
         return self.view.packing(self)
 
+    def present(self) -> np.ndarray:
+        """Ids of the grains that have not left."""
+        return self.view.present(self)
+
+    def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
+        """See `Standing`."""
+        self.view.put_back(self, grains, half_v)
+
     def crossings(self) -> np.ndarray:
         """First passages of the last beat."""
         return self.crossed

@@ -1,8 +1,9 @@
 """The slots of an ensemble: members get their seats, in larger arrays if need be, and take beats."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from types import MappingProxyType
 
 import numpy as np
 import warp as wp
@@ -104,6 +105,23 @@ class Stage:
             run.begin = None
         self.changes += 1
 
+    def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
+        """Give a member grains that left again. half_v: their velocities [m/s] half a step before. Raises MemoryError,
+        Overflow."""
+        self.seat()
+        plane, _ = features.planes(run.scene, run.probes)
+        state = transfer.joined(self.arrays, run.scene, self.stored(run), grains, half_v, plane)
+        run.takes_up(state)
+        sizes = room.with_members(self._sizes, len(self._seated) - 1, [run])
+        if sizes == self._sizes:
+            transfer.restore(self.arrays, run.slot, state)
+            self._counters()
+        else:
+            self._resize(sizes, {run: state})
+        while any(needed := self._lists([run])):  # springs that found no room are in `state` alone
+            self._resize(room.grown(self._sizes, *needed), {run: state})
+        self.changes += 1
+
     def _put(self, run: Run) -> None:
         if isinstance(run.begin, Packing):
             plane, _ = features.planes(run.scene, run.probes)
@@ -144,8 +162,12 @@ class Stage:
 
     def _build_lists(self, runs: Sequence[Run]) -> None:
         """Build the lists of members that have none, in larger arrays if they are crowded."""
-        if not runs:
-            return
+        if runs and any(needed := self._lists(runs)):
+            self._resize(room.grown(self._sizes, *needed))
+            self._build_lists(runs)
+
+    def _lists(self, runs: Sequence[Run]) -> tuple[int, int, int]:
+        """Build the lists of members; what they would have needed, as `room.grown` takes it, where they did not fit."""
         system = self.arrays.system
         flags = np.zeros(self._sizes.slots, np.int32)
         flags[[run.slot for run in runs]] = 1
@@ -155,15 +177,13 @@ class Stage:
         system.any_flag.fill_(1)
         self.beats.rebuild()
         system.rebuilds.assign(before)  # a start is not a rebuild
-        needed = fetch(system.overflow).reshape(-1, 3).max(axis=0).tolist()
+        near, depth, walls = fetch(system.overflow).reshape(-1, 3).max(axis=0).tolist()
         system.overflow.zero_()
-        if any(needed):
-            self._resize(room.grown(self._sizes, *needed))
-            self._build_lists(runs)
+        return near, depth, walls
 
-    def _resize(self, sizes: Sizes) -> None:
-        """Move all members to new arrays. Raises MemoryError."""
-        stored = {run: self.stored(run) for run in self.runs}
+    def _resize(self, sizes: Sizes, known: Mapping[Run, Checkpoint] = MappingProxyType({})) -> None:
+        """Move all members to new arrays, in the states that are `known`, else as they are. Raises MemoryError."""
+        stored = {run: known.get(run) or self.stored(run) for run in self.runs}
         for run, checkpoint in stored.items():
             run.takes_up(checkpoint)
         spec = self._spec

@@ -1,6 +1,7 @@
 """A member to and from a slot: packings, which are portable, and checkpoints, which are exact."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from labbook_dem.ensemble import places
@@ -17,25 +18,48 @@ from labbook_warp.kernels.words import PARKED
 def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: float, cell: float) -> None:
     """Put a packing's grains into a slot, in the order of cells, so that neighbours lie near each other in memory."""
     order = _along(packing.x, cell)
-    x, v, omega = packing.x[order], packing.v[order], packing.omega[order]
-    assert packing.ids is not None
     empty = {name: arrays.read(name, slot, 0) for name in arrays.state}
     for name, nothing in empty.items():
         arrays.write(name, slot, nothing)
+    for name, values in _entering(arrays, scene, packing, packing.v, plane).items():
+        arrays.write(name, slot, values[order])
+
+
+def _entering(
+    arrays: Arrays, scene: Scene, packing: Packing, v: np.ndarray, plane: float
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """State arrays of a packing's grains that are not zero, with the velocities v [m/s], by row."""
+    x, omega, q = packing.x, packing.omega, packing.q
+    assert packing.ids is not None
+    found = {"ids": packing.ids.astype(np.int32), "gone": (x[:, 2] < plane).astype(np.int32)}
     if is_oriented(scene):
-        if packing.q is None:
+        if q is None:
             raise ValueError("rods cannot start from a packing without orientations q: it is one of spheres")
-        q = packing.q[order]
-        arrays.write("p", slot, arrays.codec.encode(x, v, omega, axes(q)))
-        arrays.write("turned", slot, q)
-        arrays.write("momentum", slot, np.pad(momenta(scene.grains, omega, q), ((0, 0), (0, 1))))
+        found["p"] = arrays.codec.encode(x, v, omega, axes(q))
+        found["turned"] = q
+        found["momentum"] = np.pad(momenta(scene.grains, omega, q), ((0, 0), (0, 1)))
     else:
-        arrays.write("p", slot, arrays.codec.encode(x, v, omega))
-    arrays.write("ids", slot, packing.ids[order].astype(np.int32))
+        found["p"] = arrays.codec.encode(x, v, omega)
     if scene.grains.varied:
         own = Bodies.of(scene.grains, packing)
-        arrays.write("body", slot, np.column_stack([own.radius, own.mass, own.inertia, own.kind])[order])
-    arrays.write("gone", slot, (x[:, 2] < plane).astype(np.int32))
+        found["body"] = np.column_stack([own.radius, own.mass, own.inertia, own.kind])
+    return found
+
+
+def joined(
+    arrays: Arrays, scene: Scene, stored: Checkpoint, packing: Packing, v: np.ndarray, plane: float
+) -> Checkpoint:  # fmt: skip
+    """The state of a slot with a packing's grains behind the others, in no list yet. v: as in `_entering`."""
+    entering, state = _entering(arrays, scene, packing, v, plane), dict(stored.arrays)
+    for name in ("p", *arrays.state):
+        each = 0 if name == "p" or arrays.state[name] == "one" else 1
+        old = state[name]
+        new = np.zeros((*old.shape[:each], len(packing), *old.shape[each + 1 :]), old.dtype)
+        if name in entering:
+            new[:] = entering[name]
+        state[name] = np.concatenate([old, new], axis=each)
+    state["past_work"] = state["past_work"][state["past_work"] != 0]  # else one more for each passage
+    return replace(stored, arrays=state)
 
 
 def _along(x: np.ndarray, cell: float) -> np.ndarray:

@@ -86,6 +86,17 @@ class View:
         self.stage.seat()
         return self.stage.stored(run)
 
+    def present(self, run: Run) -> np.ndarray:
+        """Ids of the grains of a member that have not left."""
+        self.stage.seat()
+        arrays = self.stage.arrays
+        ids = arrays.read("ids", run.slot, run.rows).astype(np.int64)
+        return ids[transfer.here(arrays.states(run.slot, run.rows).x, ids)]
+
+    def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
+        """Give a member grains that left again."""
+        self.stage.put_back(run, grains, half_v)
+
     def close(self) -> None:
         """Free the device's memory."""
         self._velocities = None

@@ -33,6 +33,8 @@ class Capabilities:
     """Whether grains of one scene may differ in size and material."""
     single_velocities: bool = False
     """Whether `mixed` keeps velocities and spins in single precision too, and not the contact law only."""
+    feeds: bool = False
+    """Whether grains that left can be put back (`Ensemble.put_back`), which fed scenes need."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +164,15 @@ class Ensemble(Protocol):
 
     def packing(self, member: Member) -> Packing:
         """The portable state, in double precision."""
+        ...
+
+    def put_back(self, member: Member, grains: Packing) -> None:
+        """Put grains that left back into a member, where and as fast as `grains` has them now, without springs.
+
+        They keep their ids, and must be of the size and kind that they had. Their next passage of a plane is recorded
+        as their first was. Nothing else of the member changes, and its bits depend on what was put back after which
+        beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
+        Raises ValueError for grains that have not left."""
         ...
 
     def retire(self, member: Member) -> None:

@@ -19,7 +19,7 @@ Table = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Crossing:
-    """First passage of each grain's centre downwards through z = `plane` [m].
+    """First passage of each grain's centre downwards through z = `plane` [m]; of one that was put back, also the next.
 
     Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz, and for rods qw, qx, qy, qz:
     positions and orientations at the end of that step, velocities half a step before.

@@ -1,7 +1,9 @@
-"""How a run begins: grains placed in the closed container, the bed at rest, and the opening of the outlet."""
+"""How a run begins, and how it is fed: grains placed in the closed container, the bed at rest, the opening of the
+outlet, and grains that come back."""
 
+from labbook.filling.feeding import Feeder
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.filling.room import PlacingError
 
-__all__ = ["PlacingError", "opened", "place"]
+__all__ = ["Feeder", "PlacingError", "opened", "place"]

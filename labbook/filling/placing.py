@@ -21,7 +21,8 @@ from labbook.scene.model import Fault
 from labbook.scene.orientation import axes, distances, random_turns
 from labbook.scene.packing import Packing
 
-_APART = 1 + 1e-6  # nothing touches at the start
+APART = 1 + 1e-6
+"""Part of their sizes at which grains are placed apart: nothing touches at the start."""
 _ROUNDS = 2000
 
 
@@ -32,6 +33,8 @@ class Start(ABC):
     """As `fill.kind` calls it."""
     version: ClassVar[int]
     """Part of the key of every packing made so; it rises whenever a seed gives other positions than before."""
+    flat: ClassVar[bool] = False
+    """Whether all grains start in the plane y = 0, and move in it."""
 
     def obstacles(self, scene: Scene) -> Iterator[Fault]:
         """Why grains of a scene, closed or open, cannot start so; nothing where they can."""
@@ -56,8 +59,6 @@ class Column(Start):
     version: ClassVar[int] = 1
     density: ClassVar[float]
     speed: ClassVar[float]
-    flat: ClassVar[bool] = False
-    """Whether all grains start in the plane y = 0, and move in it."""
 
     def volume(self, closed: Scene) -> float:
         """That of spheres at the density; rods are as often in each other's way.
@@ -81,7 +82,7 @@ class Column(Start):
         for fault in self.obstacles(closed):
             raise PlacingError(f"{fault.key}: {fault.reason}; {fault.remedy}")
         rng = np.random.default_rng([self.version, seed])
-        room = Room(closed, grains.radius * _APART, self.flat)
+        room = Room(closed, grains.radius * APART, self.flat)
         top = room.height_for(self.volume(closed))
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
@@ -89,7 +90,7 @@ class Column(Start):
         if diameter is None:
             x, q = _place_equal(closed, rng, room, top)
         else:
-            x, q = place_graded(room, rng, top, diameter / 2 * _APART), None
+            x, q = place_graded(room, rng, top, diameter / 2 * APART), None
         speed = self.speed * math.sqrt(closed.gravity * grains.diameter)
         v = rng.normal(0, speed, x.shape)
         if self.flat:
@@ -176,9 +177,9 @@ def _place_equal(
             reach = grains.half_length * axes(turned)
             fits = room.holds(drawn + reach) & room.holds(drawn - reach)
             drawn, turned = drawn[fits], turned[fits]
-            free = _rods_apart(drawn, turned, x, q, grains.half_length, grains.diameter * _APART)
+            free = _rods_apart(drawn, turned, x, q, grains.half_length, grains.diameter * APART)
         else:
-            free = _apart(drawn, x, grains.diameter * _APART)
+            free = _apart(drawn, x, grains.diameter * APART)
         x, q = (np.concatenate(both)[: grains.count] for both in ((x, drawn[free]), (q, turned[free])))
     raise full(grains.count)
 
@@ -231,21 +232,34 @@ def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.nda
             return x
         trying = left[reach[left] >= _NEARLY * reach[left].max()]
         x[trying] = room.draw_each(rng, reach[trying], top)
-        free = _free(x, reach, placed, trying[room.holds(x[trying], reach[trying])])
-        placed = np.concatenate([placed, free])
-        left = np.setdiff1d(left, free, assume_unique=True)
+        found = free(x, reach, placed, trying[room.holds(x[trying], reach[trying])])
+        placed = np.concatenate([placed, found])
+        left = np.setdiff1d(left, found, assume_unique=True)
     raise full(len(reach))
 
 
-def _free(x: np.ndarray, reach: np.ndarray, placed: np.ndarray, trying: np.ndarray) -> np.ndarray:
-    """Those of the grains `trying`, in their order, that are in the way of neither grains `placed` nor each other."""
+def free(
+    x: np.ndarray,
+    reach: np.ndarray,
+    placed: np.ndarray,
+    trying: np.ndarray,
+    a: np.ndarray | None = None,
+    half: float = 0.0,
+) -> np.ndarray:
+    """Those of the grains `trying`, in their order, that are in the way of neither grains `placed` nor each other.
+
+    x: centres [m], shape [n, 3]; reach [m], shape [n]: what each keeps free around it. Of rods also their axes `a`,
+    shape [n, 3], and half the length of their segments [m].
+    """
     from scipy.spatial import KDTree
 
     both = np.concatenate([placed, trying])
     kept = np.ones(len(both), bool)
-    pairs = KDTree(x[both]).query_pairs(2 * reach.max(), output_type="ndarray")
+    pairs = KDTree(x[both]).query_pairs(2 * (reach.max() + half), output_type="ndarray")
     one, other = both[pairs].T
-    near = np.linalg.norm(x[one] - x[other], axis=1) < reach[one] + reach[other]
+    branch = x[one] - x[other]
+    apart = np.linalg.norm(branch, axis=1) if a is None else distances(branch, a[one], a[other], half)
+    near = apart < reach[one] + reach[other]
     first_come(kept, pairs[near & (pairs[:, 1] >= len(placed))])
     return trying[kept[len(placed) :]]
 

@@ -85,12 +85,17 @@ class Room:
         points = rng.uniform(low, (self.x[1], self.y[1], top), (n, 3))
         return points[self.holds(points)]
 
-    def draw_each(self, rng: np.random.Generator, clearance: np.ndarray, top: float) -> np.ndarray:
-        """One uniform point up to z = `top` between the sides for each grain of this clearance [m], inside or not."""
+    def draw_each(
+        self, rng: np.random.Generator, clearance: np.ndarray, top: float, low: float | None = None
+    ) -> np.ndarray:
+        """One uniform point up to z = `top` between the sides for each grain of this clearance [m], inside or not;
+        `low`: from this z on (None: from where it touches the bottom)."""
         nearer = (self.clearance - clearance)[:, None] * (1, 0 if self.flat else 1, 1)
-        low = np.array([self.x[0], self.y[0], self.bottom + self.clearance]) - nearer
-        high = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
-        return rng.uniform(low, high)
+        least = np.array([self.x[0], self.y[0], self.bottom + self.clearance]) - nearer
+        if low is not None:
+            least[:, 2] = low
+        most = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
+        return rng.uniform(least, most)
 
     def height_for(self, volume: float) -> float:
         """z [m] up to which the container, walls included, holds `volume` [m^3].

@@ -18,7 +18,7 @@ _GUARDS = ("speed_limit", "overlap_limit")
 
 
 def scene_key(scene: Scene) -> str:
-    """Key of what is simulated: grains, law, walls, motion, gravity."""
+    """Key of what is simulated: grains, law, walls, motion, gravity, feed."""
     return digest(scene_identity(scene))
 
 
@@ -42,6 +42,7 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
         "walls": walls,
         "outlet_plane": None if getattr(container, "closed", False) else container.outlet_plane,
         "gravity": scene.gravity,
+        **({"feed": {**scene.feed.model_dump(), "version": scene.feed.version}} if scene.feed else {}),
     }
 
 

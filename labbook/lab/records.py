@@ -1,5 +1,6 @@
 """What a finished run (`run.json`) or a packing says of itself, in its folder."""
 
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -150,17 +151,41 @@ a guard stopped it. `time-limit`: it came to the end of `stop.max_time`.
 """
 
 
+class Precise(Part):
+    """How precise the flow rate of one run has to be."""
+
+    flow_rate: float
+    """Half width of its 95 % interval, of what the run itself tells, relative to it."""
+    start: float
+    """Mass that has left when the start-up is over, of that of the bed."""
+
+
 class StopRule(Part):
     """When a discharge ends."""
 
     discharged: float
-    """Fraction of the mass that has left."""
+    """Fraction of the mass that has left; infinite where grains are fed."""
     max_time: float
     """Time since the opening [s]."""
     stall: float
     """Time without a grain leaving [s] after which the outlet counts as clogged."""
     fill_height: float | None = None
     """Height of the bed [m] at which it has fallen far enough; None: any."""
+    # where there is none it is left out of what is stored
+    precise: Annotated[Precise | None, Field(exclude_if=lambda precise: precise is None)] = None
+    """Of a fed bed: when its flow rate is known well enough; None: never."""
+
+    @property
+    def fed(self) -> bool:
+        """Whether grains that left are fed again."""
+        return math.isinf(self.discharged)
+
+    def as_precise(self, asked: "StopRule") -> bool:
+        """Whether a run that this rule found precise is as precise as `asked`."""
+        mine, theirs = self.precise, asked.precise
+        if mine is None or theirs is None:
+            return False
+        return mine.start == theirs.start and mine.flow_rate <= theirs.flow_rate * (1 + 1e-12)
 
 
 class Coverage(Part):
@@ -172,7 +197,7 @@ class Coverage(Part):
     grains: Annotated[Whole, Field(ge=1)]
     """At the opening."""
     crossed: Whole
-    """Grains that left through the outlet plane."""
+    """Grains that left through the outlet plane; those that were fed count each time."""
     last_crossing: Measure
     """When the last grain left [s]; 0 if none did."""
     stop: StopRule
@@ -196,13 +221,13 @@ class Coverage(Part):
 
     @model_validator(mode="after")
     def _belongs_together(self):
-        if self.crossed > self.grains:
+        if self.crossed > self.grains and not self.stop.fed:
             raise ValueError(f"{self.crossed} of {self.grains} grains have left")
         return self
 
     @property
     def discharged(self) -> float:
-        """Fraction of the mass that has left."""
+        """Mass that has left, of that of the bed: more than 1 where it was fed again."""
         return self.crossed / self.grains if self.mass_left is None else self.mass_left
 
     @property

@@ -133,8 +133,8 @@ def _limits(scene: Scene, steps: int) -> dict[str, tuple[int, int]]:
 
 def most_bytes(probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> float:
     """Bytes to which the table that `probe` gave in so many steps may unpack."""
-    if isinstance(probe, Crossing):
-        rows = scene.grains.count
+    if isinstance(probe, Crossing):  # a grain that is fed passes once a beat at most
+        rows = scene.grains.count * (1 if scene.feed is None else steps // numerics.steps_per_beat + 1)
     else:
         frames = 2 * (steps // (probe.every * numerics.steps_per_beat) + 1)
         rows = frames * (1 if isinstance(probe, Ledger) else _CONTACTS * scene.grains.count)

@@ -108,12 +108,14 @@ def _rates(
         )
     covered = f"{flow.fraction[0]:.3g} to {flow.fraction[1]:.3g} of the {what} discharged"
     where = f"{covered} ({flow.begin:.4g} s to {flow.end:.4g} s)"
-    how = f"crossings; error from {BLOCKS} blocks of equally many grains"
+    how, wider = f"crossings; error from {BLOCKS} blocks of equally many grains", 1.0
+    if run.scene.feed is not None and flow.error > 0:
+        how, wider = f"{how}, or from the autocorrelation if that is larger", flow.larger_error / flow.error
     note = "; ".join(_notes(flow, run, window))
     n = flow.n_effective
     numbers = [
-        Measured("flow_rate" + suffix, mass * flow.rate, mass * flow.error, n, where, how, "kg/s", note),
-        Measured("grain_rate" + suffix, flow.grain_rate, flow.grain_error, n, where, how, "1/s", note),
+        Measured("flow_rate" + suffix, mass * flow.rate, mass * flow.error * wider, n, where, how, "kg/s", note),
+        Measured("grain_rate" + suffix, flow.grain_rate, flow.grain_error * wider, n, where, how, "1/s", note),
         Measured(
             "flow_rate_drift" + suffix,
             flow.trend.drift,
@@ -138,7 +140,9 @@ def _notes(flow: SteadyFlow, run: RunData, window: Window) -> list[str]:
     if flow.gaps:
         plural = "gap" if flow.gaps == 1 else "gaps"
         notes.append(f"{flow.gaps} {plural} without flow left out, {flow.gap_time:.3g} s together")
-    if window.timed:
+    if math.isinf(window.end):
+        short = False
+    elif window.timed:
         short = run.duration < window.end * (1 - 1e-12)
     else:
         short = flow.fraction[1] < window.end - 1.5 * flow.heaviest

@@ -1,5 +1,6 @@
 """What a measure is: the probes that it needs, the quantities that it gives, and how one finished run is evaluated."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -26,7 +27,7 @@ class MeasureError(ValueError):
 
 class Window(Protocol):
     """Part of a discharge: from the fraction `start` to the fraction `end` of the initial mass discharged; if it is
-    `timed`, from the time `start` to the time `end` after the opening [s]."""
+    `timed`, from the time `start` to the time `end` after the opening [s]. Of a fed bed `end` is infinite."""
 
     @property
     def start(self) -> float: ...
@@ -42,6 +43,8 @@ def window_in_words(window: Window, what: str = "mass") -> str:
     """`0.15 to 0.6 of the mass discharged`, or `0.5 s to 3.5 s`; `what` is discharged."""
     if window.timed:
         return f"{window.start:.4g} s to {window.end:.4g} s"
+    if math.isinf(window.end):
+        return f"{window.start:.3g} of the {what} discharged to the end of the run"
     return f"{window.start:.3g} to {window.end:.3g} of the {what} discharged"
 
 

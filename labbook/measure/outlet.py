@@ -173,6 +173,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     x, z, v = (np.asarray(slab[name], float)[seen] for name in ("x", "z", "vz"))
     ids = np.asarray(slab["id"])[seen]
     grain = run.start.rows(ids)
+    passage = ids if run.scene.feed is None else _passages(ids, frame[seen])
     covered = _covered(x - hopper.eccentricity, z, bodies.radius[grain], R * edges)
     width = 2 * R / bins
     phi, flux = covered.sum(axis=0), covered.T @ -v
@@ -180,6 +181,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     swept = covered.sum(axis=1) * -v * behind[grain]
     flow_rate = float(swept.sum()) / len(frames)
     counted = mean_mass(run) * steady.rate
+    error = _sweep_error(swept / bodies.mass[grain], passage, frame[seen], len(frames) - 1)
     crossing_flux, crossing_velocity = _at_crossings(run, steady, hopper.eccentricity, R * edges, bodies.radius)
     return OutletProfile(
         edges=edges,
@@ -190,7 +192,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
         crossing_velocity=crossing_velocity,
         flow=flow_rate,
         counted=counted,
-        closure_error=flow_rate / counted * _sweep_error(swept / bodies.mass[grain], ids, frame[seen], len(frames) - 1),
+        closure_error=flow_rate / counted * error,
         frames=len(frames),
     )
 
@@ -277,13 +279,23 @@ def _at_crossings(
     return area / (time * np.diff(edges)), np.divide(total, n, out=np.full(len(n), math.nan), where=n > 0)
 
 
-def _sweep_error(swept: np.ndarray, ids: np.ndarray, frame: np.ndarray, last: int) -> float:
+def _passages(ids: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """Numbers of the passages that rows belong to, where a grain may pass again: it is then away for some frames."""
+    order = np.lexsort((frame, ids))
+    new = (np.diff(ids[order], prepend=-1) != 0) | (np.diff(frame[order], prepend=0) > 1)
+    passage = np.empty(len(ids), int)
+    passage[order] = np.cumsum(new)
+    return passage
+
+
+def _sweep_error(swept: np.ndarray, passage: np.ndarray, frame: np.ndarray, last: int) -> float:
     """Relative standard error of the total of what rows `swept`, in parts of their grains, against the grains counted.
+    passage: of which grain's passage each row is.
 
     Frames fall on each grain's passage at random; and of the grains on the line when the window opens or closes a
     random part, of variance 1/12, has passed. (For a flow as regular as a clock these parts cancel.)
     """
-    _, grain = np.unique(ids, return_inverse=True)
+    _, grain = np.unique(passage, return_inverse=True)
     total = np.bincount(grain, swept)
     cut = np.isin(np.arange(len(total)), grain[(frame == 0) | (frame == last)])
     whole = total[~cut]

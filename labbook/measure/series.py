@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
+from labbook.backend.probes import Table
 from labbook.measure.data import RunData
 from labbook.measure.measure import MeasureError
+from labbook.scene import Grains, Packing
 from labbook.scene.bodies import masses
 
 
@@ -14,13 +16,17 @@ def crossings(run: RunData) -> tuple[np.ndarray, np.ndarray]:
 
     Raises MeasureError if none were recorded.
     """
-    times = crossing_times(run)
-    mass = masses(run.scene.grains, run.start)
+    crossing_times(run)
+    return passages(run.scene.grains, run.start, run.tables["crossing"])
+
+
+def passages(grains: Grains, start: Packing, table: Table) -> tuple[np.ndarray, np.ndarray]:
+    """The same of rows of the probe `Crossing` of a run that began with the packing `start`."""
+    order = np.argsort(table["time"], kind="stable")
+    times, mass = np.asarray(table["time"], float)[order], masses(grains, start)
     if not isinstance(mass, np.ndarray):
         return times, np.ones(len(times))
-    table = run.tables["crossing"]
-    left = np.asarray(table["id"])[np.argsort(table["time"], kind="stable")]
-    return times, mass[run.start.rows(left)] / mass.mean()
+    return times, mass[start.rows(np.asarray(table["id"])[order])] / mass.mean()
 
 
 def mean_mass(run: RunData) -> float:

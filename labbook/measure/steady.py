@@ -7,6 +7,7 @@ import numpy as np
 
 from labbook.measure.measure import Window
 from labbook.stats.correlation import block_mean, correlated_mean
+from labbook.stats.pooling import student
 from labbook.stats.trend import Trend, trend
 
 GAP = 1.0
@@ -15,6 +16,7 @@ FEWEST = 60
 """Grains in a window below which there is no rate and no trend test."""
 BLOCKS = 12
 """Blocks of equally many grains, for the trend test and the block error."""
+CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,18 @@ class SteadyFlow:
     grains: int
     gaps: int
     gap_time: float
+
+    @property
+    def larger_error(self) -> float:
+        """The larger of `error` and `correlated_error`; the latter such that Student's interval of it is as wide as the
+        normal one."""
+        normal = student(CONFIDENCE, math.inf) / student(CONFIDENCE, BLOCKS - 1)
+        return float(np.fmax(self.error, normal * self.correlated_error))
+
+    @property
+    def precision(self) -> float:
+        """Half width of the 95 % interval of `rate`, by what this run alone tells, relative to it: Student's."""
+        return student(CONFIDENCE, BLOCKS - 1) * self.larger_error / self.rate
 
 
 def in_gap(at: np.ndarray, times: np.ndarray, flow: SteadyFlow) -> np.ndarray:

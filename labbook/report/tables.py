@@ -20,6 +20,7 @@ CONVENTIONS = (
     "± is one standard error, from the scatter between replicates; intervals are 95 %, by Student’s t on the "
     "replicates."
 )
+ALONE = "Of points with one run that was fed: from the scatter within the run, by Student’s t on its blocks."
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,9 @@ def flow_table(results: Results) -> Table:
         cells = (*_cells(result, flow), interval, *_cells(result, others))
         rows.append((*_at(result, swept), *cells, str(len(result.runs)), "; ".join(_remarks(result))))
     headings = (*_headings(swept, flow), "95 % interval", *_headings((), others), "runs", "remarks")
-    return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=(CONVENTIONS,))
+    alone = results.study.fed and any(len(result.runs) == 1 for result in results.points)
+    notes = (CONVENTIONS, ALONE) if alone else (CONVENTIONS,)
+    return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=notes)
 
 
 def further_table(results: Results) -> Table | None:

@@ -78,7 +78,8 @@ def _seeds(result: PointResult) -> Share:
     assert flow is not None
     if not math.isfinite(flow.half_width):
         return Share("seeds", None, "one replicate")
-    return Share("seeds", flow.relative, f"95 % interval of {flow.n} replicates")
+    of = f"{flow.n} replicates" if flow.n > 1 else "one long run, by its own scatter"
+    return Share("seeds", flow.relative, f"95 % interval of {of}")
 
 
 def _numerics(result: PointResult, points: Sequence[PointResult], known: Calibration | None) -> Share:

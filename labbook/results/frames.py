@@ -83,13 +83,13 @@ def inside(results: Results, every: float) -> "pd.DataFrame":
     """N(t): a row for each run and each time, from 0 to its end in steps of `every` [s].
 
     Columns say which point and run it is, and `time` [s], `grains` that are inside (have not crossed the outlet) and
-    their `mass` [kg]. Runs without an outlet have no rows.
+    their `mass` [kg]. Runs without an outlet have no rows, nor have those of fed beds, which stay as full as they are.
     """
     import pandas as pd
 
     rows: list[Row] = []
     for result in results.points:
-        for run in result.runs if result.point.scene.container.outlet_plane is not None else ():
+        for run in result.runs if _runs_empty(result) else ():
             data = run.run.data()
             times, mass = discharged(data)
             total, count = len(data.start) * mean_mass(data), len(data.start)
@@ -99,6 +99,11 @@ def inside(results: Results, every: float) -> "pd.DataFrame":
                 gone = float(mass[left - 1]) if left else 0.0
                 rows.append({**head, "time": k * every, "grains": count - left, "mass": total - gone})
     return pd.DataFrame(rows)
+
+
+def _runs_empty(result: PointResult) -> bool:
+    scene = result.point.scene
+    return scene.container.outlet_plane is not None and scene.feed is None
 
 
 def to_json(results: Results, names: Collection[str] | None = None) -> str:

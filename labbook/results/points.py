@@ -15,9 +15,11 @@ from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.flow import CUT_SHORT, FlowRate, Trace
 from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import Outlet, OutletProfile, OutletProfiles
+from labbook.measure.steady import BLOCKS
 from labbook.measure.stress import ContactStress
 from labbook.results import display
 from labbook.stats import Measured, Pooled, StoppingRule
+from labbook.stats.pooling import student
 from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
 
@@ -303,7 +305,7 @@ def swept(point: Point, extra: frozenset[str]) -> dict[str, float | str]:
 def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
     """A point with its numbers pooled over seeds, of the runs that count."""
     cap = max(study.replicates, study.accuracy.max_replicates)
-    rule = StoppingRule(study.accuracy.flow_rate, study.replicates, cap)
+    rule = StoppingRule(None if study.fed else study.accuracy.flow_rate, study.replicates, cap)
     unpooled = {one.name for measure in MEASURES.values() for one in measure.declared if not one.pooled}
     values: dict[str, list[float]] = {}
     for run in runs:
@@ -311,4 +313,14 @@ def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[
             if run.counted and name not in unpooled and math.isfinite(measured.value):
                 values.setdefault(name, []).append(measured.value)
     pooled = {name: rule.pool(found) for name, found in values.items()}
+    if study.fed and len(values.get(FLOW_RATE, ())) == 1:
+        pooled |= _of_one_run(runs)
     return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, study.replicates)
+
+
+def _of_one_run(runs: tuple[RunResult, ...]) -> dict[str, Pooled]:
+    """Flow rates of the only run of a fed bed, which is long enough to tell its own error."""
+    names = (FLOW_RATE, "grain_rate")
+    found = [run.measured[name] for run in runs for name in names if run.outcome != "diverged" and name in run.measured]
+    t = student(0.95, BLOCKS - 1)
+    return {one.quantity: Pooled(one.value, one.error, t * one.error, 1) for one in found}

@@ -61,7 +61,8 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from _overfull(file, points)
     yield from _too_few_outlets(plan)
     yield from _endless(plan)
-    if plan.rule.cap < 2:
+    alone = plan.rule.cap < 2 and not (plan.study.fed and plan.study.accuracy.flow_rate is not None)
+    if alone:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
         yield _told(file, "replicates", "with one run a point no number has an error between replicates", remedy)
     if seconds > _LONG:

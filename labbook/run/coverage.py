@@ -38,6 +38,11 @@ def shortfall(
         return ""
     if had.duration >= stop.max_time * (1 - 1e-12):
         return ""
+    if outcome == "precise" and had.stop.as_precise(stop):
+        return ""
+    if stop.fed:
+        asked = "" if stop.precise is None else f" or a flow rate to {stop.precise.flow_rate:.2%}"
+        return f"{outcome} after {had.duration:.4g} s; asked: {stop.max_time:.4g} s{asked}, stall {stop.stall:.4g} s"
     ended = "out of time" if outcome in ("time-limit", "interrupted") else outcome  # the latter in older indexes
     return (
         f"{ended} after {had.duration:.4g} s with {had.discharged:.1%} discharged; "

@@ -1,5 +1,6 @@
 """What a study asks for, run by run: the experiment, how it is computed, and what must be observed."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +11,7 @@ from labbook.backend.probes import Crossing, Probe, Sample, describe_probe, film
 from labbook.filling import bed, placing
 from labbook.lab import identity
 from labbook.lab.identity import Filling, Keys, Maker
-from labbook.lab.records import StopRule
+from labbook.lab.records import Precise, StopRule
 from labbook.measure import MEASURES
 from labbook.scene import Scene
 from labbook.stats import StoppingRule
@@ -104,7 +105,11 @@ class PointDemand:
     @cached_property
     def stop(self) -> StopRule:
         """When a run ends."""
-        return StopRule.model_validate(self.study.stop.model_dump())
+        stop, asked = StopRule.model_validate(self.study.stop.model_dump()), tolerance(self.study, self.point)
+        if not self.study.fed:
+            return stop
+        precise = None if asked is None else Precise(flow_rate=asked, start=self.study.window.start)
+        return stop.model_copy(update={"discharged": math.inf, "precise": precise})
 
     @property
     def height_ahead(self) -> float | None:
@@ -113,7 +118,8 @@ class PointDemand:
         return None if flat_area(self.scene.container) is None else bed.bed_height_ahead(self.scene)
 
     def reach(self, height: float | None = None) -> float:
-        """Discharged fraction at which the stop rule ends a run whose bed is `height` [m] high (None: as foreseen)."""
+        """Discharged fraction at which the stop rule ends a run whose bed is `height` [m] high (None: as foreseen);
+        infinite for one that is fed."""
         stop, height = self.stop, height or self.height_ahead
         if stop.fill_height is None or height is None:
             return stop.discharged
@@ -204,11 +210,16 @@ def demands(study: Study, seeds: int) -> Iterator[Demand]:
         yield from (point.run(seed) for point in shared)
 
 
+def tolerance(study: Study, point: Point | None = None) -> float | None:
+    """What the bias of a point's numerics leaves of the error that is tolerated in its flow rate. None as `point`: any
+    point, whose numerics are not known to have a bias."""
+    return study.accuracy.flow_rate if point is None or point.choice is None else point.choice.left
+
+
 def stopping_rule(study: Study, point: Point | None = None) -> StoppingRule:
-    """The rule by which replicates are added to a point of `study`: until the half width of the interval is what the
-    bias of its numerics leaves of the tolerance. None: any point, whose numerics are not known to have a bias."""
-    tolerance, least = study.accuracy.flow_rate, study.replicates
-    cap = least if tolerance is None else max(least, study.accuracy.max_replicates)
-    if point is not None and point.choice is not None:
-        tolerance = point.choice.left
-    return StoppingRule(tolerance=tolerance, minimum=least, cap=cap)
+    """The rule by which replicates are added to a point of `study`: until the half width of the interval is within the
+    `tolerance`. None are added where beds are fed: there each run goes on for as long as it takes."""
+    asked, least = tolerance(study, point), study.replicates
+    if asked is None or study.fed:
+        return StoppingRule(tolerance=None, minimum=least, cap=least)
+    return StoppingRule(tolerance=asked, minimum=least, cap=max(least, study.accuracy.max_replicates))

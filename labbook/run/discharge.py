@@ -22,21 +22,24 @@ from labbook.backend.probes import (
     parse_probe,
     table_name,
 )
-from labbook.filling import opened
+from labbook.filling import Feeder, PlacingError, opened
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab.folder import PICTURE, Claim
 from labbook.lab.identity import Keys
 from labbook.lab.journal import PROGRESS, Saved, at_its_end
 from labbook.lab.packings import load_packing
-from labbook.lab.records import Coverage, Failure, Ledger, Observe, Outcome, RunRecord, Unreadable
+from labbook.lab.records import Coverage, Failure, Ledger, Observe, Outcome, Precise, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
+from labbook.measure.series import passages
+from labbook.measure.steady import steady_flow
 from labbook.picture import bed
 from labbook.run.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, failure
 from labbook.run.ledger import ledger
 from labbook.run.provenance import now
 from labbook.scene import Packing, Silo
+from labbook.stats.stopping import looks
 
 _LOG = logging.getLogger("labbook")
 MOST_FRAMES = 200
@@ -55,6 +58,7 @@ class DischargeJob(Job):
         self.observe = observe
         self._plane = self.scene.container.outlet_plane
         self._crossed, self._discharged, self._last = 0, 0.0, 0.0
+        self._fed, self._looked, self._precision = 0, 0, math.inf
         self._failure: Failure | None = None
         self._seen, self._picture = False, b""
         self.film = demand.film
@@ -69,7 +73,7 @@ class DischargeJob(Job):
 
     def fresh(self) -> Packing:
         """The packing, with the outlet open."""
-        packing = self._packing()
+        packing = self._packed
         height = self.scene.container.height if isinstance(self.scene.container, Silo) else math.inf
         level = float(packing.x[:, 2].max())
         if level > height:
@@ -83,9 +87,21 @@ class DischargeJob(Job):
                 f"{self.label}: the settled bed is {self._bed_height * 1e3:.4g} mm high, not above stop.fill_height "
                 f"({lowest * 1e3:.4g} mm); use more grains or lower stop.fill_height"
             )
+        _ = self._feeder  # which may have no room
         return opened(packing, self.demand.shared.closed, self.scene)
 
-    def _packing(self) -> Packing:
+    @cached_property
+    def _feeder(self) -> Feeder | None:
+        """What puts grains back; None where none come back. Raises JobFailed."""
+        if self.scene.feed is None:
+            return None
+        try:
+            return Feeder(self.scene, self._packed, self.demand.filling.kind, self.demand.seed)
+        except PlacingError as error:
+            raise JobFailed(f"{self.label}: {error}") from error
+
+    @cached_property
+    def _packed(self) -> Packing:
         try:
             return load_packing(self.bench.lab.packing(self.keys.packing))
         except Unreadable as problem:
@@ -107,6 +123,7 @@ class DischargeJob(Job):
         state = saved.state
         self._crossed, self._last = int(state["crossed"]), float(state["last"])
         self._discharged = float(state.get("discharged", self._crossed / self.scene.grains.count))
+        self._fed, self._looked = saved.step, self._looks()
         self.film = parse_film(state["film"])
         self._observes([parse_probe(text) for text in state["probes"]])
         return saved
@@ -121,7 +138,8 @@ class DischargeJob(Job):
             crossed, last, left = int(state["crossed"]), float(state["last"]), float(state.get("discharged", 0.0))
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise Unreadable(f"{folder / PROGRESS}: state: {type(error).__name__}: {error}") from error
-        if not (0 <= crossed <= self.scene.grains.count and math.isfinite(last) and 0 <= left <= 1 + 1e-9):
+        most = math.inf if self.scene.feed is not None else 1 + 1e-9  # of the bed
+        if not (0 <= crossed <= most * self.scene.grains.count and math.isfinite(last) and 0 <= left <= most):
             raise Unreadable(f"{folder / PROGRESS}: state: {crossed} crossed, the last at {last} s, {left} of the mass")
         for name, table in self.journal.each():
             if name not in probes:
@@ -133,7 +151,7 @@ class DischargeJob(Job):
             raise Unreadable(f"{folder / PROGRESS}: chunks: {', '.join(sorted(missing))} is missing")
         for probe in probes.values():
             if isinstance(probe, Crossing) and probe.plane == self._plane:
-                fault = fault_of_crossings(tables[table_name(probe)], crossed, last)
+                fault = fault_of_crossings(tables[table_name(probe)], crossed, last, self.scene.feed is not None)
                 if fault:
                     raise Unreadable(f"{folder}: {table_name(probe)}: {fault}")
         self.check(saved, folder)
@@ -198,17 +216,28 @@ class DischargeJob(Job):
             self.keep(table_name(probe), frame_rows(table) if isinstance(probe, Sample | Zone | Contacts) else table)
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
-        """Draw the bed once the run is in the middle of its window."""
+        """Put grains back that left; draw the bed once the run is in the middle of its window."""
+        self._feed(ensemble, member)
         middle = (self.observe.start + self.observe.end) / 2
         reached = self.status.time if self.observe.timed else self._discharged
         if not self._seen and self._plane is not None and reached >= middle:
             self._draw(ensemble, member)
 
+    def _feed(self, ensemble: Ensemble, member: Member) -> None:
+        """Put grains back that left, after every beat: a state that is saved has those of its beat."""
+        beat = self.status.step // self.numerics.steps_per_beat
+        if self._feeder is None or self.status.step <= self._fed:  # a guard has put it back to the last good beat
+            return
+        self._fed = self.status.step
+        back = self._feeder.returning(ensemble.packing(member), beat)
+        if back is not None:
+            ensemble.put_back(member, back)
+
     def _draw(self, ensemble: Ensemble, member: Member) -> None:
         """Draw the bed as it is now, once. No run is lost for its picture: it then has none, and the log says why."""
         self._seen = True
         try:
-            self._picture = bed(self.scene, self._packing(), ensemble.packing(member))
+            self._picture = bed(self.scene, self._packed, ensemble.packing(member))
         except Exception as problem:
             _LOG.warning("%s: no picture of its bed: %s: %s", self.label, type(problem).__name__, problem)
             _LOG.debug("where that was", exc_info=True)
@@ -222,16 +251,35 @@ class DischargeJob(Job):
         stop = self.demand.shared.stop
         if self._discharged >= self._enough:
             return "finished"
+        if stop.precise is not None and self._is_precise(stop.precise):
+            return "precise"
         if self.status.grains == 0 or any(isinstance(event, Emptied) for event in events):
             return "emptied"
         if self._plane is not None and self.status.time - self._last >= stop.stall:
             return "clogged"
         return "time-limit" if self.status.time >= stop.max_time else None
 
+    def _is_precise(self, asked: Precise) -> bool:
+        """Whether the flow rate is known as precisely as asked, and has no trend; looked at now and then only."""
+        looked, self._looked = self._looked, self._looks()
+        if self._looked <= looked:
+            return False
+        grains, table = self.scene.grains, self.tables()[table_name(Crossing())]
+        times, mass = passages(grains, self._packed, table)
+        flow = steady_flow(times, grains.count, self.demand.shared.study.window, mass)
+        self._precision = math.inf if flow is None or flow.trend.trending else flow.precision
+        return self._precision <= asked.flow_rate
+
+    def _looks(self) -> int:
+        """How often its flow rate was looked at so far."""
+        precise = self.demand.shared.stop.precise
+        return 0 if precise is None else looks(int((self._discharged - precise.start) * self.scene.grains.count))
+
     def progress(self) -> float:
-        """By discharged fraction or by time, whichever is nearer to its end."""
+        """By discharged fraction, by time or by precision, whichever is nearest to its end."""
         stop = self.demand.shared.stop
-        return min(1.0, max(self._discharged / self._enough, self.status.time / stop.max_time))
+        known = 0.0 if stop.precise is None else (stop.precise.flow_rate / self._precision) ** 2
+        return min(1.0, max(self._discharged / self._enough, self.status.time / stop.max_time, known))
 
     def doing(self) -> tuple[str, ...]:
         """The part of the mass that has left, where that ends the run, how long the flow rests, and the simulated
@@ -239,6 +287,10 @@ class DischargeJob(Job):
         if self._plane is None:
             return (f"{self.status.time:.2f} of {self.demand.shared.stop.max_time:g} s",)
         discharged = f"{self._discharged:.0%} discharged, ends at {self._enough:.0%}"
+        if (stop := self.demand.shared.stop).fed:
+            known = f", W to {self._precision:.2%}" if math.isfinite(self._precision) else ""
+            asked = f", ends at {stop.precise.flow_rate:.2%}" if stop.precise else f", ends at {stop.max_time:g} s"
+            discharged = f"{self._discharged:.0%} of the bed has passed{known}{asked}"
         still, stall = self.status.time - self._last, self.demand.shared.stop.stall
         waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if still > _STILL * stall else ()
         return discharged, *waiting, f"{self.status.time:.2f} s"
@@ -246,12 +298,12 @@ class DischargeJob(Job):
     @cached_property
     def _bed_height(self) -> float:
         """Height [m] of the settled bed above the outlet plane."""
-        return bed_height(self.scene.grains, self._packing(), self._plane or 0.0)
+        return bed_height(self.scene.grains, self._packed, self._plane or 0.0)
 
     @cached_property
     def _part_of_mass(self) -> np.ndarray:
         """Of the mass of all grains, the part that each is, by id."""
-        return parts_of_mass(self.scene.grains, self._packing())
+        return parts_of_mass(self.scene.grains, self._packed)
 
     @cached_property
     def _enough(self) -> float:
@@ -275,7 +327,7 @@ class DischargeJob(Job):
             self._draw(ensemble, member)
         if self._picture:
             (folder / PICTURE).write_bytes(self._picture)
-        kept = ledger(self.scene, self.status, ensemble.packing(member), self._packing(), tables.get("crossing"))
+        kept = ledger(self.scene, self.status, ensemble.packing(member), self._packed, tables.get("crossing"))
         self.record(verdict, kept).write(folder)
 
     def record(self, verdict: str, kept: Ledger) -> RunRecord:

@@ -16,7 +16,7 @@ from labbook.lab.records import RunRecord, Unreadable
 from labbook.measure.expected import mass_flow
 from labbook.run.demand import Demand, PointDemand
 from labbook.run.plan import Forecast, Plan
-from labbook.scene import outlet_shape
+from labbook.scene import Scene, outlet_shape
 from labbook.scene.timescales import largest_stable_step
 
 DEFAULT_SPEED = 5e6
@@ -82,6 +82,9 @@ SETTLING = 2.0
 """Time that a filling takes to rest, in falls from the top of its start."""
 HOLE = 0.6
 """Part of `mass_flow` that passes a round outlet: there C, 0.58, is that of the bulk density (Beverloo et al. 1961)."""
+SCATTER = 1.3
+"""Half width of the interval of W of a fed bed times the root of the grains that passed, relative to W
+(docs/accuracy.md, outlets of 7 to 9 d)."""
 _RECENT = 20
 """Runs of the same shape that a speed is the median of, at most."""
 _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
@@ -246,17 +249,40 @@ class _Speeds:
 def discharge_time(shared: PointDemand) -> float:
     """Expected simulated time [s] of a discharge: by Beverloo's law where there is an outlet, else the longest
     allowed."""
-    scene, stop = shared.scene, shared.stop
-    flow = mass_flow(scene) * (HOLE if outlet_shape(scene.container) == "hole" else 1.0)
+    bed, flow = shared.scene.grains.count * shared.scene.grains.mass, _flow(shared.scene)
     if flow <= 0:
-        return stop.max_time
-    return min(stop.max_time, shared.reach() * scene.grains.count * scene.grains.mass / flow)
+        return shared.stop.max_time
+    return min(shared.stop.max_time, _passing(shared) * bed / flow)
+
+
+def _flow(scene: Scene) -> float:
+    """Expected flow [kg/s]; 0 where none can be told."""
+    return mass_flow(scene) * (HOLE if outlet_shape(scene.container) == "hole" else 1.0)
+
+
+def _passing(shared: PointDemand) -> float:
+    """Mass that leaves before a run ends, of that of the bed, if it is not out of time before."""
+    precise = shared.stop.precise
+    if precise is None:
+        return shared.reach()
+    return precise.start + (SCATTER / precise.flow_rate) ** 2 / shared.scene.grains.count
+
+
+def _left(shared: PointDemand) -> float:
+    """Mass that has left when a run ends, of that of the bed."""
+    if not shared.stop.fed:
+        return shared.reach()
+    return discharge_time(shared) * _flow(shared.scene) / (shared.scene.grains.count * shared.scene.grains.mass)
+
+
+def _inside(shared: PointDemand) -> float:
+    """Grains inside, on average over a run."""
+    return shared.scene.grains.count * (1.0 if shared.stop.fed else 1 - shared.reach() / 2)
 
 
 def discharge_work(shared: PointDemand) -> float:
     """Grain-steps of a discharge; grains that left cost nothing."""
-    mean = shared.scene.grains.count * (1 - shared.reach() / 2)
-    return mean * discharge_time(shared) / shared.numerics.dt
+    return _inside(shared) * discharge_time(shared) / shared.numerics.dt
 
 
 def fill_work(demand: Demand, catalogue: Catalogue | None = None) -> float:
@@ -278,10 +304,10 @@ def fill_time(demand: Demand) -> float:
 
 def disk_of(demand: Demand) -> float:
     """Bytes that a run will keep."""
-    count, there = demand.shared.scene.grains.count, demand.shared.reach()
-    film = _FRAME * count * _FRAMES * (1 - there / 2) if demand.recorded else 0.0
+    count = demand.shared.scene.grains.count
+    film = _FRAME * _FRAMES * _inside(demand.shared) if demand.recorded else 0.0
     seen = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
-    return 5000 + count * (_ROW * there + _GRAIN) + film + seen
+    return 5000 + count * (_ROW * _left(demand.shared) + _GRAIN) + film + seen
 
 
 def _bytes_of(probe: Probe, shared: PointDemand) -> float:
@@ -294,8 +320,7 @@ def _bytes_of(probe: Probe, shared: PointDemand) -> float:
         around, above = probe.radius**2 * probe.high, probe.core**2 * (probe.top - probe.high)
         within = PACKED * math.pi * (around + above) / (math.pi / 6 * grains.equivalent_diameter**3)
         return _NEAR * within * frames * (2 if probe.again else 1)
-    mean = grains.count * (1 - shared.reach() / 2)
-    return mean * frames * (_NEAR if isinstance(probe, Sample) else _CONTACTS)
+    return _inside(shared) * frames * (_NEAR if isinstance(probe, Sample) else _CONTACTS)
 
 
 @dataclass(frozen=True)

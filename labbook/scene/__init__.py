@@ -23,6 +23,7 @@ from labbook.scene.container import (
     WedgeHopper,
     outlet_shape,
 )
+from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Kind, Spheres, Spherocylinders
 from labbook.scene.packing import Packing
 from labbook.scene.scene import Scene
@@ -38,6 +39,7 @@ __all__ = [
     "ContactLaw",
     "Container",
     "CylinderSilo",
+    "Feed",
     "Frustum",
     "Grains",
     "HertzLammps",

@@ -1,13 +1,14 @@
 """A scene: all that decides how grains move, and nothing else."""
 
 from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 from pydantic import Field, model_validator
 
 from labbook.scene.contact import AnyLaw, Between, ContactLaw, Surface, SurfaceChange
-from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, WedgeHopper
+from labbook.scene.container import Box, ConicalSilo, Container, CylinderSilo, Primitives, Silo, WedgeHopper
 from labbook.scene.drawing import describe, svg
+from labbook.scene.feed import Feed
 from labbook.scene.grains import Grains, Spherocylinders
 from labbook.scene.material import Material
 from labbook.scene.model import Fault, Model, refuse
@@ -27,7 +28,7 @@ _ROOM_FOR_A_GRAIN = {
 
 
 class Scene(Model):
-    """Grains, the law of their contacts, the container and the surfaces of its walls, and gravity."""
+    """Grains, the law of their contacts, the container and the surfaces of its walls, gravity, and how it is fed."""
 
     grains: Grains
     contact: AnyLaw
@@ -36,6 +37,8 @@ class Scene(Model):
     """Where surfaces differ from the grains': by wall name, or `all`."""
     gravity: Acceleration = STANDARD_GRAVITY
     """Acceleration of gravity g, along -z."""
+    # where there is none it is left out of what is stored
+    feed: Annotated[Feed | None, Field(exclude_if=lambda feed: feed is None)] = None
 
     @model_validator(mode="after")
     def _fits_together(self):
@@ -49,6 +52,9 @@ class Scene(Model):
                 reason = f"the container has no wall named {name}"
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
         yield from self.faults_of_law(self.contact)
+        if self.feed is not None and not isinstance(self.container, Silo):
+            reason = f"nothing leaves a {self.container.kind} that could be fed again"
+            yield Fault("feed", reason, "leave feed out, or use a wedge-hopper, cylinder-silo or conical-silo")
         c, d = self.container, self.grains.diameter
         for key in _ROOM_FOR_A_GRAIN[type(c)]:
             size = getattr(c, key)
@@ -220,7 +226,7 @@ class Scene(Model):
             contact = contact.model_copy(update={"friction": friction, "between": pairs})
             walls = {name: s.model_copy(update={"friction": None}) for name, s in walls.items()}
             walls = {name: s for name, s in walls.items() if s != SurfaceChange()}
-        return self.model_copy(update={"container": container, "contact": contact, "walls": walls})
+        return self.model_copy(update={"container": container, "contact": contact, "walls": walls, "feed": None})
 
 
 _M = TypeVar("_M", bound=Model)

@@ -12,7 +12,7 @@ standard deviations and caps from 6 to 30, its nominal 95 % intervals cover betw
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, inf, isfinite, sqrt
+from math import ceil, inf, isfinite, log, sqrt
 from typing import Literal
 
 import numpy as np
@@ -22,6 +22,9 @@ from labbook.stats.pooling import Pooled, pool, student
 FEWEST = 3
 """With 2 replicates t is 12.7: a narrow interval would be an accident."""
 _WIDENING = 1.25
+
+FIRST_LOOK, GROWTH = 1200, 1.5
+"""Samples at the first look at a series, and by which factor they grow until the next."""
 
 Ended = Literal["tolerance", "cap"]
 
@@ -110,3 +113,15 @@ class StoppingRule:
         if pooled.relative == inf:
             return self.cap
         return max(1, ceil(pooled.n * ((pooled.relative / self.tolerance) ** 2 - 1)))
+
+
+def looks(samples: int) -> int:
+    """How often a series of so many samples was looked at, to see whether its mean is precise enough.
+
+    Each look is a chance to stop on an error that came out small by accident. So looks are few: each has half as many
+    samples again as the one before. What is looked at is the larger of two errors, of blocks and from the
+    autocorrelation, with Student's quantile (`SteadyFlow.precision` of labbook.measure.steady). In simulations of
+    series that were stopped so, regular, independent and correlated over up to 50 samples, its nominal 95 % intervals
+    held the mean in 92 % to 96 % (tests/unit/test_stats_within.py).
+    """
+    return 0 if samples < FIRST_LOOK else 1 + int(log(samples / FIRST_LOOK) / log(GROWTH) + 1e-9)

@@ -69,6 +69,29 @@ def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> I
                         break
 
 
+def unfed(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
+    """What a study says of beds that fall, where they are fed; and a window without end, where they are not."""
+    fed = [point for point in points if point.scene.feed is not None]
+    if not fed:
+        end, start = settings.window.end, settings.window.start
+        if end <= start:
+            reason = f"the window ends at {end:g}, before it starts ({start:g})"
+            yield Problem(source.path, source.line(("window",)), "window.end", reason, f"use an end above {start:g}")
+        return
+    if len(fed) < len(points):
+        reason = "some points are fed and others are not: their windows and stop rules differ"
+        yield Problem(source.path, source.line(("feed",)), "feed", reason, "put them into two studies")
+    stop, window = settings.stop.model_fields_set, settings.window.model_fields_set
+    never = "a bed that is fed never falls"
+    for key in sorted(stop & {"discharged", "fill_height"}):
+        remedy = "leave it out: runs end by accuracy.flow_rate, or at stop.max_time"
+        yield Problem(source.path, source.line(("stop", key)), f"stop.{key}", never, remedy)
+    for key in sorted(window & {"end", "after", "until"}):
+        reason = f"{never}: the window opens after the start-up, by mass, and closes when the run ends"
+        remedy = "leave it out, or state window.start alone"
+        yield Problem(source.path, source.line(("window", key)), f"window.{key}", reason, remedy)
+
+
 def _obstacles(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if scene.gravity == 0:
         yield "gravity", "without gravity no grain settles, and no packing is made", "use a gravity above 0 m/s^2"

@@ -15,7 +15,7 @@ from labbook.backend.numerics import Numerics
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.scene.scene import Scene
-from labbook.study.applicable import unfillable, unfittable, unmeasurable
+from labbook.study.applicable import unfed, unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
 from labbook.study.keys import all_keys, find, nearest
@@ -77,6 +77,11 @@ class Study:
     """The text of its file as it was read, with comments; empty for a study made in Python."""
     calibration: Calibration | None = field(default=None, repr=False, compare=False)
     """That which it names, with the one that ships; None for the latter alone."""
+
+    @property
+    def fed(self) -> bool:
+        """Whether grains that left are fed again, at all points."""
+        return self.points[0].scene.feed is not None
 
     def numerics(self, scene: Scene) -> Numerics:
         """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
@@ -165,8 +170,12 @@ def _resolved(source: Source) -> Study:
         problems += unmeasurable(source, settings, points)
         problems += unfittable(source, settings, points)
         problems += unfillable(source, settings, points)
+        problems += unfed(source, settings, points)
     if problems or settings is None:
         raise StudyError(problems)
+    stated = {name: getattr(settings, name) for name in SETTING_KEYS}
+    if points[0].scene.feed is not None:
+        stated["window"] = settings.window.endless()
     return Study(
         path=source.path,
         points=points,
@@ -176,7 +185,7 @@ def _resolved(source: Source) -> Study:
         stated=source.data,
         source=source.text,
         calibration=calibration,
-        **{name: getattr(settings, name) for name in SETTING_KEYS},
+        **stated,
     )
 
 

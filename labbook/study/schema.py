@@ -1,5 +1,6 @@
 """The parts of a study beside its scene: filling, window, stop rule, accuracy, recording, reference."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
@@ -54,6 +55,11 @@ class Fill(Model):
     """A bed that has not settled by this time is an error."""
 
 
+START_UP = 0.5
+"""Mass that leaves a fed bed, of that of the bed, before its flow counts as steady, unless `window.start` is stated
+(docs/accuracy.md)."""
+
+
 class Window(Model):
     """The part of a discharge in which its flow is taken to be steady, by discharged fraction of the mass, or by time.
 
@@ -73,6 +79,11 @@ class Window(Model):
     def timed(self) -> bool:
         """Whether it is a window by time."""
         return self.until is not None
+
+    def endless(self) -> "Window":
+        """The same of beds that are fed: it closes when the run ends, and opens later unless its start is stated."""
+        start = self.start if "start" in self.model_fields_set else START_UP
+        return self.model_copy(update={"start": start, "end": math.inf})
 
     @model_validator(mode="after")
     def _has_a_length(self):
@@ -95,7 +106,7 @@ class Window(Model):
         elif by_time and self.until is not None and self.after is not None and self.until <= self.after:
             reason = f"the window ends at {self.until:g} s, before it starts ({self.after:g} s)"
             yield Fault("until", reason, f"use a time above {self.after:g} s")
-        elif self.end <= self.start:
+        elif self.end <= self.start and "end" in by_mass:  # of a fed bed there is none
             reason = f"the window ends at {self.end:g}, before it starts ({self.start:g})"
             yield Fault("end", reason, f"use an end above {self.start:g}")
 

@@ -51,6 +51,7 @@ class Backend:
             precisions=frozenset({"double"}),
             devices=("cpu",),
             mixtures=True,
+            feeds=True,
         )
 
     def specialise(self, scene, numerics, probes=()):
@@ -166,6 +167,14 @@ class Ensemble:
         glass = self._glasses[member]
         own = {name: getattr(glass, name).copy() for name in glass.OWN if getattr(glass, name) is not None}
         return Packing(x=glass.x.copy(), v=glass.v.copy(), omega=np.zeros_like(glass.x), **own)
+
+    def put_back(self, member, grains):
+        """They sink to half their height at once: nothing falls in an hourglass that is open."""
+        glass = self._glasses[member]
+        own = {"x": grains.x * (1, 1, 0.5), "v": grains.v, **{name: getattr(grains, name) for name in glass.OWN}}
+        for name, more in own.items():
+            if getattr(glass, name) is not None:
+                setattr(glass, name, np.concatenate([getattr(glass, name), more]))
 
     def retire(self, member):
         del self._glasses[member]
