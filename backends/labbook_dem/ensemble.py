@@ -14,7 +14,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook_dem.features import finest, specialise
+from labbook_dem.features import covers, finest, specialise
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.reading import Readable, read
 
@@ -120,10 +120,10 @@ class Ensemble(ABC, Generic[R]):
         settled_below: float | None = None,
         settled_beats: int = 3,
     ) -> Member:
-        """Add a member. Raises ValueError if it needs another Spec than this ensemble's, or has no grains."""
+        """Add a member. Raises ValueError if it needs what this ensemble's Spec has not, or has no grains."""
         if isinstance(start, Packing) and not len(start):
             raise ValueError("packing: it has no grains, so that nothing could move; start from one grain or more")
-        if self._specialise(scene, numerics) != self._spec:
+        if not covers(self._spec, self._specialise(scene, numerics)):
             raise ValueError("this member needs another specialisation than the ensemble's")
         run = self._begin(scene, numerics, start)
         member = Member(self._next)

@@ -78,6 +78,27 @@ def superset(found: Mapping[str, object]) -> dict[str, object]:
     return {**found, **dict.fromkeys(ALWAYS, True), "ROLLING": not springs, "walls": tuple(WALLS), "TWIST": twist}
 
 
+def covers(spec: Spec, needed: Spec) -> bool:
+    """Whether kernels of `spec` can move a member that needs no more than `needed`: all that it needs is compiled in,
+    and what is beside that changes no motion."""
+    has, wanted = dict(spec.features), dict(needed.features)
+    free = {*ALWAYS}
+    if wanted["ROLLING_SPRING"]:
+        free.remove("ROLLING")
+    elif not wanted["ROLLING"]:
+        free.add("TWIST")
+
+    def fixed(features: Mapping[str, object]) -> dict[str, object]:
+        return {name: value for name, value in features.items() if name not in free and name != "walls"}
+
+    return (
+        (spec.backend, spec.probes, spec.steps_per_beat) == (needed.backend, needed.probes, needed.steps_per_beat)
+        and fixed(has) == fixed(wanted)
+        and all(has[name] or not wanted[name] for name in free)
+        and {*needed.feature("walls")} <= {*spec.feature("walls")}
+    )
+
+
 def rolling_springs(scene: Scene) -> bool:
     """Whether rolling resistance acts by springs, which contacts then keep."""
     return scene.contact.rolling_model == "epsd" and any(s.rolling_friction for s in scene.surfaces)

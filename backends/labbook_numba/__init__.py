@@ -47,7 +47,7 @@ class Backend:
         compiling.watch()
         module = kernels(spec)
         many = cores()
-        return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many, self._wide)
+        return Ensemble(self.capabilities, spec, module, min(slots or many, many), self._threads or many)
 
     def generated(self, spec: Spec) -> str:
         """See `labbook.backend.Generates`."""

@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
 
 from labbook_dem import ensemble
-from labbook_dem.features import specialise
 
 from labbook.backend import Capabilities, Checkpoint, Event, Member, Spec
 from labbook.backend.numerics import Numerics
@@ -19,21 +18,15 @@ from labbook_numba.member import Run
 class Ensemble(ensemble.Ensemble[Run]):
     """See `labbook.backend.Ensemble`. Each member runs on a thread of its own, without the interpreter's lock.
 
-    `members` take a beat at the same time; a large one may be split among `threads` more or less idle cores. `wide`: as
-    of the backend.
+    `members` take a beat at the same time; a large one may be split among `threads` more or less idle cores.
     """
 
-    def __init__(
-        self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, members: int, threads: int, wide: bool
-    ):
+    def __init__(self, capabilities: Capabilities, spec: Spec, kernels: ModuleType, members: int, threads: int):
         super().__init__(capabilities, spec)
-        self._kernels, self._wide = kernels, wide
+        self._kernels = kernels
         self._pool = ThreadPoolExecutor(members, thread_name_prefix="labbook-numba")
         # the ledger's work is a sum over grains in their order; kernels of rods step whole scenes
         self._threads = 1 if spec.feature("LEDGER") or spec.feature("ORIENTED") else threads
-
-    def _specialise(self, scene: Scene, numerics: Numerics) -> Spec:
-        return specialise(self._can, scene, numerics, self._spec.probes, self._wide)
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
         run = Run(self._can, self._kernels, scene, numerics, self._spec.probes)

@@ -1,4 +1,4 @@
-"""`labbook bench`: how fast a backend is on this machine, and how its errors depend on the time step."""
+"""`labbook bench`: how fast a backend is here, what its skips save, and how its errors depend on the time step."""
 
 import json
 from pathlib import Path
@@ -15,41 +15,50 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def bench(
         what: Annotated[
-            Literal["speed", "accuracy"], typer.Argument(help="speed: grain-steps per second; accuracy: errors by dt.")
+            Literal["speed", "accuracy", "skips"],
+            typer.Argument(help="speed: grain-steps per second; accuracy: errors by dt; skips: what they save."),
         ] = "speed",
         backend: Annotated[str, typer.Option(help="Backend to measure.")] = "numba",
         repeats: Annotated[
-            int | None, typer.Option(min=1, help="speed: times that each rate is measured.  [default: 5]")
+            int | None, typer.Option(min=1, help="speed, skips: times that each is measured.  [default: 5]")
         ] = None,
         quick: Annotated[
             bool, typer.Option("--quick", help="speed: only Fan's hopper; accuracy: only spheres, two laws, no bed.")
         ] = False,
         full: Annotated[bool, typer.Option("--full", help="speed: also rods in every precision.")] = False,
         precision: Annotated[
-            str | None, typer.Option(help="accuracy: precision to measure in.  [default: every one]")
+            str | None,
+            typer.Option(help="accuracy, skips: precision to measure in.  [default: every one; skips: double]"),
         ] = None,
-        device: Annotated[str | None, typer.Option(help="accuracy: device to measure on.  [default: cpu]")] = None,
+        device: Annotated[
+            str | None, typer.Option(help="accuracy, skips: device to measure on.  [default: cpu]")
+        ] = None,
         out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Measure the speed of a backend, or how its errors depend on the time step.
+        """Measure the speed of a backend, what its skips save, or how its errors depend on the time step.
 
         Speed: grain-steps per second on Fan's hopper, in three dimensions and of rods. One member runs on one core.
         Takes some five minutes on a slow machine, most of them compiling.
 
         Accuracy: velocities and spins after impacts against SciPy, by contact law and precision, and dense beds of
         spheres and rods against a step 32 times as small. Takes some ten minutes, and one with --quick.
+
+        Skips: what a scene does not need and the backend leaves out is put back, one thing after another: time that it
+        costs, and whether the state comes out the same. Takes some five minutes, most of them compiling.
         """
         from labbook.backend import BackendMissing, Unsupported
 
         if quick and full:
             raise typer.BadParameter("--quick and --full: one at a time")
-        for name, given in (("--repeats", repeats), ("--full", full or None)):
-            if given is not None and what == "accuracy":
-                raise typer.BadParameter("it belongs to speed; leave it out", param_hint=name)
-        for name, given in (("--precision", precision), ("--device", device)):
-            if given is not None and what == "speed":
-                raise typer.BadParameter(f"it belongs to accuracy: labbook bench accuracy {name} ...", param_hint=name)
+        of_others = {
+            "speed": {"--precision": precision, "--device": device},
+            "accuracy": {"--repeats": repeats, "--full": full or None},
+            "skips": {"--quick": quick or None, "--full": full or None},
+        }
+        for name, given in of_others[what].items():
+            if given is not None:
+                raise typer.BadParameter(f"it does not belong to {what}; leave it out", param_hint=name)
         try:
             with saying("preparing") as say:
                 if what == "speed":
@@ -57,6 +66,10 @@ def register(app: typer.Typer) -> None:
 
                     extent = "quick" if quick else "full" if full else "usual"
                     result = speed.run(backend, repeats or 5, say, extent)
+                elif what == "skips":
+                    from labbook.bench import skips
+
+                    result = skips.run(backend, repeats or 5, device or "cpu", precision or "double", say)
                 else:
                     from labbook.bench import accuracy
 
@@ -72,7 +85,7 @@ def register(app: typer.Typer) -> None:
         if as_json:
             print(text)
         else:
-            (_show_speed if what == "speed" else _show_accuracy)(result)
+            {"speed": _show_speed, "accuracy": _show_accuracy, "skips": _show_skips}[what](result)
 
 
 def _show_speed(result) -> None:
@@ -92,6 +105,22 @@ def _show_speed(result) -> None:
         f"{result.members} members side by side: {result.speed_up:.2f} times one; {large}"
         f"peak memory {result.memory:.0f} MB"
     )
+
+
+def _show_skips(result) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("put back", "times the time", "range", "state")
+    for one in result.saved:
+        state = "the same bits" if one.same else f"within {one.difference:.0e} d"
+        table.add_row(one.name, f"{one.times:.2f}", f"{one.low:.2f}-{one.high:.2f}", state)
+    console = Console()
+    console.print(
+        f"backend {result.backend}, {result.precision}, {result.device} on {result.hardware['processor']}; "
+        f"{result.grains} grains of Fan's hopper"
+    )
+    console.print(table)
 
 
 def _show_accuracy(result) -> None:
