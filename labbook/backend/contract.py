@@ -142,7 +142,8 @@ class Ensemble(Protocol):
     ) -> Member:
         """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d].
 
-        Raises ValueError for a packing without grains."""
+        Raises ValueError for a packing without grains, and for a scene that needs what the Spec has not. One that needs
+        less than it has may be taken or refused."""
         ...
 
     def advance(self, beats: int = 1) -> Sequence[Event]:

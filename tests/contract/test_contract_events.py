@@ -6,7 +6,7 @@ from stands import identical, specialised
 
 from labbook.backend import Emptied, Failed, Settled, Unsupported
 from labbook.backend.probes import Ledger
-from labbook.scene import Plane, Primitives, SurfaceMotion, Wall
+from labbook.scene import LinearSpringDashpot, Plane, Primitives, SurfaceMotion, Wall
 from labbook.scene.packing import Packing
 from labbook.verify.stand import grains_at
 from labbook.verify.symmetry import DT, hopper
@@ -221,10 +221,12 @@ def test_a_device_that_is_not_there_is_an_error(silo):
     assert refused.value.key == "device"
 
 
-def test_a_member_of_another_spec_is_refused(silo):
-    smooth = changed(silo.scene, "contact", friction=0.0, rolling_friction=0.0)
+def test_a_member_that_needs_what_the_spec_has_not_is_refused(silo):
+    linear = LinearSpringDashpot(normal_stiffness=1e4, friction=0.5, restitution=0.5)
+    other = silo.scene.model_copy(update={"contact": linear})
+    assert other.contact.law != silo.scene.contact.law
     with silo.ensemble(stand=specialised(silo.stand)) as ensemble, pytest.raises(ValueError, match="speciali"):
-        ensemble.admit(smooth, silo.numerics(), silo.start)
+        ensemble.admit(other, silo.numerics(), silo.start)
 
 
 def test_values_are_no_part_of_the_spec(silo):
