@@ -11,6 +11,23 @@ from labbook_dem.words import cross, dot, func, real, sqrt, vec3
 
 
 @func
+def length(v: vec3):
+    """|v|, never below 3e-19, so that it may be divided by.
+
+    A square below 1e-38 is subnormal in single precision, and processors' approximate reciprocals take it for zero: a
+    force of 1e-20 N cut to none would not be a number. What is added changes no length above 1e-15.
+    """
+    return sqrt(dot(v, v) + real(1e-37))
+
+
+@func
+def cut(v: vec3, limit: real):
+    """v, shortened to `limit` if it is longer."""
+    size = length(v)
+    return v * ((limit / size) if size > limit else real(1.0))
+
+
+@func
 def slip(n: vec3, v: vec3, w: vec3):
     """Tangential velocity at the contact [m/s].
 
@@ -44,7 +61,7 @@ def rolling(w: vec3, n: vec3, torque: real, inertia_rate: real, full: bool):
     Its size is `torque` = mu_r R |F_n|, but at most `inertia_rate` |w|. `full`: twist about n is resisted too.
     """
     w = w if full else w - n * dot(w, n)
-    rate = sqrt(dot(w, w))
+    rate = length(w)
     factor = inertia_rate if torque >= inertia_rate * rate else torque / rate
     return w * (-factor)
 
@@ -64,8 +81,7 @@ def rolling_spring(
     """
     w = w if full else w - n * dot(w, n)
     m = (before if full else before - n * dot(before, n)) - w * (stiffness * dt)
-    size = sqrt(dot(m, m))
-    rolls = size > limit
-    m = m * ((limit / size) if rolls else real(1.0))
+    rolls = length(m) > limit
+    m = cut(m, limit)
     drag = real(0.0) if rolls else real(2.0) * damping * sqrt(inertia * stiffness)
     return m - w * drag, m

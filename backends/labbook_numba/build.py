@@ -81,8 +81,8 @@ def module_text(spec: Spec) -> str:
     named |= {name: _Unsigned(value) for name, value in places.items() if name in PLACES or name not in named}
     del named["LANES"]  # the header's
     physics = [
-        *modules_of(str(spec.feature("law"))),
         contact,
+        *modules_of(str(spec.feature("law"))),
         motion,
         *(WALLS[kind] for kind in kinds),
         *PHYSICS[grains].physics,

@@ -77,7 +77,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
     named |= {name: getattr(words, name) for name in OF_WORDS}
     # the formulas of frustums are there for `rod_walls`, whether a scene has one or not
     physics = [WALLS[kind] for kind in dict.fromkeys((*kinds, *(("frustum",) if turns else ())))]
-    physics = [*modules_of(str(spec.feature("law"))), contact, motion, *physics, *PHYSICS[grains].physics]
+    physics = [contact, *modules_of(str(spec.feature("law"))), motion, *physics, *PHYSICS[grains].physics]
     modules = [
         *physics,
         system,

@@ -76,9 +76,11 @@ MODULES = physics()
 
 def needed(module: ModuleType) -> list[ModuleType]:
     """The module and what it calls, in the order of a generated module."""
-    law = (*hertz_mindlin.NEEDS, hertz_mindlin)
-    return {spheres: [*law, contact, spheres], rods: [*law, contact, spheres, rods]}.get(
-        module, [*getattr(module, "NEEDS", ()), module]
+    law = (contact, *hertz_mindlin.NEEDS, hertz_mindlin)
+    if module is contact:
+        return [contact]
+    return {spheres: [*law, spheres], rods: [*law, spheres, rods]}.get(
+        module, [contact, *getattr(module, "NEEDS", ()), module]
     )
 
 

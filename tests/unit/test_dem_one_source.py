@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from labbook_dem import generated, source
+from labbook_dem import contact, generated, source
 from labbook_dem.laws import hertz_mindlin, linear
 from one_source import (
     COUNT,
@@ -62,6 +62,36 @@ def test_numba_agrees_with_python(module, precision, tmp_path):
         getattr(made, f"run_{name}")(out, *values.values())
         single = precision == "mixed" and in_single(name, kinds(getattr(module, name)))
         check(name, out, expected, SINGLE if single else DOUBLE)
+
+
+SMALL = """
+
+@njit(fastmath=FAST, error_model="numpy")
+def run_cut(x, limit, into):
+    for k in range(x.size):
+        into[k] = cut(vec3(x[k], real(0.0), real(0.0)), limit[k]).x
+
+
+@njit(fastmath=FAST, error_model="numpy")
+def run_rolling(x, limit, into):
+    for k in range(x.size):
+        n = vec3(real(0.0), real(0.0), real(1.0))
+        into[k] = rolling(vec3(x[k], real(0.0), real(0.0)), n, limit[k], real(1.0), True).x
+"""
+
+
+@pytest.mark.parametrize("name", ["cut", "rolling"])
+def test_what_is_cut_to_nothing_is_nothing_however_small(name, tmp_path):
+    """Loops over single precision divide by approximate reciprocals, which take a subnormal square for zero."""
+    pytest.importorskip("numba")
+    from labbook_numba import dialect
+
+    text = source.generate(dialect.header("mixed"), SWITCHES, [contact]) + SMALL
+    made = generated.load(f"small_{name}", text, tmp_path)
+    x = (10.0 ** np.arange(-45, 18, 0.01)).astype(np.float32)
+    into = np.full_like(x, np.nan)
+    getattr(made, f"run_{name}")(x, np.zeros_like(x), into)
+    assert np.all(into == 0)
 
 
 # Warp: its words for the same vocabulary

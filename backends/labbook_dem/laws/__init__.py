@@ -5,7 +5,8 @@ and mass ms [kg], overlap delta [m], approach velocity vn [m/s] along n (negativ
 spring s [m] in the contact plane and tangential velocity vt [m/s]; it gives the normal force [N], the tangential force
 on i [N] and the spring as it may stay. `normal` is the normal force alone. `coefficients(law, surface, scale, wall)` is
 the host's: the eight numbers c; friction is c[4] and rolling friction c[5] in every law. A module may name others in
-NEEDS, a tuple, whose functions it calls.
+NEEDS, a tuple, whose functions it calls; those of `labbook_dem.contact` are there in any case, among them `length` and
+`cut` for what is divided by a length that may vanish.
 
 Which laws there are, and where their modules stand, say the types of scenes (`labbook.scene.contact.CONTACT_LAWS`).
 """

@@ -5,9 +5,10 @@ As its source has it (pair_granular.cpp, January 2022): k_t = 8 G* sqrt(R* delta
 mu |F_n| it is cut to that, and the spring becomes what then is left of it: -(F_t + gamma_t v_t)/k_t.
 """
 
+from labbook_dem.contact import cut, length
 from labbook_dem.laws import hertz as shared
 from labbook_dem.laws.hertz import coefficients, hertz, normal
-from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
+from labbook_dem.words import coefs, func, real, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
 
@@ -22,9 +23,8 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     k_t = real(1.5) * stiff / c[3]
     drag = vt * (c[2] * root)
     ft = -(s * k_t) - drag
-    size = sqrt(dot(ft, ft))
     limit = c[4] * abs(fn)
-    slides = size > limit
-    ft = ft * ((limit / size) if slides else one)
+    slides = length(ft) > limit
+    ft = cut(ft, limit)
     kept = ((ft + drag) * (-(one / k_t))) if slides else s
     return fn, ft, kept

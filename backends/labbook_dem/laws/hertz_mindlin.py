@@ -6,9 +6,10 @@ division by the spring: F_t^e = K_t s (1 + u + u^2)/(1 + u^{3/2}) and F_t^v = C_
 is cut at delta_max, then |F_t| <= mu F_n with the total normal force.
 """
 
+from labbook_dem.contact import cut, length
 from labbook_dem.laws import hertz as shared
 from labbook_dem.laws.hertz import coefficients, hertz, normal
-from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
+from labbook_dem.words import coefs, func, real, sqrt, vec3
 
 __all__ = ["coefficients", "normal", "respond"]
 
@@ -24,15 +25,12 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     fn, stiff, _ = hertz(c, rs, ms, delta, vn)
     stiff_t = stiff / c[3]
     s_max = c[4] * c[3] * delta
-    length = sqrt(dot(s, s))
-    slides = length >= s_max
-    u = zero if slides else max(one - length / s_max, zero)  # an approximate quotient may exceed one
-    s = s * ((s_max / length) if length > s_max else one)
+    size = length(s)
+    slides = size >= s_max
+    u = zero if slides else max(one - size / s_max, zero)  # an approximate quotient may exceed one
+    s = cut(s, s_max)
     root = sqrt(u)
     k_t = stiff_t * (one + u + u * u) / (one + u * root)
     damp_t = c[2] * sqrt(six * ms * stiff_t * root)
     ft = -(s * k_t) - vt * damp_t
-    size = sqrt(dot(ft, ft))
-    limit = c[4] * fn
-    ft = ft * ((limit / size) if size > limit else one)
-    return fn, ft, s
+    return fn, cut(ft, c[4] * fn), s

@@ -8,7 +8,8 @@ the damping ratio; gamma_t is a multiple of gamma_n.
 import math
 
 from labbook.scene import LinearSpringDashpot, Surface
-from labbook_dem.words import coefs, dot, func, real, sqrt, vec3
+from labbook_dem.contact import cut
+from labbook_dem.words import coefs, func, real, sqrt, vec3
 
 
 def coefficients(
@@ -38,10 +39,7 @@ def respond(c: coefs, rs: real, ms: real, delta: real, vn: real, s: vec3, vt: ve
     gamma_t = c[2] * gamma
     drag = vt * gamma_t
     ft = -(s * k_t) - drag
-    size = sqrt(dot(ft, ft))
-    limit = c[4] * fn
-    slides = size > limit
-    ft = ft * ((limit / size) if slides else one)
+    ft = cut(ft, c[4] * fn)
     kept = (ft + drag) * (-(one / k_t))
     return fn, ft, kept
 
