@@ -1,13 +1,14 @@
 """Does the promise hold? A study asks for an error many times over, each time with seeds of its own.
 
     python benchmarks/promise.py STUDY --lab LAB [--repeats 300] [--finest 300] [--backend warp --device cuda:0]
-    [--out FILE]
+    [--shard I/N] [--out FILE]
 
 Every repeat follows the study's stopping rule with the numerics that were chosen, and reports W with the half width
 that labbook prints: that of the interval, and the bound of the bias. Held against it is the finest answer: the mean
 of `--finest` runs with the stated stiffness and a quarter of the law's usual step. Runs that are there are not run
-again. What the same error costs with the usual numerics is worked out from runs with these. Seeds are taken in their
-order, so that no run enters two repeats.
+again; with --shard only a part of them is made, so that several processes may share them. What the same error costs
+with the usual numerics is worked out from runs with these. Seeds are taken in their order, so that no run enters two
+repeats.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from labbook import Lab, Study
+from labbook.accuracy import Choice
 from labbook.backend.machine import hardware
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunRecord
@@ -31,6 +33,8 @@ from labbook.study import load
 
 FINER = 0.25
 """Step of the finest answer, in parts of the law's usual one."""
+SAVED = 600.0
+"""Seconds between two checkpoints: a run takes a few, and hundreds that go on at once would be saved all the time."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ def repeats(rates: Sequence[float], rule: StoppingRule) -> list[Reported]:
 
 def rates_of(study: Study, lab: Lab) -> list[float]:
     """W [kg/s] of every run of the only point of a study, run now where it is missing."""
-    if lab.run(study).stopped:
+    if lab.run(study, checkpoint_every=SAVED).stopped:
         raise SystemExit("stopped: the same command goes on from here")
     (point,) = lab.results(study).points
     rates = by_seed(point, "flow_rate")
@@ -82,6 +86,16 @@ def cost(study: Study, lab: Lab) -> Cost:
     beds = [PackingRecord.read(lab.place.packing(key)) for key in {run.packing_key for run in point.runs}]
     mean = [np.mean([sum(one.grain_steps for one in record.sessions) for record in kind]) for kind in (runs, beds)]
     return Cost(float(mean[0]), float(mean[1]), float(np.mean([one.wall_time for one in (*runs, *beds)])))
+
+
+def steps(choice: Choice) -> dict[str, dict[str, str]]:
+    """Numerics as they were chosen, the finest, and the usual."""
+    assert choice.usual is not None
+    return {
+        "chosen": {"dt": f"{choice.dt!r} s", "stiffness_scale": f"{choice.stiffness_scale!r}"},
+        "finest": {"dt": f"{FINER * choice.usual!r} s", "stiffness_scale": "1"},
+        "usual": {"dt": f"{choice.usual!r} s", "stiffness_scale": "1"},
+    }
 
 
 def with_seeds(study: Study, seeds: int, numerics: dict[str, str]) -> Study:
@@ -99,23 +113,28 @@ def main() -> None:
     parser.add_argument("--usual", type=int, default=50)
     parser.add_argument("--backend", default="numba")
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--shard", metavar="I/N", help="only make this part of the runs")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     study, lab = load(given.study), Lab(given.lab, given.backend, given.device)
     (point,) = study.points
-    choice, law_step = point.choice, point.choice.usual if point.choice else None
-    if choice is None or law_step is None:
+    choice = point.choice
+    if choice is None or choice.usual is None:
         raise SystemExit(f"{given.study}: no numerics are chosen: {point.unchosen or 'it states them'}")
     rule = stopping_rule(study, point)
-    chosen = {"dt": f"{choice.dt!r} s", "stiffness_scale": f"{choice.stiffness_scale!r}"}
+    by = steps(choice)
     foreseen = rule.forecast(choice.scatter)
     asked, seeds = given.repeats, math.ceil(1.2 * given.repeats * foreseen)
-    while len(found := repeats(rates_of(with_seeds(study, seeds, chosen), lab), rule)) < asked:
+    if given.shard:
+        for name, many in (("chosen", seeds), ("finest", given.finest), ("usual", given.usual)):
+            lab.run(with_seeds(study, many, by[name]), checkpoint_every=SAVED, shard=given.shard)
+        return
+    while len(found := repeats(rates_of(with_seeds(study, seeds, by["chosen"]), lab), rule)) < asked:
         seeds = math.ceil(seeds * max(1.1, 1.1 * asked / max(len(found), 1)))
     found = found[:asked]
-    finest = with_seeds(study, given.finest, {"dt": f"{FINER * law_step!r} s", "stiffness_scale": "1"})
+    finest = with_seeds(study, given.finest, by["finest"])
     truth = pool(rates_of(finest, lab))
-    usual = with_seeds(study, given.usual, {"dt": f"{law_step!r} s", "stiffness_scale": "1"})
+    usual = with_seeds(study, given.usual, by["usual"])
     scatter = pool(rates_of(usual, lab))
     wide = [one.half_width + choice.bias.bound * one.value for one in found]
     inside = [abs(one.value - truth.value) <= width for one, width in zip(found, wide, strict=True)]
@@ -136,7 +155,7 @@ def main() -> None:
         "foreseen_runs": foreseen,
         "finest": asdict(truth),
         "bias_found": float(np.mean([one.value for one in found])) / truth.value - 1,
-        "cost": asdict(cost(with_seeds(study, seeds, chosen), lab)),
+        "cost": asdict(cost(with_seeds(study, seeds, by["chosen"]), lab)),
         "usual_cost": asdict(cost(usual, lab)),
         "usual_runs": needed,
     }

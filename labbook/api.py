@@ -40,6 +40,7 @@ from labbook.run.notebook import NotebookBar, counting, in_notebook
 from labbook.run.plan import Plan, Planner
 from labbook.run.progress import Bar
 from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
+from labbook.run.shard import WHOLE, Shard
 from labbook.run.watch import Unwatched, Watcher
 from labbook.scene.quantities import parse
 from labbook.study import Point, Study
@@ -84,21 +85,29 @@ class Lab:
         with self._catalogue() as catalogue:
             return foresee(study, catalogue, load_backend(self.backend), self.device)
 
-    def run(self, study: Study, progress: bool | Watcher = True, checkpoint_every: float = CHECKPOINT_EVERY) -> Summary:
+    def run(
+        self,
+        study: Study,
+        progress: bool | Watcher = True,
+        checkpoint_every: float = CHECKPOINT_EVERY,
+        shard: str | None = None,
+    ) -> Summary:
         """Run what `study` still needs; what is there already is not run again.
 
         progress: whether to show a bar, or who else is told. checkpoint_every: wall time [s] between two saves of a
-        run. Ctrl-C saves what is going on and returns; asked again, it raises KeyboardInterrupt and what was saved last
+        run. shard: i/n, to run only the i-th of n parts of the study; all runs from one packing are in one part. Ctrl-C
+        saves what is going on and returns; asked again, it raises KeyboardInterrupt and what was saved last
         is kept. Either way the next call goes on. Runs that fail are warned of and named in the summary. Raises what
-        `plan` does but TooLarge, before anything runs; DiskFull.
+        `plan` does but TooLarge, before anything runs; ValueError for a part that there is not; DiskFull.
         """
+        part = WHOLE if shard is None else Shard.parse(shard)
         backend = load_backend(self.backend)
         with _watching(progress) as watcher:
             if study.stop.fill_height is not None:
                 with self._catalogue() as catalogue:
                     for line in cut_short(Planner(study, catalogue, backend.capabilities).plan(), self.place):
                         watcher.tell(line)
-            summary = Runner(study, self.place, backend, self.device, checkpoint_every, watcher).run()
+            summary = Runner(study, self.place, backend, self.device, checkpoint_every, watcher, shard=part).run()
         if progress is True or progress is False:
             for why in summary.failed:
                 warnings.warn(f"failed: {why}", LabWarning, stacklevel=2)

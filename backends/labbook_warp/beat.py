@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from labbook_warp.arrays import Arrays, fetch
+from labbook_warp.devices import shared_with_others
 from labbook_warp.dialect import THREADS
 from labbook_warp.kernels.words import REPORTED
 
@@ -40,7 +41,7 @@ class Beat:
         They are if nothing else runs meanwhile. Programs take turns on a GPU, each with all of it, unless they share it
         through NVIDIA's Multi-Process Service.
         """
-        if not self.device.is_cuda or not self.kernels.SHARED:
+        if not self.device.is_cuda or not self.kernels.SHARED or shared_with_others():
             return False
         size, blocks = wp.get_suggested_block_size(self.kernels.step, self.device)
         return self._rows * self.lanes <= size * blocks

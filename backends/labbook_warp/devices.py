@@ -1,6 +1,9 @@
 """Finding the device that was asked for; never another one."""
 
+import os
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 
 import warp as wp
 
@@ -35,6 +38,15 @@ def free(device: wp.Device) -> int | None:
         return None
     wp.synchronize_device(device)  # what was let go returns to the device only then
     return device.free_memory
+
+
+def shared_with_others() -> bool:
+    """Whether programs may be on the GPUs of this machine at the same time: NVIDIA's Multi-Process Service is there.
+
+    It is where its control pipe is, in the folder that CUDA itself looks in.
+    """
+    folder = os.environ.get("CUDA_MPS_PIPE_DIRECTORY") or Path(tempfile.gettempdir(), "nvidia-mps")
+    return Path(folder, "control").exists()
 
 
 def survey() -> Survey:

@@ -81,7 +81,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
                 if said.fail == NO_FAILURE and not (said.late or said.crowded):
                     run.left = said.left
                     run.step += self._spec.steps_per_beat
-                    run.crossed = report.crossings[report.crossings[:, 0] == run.slot, 1:]
+                    run.crossed = report.crossings(run.slot)
                     continue
                 if said.fail == NO_FAILURE:
                     again.append(run)

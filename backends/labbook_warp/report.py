@@ -30,13 +30,19 @@ class Said:
 
 @dataclass(frozen=True)
 class Report:
-    """What a beat left behind. crossings: rows slot, id, step, time, x, y, z, vx, ..., wz, and of rods qw, ..., qz."""
+    """What a beat left behind. rows: of crossings, id, step, time, x, y, z, vx, ..., wz, and of rods qw, ..., qz, those
+    of each slot together; first: where those of a slot begin, and where the last end."""
 
     slots: Sequence[Said]
-    crossings: np.ndarray
+    rows: np.ndarray
+    first: np.ndarray
 
     def __getitem__(self, slot: int) -> Said:
         return self.slots[slot]
+
+    def crossings(self, slot: int) -> np.ndarray:
+        """Rows of crossings of a slot, in the order of steps and ids."""
+        return self.rows[self.first[slot] : self.first[slot + 1]]
 
     def needed(self, slots: Iterable[int]) -> tuple[int, int, int]:
         """Entries of a list, of a cell and at walls that these slots would have needed beyond what fits; 0 where all
@@ -54,4 +60,5 @@ def collect(arrays: Arrays, told: Any) -> Report:
     rows = fetch(arrays.system.cross[: columns * crossed]).reshape(-1, columns) if crossed else np.zeros((0, columns))
     slots = numbers[1:].reshape(-1, REPORTED).tolist()
     said = [Said(fail, bool(late), near, depth, walls, left) for fail, late, near, depth, walls, left in slots]
-    return Report(said, rows[np.lexsort((rows[:, 1], rows[:, 2]))])
+    rows = rows[np.lexsort((rows[:, 1], rows[:, 2], rows[:, 0]))]
+    return Report(said, rows[:, 1:], np.searchsorted(rows[:, 0], np.arange(len(said) + 1)))

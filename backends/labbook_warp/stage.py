@@ -218,8 +218,8 @@ class Stage:
             return collect(self.arrays, self.beats.told)
         except RuntimeError as error:
             raise RuntimeError(
-                f"{self.device.alias} has failed in a beat ({error}); if other programs share it through NVIDIA's "
-                "Multi-Process Service, end that: steps that wait for one another need the device to themselves"
+                f"{self.device.alias} has failed in a beat ({error}); if NVIDIA's Multi-Process Service was started "
+                "meanwhile, start labbook again: steps that wait for one another need the device to themselves"
             ) from error
 
     def make_room(self, report: Report, runs: Sequence[Run]) -> None:

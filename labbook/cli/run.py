@@ -13,6 +13,9 @@ from labbook.cli.screen import screen
 if TYPE_CHECKING:
     from labbook.run.runner import Summary
 
+Part = Annotated[
+    str | None, typer.Option("--shard", help="Run only part i of n, such as 1/4.", metavar="I/N", show_default=False)
+]
 Every = Annotated[float, typer.Option("--checkpoint-every", help="Seconds between two checkpoints of a run.", min=0)]
 
 
@@ -26,8 +29,12 @@ def register(app: typer.Typer) -> None:
         backend: RunsOn = BACKEND,
         device: Device = "cpu",
         checkpoint_every: Every = 20,
+        shard: Part = None,
     ) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
+
+        Several processes may run one study in one lab, and share the work. With --shard each knows its part beforehand:
+        one process a part, in one lab or in several.
 
         A second Ctrl-C leaves at once; what was saved last is kept. Exit status: 0 if all runs of the study are there,
         1 if some failed, diverged or are suspect, 130 if it was stopped.
@@ -39,12 +46,18 @@ def register(app: typer.Typer) -> None:
         from labbook.measure import MeasureError
         from labbook.run.demand import Conflict
         from labbook.run.progress import Bar
+        from labbook.run.shard import Shard
 
         asked = read_study(study)
+        if shard is not None:
+            try:
+                Shard.parse(shard)
+            except ValueError as problem:
+                fail(f"--shard: {problem}")
         console = screen(highlight=False, markup=False)
         try:
             with Bar(screen(stderr=True)) as bar:
-                summary = Place(lab, backend, device).run(asked, bar, checkpoint_every)
+                summary = Place(lab, backend, device).run(asked, bar, checkpoint_every, shard)
         except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull) as problem:
             fail(problem)
         except KeyboardInterrupt:

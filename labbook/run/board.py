@@ -1,5 +1,6 @@
 """What is still to be done, and who does it: fillings first, then the runs whose packings are there."""
 
+import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +16,11 @@ from labbook.run.fill import FillJob
 from labbook.run.forecast import discharge_work, fill_work
 from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.plan import Item, Plan, Planner, PointPlan, counted
+from labbook.run.shard import WHOLE, Shard
 from labbook.scene.packing import Packing
+
+_BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
+_LOOKING = 0.05  # of the main thread's time may go into that
 
 
 @dataclass(eq=False)
@@ -56,11 +61,14 @@ def _place(item: Item) -> tuple[int, int]:
 class Board:
     """The study's runs that are not done, and the jobs that are going on here.
 
-    `packings_only`: only the packings of the runs are asked for.
+    `packings_only`: only the packings of the runs are asked for. `shard`: the part of the runs that are done here.
     """
 
-    def __init__(self, bench: Bench, planner: Planner, index: Index, observe: Observe, *, packings_only: bool = False):
-        self._packings_only = packings_only
+    def __init__(
+        self, bench: Bench, planner: Planner, index: Index, observe: Observe, *, packings_only: bool = False,
+        shard: Shard = WHOLE,
+    ):  # fmt: skip
+        self._packings_only, self._shard = packings_only, shard
         self._work: dict[str, float] = {}
         """Expected grain-steps, by the key of a run or packing."""
         self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
@@ -79,6 +87,7 @@ class Board:
         """Points by the key of the packing that their runs start from."""
         self.elsewhere = 0
         """Jobs that another process was found to hold at the last look."""
+        self._next_look = 0.0
         self.beginning: Callable[[Job], None] = lambda job: None
         """Called before a job is begun: placing many grains takes a while."""
 
@@ -96,11 +105,14 @@ class Board:
             self._standing[item.keys.packing].add(point.shared.point.index)
             # what ended here is not begun again: points with other guards could hand it to and fro
             known = key in self.going or key in self._lost or key in self.tally.ran
-            lacking = not item.packed if self._packings_only else item.state != "done"
-            if lacking and not known:
+            if self._lacks(item) and not known:
                 had = self.todo.get(key)
                 self._ordered &= had is not None and _place(had) == _place(item)
                 self.todo[key] = item
+
+    def _lacks(self, item: Item) -> bool:
+        lacks = not item.packed if self._packings_only else item.state != "done"
+        return lacks and self._shard.holds(*item.demand.bed)
 
     def _tidy(self, items: Sequence[Item]) -> None:
         """Remove what processes left in the work folder that were killed after they had put a run or packing in place:
@@ -117,6 +129,8 @@ class Board:
     def next(self, spec: Spec | None = None) -> Started | None:
         """A job to begin (of `spec`, if one is given), or None if there is none that this process can have
         now."""
+        if self.elsewhere:
+            self._look_around()
         self.elsewhere = 0
         if not self._ordered:
             self.todo = dict(sorted(self.todo.items(), key=lambda one: _place(one[1])))
@@ -126,6 +140,23 @@ class Board:
                 if item.keys.run in self.todo and (started := begin(item, spec)):
                     return started
         return None
+
+    def _look_around(self) -> None:
+        """Take up what other processes have done, now and then: to find out run by run, by claiming each, is dear."""
+        begun = time.perf_counter()
+        if begun < self._next_look:
+            return
+        for before in list(self.points.values()):
+            point = self._planner.point(before)
+            new = {item.keys.run for item in point.items if item.state == "done"} & self.todo.keys()
+            if self._index.derive(sorted(new), self._observe):  # decisions rest on what was just measured
+                point = self._planner.point(before)
+            self._take(point)
+        lacking = {item.keys.run for point in self.points.values() for item in point.items if self._lacks(item)}
+        for key in self.todo.keys() - lacking:
+            del self.todo[key]
+        now = time.perf_counter()
+        self._next_look = now + max(_BETWEEN, (now - begun) / _LOOKING)
 
     def _fill(self, item: Item, spec: Spec | None) -> Started | None:
         key, lab = item.keys.packing, self._bench.lab
@@ -219,7 +250,7 @@ class Board:
         self.todo.pop(key, None)
         problem = self._index.add_run(self._bench.lab.run(key), self._observe)
         for index in sorted(self._sharing[key]):
-            self._take(self._planner.point(self.points[index].shared))
+            self._take(self._planner.point(self.points[index], key))
         return problem
 
     def failed(self, job: Job, why: str) -> None:
@@ -254,7 +285,7 @@ class Board:
 
     def runs(self) -> tuple[int, int]:
         """Runs done, and runs asked for so far; one that several points share counts once."""
-        return counted(self.points.values())
+        return counted(self.points.values(), self._shard)
 
     def fillings_left(self) -> int:
         """Packings that runs still wait for, also those being made."""

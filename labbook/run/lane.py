@@ -121,13 +121,11 @@ class Lane:
         found: dict[Member, dict[Probe, Table]] = {member: {} for member in self.jobs}
         for probe, table in self.ensemble.drain().items():
             of = np.asarray(table["member"])
-            columns = {name: np.asarray(column) for name, column in table.items() if name != "member"}
-            for member, tables in found.items():
-                mine = of == member.index
-                if mine.all():
-                    tables[probe] = columns
-                else:
-                    tables[probe] = {name: column[mine] for name, column in columns.items()}
+            order = np.argsort(of, kind="stable")
+            first, end = (np.searchsorted(of[order], [m.index for m in found], side) for side in ("left", "right"))
+            columns = {name: np.asarray(column)[order] for name, column in table.items() if name != "member"}
+            for (_, tables), a, b in zip(found.items(), first, end, strict=True):
+                tables[probe] = {name: column[a:b] for name, column in columns.items()}
         return found
 
     def retire(self, member: Member) -> None:

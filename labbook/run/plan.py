@@ -17,6 +17,7 @@ from labbook.measure import MEASURES
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
 from labbook.run.progress import duration, size
+from labbook.run.shard import WHOLE, Shard
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Point, Study
 
@@ -199,9 +200,10 @@ _SHOWN = 30
 """Points that are shown one by one."""
 
 
-def counted(points: Iterable[PointPlan]) -> tuple[int, int]:
-    """Runs that are done, and runs asked for; one that several points share counts once."""
-    asked = {item.keys.run: item for point in points for item in point.items}
+def counted(points: Iterable[PointPlan], shard: Shard = WHOLE) -> tuple[int, int]:
+    """Runs of a shard that are done, and that are asked for; one that several points share counts once."""
+    every = (item for point in points for item in point.items)
+    asked = {item.keys.run: item for item in every if shard.holds(*item.demand.bed)}
     return sum(item.state == "done" for item in asked.values()), len(asked)
 
 
@@ -224,14 +226,21 @@ class Planner:
         points = [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
         first = {point: self._first(point) for point in points}
         self._look_up(demand for demands in first.values() for demand in demands)
-        planned = tuple(self._point(point, demands) for point, demands in first.items())
+        planned = tuple(
+            self._extended(point, [self._item(demand) for demand in demands]) for point, demands in first.items()
+        )
         return Plan(self.study, self.backend, planned, self.rule)
 
-    def point(self, shared: PointDemand) -> PointPlan:
-        """One point anew, after some of its runs were done."""
-        first = self._first(shared)
-        self._look_up(first)
-        return self._point(shared, first)
+    def point(self, before: PointPlan, done: str | None = None) -> PointPlan:
+        """One point anew, after the run with the key `done` was done; None: after any may have been, elsewhere.
+
+        What was done before is not looked at again: looking at all replicates after each of them would take as long as
+        the square of their number.
+        """
+        asked = [item for item in before.items if (item.state != "done" if done is None else item.keys.run == done)]
+        self._look_up(item.demand for item in asked)
+        now = {item.keys.run: self._item(item.demand) for item in asked}
+        return self._extended(before.shared, [now.get(item.keys.run, item) for item in before.items])
 
     def refresh(self, demand: Demand) -> Item:
         """One run as its folder has it now, whatever the catalogue says."""
@@ -241,8 +250,8 @@ class Planner:
     def _first(self, shared: PointDemand) -> list[Demand]:
         return [shared.run(seed) for seed in range(1, self.rule.first + 1)]
 
-    def _point(self, shared: PointDemand, demands: list[Demand]) -> PointPlan:
-        items = [self._item(demand) for demand in demands]
+    def _extended(self, shared: PointDemand, items: list[Item]) -> PointPlan:
+        """With the replicates that are asked for once all so far are done."""
         while all(item.state == "done" for item in items):
             decision = self._decide(shared.point, [item.keys.run for item in items])
             more = min(decision.more, self.rule.cap - len(items))

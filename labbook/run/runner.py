@@ -21,6 +21,7 @@ from labbook.run.lane import Lane, Turn, slots
 from labbook.run.live import Publisher
 from labbook.run.plan import Planner, PointPlan, check, counted
 from labbook.run.progress import duration
+from labbook.run.shard import WHOLE, Shard
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
 from labbook.study import Study
@@ -51,16 +52,18 @@ class Summary:
     left_behind: bool = False
     """Whether threads of this process still compile for jobs that were dropped: nothing waits for them but the end of
     the process, unless it is ended by `os._exit`."""
+    shard: Shard = WHOLE
+    """The part of the runs that was asked for; it is these that are counted."""
 
     @property
     def done(self) -> int:
         """Runs of the study that are there."""
-        return counted(self.points)[0]
+        return counted(self.points, self.shard)[0]
 
     @property
     def asked(self) -> int:
         """Runs that the study asks for so far."""
-        return counted(self.points)[1]
+        return counted(self.points, self.shard)[1]
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -155,6 +158,8 @@ class Runner:
     """Whose packings the runs start from, which must be there; None: the backend makes its own."""
     packings_only: bool = False
     """Make the packings that the runs would start from, and no runs."""
+    shard: Shard = WHOLE
+    """The part of the runs that are done."""
 
     def run(self) -> Summary:
         """Run what is missing; Ctrl-C, SIGTERM or SIGHUP saves what is going on and ends early.
@@ -183,7 +188,7 @@ class Runner:
             if index.derive(done, observe):
                 plan = planner.plan()
             bench = Bench(self.lab, self.backend, self.device)
-            self._board = Board(bench, planner, index, observe, packings_only=self.packings_only)
+            self._board = Board(bench, planner, index, observe, packings_only=self.packings_only, shard=self.shard)
             self._board.beginning = self._tell_beginning
             self._board.pin(plan)
             name = self.backend.capabilities.name
@@ -197,7 +202,8 @@ class Runner:
         points = tuple(self._board.points[at] for at in sorted(self._board.points))
         wall = time.perf_counter() - begun
         problems, work = tuple(index.found.problems), self._meter.work
-        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, self._left_behind)
+        left = self._left_behind
+        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, left, self.shard)
 
     def _keep_study(self) -> None:
         """Keep the text of the study in the lab. Raises OSError for a full disk only."""
