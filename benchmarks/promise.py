@@ -33,6 +33,8 @@ from labbook.study import load
 
 FINER = 0.25
 """Step of the finest answer, in parts of the law's usual one."""
+MOST = 10_000
+"""Runs of one point that a study may ask for."""
 SAVED = 600.0
 """Seconds between two checkpoints: a run takes a few, and hundreds that go on at once would be saved all the time."""
 
@@ -124,13 +126,13 @@ def main() -> None:
     rule = stopping_rule(study, point)
     by = steps(choice)
     foreseen = rule.forecast(choice.scatter)
-    asked, seeds = given.repeats, math.ceil(1.2 * given.repeats * foreseen)
+    asked, seeds = given.repeats, min(MOST, math.ceil(1.2 * given.repeats * foreseen))
     if given.shard:
         for name, many in (("chosen", seeds), ("finest", given.finest), ("usual", given.usual)):
             lab.run(with_seeds(study, many, by[name]), checkpoint_every=SAVED, shard=given.shard)
         return
-    while len(found := repeats(rates_of(with_seeds(study, seeds, by["chosen"]), lab), rule)) < asked:
-        seeds = math.ceil(seeds * max(1.1, 1.1 * asked / max(len(found), 1)))
+    while len(found := repeats(rates_of(with_seeds(study, seeds, by["chosen"]), lab), rule)) < asked and seeds < MOST:
+        seeds = min(MOST, math.ceil(seeds * max(1.1, 1.1 * asked / max(len(found), 1))))
     found = found[:asked]
     finest = with_seeds(study, given.finest, by["finest"])
     truth = pool(rates_of(finest, lab))

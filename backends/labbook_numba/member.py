@@ -259,10 +259,10 @@ class Run(Standing):
 
     def whole_step(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and spins [rad/s], shape [n, 3], at the same time as the positions."""
-        n = int(self.state.count[S.GRAINS])
         if self.step == 0:  # those of the start, even where grains in one place have forces of 0/0
-            return self.state.v[:n].copy(), self.state.w[:n].copy()
-        self._fresh_lists()
+            return self.state.v[: self.grains].copy(), self.state.w[: self.grains].copy()
+        self._fresh_lists()  # whereby grains far below the outlet lose their rows
+        n = self.grains
         v, w = np.empty((n, 3)), np.empty((n, 3))
         changed = ("loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
