@@ -11,7 +11,7 @@ from labbook_numba.state import LEAVING, MOVED, W
 from labbook.backend import Checkpoint, Failed
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger
-from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spherocylinders, Spheres
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Scene, Spheres, Spherocylinders
 from labbook.verify.stand import grains_at
 from labbook.verify.symmetry import hopper
 

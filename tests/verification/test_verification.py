@@ -62,7 +62,12 @@ ON_A_GPU = {"flow-outlet", "flow-friction", "turntable", "turntable-round", "res
 beside the CPU backend, which takes all flows and beds; turntables are two million launches for one grain: there
 test_reference_rods has rods over a turning bottom beside the reference."""
 
-
+LONG_ON_WARP = {
+    *("flow-height", "resting-bed", "resting-mixture", "resting-pile", "rolling-spring-pyramid", "rolling-spring-rests")
+}
+"""Cases that take most of a minute on the GPU backend's processor: in the ring, and on a GPU."""
+LONG = {"resting-bed-round"}
+"""Cases that take a minute anywhere on a processor."""
 BY_THE_REFERENCE = {
     *("restitution-at-study-step", "contact-time", "pair-momenta", "rod-impact", "rod-without-length"),
     *("turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear", "energy-impact"),
@@ -89,7 +94,9 @@ def checks(among: Sequence[Bundled]):
         here = where(stand, slow=pytest.mark.slow)
         for case in CASES:
             if not left_out(case, stand):
-                marks = [*here.marks, *([pytest.mark.slow] if case.slow else [])]
+                warp = stand.device == "cpu" and stand.backend.capabilities.name == "warp"
+                long = case.name in LONG or (warp and case.name in LONG_ON_WARP)
+                marks = [*here.marks, *([pytest.mark.slow] if case.slow else []), *([pytest.mark.ring] if long else [])]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
 

@@ -161,7 +161,7 @@ def test_one_replicate_has_no_interval_and_few_outlets_no_saturation():
         fit_profiles([], FAN)
 
 
-@pytest.mark.slow
+@pytest.mark.ring
 def test_intervals_over_seeds_cover(monkeypatch):
     """Three seeds at four outlets: 95 % intervals of 250 sets cover, within the scatter of such a count.
 
@@ -268,7 +268,7 @@ def test_the_band_of_the_dome_is_that_of_its_exponent():
     np.testing.assert_allclose(curve.point[at], np.hypot(curve.law[at], student(0.95, 8) * fit.misfit[0]))
 
 
-@pytest.mark.slow
+@pytest.mark.ring
 def test_bands_of_eq_12_and_of_speeds_cover_one_more_outlet(monkeypatch):
     """Three seeds at each of four outlets, and at a fifth of 36 mm: its middles, of 200 sets."""
     monkeypatch.setattr(profiles, "_DRAWS", 60)
