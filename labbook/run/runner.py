@@ -276,8 +276,10 @@ class Runner:
         ensemble = lane.ensemble
         assert ensemble is not None
         share = max(1, len(self._board.going))
+        # of all before anything is done with one: a backend reads them together
+        now = {member: ensemble.status(member) for member in lane.jobs}
         for member, job in list(lane.jobs.items()):
-            status, before = ensemble.status(member), job.status
+            status, before = now[member], job.status
             work = (status.step - before.step) * (status.grains + before.grains) / 2
             self._meter.add(work)
             job.after(status, rows[member], took.wall, took.process / share, work)

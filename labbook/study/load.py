@@ -11,10 +11,8 @@ from pydantic import ValidationError
 
 from labbook.accuracy import Calibration
 from labbook.accuracy import load as load_calibration
-from labbook.backend.numerics import Numerics
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
-from labbook.scene.scene import Scene
 from labbook.study.applicable import unfed, unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
@@ -38,7 +36,6 @@ from labbook.study.schema import (
 )
 from labbook.study.source import Source, changed, dotted, given, read, written
 from labbook.study.sweep import MAX_POINTS, Sweep
-from labbook.study.timestep import numerics_for
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,7 +67,6 @@ class Study:
     fit: tuple[str, ...]
     record: Record | None
     reference: Reference | None
-    numerics_stated: Mapping[str, Any] = field(default_factory=dict, repr=False)
     stated: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
     """What its author wrote: keys and values as in YAML."""
     source: str = field(default="", repr=False, compare=False)
@@ -82,12 +78,6 @@ class Study:
     def fed(self) -> bool:
         """Whether grains that left are fed again, at all points."""
         return self.points[0].scene.feed is not None
-
-    def numerics(self, scene: Scene) -> Numerics:
-        """The numerics that the study states, resolved for `scene`. Raises TimeStepError or ValidationError."""
-        law, own = self.fill.contact, self.fill.numerics
-        closed = None if law is None or own is not None else scene.close(self.fill.friction, law)
-        return numerics_for(self.numerics_stated, scene, closed)
 
     def change(self, changes: Mapping[str, Any] | None = None, /, **keys: Any) -> "Study":
         """The study with other values; this one stays as it is.
@@ -181,7 +171,6 @@ def _resolved(source: Source) -> Study:
         points=points,
         fill=points[0].fill,
         reference=published,
-        numerics_stated=reader.numerics_stated,
         stated=source.data,
         source=source.text,
         calibration=calibration,

@@ -45,8 +45,6 @@ class PointReader:
         ships."""
         self._source, self._settings, self._calibration = source, settings, calibration
         self._wrong_already = wrong_already
-        self.numerics_stated: Mapping[str, Any] = {}
-        """`numerics` as it holds at the first point."""
         self._found: dict[Problem, list[str]] = {}
         self._same: dict[str, Grains] = {}
         """Grains by what their section says: most points share theirs."""
@@ -120,8 +118,6 @@ class PointReader:
                     places.append(label)
         if found or scene is None or fill is None or numerics is None:
             return None
-        if index == 0:
-            self.numerics_stated = raw.get("numerics", {})
         point = Point(index, scene, fill, numerics, {}, label or "the only point", choice, unchosen)
         at = {key: value for key in assignment if (value := point.value(key)) is not None}
         return replace(point, at=at)

@@ -52,7 +52,10 @@ def test_the_overlap_is_that_of_two_grains_under_the_pressure_of_a_bed_as_high_a
     pressure = PACKED * 2500 * 9.81 * 0.1
     force = pressure * 3e-3**2
     modulus = 0.1 * LAW.effective_modulus
-    press = lambda delta: 4 / 3 * modulus * math.sqrt(1.5e-3 / 2) * delta**1.5 - force  # noqa: E731
+
+    def press(delta):
+        return 4 / 3 * modulus * math.sqrt(1.5e-3 / 2) * delta**1.5 - force
+
     deep = root_scalar(press, bracket=(0, 1e-3), xtol=1e-15).root
     assert found.overlap == pytest.approx(deep / 3e-3, rel=1e-9)
     assert found.step == pytest.approx(2.5e-6 / collision(SCENE.stiffened(0.1)), rel=1e-12)

@@ -59,7 +59,8 @@ def test_a_sweep_of_the_study_itself_measures_its_source(synthetic):
     rougher = replace(one, index=2, fill=Fill(friction=0.2), at={**one.at, "fill.friction": 0.2})
     results = found(synthetic, [replace(one, at={**one.at, "fill.friction": 0.01}), rougher])
     first, other = results.points
-    assert first.flow_rate is not None and other.flow_rate is not None  # noqa: PT018
+    assert first.flow_rate is not None
+    assert other.flow_rate is not None
     part = abs(other.flow_rate.value / first.flow_rate.value - 1)
     assert shares(budgets(results)[0])["filling"].part == pytest.approx(part, rel=1e-12)
     assert shares(budgets(found(synthetic, [one, finer]))[0])["numerics"].part is not None

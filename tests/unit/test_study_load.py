@@ -113,7 +113,6 @@ walls: {front: {friction: 0.01}}
     numerics = one.points[0].numerics
     assert (numerics.precision, numerics.skin, numerics.steps_per_beat) == ("mixed", 0.2, 500)
     assert numerics.speed_limit == 5.0
-    assert one.numerics(one.points[0].scene) == numerics
     assert (one.measure, one.fit) == (("flow_rate", "packing"), ("janda", "beverloo"))
 
 

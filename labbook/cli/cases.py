@@ -1,0 +1,22 @@
+"""What the verbs share that try cases on a backend: `verify` and `stress`."""
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+import typer
+
+Names = Annotated[list[str] | None, typer.Argument(help="Cases, or how their names begin; none: all.")]
+Tried = Annotated[str, typer.Option("--backend", help="Backend to try.")]
+Precision = Annotated[str, typer.Option("--precision", help="Precision to try it in.")]
+On = Annotated[str, typer.Option("--device", help="Device to try it on.")]
+Listed = Annotated[bool, typer.Option("--list", help="Say what the cases do; run nothing.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def asked(verb: str, chosen: Callable[[list[str]], Sequence[Any]], names: list[str] | None, quick: bool) -> list:
+    """The cases with these names, without the slow ones if `quick`; ends with exit status 2 if there is none."""
+    try:
+        return [case for case in chosen(names or []) if not (quick and case.slow)]
+    except KeyError as name:
+        typer.echo(f"no case is called {name.args[0]}; labbook {verb} --list shows them", err=True)
+        raise typer.Exit(2) from None
