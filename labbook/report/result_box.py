@@ -72,8 +72,10 @@ def _found(results: Results) -> list[Row]:
         rows.append((results.source, summed_up(results.judged, results.source)))
     if tested:
         rows.append(("Numerics", tested))
-    if budget := budget_summed_up(budgets(results)):
-        rows.append(("Error budget", budget))
+    known = budgets(results)
+    sentences = [budget_summed_up(known, quantity) for quantity in (FLOW_RATE, PACKING_FRACTION)]
+    if any(sentences):
+        rows.append(("Error budget", " ".join(filter(None, sentences))))
     return rows
 
 

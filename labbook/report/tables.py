@@ -12,6 +12,7 @@ from labbook.results.budget import NOT_MEASURED, SOURCES, budgets
 from labbook.results.numerical import Numerical
 from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import CLOSE, Comparison
+from labbook.results.series import Series
 from labbook.results.study import Results
 from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
@@ -84,7 +85,7 @@ def _headings(swept: Iterable[str], measured: Iterable[Measured]) -> tuple[str, 
     return (*(display.key(name).heading for name in swept), *named)
 
 
-def _at(result: PointResult, swept: Iterable[str]) -> tuple[str, ...]:
+def _at(result: PointResult | Series, swept: Iterable[str]) -> tuple[str, ...]:
     at = result.at
     return tuple(display.amount(name, at[name]) if name in at else "–" for name in swept)
 
@@ -107,18 +108,18 @@ def _remarks(result: PointResult) -> list[str]:
 
 
 def budget_table(results: Results) -> Table:
-    """The error of every point's flow rate by source, in percent of it."""
-    swept = _swept(results)
-    rows, reasons = [], dict[str, list[str]]()
+    """The error of every number that reports lead with, by source, in percent of it."""
+    swept, rows = _swept(results), []
+    reasons: dict[str, None] = {}
     for budget in budgets(results):
-        cells = ["–" if share.part is None else _parts(share.part) for share in budget.shares]
-        for share in budget.shares:
-            if share.source != "seeds":
-                reasons.setdefault(f"{share.source}: {share.basis}", []).append(budget.result.label)
-        rows.append((*_at(budget.result, swept), *cells, _parts(budget.total)))
-    headings = (*_headings(swept, ()), *SOURCES, "sum of what is known")
+        parts = {share.source: share.part for share in budget.shares}
+        cells = ["–" if (part := parts.get(source)) is None else _parts(part) for source in SOURCES]
+        if budget.quantity == FLOW_RATE:
+            reasons |= dict.fromkeys(f"{share.source}: {share.basis}" for share in budget.shares)
+        rows.append((budget.name, *_at(budget.of, swept), *cells, _parts(budget.total)))
+    headings = ("of", *_headings(swept, ()), *SOURCES, "sum of what is known")
     unmeasured = [reason for reason in reasons if NOT_MEASURED in reason]
-    return Table(headings, tuple(rows), frozenset(), notes=(_BUDGET, *unmeasured))
+    return Table(headings, tuple(rows), frozenset({0}), notes=(_BUDGET, *unmeasured))
 
 
 def _parts(part: float) -> str:
@@ -126,9 +127,9 @@ def _parts(part: float) -> str:
 
 
 _BUDGET = (
-    "Parts of W. Seeds: half width of the 95 % interval. Numerics: bound of the bias by calibration, or the largest "
-    "difference in this study. Window: half of the drift of W across the window, by which W at either end differs from "
-    "its mean. Filling, bed: the largest difference in this study."
+    "Parts of the number. Seeds: half width of the 95 % interval. Numerics: the largest difference in this study; of W "
+    "else the bound of the bias by calibration. Window: half of the drift of W across the window, by which W at either "
+    "end differs from its mean. Filling, bed: the largest difference in this study."
 )
 
 

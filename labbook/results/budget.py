@@ -1,14 +1,17 @@
-"""What a flow rate owes to seeds, numerics, window, bed and filling: an error budget, with what was not measured."""
+"""What a number owes to seeds, numerics, window, bed and filling: an error budget, with what was not measured."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from labbook.accuracy import Calibration, OutOfRange, bias_of
+from labbook.fit import Parameter
 from labbook.results import display
 from labbook.results.points import DRIFT, FLOW_RATE, PointResult
+from labbook.results.series import PACKING_FRACTION, Series
 from labbook.results.study import Results
+from labbook.stats import Pooled
 
 Source = Literal["seeds", "numerics", "window", "filling", "bed"]
 SOURCES: dict[Source, str] = {
@@ -24,7 +27,7 @@ NOT_MEASURED = "not measured"
 
 @dataclass(frozen=True)
 class Share:
-    """What one source adds to the error of a flow rate. `part`: of the flow rate, None where `basis` says why it is not
+    """What one source adds to the error of a number. `part`: of the number, None where `basis` says why it is not
     known; `basis`: what it rests on."""
 
     source: Source
@@ -32,11 +35,17 @@ class Share:
     basis: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Budget:
-    """The error of a point's flow rate by source."""
+    """The error of a number by source.
 
-    result: PointResult
+    `quantity`: W or packing fraction of a point, by the name of its quantity, or `LAW.PARAMETER` of a series; `of`: the
+    point or series.
+    """
+
+    quantity: str
+    of: PointResult | Series
+    value: float
     shares: tuple[Share, ...]
 
     @property
@@ -50,41 +59,79 @@ class Budget:
         return tuple(share.source for share in self.shares if share.part is None)
 
     @property
+    def name(self) -> str:
+        """For people: `W`, `φ`, `k, beverloo`."""
+        law, _, _ = self.quantity.rpartition(".")
+        return ", ".join(filter(None, (display.quantity(self.quantity).name, law)))
+
+    @property
     def line(self) -> str:
         """`W = 108.5 ± 0.8 (seeds) ± 0.3 (numerics) ± 0.6 (window) g/s; not measured: filling, bed`."""
-        flow, shown = self.result.flow_rate, display.quantity(FLOW_RATE)
-        assert flow is not None
-        known = [(share.source, abs(flow.value) * share.part) for share in self.shares if share.part is not None]
+        shown = display.quantity(self.quantity)
+        known = [(share.source, abs(self.value) * share.part) for share in self.shares if share.part is not None]
         finest = min((error for _, error in known if error > 0 and math.isfinite(error)), default=math.nan)
         parts = [f"± {display.number(error, finest, shown.scale)} ({source})" for source, error in known]
-        value = display.number(flow.value, finest, shown.scale)
+        value = display.number(self.value, finest, shown.scale)
         lacking = f"; {NOT_MEASURED}: {', '.join(self.unknown)}" if self.unknown else ""
-        return f"{shown.name} = {' '.join([value, *parts])} {shown.unit}".rstrip() + lacking
+        return f"{self.name} = {' '.join([value, *parts])} {shown.unit}".rstrip() + lacking
 
 
 def budgets(results: Results) -> tuple[Budget, ...]:
-    """The budget of every point with a flow rate."""
-    return tuple(_budget(one, results) for one in results.points if one.flow_rate is not None)
+    """The budget of W and of the packing fraction of every point that has them, and of every parameter that was fitted
+    to a series."""
+    found = [*_of_points(results, FLOW_RATE), *_of_points(results, PACKING_FRACTION), *_of_series(results)]
+    return tuple(found)
 
 
-def _budget(result: PointResult, results: Results) -> Budget:
-    points = results.points
-    shares = (_seeds(result), _numerics(result, points, results.study.calibration), _window(result))
-    return Budget(result, (*shares, *(_swept(result, points, source) for source in ("filling", "bed"))))
+def _of_points(results: Results, quantity: str) -> Iterator[Budget]:
+    there = [(one, one.pooled[quantity]) for one in results.points if quantity in one.pooled]
+    values = [(one.at, pooled.value) for one, pooled in there]
+    for one, pooled in there:
+        shares = [_seeds(pooled)]
+        if quantity == FLOW_RATE:
+            shares += [_numerics(one, values, results.study.calibration), _window(one)]
+        else:  # of the bed at rest, before there is a window
+            shares += [_swept("numerics", one.at, pooled.value, values)]
+        shares += [_swept(source, one.at, pooled.value, values) for source in ("filling", "bed")]
+        yield Budget(quantity, one, pooled.value, tuple(shares))
 
 
-def _seeds(result: PointResult) -> Share:
+def _of_series(results: Results) -> Iterator[Budget]:
+    """Numerics, filling and bed move a parameter by as much as it differs between series that differ in these only."""
+    for law in dict.fromkeys(law for series in results.series for law in series.fits):
+        there = [series for series in results.series if law in series.fits]
+        for name in there[0].parameters(law):
+            values = [(series.at, series.parameters(law)[name].value) for series in there]
+            for series, (at, value) in zip(there, values, strict=True):
+                swept = {source: _swept(source, at, value, values) for source in _SWEPT}
+                shares = [_fitted(series.parameters(law)[name]), swept["numerics"]]
+                shares += [Share("window", None, NOT_MEASURED), swept["filling"], swept["bed"]]
+                yield Budget(f"{law}.{name}", series, value, tuple(shares))
+
+
+def _seeds(pooled: Pooled) -> Share:
+    if not math.isfinite(pooled.half_width):
+        return Share("seeds", None, "one replicate")
+    of = f"{pooled.n} replicates" if pooled.n > 1 else "one long run, by its own scatter"
+    return Share("seeds", pooled.relative, f"95 % interval of {of}")
+
+
+def _fitted(parameter: Parameter) -> Share:
+    part = (parameter.high - parameter.low) / 2 / abs(parameter.value) if parameter.value else math.nan
+    if not math.isfinite(part):
+        return Share("seeds", None, "the fit gives no interval")
+    return Share("seeds", part, "95 % interval of the fit")
+
+
+Values = Sequence[tuple[Mapping[str, float | str], float]]
+"""What was swept, and the number there."""
+
+
+def _numerics(result: PointResult, values: Values, known: Calibration | None) -> Share:
+    """From the study's own sweep over numerics, else from the calibration."""
     flow = result.flow_rate
     assert flow is not None
-    if not math.isfinite(flow.half_width):
-        return Share("seeds", None, "one replicate")
-    of = f"{flow.n} replicates" if flow.n > 1 else "one long run, by its own scatter"
-    return Share("seeds", flow.relative, f"95 % interval of {of}")
-
-
-def _numerics(result: PointResult, points: Sequence[PointResult], known: Calibration | None) -> Share:
-    """From the study's own sweep over numerics, else from the calibration."""
-    swept = _swept(result, points, "numerics")
+    swept = _swept("numerics", result.at, flow.value, values)
     if swept.part is not None:
         return swept
     point = result.point
@@ -108,33 +155,29 @@ def _window(result: PointResult) -> Share:
     return Share("window", abs(drift.value) / 2, f"half of the drift, {_percent(drift.value)}{error}")
 
 
-def _swept(result: PointResult, points: Sequence[PointResult], source: Source) -> Share:
-    """The largest difference to points of the study that differ in nothing but keys of this source."""
-    flow = result.flow_rate
-    assert flow is not None
-    begins = _SWEPT[source]
-    others = {key: value for key, value in result.at.items() if not key.startswith(begins)}
-    if len(others) == len(result.at):
+def _swept(source: Source, at: Mapping[str, float | str], value: float, values: Values) -> Share:
+    """The largest difference to numbers of the study where nothing differs but keys of this source."""
+    others = _without(at, source)
+    if len(others) == len(at):
         return Share(source, None, NOT_MEASURED)
-    alike = [
-        one.flow_rate.value
-        for one in points
-        if one.flow_rate is not None
-        and one is not result
-        and {key: value for key, value in one.at.items() if not key.startswith(begins)} == others
-    ]
-    if not alike:
+    alike = [other for there, other in values if there is not at and _without(there, source) == others]
+    if not alike or not value:
         return Share(source, None, NOT_MEASURED)
-    part = max(abs(value / flow.value - 1) for value in alike)
+    part = max(abs(other / value - 1) for other in alike)
     return Share(source, part, f"largest difference to {len(alike)} other settings of this study")
+
+
+def _without(at: Mapping[str, float | str], source: Source) -> dict[str, float | str]:
+    return {key: value for key, value in at.items() if not key.startswith(_SWEPT[source])}
 
 
 def _percent(part: float) -> str:
     return f"{part:+.2%}"
 
 
-def summed_up(found: Sequence[Budget]) -> str:
-    """The budget of a study in a sentence: that of its only point, or the largest part of every source and where."""
+def summed_up(found: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
+    """The budget of a quantity in a sentence: that of its only point, or the largest part of every source and where."""
+    found = [one for one in found if one.quantity == quantity]
     if len(found) == 1:
         return f"{found[0].line}."
     parts = []
@@ -142,7 +185,8 @@ def summed_up(found: Sequence[Budget]) -> str:
         known = [(share.part, one) for one in found for share in one.shares if share.source == source]
         largest = max(((part, one) for part, one in known if part is not None), key=lambda pair: pair[0], default=None)
         if largest is not None:
-            parts.append(f"{source} up to {100 * largest[0]:.2g} % ({largest[1].result.label})")
-    lacking = [source for source in SOURCES if all(source in one.unknown for one in found)]
+            parts.append(f"{source} up to {100 * largest[0]:.2g} % ({largest[1].of.label})")
+    lacking = [source for source in SOURCES if any(s.source == source for one in found for s in one.shares)]
+    lacking = [source for source in lacking if all(source in one.unknown for one in found)]
     told = "; ".join(parts) + (f"; {NOT_MEASURED}: {', '.join(lacking)}" if lacking else "")
-    return f"Of W: {told}." if told else ""
+    return f"Of {found[0].name}: {told}." if told else ""

@@ -47,7 +47,7 @@ def frames(
     | `reference`     | number of the reference: theirs, ours, and how far they lie apart                         |
     | `statements`    | statement of the reference and where: ours, interval, verdict                             |
     | `numerics`      | pair of points that differ in numerics only: difference and test of equivalence           |
-    | `budget`        | point and source: what it adds to the error of W, a part of it, and what that rests on     |
+    | `budget`        | number and source: what it adds to the error, a part of it, and what that rests on         |
     | `accelerations` | point and bin of height above the outlet                                                  |
     | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
 
@@ -192,7 +192,9 @@ def _numerics(results: Results) -> Iterator[Row]:
 def _budget(results: Results) -> Iterator[Row]:
     for budget in budgets(results):
         for share in budget.shares:
-            yield {**of_point(budget.result), "source": share.source, "part": share.part, "basis": share.basis}
+            where = of_point(budget.of) if isinstance(budget.of, PointResult) else _of_series(budget.of)
+            told = {"source": share.source, "part": share.part, "basis": share.basis}
+            yield {**where, "quantity": budget.quantity, **told}
 
 
 def _of_series(series: Series) -> Row:

@@ -14,6 +14,7 @@ from labbook.report.page import summary
 from labbook.report.tables import budget_table
 from labbook.results.budget import budgets, summed_up
 from labbook.results.frames import to_json
+from labbook.results.points import PointResult
 from labbook.study.schema import Fill
 
 
@@ -101,3 +102,44 @@ def test_drifts_that_single_runs_cannot_show_are_trending_together(synthetic):
     noisy = replace(result, pooled={**result.pooled, "flow_rate_drift": replace(drift, value=0.2, half_width=0.25)})
     moving = replace(result, pooled={**result.pooled, "flow_rate_drift": replace(drift, value=0.2, half_width=0.17)})
     assert [one.trending for one in (steady, noisy, moving)] == [False, False, True]
+
+
+def test_packing_fractions_have_a_budget_without_a_window(analysis):
+    found_of = [one for one in budgets(analysis) if one.quantity == "packing_fraction"]
+    assert len(found_of) == len(analysis.points)
+    for one in found_of:
+        assert isinstance(one.of, PointResult)
+        pooled = one.of.pooled["packing_fraction"]
+        assert shares(one)["seeds"].part == pytest.approx(pooled.half_width / pooled.value, rel=1e-12)
+        assert "window" not in shares(one)
+        assert one.unknown == ("numerics", "filling", "bed")
+    assert summed_up(budgets(analysis), "packing_fraction").startswith("Of φ: seeds up to")
+
+
+def test_parameters_move_with_numerics_as_the_flow_rates_do(synthetic):
+    """At the other step there are six seeds instead of three, so that the fit is another."""
+    plain = [synthetic.point(at, D) for at, D in enumerate(synthetic.DIAMETERS)]
+    finer = [replace(one, index=one.index + 8, numerics=Numerics(dt=5e-6)) for one in plain]
+    every = [replace(one, at={**one.at, "numerics.dt": one.numerics.dt}) for one in (*plain, *finer)]
+    study = synthetic.study_of(every, reference=None, fit=("beverloo",))
+    runs = [synthetic.FinishedDouble(one, seed) for one in every for seed in (1, 2, 3)]
+    runs += [replace(run, seed=run.seed + 3) for run in runs if run.point.numerics.dt == 5e-6]
+    results = analyse(study, runs)
+    first, other = (series.fits["beverloo"].parameters for series in results.series)
+    assert first["k"].value != other["k"].value
+    (of_first, of_other) = [one for one in budgets(results) if one.quantity == "beverloo.k"]
+    assert shares(of_first)["numerics"].part == pytest.approx(abs(other["k"].value / first["k"].value - 1), rel=1e-9)
+    assert shares(of_other)["numerics"].part == pytest.approx(abs(first["k"].value / other["k"].value - 1), rel=1e-9)
+    half = (first["k"].high - first["k"].low) / 2
+    assert shares(of_first)["seeds"].part == pytest.approx(half / first["k"].value, rel=1e-9)
+    assert of_first.unknown == ("window", "filling", "bed")
+    assert of_first.name == "k, beverloo"
+    named = [row[0] for row in budget_table(results).rows]
+    assert named.count("W") == 16
+    assert named.count("k, beverloo") == named.count("C (grain density), beverloo") == 2
+
+
+def test_without_another_setting_numerics_of_a_parameter_are_not_measured(analysis):
+    of_fits = [one for one in budgets(analysis) if "." in one.quantity]
+    assert of_fits
+    assert all(one.unknown == ("numerics", "window", "filling", "bed") for one in of_fits)
