@@ -39,6 +39,7 @@ class Stage:
         self._beats: Beat | None = None
         self.changes = 0
         """Rises whenever the state of a member may have changed."""
+        self._of_all, self._of_one = 0, dict[int, int]()  # `changes` at the last that concerned all slots, or one
 
     @property
     def arrays(self) -> Arrays:
@@ -51,6 +52,18 @@ class Stage:
         """What is launched over the arrays."""
         assert self._beats is not None
         return self._beats
+
+    def changed_since(self, then: int, slot: int) -> bool:
+        """Whether the state of the member in a slot may have changed since `changes` was as large as `then`."""
+        return max(self._of_all, self._of_one.get(slot, 0)) > then
+
+    def _has_changed(self, run: Run | None = None) -> None:
+        """The state of a member has; None: of all."""
+        self.changes += 1
+        if run is None:
+            self._of_all = self.changes
+        else:
+            self._of_one[run.slot] = self.changes
 
     # who is there
 
@@ -103,7 +116,7 @@ class Stage:
                 transfer.set_springs(self.arrays, run.slot, start, run.names, cell_size(run.scene, run.numerics))
         for run in new:
             run.begin = None
-        self.changes += 1
+        self._has_changed()
 
     def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
         """Give a member grains that left again. half_v: their velocities [m/s] half a step before. Raises MemoryError,
@@ -120,7 +133,7 @@ class Stage:
             self._resize(sizes, {run: state})
         while any(needed := self._lists([run])):  # springs that found no room are in `state` alone
             self._resize(room.grown(self._sizes, *needed), {run: state})
-        self.changes += 1
+        self._has_changed(run)
 
     def _put(self, run: Run) -> None:
         if isinstance(run.begin, Packing):
@@ -201,7 +214,7 @@ class Stage:
             self._put_extremes(run)
             transfer.restore(self._arrays, run.slot, checkpoint)
         self._counters()
-        self.changes += 1
+        self._has_changed()
 
     # a beat
 
@@ -213,7 +226,7 @@ class Stage:
         """Let these members take a beat."""
         self.wake(runs)
         self.beats.run()
-        self.changes += 1
+        self._has_changed()
         try:
             return collect(self.arrays, self.beats.told)
         except RuntimeError as error:
@@ -251,7 +264,7 @@ class Stage:
         step = fetch(self.arrays.system.step)
         step[run.slot] = run.step
         self.arrays.system.step.assign(step)
-        self.changes += 1
+        self._has_changed(run)
 
     def bad_value(self, run: Run, grain: int) -> float:
         """Overlap [m] or speed [m/s] with which a grain failed a guard."""

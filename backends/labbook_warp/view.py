@@ -14,7 +14,11 @@ from labbook_warp.stage import Stage
 
 
 class View:
-    """See above. Reading changes nothing, but members that wait for their slots get them."""
+    """See above. Reading changes nothing, but members that wait for their slots get them.
+
+    What was read stands until its member changes: where grains are put back into a thousand members, one after another,
+    each would else be read a thousand times.
+    """
 
     def __init__(self, stage: Stage):
         self.stage = stage
@@ -25,10 +29,10 @@ class View:
         self._touched_at = -1  # the same, of contacts
         self._touching: dict[int, np.ndarray] = {}
 
-    def _look(self) -> tuple[Any, Any]:
+    def _look(self, run: Run) -> tuple[Any, Any]:
         stage = self.stage
         stage.seat()
-        if self._velocities is None or self._at != stage.changes:
+        if self._velocities is None or stage.changed_since(self._at, run.slot):
             stage.wake(stage.runs)
             self._velocities = stage.beats.look()
             self._energies = stage.beats.kinetic(*self._velocities)
@@ -38,7 +42,7 @@ class View:
 
     def whole_step(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and reduced angular momenta [rad/s] of a member at the whole step, by row."""
-        velocities = self._look()
+        velocities = self._look(run)
         first = run.slot * self.stage.arrays.sizes.cap
         v, m = (fetch(array[first : first + run.rows]) for array in velocities)
         return v, m
@@ -50,7 +54,7 @@ class View:
     def contacts(self, run: Run) -> np.ndarray:
         """Rows i, j, wall, force, branch of a member's touching contacts, in the order of i, j, wall."""
         stage = self.stage
-        if self._touched_at != stage.changes:
+        if stage.changed_since(self._touched_at, run.slot):
             stage.wake(stage.runs)
             rows = stage.beats.contacts()
             rows = rows[np.lexsort((rows[:, 3], rows[:, 2], rows[:, 1], rows[:, 0]))]
@@ -64,7 +68,7 @@ class View:
         """Kinetic energy [J] of a member at the whole step."""
         if run.slot < 0 and isinstance(run.begin, Packing):
             return run.first_energy()
-        self._look()
+        self._look(run)
         return float(self._energies[run.slot])
 
     def extremes(self, run: Run) -> tuple[float, float]:
@@ -72,7 +76,7 @@ class View:
         if run.slot < 0:
             deep, speed2 = run.most
         else:
-            self._look()
+            self._look(run)
             deep, speed2 = self._extremes[run.slot]
         return float(deep), math.sqrt(speed2)
 

@@ -103,6 +103,27 @@ def test_a_grain_that_is_put_back_falls_and_the_others_do_not_know(silo):
             assert np.allclose(now.x[a], alone.x[b], rtol=0, atol=1e-3 * silo.scene.grains.diameter)
 
 
+def test_what_is_read_after_it_is_not_what_was_read_before(silo):
+    """A backend may keep what it has read until its member changes."""
+    found = []
+    for early in (True, False):
+        with silo.ensemble() as ensemble:
+            members = [silo.admit(ensemble) for _ in range(2)]
+            ensemble.advance(12)
+            if early:
+                _ = [(ensemble.status(member), ensemble.packing(member)) for member in members]
+            away = np.setdiff1d(silo.start.ids, ensemble.packing(members[0]).ids)[:1]
+            x, v = np.array([[-0.2, 0.0, 2e-3]]), np.array([[0.0, 0.0, -3.0]])
+            ensemble.put_back(members[0], Packing(x=x, v=v, omega=0 * x, ids=away))
+            found.append([(ensemble.status(member), ensemble.packing(member)) for member in reversed(members)])
+    for (status, state), (fresh, other) in zip(*found, strict=True):
+        assert status == fresh
+        assert identical(state, other)
+    (other, _), (fed, _) = found[0]
+    assert fed.grains == other.grains + 1
+    assert fed.kinetic > 2 * other.kinetic
+
+
 def test_it_passes_the_outlet_again(silo):
     with silo.ensemble() as ensemble:
         member = silo.admit(ensemble)
