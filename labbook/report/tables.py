@@ -3,7 +3,7 @@
 import math
 import statistics
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -113,13 +113,25 @@ def budget_table(results: Results) -> Table:
     reasons: dict[str, None] = {}
     for budget in budgets(results):
         parts = {share.source: share.part for share in budget.shares}
-        cells = ["–" if (part := parts.get(source)) is None else _parts(part) for source in SOURCES]
+        total = None if len(budget.unknown) == len(budget.shares) else budget.total
+        cells = ["–" if part is None else _parts(part) for part in (*map(parts.get, SOURCES), total)]
         if budget.quantity == FLOW_RATE:
             reasons |= dict.fromkeys(f"{share.source}: {share.basis}" for share in budget.shares)
-        rows.append((budget.name, *_at(budget.of, swept), *cells, _parts(budget.total)))
+        rows.append((budget.name, _at(budget.of, swept), tuple(cells)))
+    rows = [(name, *at, *cells) for name, at, cells in _once(rows)]
     headings = ("of", *_headings(swept, ()), *SOURCES, "sum of what is known")
     unmeasured = [reason for reason in reasons if NOT_MEASURED in reason]
     return Table(headings, tuple(rows), frozenset({0}), notes=(_BUDGET, *unmeasured))
+
+
+def _once(rows: Sequence[tuple[str, tuple[str, ...], tuple[str, ...]]]) -> Iterator[tuple[str, tuple[str, ...], tuple]]:
+    """Names, places and cells; those of a name that are the same everywhere stand once."""
+    for name in dict.fromkeys(row[0] for row in rows):
+        mine = [row for row in rows if row[0] == name]
+        if len(mine) > 1 and len({cells for _, _, cells in mine}) == 1:
+            yield name, tuple("all" for _ in mine[0][1]), mine[0][2]
+        else:
+            yield from mine
 
 
 def _parts(part: float) -> str:

@@ -143,3 +143,13 @@ def test_without_another_setting_numerics_of_a_parameter_are_not_measured(analys
     of_fits = [one for one in budgets(analysis) if "." in one.quantity]
     assert of_fits
     assert all(one.unknown == ("numerics", "window", "filling", "bed") for one in of_fits)
+
+
+def test_what_is_the_same_at_all_points_has_one_row_and_nothing_known_is_no_error_of_nothing(synthetic, analysis):
+    rows = budget_table(analysis).rows
+    assert [row[:2] for row in rows if row[0] == "φ"] == [("φ", "all")]
+    assert [row[0] for row in rows].count("W") == len(analysis.points)
+    (row,) = budget_table(found(synthetic, [synthetic.point(0, 0.03)], seeds=1)).rows
+    assert row[-1] == row[4], "the window alone is known"
+    nothing = [row for row in rows if set(row[2:-1]) == {"–"}]
+    assert all(row[-1] == "–" for row in nothing)
