@@ -97,7 +97,9 @@ class Board:
             self._take(point)
         self._tidy(plan.items)
 
-    def _take(self, point: PointPlan) -> None:
+    def _take(self, point: PointPlan, *, anew: bool = True) -> None:
+        """Take up a point. `anew`: all its runs were looked at just now; else what is known of those that wait stands,
+        for their packings may have been made since."""
         self.points[point.shared.point.index] = point
         for item in point.items:
             key = item.keys.run
@@ -105,8 +107,8 @@ class Board:
             self._standing[item.keys.packing].add(point.shared.point.index)
             # what ended here is not begun again: points with other guards could hand it to and fro
             known = key in self.going or key in self._lost or key in self.tally.ran
-            if self._lacks(item) and not known:
-                had = self.todo.get(key)
+            had = self.todo.get(key)
+            if self._lacks(item) and not known and (anew or had is None):
                 self._ordered &= had is not None and _place(had) == _place(item)
                 self.todo[key] = item
 
@@ -250,7 +252,7 @@ class Board:
         self.todo.pop(key, None)
         problem = self._index.add_run(self._bench.lab.run(key), self._observe)
         for index in sorted(self._sharing[key]):
-            self._take(self._planner.point(self.points[index], key))
+            self._take(self._planner.point(self.points[index], key), anew=False)
         return problem
 
     def failed(self, job: Job, why: str) -> None:

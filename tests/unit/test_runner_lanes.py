@@ -1,9 +1,9 @@
 """Lanes share the work of a study, and progress tells how far it is."""
 
+import math
 import time
 from dataclasses import replace
 
-import pytest
 from labbook_toy import Backend, Ensemble
 from toy_lab import arrays, carry_out, study, study_file
 from toy_records import outcomes
@@ -12,6 +12,7 @@ from labbook.backend import Spec
 from labbook.lab import Catalogue, Lab
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
+from labbook.run import runner
 from labbook.run.board import Board
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench
@@ -54,8 +55,9 @@ def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, mon
         index.close()
 
 
-@pytest.mark.slow
-def test_progress_tells_runs_from_packings(tmp_path):
+def test_progress_tells_runs_from_packings(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "_LOOK", 0.0)  # after every beat, whatever the clock says
+    monkeypatch.setattr(runner, "_TELLING", math.inf)
     seen = []
 
     class Watch(Unwatched):
@@ -63,7 +65,7 @@ def test_progress_tells_runs_from_packings(tmp_path):
             made = [len(list((tmp_path / "lab" / name).glob("*"))) for name in ("packings", "runs")]
             seen.append((view.fillings_left, view.runs_done, *made))
 
-    carry_out(study(tmp_path), tmp_path / "lab", backend=Backend(delay=0.02), watcher=Watch(), lanes=1)
+    carry_out(study(tmp_path), tmp_path / "lab", watcher=Watch(), lanes=1)
     assert len({left for left, *_ in seen}) > 1, "it was looked at while packings were being made, and later"
     for left, done, packings, runs in seen:
         assert (left, done) == (2 - packings, runs)
