@@ -18,7 +18,7 @@ from labbook.verify.stand import Stand, require
 
 IN_ONE = {"pyramid", "edges", "time-step", "stiffness", "incline", "units", "size-ratio", "rods-stacked"}
 """Cases that take long, or kernels of their own: a backend takes them in its first precision only."""
-LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges"}
+LONG_ON_WARP = {"impact-extremes", "time-step", "stiffness", "edges", "incline", "rods-stacked"}
 """Cases that take more than ten seconds on the GPU backend's processor, where every step is a launch or more."""
 
 

@@ -22,6 +22,7 @@ def test_grains_of_all_aspect_ratios_have_one_volume(aspect_ratio):
     assert rods.mass == pytest.approx(spheres.mass)
 
 
+@pytest.mark.ring
 def test_a_grain_step_of_each_has_a_cost(monkeypatch):
     backend = Backend(wide=True)  # whose kernels are those of the contract's tests
     monkeypatch.setattr(elongation, "load", lambda _: backend)

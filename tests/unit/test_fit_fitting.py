@@ -92,12 +92,12 @@ def test_true_parameters_are_within_the_joint_region_as_often_as_it_says():
 @pytest.mark.parametrize(
     ("name", "draws"),
     [
-        pytest.param("beverloo", 2000, marks=pytest.mark.slow),
+        ("beverloo", 2000),
         ("power", 2000),
-        pytest.param("exponential", 2000, marks=pytest.mark.slow),
-        pytest.param("janda", 600, marks=pytest.mark.slow),
-        pytest.param("beverloo_3d", 2000, marks=pytest.mark.slow),
-        pytest.param("janda_3d", 600, marks=pytest.mark.slow),
+        ("exponential", 2000),
+        ("janda", 600),
+        pytest.param("beverloo_3d", 2000, marks=pytest.mark.ring),
+        pytest.param("janda_3d", 600, marks=pytest.mark.ring),
     ],
 )
 def test_intervals_cover(name, draws):

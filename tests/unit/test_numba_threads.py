@@ -78,7 +78,14 @@ def used(arrays) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("precision", "law"), [("double", {}), ("mixed", {}), ("mixed", SPRUNG)])
+@pytest.mark.parametrize(
+    ("precision", "law"),
+    [
+        ("double", {}),
+        pytest.param("mixed", {}, marks=pytest.mark.ring),
+        pytest.param("mixed", SPRUNG, marks=pytest.mark.ring),
+    ],
+)
 def test_bits_do_not_depend_on_threads(start, precision, law):
     rows, arrays, packing = discharged(1, precision, start, silo(**law))
     assert len(rows[PROBES[0]]["id"]) > 40, "grains leave, so that rows and domains move"

@@ -79,14 +79,14 @@ def accepted(file: Path, lab: Path, key: str, name: str) -> bool:
 
 
 QUICK = {"layer-sizes", "slot-sizes", "cylinder-kinds", "cone-kinds", "box-rods", "plates-spheres"}
-"""Combinations for `make check`: every container, every kind of grains. The others are slow for their number."""
+"""Combinations for `make test`: every container, every kind of grains. The others are in the ring for their number."""
 
 
 def combinations():
     for container in CONTAINERS:
         for grains in GRAINS:
             name = f"{container}-{grains}"
-            yield pytest.param(container, grains, marks=[] if name in QUICK else [pytest.mark.slow], id=name)
+            yield pytest.param(container, grains, marks=[] if name in QUICK else [pytest.mark.ring], id=name)
 
 
 @pytest.mark.slow

@@ -62,12 +62,26 @@ ON_A_GPU = {"flow-outlet", "flow-friction", "turntable", "turntable-round", "res
 beside the CPU backend, which takes all flows and beds; turntables are two million launches for one grain: there
 test_reference_rods has rods over a turning bottom beside the reference."""
 
-LONG_ON_WARP = {
-    *("flow-height", "resting-bed", "resting-mixture", "resting-pile", "rolling-spring-pyramid", "rolling-spring-rests")
+LONG_ON = {
+    "warp": {
+        *("flow-height", "resting-bed", "resting-mixture", "resting-pile"),
+        *("rolling-spring", "rolling-spring-pyramid", "rolling-spring-rests", "rolling-incline", "sliding-to-rolling"),
+        *("rest-on-incline", "incline-slip", "rolling-round-a-cylinder", "gas-energy-linear", "energy-cycle-linear"),
+        *("edge-roll-off", "edge-without-slip", "rim-roll-off", "rim-without-slip"),
+        *("rod-landing", "rod-over-rim", "rod-on-turntable", "rod-on-turning-rim"),
+        *(f"impacts-{law}" for law in EVERY_LAW),
+    },
+    "reference": {
+        *("rod-without-length", "turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear"),
+        *("unlike-stack-hertz-mindlin", "unlike-stack-linear"),
+    },
 }
-"""Cases that take most of a minute on the GPU backend's processor: in the ring, and on a GPU."""
-LONG = {"resting-bed-round"}
-"""Cases that take a minute anywhere on a processor."""
+"""Cases that take seven seconds to a minute on a processor, by backend: in the ring, and on a GPU. Of each kind of
+wall, force and shape shorter cases stay, and the CPU backend takes all."""
+LONG = {"resting-bed-round", "resting-mixture", "flow-friction"}
+"""Cases that take twenty seconds and more anywhere on a processor."""
+LONG_IN_ITS_SECOND = {"resting-bed"}
+"""The same in the second precision of a backend."""
 BY_THE_REFERENCE = {
     *("restitution-at-study-step", "contact-time", "pair-momenta", "rod-impact", "rod-without-length"),
     *("turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear", "energy-impact"),
@@ -94,8 +108,9 @@ def checks(among: Sequence[Bundled]):
         here = where(stand, slow=pytest.mark.slow)
         for case in CASES:
             if not left_out(case, stand):
-                warp = stand.device == "cpu" and stand.backend.capabilities.name == "warp"
-                long = case.name in LONG or (warp and case.name in LONG_ON_WARP)
+                long = case.name in LONG or (stand.second and case.name in LONG_IN_ITS_SECOND)
+                if stand.device == "cpu":
+                    long |= case.name in LONG_ON.get(stand.backend.capabilities.name, ())
                 marks = [*here.marks, *([pytest.mark.slow] if case.slow else []), *([pytest.mark.ring] if long else [])]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
@@ -119,7 +134,8 @@ def test_case_on_the_kernels_of_users(case, stand):
 
 
 def test_what_is_left_out_is_known():
-    assert {case.name for case in CASES} >= IN_ONE | ON_A_GPU | BY_THE_REFERENCE
+    names = IN_ONE | ON_A_GPU | BY_THE_REFERENCE | LONG | LONG_IN_ITS_SECOND | set().union(*LONG_ON.values())
+    assert {case.name for case in CASES} >= names
 
 
 def test_there_is_an_backend_to_check():
