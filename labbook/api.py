@@ -3,7 +3,9 @@
 The verbs of the command line do their work by these methods; docs/python.md lists all that is public.
 """
 
+import errno
 import math
+import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -13,6 +15,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from labbook.accuracy import BESIDE, write
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
 from labbook.export.packing import write_packings
@@ -27,7 +30,7 @@ from labbook.lab.runs import picture
 from labbook.measure.trajectories import Trajectories
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
-from labbook.results.calibrating import Calibrated, NotCalibrated, calibrate
+from labbook.results.calibrating import Calibrated, PilotStopped, calibrate
 from labbook.results.find import find
 from labbook.results.frames import frames
 from labbook.results.paper import analyses
@@ -43,9 +46,9 @@ from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
 from labbook.run.shard import WHOLE, Shard
 from labbook.run.watch import Unwatched, Watcher
 from labbook.scene.quantities import parse
-from labbook.study import Point, Study
+from labbook.study import Point, Study, load
 from labbook.study.keys import find as find_keys
-from labbook.study.pilot import SEEDS, is_pilot, pilot
+from labbook.study.pilot import SEEDS, first_needed, is_pilot, pilot
 from labbook.study.problems import instead
 
 if TYPE_CHECKING:
@@ -120,13 +123,32 @@ class Lab:
         runs each at its first and last point, and evaluated by one regression a scene. seeds: None for 8. A study that
         sweeps numerics is its own pilot.
 
-        Raises what `run` raises; NotCalibrated where too few runs flowed, scenes of this kind cannot be calibrated, or
-        Ctrl-C ended the pilot early.
+        Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be calibrated,
+        PilotStopped after Ctrl-C.
         """
-        asked = study if is_pilot(study) else pilot(study, seeds or SEEDS)
-        if self.run(asked, progress).stopped:
-            raise NotCalibrated("its pilot was stopped early; give the same command again to go on")
-        return calibrate(asked.name, self.results(asked, False).points)
+        return self._calibrated(study if is_pilot(study) else pilot(study, seeds or SEEDS), progress)
+
+    def pilot(self, study: Study, progress: bool | Watcher = True) -> Study:
+        """`study` with numerics chosen for the error that it asks for, also where nothing was measured of such scenes:
+        there a pilot is run first, which measures what the time step does to the flow rate at a few of its points.
+
+        The calibration is written beside the file of the study, for all who load that, or into the lab for a study made
+        in Python. A study that needs no pilot is returned as it is. Raises what `calibrate` raises, and OSError where
+        the calibration cannot be written, before anything runs.
+        """
+        needed = first_needed(study)
+        if needed is None:
+            return study
+        file = self.place.studies / f"{study.name}{BESIDE}" if not study.source else study.path.with_suffix(BESIDE)
+        if study.source and not os.access(file.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, "the calibration of its pilot cannot be written there", str(file))
+        write(file, [one.effects for one in self._calibrated(needed, progress)])
+        return load(study.path) if study.source else study.change({"accuracy.calibration": str(file.resolve())})
+
+    def _calibrated(self, pilot: Study, progress: bool | Watcher) -> tuple[Calibrated, ...]:
+        if self.run(pilot, progress).stopped:
+            raise PilotStopped
+        return calibrate(pilot.name, self.results(pilot, False).points)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> "Results":
         """What was found of `study` so far. What was not evaluated yet is evaluated now, and kept.

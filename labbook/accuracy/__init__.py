@@ -1,10 +1,12 @@
 """What numerics do to a flow rate, as far as it was measured, and the numerics that an error asked for allows."""
 
 from labbook.accuracy.calibration import (
+    BESIDE,
     Alike,
     Bias,
     Calibration,
     Effects,
+    NotMeasured,
     OutOfRange,
     calibration,
     load,
@@ -15,12 +17,14 @@ from labbook.accuracy.choosing import Choice, bias_of, choose
 from labbook.accuracy.groups import Groups, groups
 
 __all__ = [
+    "BESIDE",
     "Alike",
     "Bias",
     "Calibration",
     "Choice",
     "Effects",
     "Groups",
+    "NotMeasured",
     "OutOfRange",
     "bias_of",
     "calibration",

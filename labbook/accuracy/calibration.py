@@ -22,6 +22,8 @@ from labbook.stats.effects import one_more
 from labbook.stats.pooling import student
 
 PATH = Path(__file__).with_name("calibration.json")
+BESIDE = ".calibration.json"
+"""End of the name of the file with the calibration of a study beside that of the study, in place of .yaml."""
 KINDS = ("shape", "outlet", "law")
 """Groups that have to be those of the calibration."""
 RANGES = ("friction", "restitution", "rolling", "ratio")
@@ -35,6 +37,10 @@ _TITLES = {"shape": "grains are", "outlet": "the outlet is a", "law": "the law i
 
 class OutOfRange(ValueError):
     """Groups beyond the calibration; the message says which."""
+
+
+class NotMeasured(OutOfRange):
+    """No scene of this kind and range was measured: a pilot of it would tell."""
 
 
 @dataclass(frozen=True)
@@ -146,14 +152,14 @@ class Calibration:
     known: tuple[Alike, ...]
 
     def of(self, here: Groups) -> Alike:
-        """What was measured of scenes like this one. Raises OutOfRange."""
+        """What was measured of scenes like this one. Raises NotMeasured."""
         wrong = []
         for one in self.known:
             found = list(one.misfits(here, RANGES))
             if not found:
                 return one
             wrong.append(found)
-        raise OutOfRange("; ".join(min(wrong, key=len, default=["nothing was measured"])))
+        raise NotMeasured("; ".join(min(wrong, key=len, default=["nothing was measured"])))
 
 
 def calibration(effects: Iterable[Effects]) -> Calibration:

@@ -69,7 +69,7 @@ def choose(
     """The cheapest setting that meets `tolerance` in `scene`, filled as `closed` with the same numerics.
 
     dt [s], stiffness_scale: stated ones, which are kept. usual: the step [s] without an error asked for. Raises
-    OutOfRange where nothing was measured of such scenes, or no setting that was measured meets the tolerance.
+    NotMeasured where no such scene was measured; OutOfRange where no setting that was measured meets the tolerance.
     """
     stated = _grouped(scene, 1.0, 1.0)
     alike = (calibration or shipped()).of(stated)

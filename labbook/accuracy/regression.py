@@ -35,7 +35,8 @@ class Slopes:
 
     `within`: standard deviation of ln W between settings in one bed that the slopes do not explain; `between`: from
     bed to bed, runs of one setting. `freedom`: degrees of freedom of the fit within beds; `runs`, `beds`: how many
-    there were. The slope by the filling is 0 with an infinite variance where all beds were filled alike.
+    there were. The slope by an overlap that all runs share, or that all beds were filled with, is 0 with an infinite
+    variance.
     """
 
     values: np.ndarray
@@ -60,17 +61,21 @@ def regress(observed: Sequence[Observed]) -> Slopes:
         y.append(rates - rates.mean())
         x.append(factors - factors.mean(axis=0))
     Y, X = np.concatenate(y), np.concatenate(x)
-    freedom = len(Y) - len(beds) - 2
-    if freedom < 10 or np.linalg.matrix_rank(X / np.abs(X).max(axis=0).clip(1e-300)) < 2:
-        raise ValueError("too few runs: overlap and step must both vary within beds")
-    inverse = np.linalg.inv(X.T @ X)
-    slopes = inverse @ X.T @ Y
+    varied = np.abs(X).max(axis=0) > 1e-12 * np.array([[run.overlap, run.step**2] for run in observed]).max(axis=0)
+    freedom = len(Y) - len(beds) - int(varied.sum())
+    Z = X[:, varied]
+    if freedom < 10 or not varied[1] or np.linalg.matrix_rank(Z / np.abs(Z).max(axis=0)) < varied.sum():
+        raise ValueError("too few runs: the step, and overlap apart from it, must vary within beds")
+    known = np.ix_(varied, varied)
+    slopes, inverse = np.zeros(2), np.linalg.inv(Z.T @ Z)
+    slopes[varied] = inverse @ Z.T @ Y
     within = math.sqrt(float(np.sum((Y - X @ slopes) ** 2)) / freedom)
     left = {bed: _left(runs, slopes) for bed, runs in beds.items()}
     fill, error, by_slopes, between = _filled(beds, left, within)
     covariance = np.zeros((3, 3))
-    covariance[:2, :2] = within**2 * inverse
-    covariance[:2, 2] = covariance[2, :2] = covariance[:2, :2] @ by_slopes
+    covariance[[0, 1], [0, 1]] = math.inf
+    covariance[:2, :2][known] = within**2 * inverse
+    covariance[:2, 2][varied] = covariance[2, :2][varied] = covariance[:2, :2][known] @ by_slopes[varied]
     covariance[2, 2] = error**2 + by_slopes @ covariance[:2, 2]
     values = np.array([*slopes, fill])
     return Slopes(values, covariance, within, between, freedom, len(observed), len(beds))

@@ -30,11 +30,12 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Measure what time step and stiffness do to the flow rate of studies.
 
-        Runs a pilot: seven settings of its numerics at its first and last point, from shared packings. The file that it
-        writes, one for all, goes into studies as accuracy.calibration, and labbook then chooses numerics for
-        accuracy.flow_rate. A study that sweeps numerics itself is run as it is. Ctrl-C leaves everything resumable.
+        Runs a pilot: seven settings of its numerics at its first and last point, from shared packings, and writes one
+        file for all. By that labbook then chooses numerics for accuracy.flow_rate: a study finds the file of its own
+        name, and names others as accuracy.calibration. A study that sweeps numerics itself is run as it is. Ctrl-C
+        leaves everything resumable.
         """
-        from labbook.accuracy import write
+        from labbook.accuracy import BESIDE, write
         from labbook.api import Lab as Place
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
@@ -45,7 +46,7 @@ def register(app: typer.Typer) -> None:
         from labbook.run.progress import Bar
         from labbook.study import StudyError
 
-        path = out or studies[0].with_suffix(".calibration.json")
+        path = out or studies[0].with_suffix(BESIDE)
         place, found = Place(lab, backend, device), []
         for asked in [read_study(study) for study in studies]:
             try:
@@ -61,4 +62,5 @@ def register(app: typer.Typer) -> None:
             console.print(line, soft_wrap=True)
         console.print(f"Written: {path}", soft_wrap=True)
         name = path.name if path.resolve().parent == studies[0].resolve().parent else path
-        console.print(f"Next, in {studies[0]}: accuracy: {{flow_rate: 1 %, calibration: {name}}}", soft_wrap=True)
+        named = "" if path == studies[0].with_suffix(BESIDE) else f", calibration: {name}"
+        console.print(f"Next, in {studies[0]}: accuracy: {{flow_rate: 1 %{named}}}", soft_wrap=True)

@@ -11,11 +11,15 @@ from labbook.cli.options import BACKEND, GO_ON, LAB, STOPPED, Device, Lab, RunsO
 from labbook.cli.screen import screen
 
 if TYPE_CHECKING:
+    from labbook.api import Lab as Place
     from labbook.run.runner import Summary
+    from labbook.run.watch import Watcher
+    from labbook.study import Study
 
 Part = Annotated[
     str | None, typer.Option("--shard", help="Run only part i of n, such as 1/4.", metavar="I/N", show_default=False)
 ]
+Pilot = Annotated[bool, typer.Option("--pilot/--no-pilot", help="Measure first what the time step does, if needed.")]
 Every = Annotated[float, typer.Option("--checkpoint-every", help="Seconds between two checkpoints of a run.", min=0)]
 
 
@@ -30,11 +34,16 @@ def register(app: typer.Typer) -> None:
         device: Device = "cpu",
         checkpoint_every: Every = 20,
         shard: Part = None,
+        pilot: Pilot = True,
     ) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
 
         Several processes may run one study in one lab, and share the work. With --shard each knows its part beforehand:
         one process a part, in one lab or in several.
+
+        A study that asks for an error (accuracy.flow_rate) of scenes that were not calibrated gets a pilot first, which
+        measures what the time step does, and writes STUDY.calibration.json beside it. --no-pilot leaves that out: the
+        usual step is taken, and the error budget says that its bias is not known.
 
         A second Ctrl-C leaves at once; what was saved last is kept. Exit status: 0 if all runs of the study are there,
         1 if some failed, diverged or are suspect, 130 if it was stopped.
@@ -44,6 +53,7 @@ def register(app: typer.Typer) -> None:
         from labbook.lab import NoCatalogue
         from labbook.lab.folder import DiskFull
         from labbook.measure import MeasureError
+        from labbook.results.calibrating import PilotStopped
         from labbook.run.demand import Conflict
         from labbook.run.progress import Bar
         from labbook.run.shard import Shard
@@ -54,10 +64,16 @@ def register(app: typer.Typer) -> None:
                 Shard.parse(shard)
             except ValueError as problem:
                 fail(f"--shard: {problem}")
-        console = screen(highlight=False, markup=False)
+        console, place = screen(highlight=False, markup=False), Place(lab, backend, device)
         try:
             with Bar(screen(stderr=True)) as bar:
-                summary = Place(lab, backend, device).run(asked, bar, checkpoint_every, shard)
+                if pilot:
+                    asked = piloted(place, asked, bar, shard)
+                summary = place.run(asked, bar, checkpoint_every, shard)
+        except PilotStopped:
+            with suppress(OSError):
+                typer.echo(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
+            leave(STOPPED)
         except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull) as problem:
             fail(problem)
         except KeyboardInterrupt:
@@ -75,6 +91,32 @@ def register(app: typer.Typer) -> None:
             raise typer.Exit(STOPPED)
         if summary.failed or summary.diverged or summary.suspect:
             raise typer.Exit(1)
+
+
+def piloted(place: "Place", study: "Study", watcher: "Watcher", shard: str | None) -> "Study":
+    """The study after the pilot that it needs, if any. Raises PilotStopped, and what `run` raises."""
+    from labbook.results.calibrating import NotCalibrated, PilotStopped
+    from labbook.study.pilot import first_needed
+
+    needed = first_needed(study)
+    if needed is None:
+        return study
+    if shard is not None:
+        fail(f"{study.name} needs a pilot, which all parts share: labbook calibrate {study.path} first, or --no-pilot")
+    runs = len(needed.points) * needed.replicates
+    watcher.tell(f"Nothing was measured of such scenes: first a pilot of {runs} runs (--no-pilot leaves it out)")
+    try:
+        study = place.pilot(study, watcher)
+    except PilotStopped:
+        raise
+    except NotCalibrated as problem:
+        watcher.tell(f"The pilot tells nothing: {problem}. The usual step is taken, whose bias is not known")
+        return study
+    except PermissionError as problem:
+        fail(f"{problem.filename}: {problem.strerror}; labbook calibrate {study.path} --out FILE, and name FILE as "
+             "accuracy.calibration; or --no-pilot")  # fmt: skip
+    watcher.tell(f"Written by the pilot: {study.calibration_file}; what was chosen: labbook plan {study.path}")
+    return study
 
 
 def told(summary: "Summary") -> list[str]:

@@ -4,7 +4,8 @@
 |---------------------------|--------------------------------------------------------------------------|
 | lab/runs/KEY/             | a finished run, put in place by one rename                               |
 | lab/packings/KEY/         | a settled packing, put in place by one rename                            |
-| lab/study-files/NAME.yaml | the text of the study NAME as it was last run                            |
+| lab/study-files/NAME.yaml | the text of the study NAME as it was last run, and beside it its own      |
+|                           | calibration, if it has one                                               |
 | lab/notes/studies/        | notes and tags that people gave to studies, NAME.md                      |
 | lab/notes/runs/           | the same of runs, KEY.md                                                 |
 | lab/work/KEY/             | unfinished work on a run or packing, with its exact checkpoints          |

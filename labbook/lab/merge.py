@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, get_args
 
+from labbook.accuracy import BESIDE
 from labbook.backend import BackendMissing, Verifies, load
 from labbook.backend.probes import parse_probe, table_name
 from labbook.lab import notes, studies
@@ -125,8 +126,10 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
 
 def _take_study(lab: Lab, name: str, theirs: Path, merged: Merged) -> None:
     text = _text(theirs, MAX_BYTES)
+    beside = theirs.with_suffix(BESIDE)
+    calibration = _text(beside, MAX_BYTES) if beside.exists() else None
     with _in_the_way(theirs, studies.place(lab, name)):
-        before = studies.add(lab, name, text)
+        before = studies.add(lab, name, text, calibration)
     if before is None:
         merged.studies.append(name)
     elif before != text:

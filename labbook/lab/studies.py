@@ -1,29 +1,34 @@
 """The texts of the studies that were run in a lab, as their authors wrote them: `lab/study-files/NAME.yaml`.
 
-A text is that of the last run under its name. Nothing here reads what a text says: `labbook.study.load` does.
+A text is that of the last run under its name. The calibration by which numerics were chosen, where a study has one of
+its own, lies beside it. Nothing here reads what they say: `labbook.study.load` does.
 """
 
 from pathlib import Path
 
-from labbook.lab.folder import Lab, open_file, sync_folder, write_bytes
+from labbook.accuracy import BESIDE
+from labbook.lab.folder import Lab, open_file, remove, sync_folder, write_bytes
 from labbook.study.schema import names_a_study
 
 SUFFIX = ".yaml"
 
 
-def keep(lab: Lab, name: str, text: str) -> None:
-    """Keep `text` as that of the study `name`, in place of an earlier one. The same text is not written again.
+def keep(lab: Lab, name: str, text: str, calibration: Path | None = None) -> None:
+    """Keep `text` as that of the study `name`, and the file of its own calibration beside it, in place of earlier ones.
+    The same is not written again.
 
     Raises ValueError for a name that no study may have, and OSError.
     """
     path, content = place(lab, name), text.encode()
+    measured = None if calibration is None else calibration.read_bytes()
     with lab.alone(f"study-{name}"):  # several processes may begin the same study
         if _content(path) != content:
             _write(lab, path, content)
+        _keep_calibration(lab, path.with_suffix(BESIDE), measured)
 
 
-def add(lab: Lab, name: str, text: str) -> str | None:
-    """Keep `text` as that of the study `name` unless the lab has one.
+def add(lab: Lab, name: str, text: str, calibration: str | None = None) -> str | None:
+    """Keep `text` as that of the study `name`, and the text of its own calibration, unless the lab has such a study.
 
     Returns the text that the lab had, or None. Raises ValueError for a name that no study may have, and OSError.
     """
@@ -32,7 +37,14 @@ def add(lab: Lab, name: str, text: str) -> str | None:
         had = _content(path)
         if had is None:
             _write(lab, path, content)
+            _keep_calibration(lab, path.with_suffix(BESIDE), None if calibration is None else calibration.encode())
         return None if had is None else had.decode(errors="replace")
+
+
+def calibration(lab: Lab, path: Path) -> Path | None:
+    """The file of the calibration that is kept beside that of a study in the lab; None if there is none."""
+    beside = path.with_suffix(BESIDE)
+    return beside if path.parent == lab.studies and beside.is_file() else None
 
 
 def kept(lab: Lab) -> dict[str, Path]:
@@ -63,6 +75,13 @@ def _content(path: Path) -> bytes | None:
             return file.read()
     except OSError:
         return None
+
+
+def _keep_calibration(lab: Lab, path: Path, content: bytes | None) -> None:
+    if content is None:
+        remove(path)
+    elif _content(path) != content:
+        _write(lab, path, content)
 
 
 def _write(lab: Lab, path: Path, content: bytes) -> None:

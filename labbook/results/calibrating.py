@@ -18,6 +18,13 @@ class NotCalibrated(ValueError):
     """A study that gives no calibration; the message says why."""
 
 
+class PilotStopped(NotCalibrated):
+    """A pilot that was stopped early; asked for again, it goes on."""
+
+    def __init__(self) -> None:
+        super().__init__("its pilot was stopped early; give the same command again to go on")
+
+
 @dataclass(frozen=True)
 class Change:
     """What a setting does to W against the first one of its scene, seed by seed: `change` of ln W with its standard
@@ -54,7 +61,9 @@ class Calibrated:
         here, errors = self.effects.here, np.sqrt(np.diag(self.slopes.covariance))
         words = ("overlap", "(dt/t_c)^2", "overlap while filling")
         found = (
-            f"d ln W/d {w} = {v:.3g} +- {e:.2g}" for w, v, e in zip(words, self.slopes.values, errors, strict=True)
+            f"d ln W/d {w} = {v:.3g} +- {e:.2g}"
+            for w, v, e in zip(words, self.slopes.values, errors, strict=True)
+            if math.isfinite(e)
         )
         return [
             f"{here.law}, D/d = {here.ratio:.3g}, friction {here.friction:g}, restitution {here.restitution:g}, "

@@ -188,6 +188,8 @@ class Plan:
             elif point.unchosen:
                 step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
                 verb = f"labbook calibrate {self.study.path} measures it"
+                if point.wants_pilot:
+                    verb = "labbook run measures it first, by a pilot, and chooses again"
                 why = f"Not calibrated: {point.unchosen}; {step} ({verb})"
                 groups.setdefault(why, []).append(point.label)
         if len(groups) == 1:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from labbook.accuracy import Calibration
+from labbook.accuracy import BESIDE, Calibration
 from labbook.accuracy import load as load_calibration
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
@@ -72,7 +72,9 @@ class Study:
     source: str = field(default="", repr=False, compare=False)
     """The text of its file as it was read, with comments; empty for a study made in Python."""
     calibration: Calibration | None = field(default=None, repr=False, compare=False)
-    """That which it names, with the one that ships; None for the latter alone."""
+    """Its own, with the one that ships; None for the latter alone."""
+    calibration_file: Path | None = field(default=None, repr=False, compare=False)
+    """Where its own calibration is: the file that it names, or the one that a pilot has written beside it."""
 
     @property
     def fed(self) -> bool:
@@ -86,7 +88,9 @@ class Study:
         None leaves a key out. keys: the same for whole sections and settings. Raises StudyError, also for a key that
         is swept.
         """
-        return _resolved(changed(self.stated, {**(changes or {}), **keys}))
+        new = {**(changes or {}), **keys}
+        stays = not any(key.partition(".")[0] == "accuracy" for key in new)
+        return _resolved(changed(self.stated, new), self.calibration_file if stays else None)
 
     def frame(self) -> "pd.DataFrame":
         """The points: a row each, with `point` (from 1), what was swept [SI, units in `attrs`], and `label`."""
@@ -128,9 +132,12 @@ class Study:
         return study_html(self.name, self.about, self.stated, self.points, self.replicates)
 
 
-def load(path: Path | str) -> Study:
-    """The study in the file `path` (YAML). Raises StudyError with all problems that were found."""
-    return _resolved(read(Path(path)))
+def load(path: Path | str, calibration: Path | None = None) -> Study:
+    """The study in the file `path` (YAML). Raises StudyError with all problems that were found.
+
+    calibration: file to use in place of the one that it names, or that a pilot has written beside it.
+    """
+    return _resolved(read(Path(path)), calibration)
 
 
 def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
@@ -142,13 +149,14 @@ def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
     return _resolved(given(stated or {}, keys))
 
 
-def _resolved(source: Source) -> Study:
+def _resolved(source: Source, calibration_file: Path | None = None) -> Study:
     problems = _unknown_keys(source)
     unknown = [key for key in source.data if key not in TOP_KEYS]
     misspelled = {meant(key, TOP_KEYS) for key in unknown[:_COMPARED]}
     settings = _settings(source, misspelled, problems)
     sweep = Sweep(source)
-    calibration = _calibration(source, settings, problems)
+    file = calibration_file or _calibration_file(source, settings)
+    calibration = _calibration(source, file, problems)
     reader = PointReader(source, sweep.wrong | misspelled, settings, calibration)
     points = reader.read(sweep if sweep.size <= MAX_POINTS else islice(sweep, 1))
     reference = ReferenceReader(source, points, known_names, settings)
@@ -174,6 +182,7 @@ def _resolved(source: Source) -> Study:
         stated=source.data,
         source=source.text,
         calibration=calibration,
+        calibration_file=file,
         **stated,
     )
 
@@ -213,17 +222,24 @@ def _settings(source: Source, misspelled: Set[str | None], problems: list[Proble
         return None
 
 
-def _calibration(source: Source, settings: Settings | None, problems: list[Problem]) -> Calibration | None:
-    """The calibration that the study names; None if it names none, or one that cannot be read."""
+def _calibration_file(source: Source, settings: Settings | None) -> Path | None:
+    """The file that the study names, or else the one that its pilot has written beside it; None if there is neither."""
     named = settings.accuracy.calibration if settings is not None else None
-    if named is None:
+    if named is not None:
+        return source.path.parent / named
+    beside = source.path.with_suffix(BESIDE)
+    return beside if source.text and beside.is_file() else None
+
+
+def _calibration(source: Source, path: Path | None, problems: list[Problem]) -> Calibration | None:
+    """What is in its file; None if it has none, or one that cannot be read."""
+    if path is None:
         return None
-    path = source.path.parent / named
     try:
         return load_calibration(path)
     except (OSError, ValueError) as error:
         line = source.line(("accuracy", "calibration"))
-        remedy = "give a file that labbook calibrate has written, or leave it out"
+        remedy = "give a file that labbook calibrate has written, or remove it"
         problems.append(Problem(source.path, line, "accuracy.calibration", f"{path}: {error}", remedy))
         return None
 

@@ -1,8 +1,9 @@
 """The pilot of a study: a few settings of its numerics at its first and last point, to see what they do to W."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from labbook.accuracy import groups
 from labbook.scene.timescales import largest_stable_step
 from labbook.study.load import Study, define
 from labbook.study.point import Point
@@ -11,6 +12,9 @@ SEEDS = 8
 SETTINGS = ((1.0, 0.33, 1.0), (1.0, 0.75, 1.0), (0.3, 0.75, 1.0), (0.1, 0.75, 1.0), (0.03, 0.75, 1.0), (0.1, 0.75, 0.1),
             (0.03, 0.75, 0.03))  # fmt: skip
 """Stiffness scale, step in parts of the largest stable one, and stiffness scale of the filling."""
+STEPS, STEPS_SEEDS = SETTINGS[:2], 16
+"""What is run before a study whose numerics have to be chosen, where nothing was measured: the step alone, for what
+softness does is rarely small enough to be of use (docs/accuracy.md)."""
 _KEPT = ("grains", "contact", "container", "walls", "gravity", "window", "stop")
 
 
@@ -22,8 +26,23 @@ def is_pilot(study: Study) -> bool:
 def pilot(study: Study, seeds: int = SEEDS) -> Study:
     """The pilot of `study`: SETTINGS at its first and last point, `seeds` runs each; beds are shared by all settings
     that fill them alike. Raises StudyError."""
-    ends = [study.points[place] for place in sorted({0, len(study.points) - 1})]
-    points = [{**_at(study, point), **numerics} for numerics in _numerics(ends) for point in ends]
+    return _pilot(study, [study.points[place] for place in sorted({0, len(study.points) - 1})], seeds, SETTINGS)
+
+
+def first_needed(study: Study) -> Study | None:
+    """The pilot that is needed before the numerics of `study` can be chosen for the error that it asks for: STEPS at
+    the first and the last of its points of each kind where nothing was measured. None if there are no such points.
+    Raises StudyError."""
+    kinds: dict[tuple[str, ...], list[Point]] = {}
+    for point in study.points:
+        if point.wants_pilot and (here := groups(point.scene, 1.0, 1.0)) is not None:
+            kinds.setdefault((here.shape, here.outlet, here.law), []).append(point)
+    ends = {end.index: end for points in kinds.values() for end in (points[0], points[-1])}
+    return _pilot(study, list(ends.values()), STEPS_SEEDS, STEPS) if ends else None
+
+
+def _pilot(study: Study, ends: list[Point], seeds: int, settings: Sequence[tuple[float, float, float]]) -> Study:
+    points = [{**_at(study, point), **numerics} for numerics in _numerics(ends, settings) for point in ends]
     stated = {key: study.stated[key] for key in _KEPT if key in study.stated}
     fill = {key: value for key, value in study.stated.get("fill", {}).items() if key != "numerics"}
     return define(
@@ -45,10 +64,10 @@ def _at(study: Study, point: Point) -> Mapping[str, Any]:
     return {key: v if isinstance(v, str) else f"{v!r} {study.units.get(key, '')}".strip() for key, v in kept.items()}
 
 
-def _numerics(points: list[Point]) -> list[Mapping[str, str]]:
+def _numerics(points: list[Point], settings: Sequence[tuple[float, float, float]]) -> list[Mapping[str, str]]:
     """The settings, with one step for all points, so that they can share beds."""
     found = []
-    for scale, part, filled in SETTINGS:
+    for scale, part, filled in settings:
         flow, bed = (min(_stable(point, s) for point in points) for s in (scale, filled))
         found.append(
             {

@@ -28,6 +28,8 @@ class Point:
     """Why its numerics are what they are, where they were chosen for an error."""
     unchosen: str = field(default="", compare=False)
     """Why they could not be chosen, though an error was asked for; empty otherwise."""
+    wants_pilot: bool = field(default=False, compare=False)
+    """Whether they could be chosen after a pilot: its time step is left out, and no scene like it was measured."""
 
     def value(self, key: str) -> float | str | None:
         """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none."""

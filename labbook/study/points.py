@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from labbook.accuracy import Calibration, Choice, OutOfRange, choose
+from labbook.accuracy import Calibration, Choice, NotMeasured, OutOfRange, choose
 from labbook.backend.numerics import Numerics
 from labbook.scene.grains import Grains, Spheres
 from labbook.scene.scene import Scene
@@ -99,9 +99,9 @@ class PointReader:
         general = raw.get("numerics", {})
         flowing = closed if filling is None else None  # a step of its own is for the filling alone
         numerics = self._numerics({}, general, near, flowing, context, found, _NUMERICS)
-        choice, unchosen = None, ""
+        choice, unmet = None, None
         if numerics is not None and scene is not None and fill is not None and filling is None:
-            choice, unchosen = self._chosen(scene, fill, general, numerics)
+            choice, unmet = self._chosen(scene, fill, general, numerics)
         if choice is not None and numerics is not None:
             chosen = {"dt": choice.dt, "stiffness_scale": choice.stiffness_scale}
             numerics = numerics.model_copy(update=chosen)
@@ -118,26 +118,29 @@ class PointReader:
                     places.append(label)
         if found or scene is None or fill is None or numerics is None:
             return None
-        point = Point(index, scene, fill, numerics, {}, label or "the only point", choice, unchosen)
+        named = self._settings is not None and self._settings.accuracy.calibration is not None
+        piloted = isinstance(unmet, NotMeasured) and "dt" not in general and not named
+        why = "" if unmet is None else str(unmet)
+        point = Point(index, scene, fill, numerics, {}, label or "the only point", choice, why, piloted)
         at = {key: value for key in assignment if (value := point.value(key)) is not None}
         return replace(point, at=at)
 
     def _chosen(
         self, scene: Scene, fill: Fill, stated: Mapping[str, Any], numerics: Numerics
-    ) -> tuple[Choice | None, str]:
+    ) -> tuple[Choice | None, OutOfRange | None]:
         """The numerics for the error that the study asks for, with those that it states kept; or why there are none."""
         settings = self._settings
         if settings is None or settings.accuracy.flow_rate is None:
-            return None, ""
+            return None, None
         soft = "stiffness_scale" not in stated and set(settings.measure) <= _SOFTENED
         dt, usual = (numerics.dt, None) if "dt" in stated else (None, numerics.dt)
         scale = None if soft else numerics.stiffness_scale
         closed = scene.close(fill.friction, fill.contact)
         try:
             asked, own = settings.accuracy.flow_rate, self._calibration
-            return choose(scene, closed, asked, dt=dt, stiffness_scale=scale, usual=usual, calibration=own), ""
+            return choose(scene, closed, asked, dt=dt, stiffness_scale=scale, usual=usual, calibration=own), None
         except OutOfRange as reason:
-            return None, str(reason)
+            return None, reason
 
     def _grains(self, raw: Mapping[str, Any], found: list[Complaint]) -> Grains | None:
         """The grains come first: their diameter is the unit d of everything else."""

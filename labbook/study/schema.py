@@ -133,7 +133,8 @@ class Accuracy(Model):
     max_replicates: Annotated[int, Field(ge=2, le=10_000, strict=True)] = 100
     """Replicates that are not exceeded, even if the error is still larger."""
     calibration: Annotated[str, Field(min_length=1, max_length=500)] | None = None
-    """Calibration file, as `labbook calibrate` writes it, beside the study's file; none: the one that ships alone."""
+    """Calibration file, as `labbook calibrate` writes it; none: STUDY.calibration.json beside the study's file, if
+    there is one, and the one that ships."""
     numerics: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     """Margin within which flow rates at other numerics of a sweep count as the same; none: that is not tested."""
     count_suspect: StrictBool = False

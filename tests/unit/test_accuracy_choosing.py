@@ -104,8 +104,10 @@ def test_regression_without_other_fillings_says_that_it_knows_nothing_of_them():
     some = [one for one in runs(np.random.default_rng(1), np.array([2.0, 5.0, 0.0])) if one.filled == 0.001]
     found = regress(some)
     assert (found.values[2], found.covariance[2, 2]) == (0.0, math.inf)
+    alike = regress([replace(one, overlap=0.001) for one in some])
+    assert (alike.values[0], alike.covariance[0, 0]) == (0.0, math.inf)
     with pytest.raises(ValueError, match="too few runs"):
-        regress([replace(one, overlap=0.001) for one in some])
+        regress([replace(one, step=0.02) for one in some])
 
 
 def test_the_choice_is_the_cheapest_of_all_settings_that_meet_the_error():

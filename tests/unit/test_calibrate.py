@@ -81,7 +81,7 @@ def test_the_verb_writes_a_file_that_the_study_can_name(tmp_path):
     said = labbook("calibrate", path, "--lab", tmp_path / "lab", "--backend", "toy", "--seeds", 4).output
     written = tmp_path / "toy.calibration.json"
     assert f"Written: {written}" in said
-    assert "accuracy: {flow_rate: 1 %, calibration: toy.calibration.json}" in said
+    assert f"Next, in {path}: accuracy: {{flow_rate: 1 %}}" in said
     (entry,) = json.loads(written.read_text())["effects"]
     assert entry["scene"]["ratio"] == pytest.approx(8.0)
     with path.open("a") as file:

@@ -10,7 +10,8 @@ from labbook_web.shelf import Kept, NotThere, Shelf
 from toy_lab import arrays, labbook, start, study_file
 from toy_web import ORIFICES, REPLICATES, client, everything, make, pages, twins
 
-from labbook.lab import Catalogue, Lab
+from labbook.accuracy.calibration import PATH
+from labbook.lab import Catalogue, Lab, studies
 from labbook.results.find import find
 from labbook.study import StudyError, load
 
@@ -165,6 +166,13 @@ def test_given_files_count_before_those_of_the_lab(done, tmp_path):
         Shelf(done / "lab", [other], only=True).study(STUDY)
     own.write_text("name: [")
     assert [one.problem != "" for one in Shelf(done / "lab", [own]).listed()].count(True) == 1
+
+
+def test_a_kept_study_has_the_calibration_that_is_kept_with_it(tmp_path):
+    own = study_file(tmp_path, "accuracy: {flow_rate: 40 %, calibration: ../elsewhere.json}")
+    lab = Lab(tmp_path / "lab")
+    studies.keep(lab, STUDY, own.read_text(), PATH)
+    assert Shelf(lab.folder).study(STUDY)[0].calibration_file == lab.studies / f"{STUDY}.calibration.json"
 
 
 def test_a_study_that_changes_is_read_again(done, tmp_path):

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from labbook.accuracy import BESIDE
 from labbook.backend import installed
 from labbook.lab import Catalogue, LabError, notes, studies
 from labbook.lab import Lab as Folder
@@ -183,7 +184,7 @@ class Shelf:
         if path is None:
             known = ", ".join(self._files()) or "none"
             raise NotThere(f"the lab has no study file called {name}; it has: {known}")
-        return self._studies.get(path, _stamp(path), lambda: _read(path))
+        return self._read(path)
 
     def text(self, one: Listed) -> str:
         """The text of a study's file as it is; empty if it cannot be read."""
@@ -213,43 +214,53 @@ class Shelf:
             return Found(study, text, backend, results)
 
         spare = _SPARED if self.running() else 0.0  # what a study leaves when it ends is shown at once
-        return self._results.get((path, backend), (_stamp(path), self.state), find, spare)
+        return self._results.get((path, backend), (_stamps(path), self.state), find, spare)
 
     def running(self) -> list[Running]:
         """Processes that run studies in this lab now."""
         return running(self.lab)
 
     def _demands(self, path: Path, study: Study, backend: str) -> Mapping[str, Sequence[Demand]]:
-        return self._asked.get((path, backend), _stamp(path), lambda: asked(study, backend))
+        return self._asked.get((path, backend), _stamps(path), lambda: asked(study, backend))
 
     def _files(self) -> dict[str, Path]:
         """Study files by name: those of the lab, and those that were given."""
         found = {} if self._only else studies.kept(self.lab)
         for path in self._given:
             try:
-                found[self._studies.get(path, _stamp(path), lambda path=path: _read(path))[0].name] = path
+                found[self._read(path)[0].name] = path
             except (StudyError, OSError):
                 continue  # told by `listed`
         return found
+
+    def _read(self, path: Path) -> tuple[Study, str]:
+        """A study and its text, anew when its file, or that of its calibration, has changed. Raises StudyError."""
+        calibration = studies.calibration(self.lab, path)
+        return self._studies.get(path, _stamps(path), lambda: _read(path, calibration))
 
     def _wrong(self) -> dict[Path, str]:
         """Why files that were given are no studies."""
         wrong = {}
         for path in self._given:
             try:
-                self._studies.get(path, _stamp(path), lambda path=path: _read(path))
+                self._read(path)
             except (StudyError, OSError) as problem:
                 wrong[path] = str(problem)
         return wrong
 
 
-def _read(path: Path) -> tuple[Study, str]:
+def _read(path: Path, calibration: Path | None) -> tuple[Study, str]:
     with _loading:
-        study = load(path)
+        study = load(path, calibration)
     return study, study.text
 
 
 _loading = threading.Lock()  # units and models are set up when the first study is read: by one thread
+
+
+def _stamps(path: Path) -> tuple[tuple[int, int, int] | None, ...]:
+    """Of the file of a study and of the calibration beside it."""
+    return _stamp(path), _stamp(path.with_suffix(BESIDE))
 
 
 def _stamp(path: Path) -> tuple[int, int, int] | None:

@@ -1,0 +1,175 @@
+"""Pilots: what is run first where an error is asked of scenes that were not measured, and what comes of it."""
+
+import math
+import os
+
+import numpy as np
+import pytest
+from labbook_toy import Backend, Ensemble
+from toy_lab import labbook, study, study_file
+
+from labbook.accuracy.regression import Observed, regress
+from labbook.api import Lab
+from labbook.lab import Lab as Folder
+from labbook.lab import studies
+from labbook.results.calibrating import PilotStopped
+from labbook.study import load
+from labbook.study.pilot import STEPS, STEPS_SEEDS, first_needed
+
+ASKED = "accuracy: {flow_rate: 40 %, max_replicates: 4}"
+NAME = "toy.calibration.json"
+
+
+def asked_file(folder, *more, **changes):
+    """A study that asks for an error, and leaves its step to labbook."""
+    path = study_file(folder, *(more or (ASKED,)), **{"orifices": "[24]", "replicates": 2, **changes})
+    path.write_text(path.read_text().replace("dt: 10 us, ", ""))
+    return path
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Pilots of few seeds."""
+    monkeypatch.setattr("labbook.study.pilot.STEPS_SEEDS", 13)
+
+
+def test_it_has_two_steps_at_the_first_and_last_point_that_need_them(tmp_path):
+    made = first_needed(load(asked_file(tmp_path, orifices="[18, 21, 24, 30]")))
+    assert made is not None
+    assert {point.at["container.orifice"] for point in made.points} == {0.018, 0.024}, "30 mm was measured"
+    assert len(made.points) == 2 * len(STEPS)
+    assert made.replicates == STEPS_SEEDS
+    assert {point.numerics.stiffness_scale for point in made.points} == {1.0}
+    assert len({repr(point.fill.numerics) for point in made.points}) == 1, "so that the steps share beds"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"more": ("accuracy: {max_replicates: 4}",)},
+        {"orifices": "[30]"},
+        {"more": (ASKED, "fill: {numerics: {dt: 1 us}}")},
+    ],
+)
+def test_it_is_not_run_where_nothing_is_to_be_chosen_or_all_is_known(tmp_path, changes):
+    assert first_needed(load(asked_file(tmp_path, *changes.pop("more", ()), **changes))) is None
+    assert first_needed(study(tmp_path, ASKED)) is None, "a step that is stated is kept"
+
+
+def test_a_scene_that_cannot_be_calibrated_gets_none(tmp_path):
+    path = asked_file(tmp_path)
+    with path.open("a") as file:
+        file.write("walls: {all: {friction: 0.3}}\n")
+    asked = load(path)
+    assert asked.points[0].unchosen
+    assert first_needed(asked) is None
+
+
+@pytest.mark.slow
+def test_run_measures_first_and_then_runs_what_that_allows(tmp_path, few):
+    path, lab = asked_file(tmp_path), tmp_path / "lab"
+    planned = labbook("plan", path, "--lab", lab, "--backend", "toy").output
+    assert "labbook run measures it first, by a pilot" in " ".join(planned.split())
+    said = " ".join(labbook("run", path, "--lab", lab, "--backend", "toy").output.split())
+    assert "first a pilot of 26 runs" in said
+    asked = load(path)
+    choice = asked.points[0].choice
+    assert asked.calibration_file == tmp_path / NAME
+    assert choice is not None
+    assert "toy-study-pilot, 26 runs" in choice.source
+    assert choice.stiffness_scale == 1.0, "what softness does was not measured"
+    planned = labbook("plan", path, "--lab", lab, "--backend", "toy").output
+    assert "Chosen for 40.00%" in planned
+    assert "missing" not in planned
+    again = labbook("run", path, "--lab", lab, "--backend", "toy").output
+    assert "pilot" not in again.partition("Next:")[0]
+
+
+@pytest.mark.slow
+def test_without_it_the_usual_step_is_taken(tmp_path):
+    path, lab = asked_file(tmp_path), tmp_path / "lab"
+    labbook("run", path, "--lab", lab, "--backend", "toy", "--no-pilot")
+    assert not (tmp_path / NAME).exists()
+    planned = labbook("plan", path, "--lab", lab, "--backend", "toy").output
+    assert "Not calibrated" in planned
+    assert "missing" not in planned
+
+
+def test_what_cannot_be_done_is_said_before_anything_runs(tmp_path, monkeypatch):
+    path, lab = asked_file(tmp_path), tmp_path / "lab"
+    ended = labbook("run", path, "--lab", lab, "--backend", "toy", "--shard", "1/2", check=False)
+    assert ended.exit_code
+    assert "labbook calibrate" in ended.output
+    may = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK and may(path, mode))
+    ended = labbook("run", path, "--lab", lab, "--backend", "toy", check=False)
+    assert ended.exit_code
+    said = " ".join(ended.output.split())
+    assert str(tmp_path / NAME) in said.replace(" ", "")
+    assert "--out FILE" in said
+    assert not (lab / "runs").exists()
+
+
+@pytest.mark.slow
+def test_one_that_was_stopped_goes_on(tmp_path, monkeypatch, few):
+    path, lab = asked_file(tmp_path), Lab(tmp_path / "lab", "toy")
+    beats, advance = 0, Ensemble.advance
+
+    def interrupted(self, *given):
+        nonlocal beats
+        beats += 1
+        if beats == 30:
+            os.kill(os.getpid(), 2)
+        return advance(self, *given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("labbook_toy.Ensemble.advance", interrupted)
+        with pytest.raises(PilotStopped):
+            lab.pilot(load(path), progress=False)
+    assert not (tmp_path / NAME).exists()
+    assert lab.pilot(load(path), progress=False).points[0].choice is not None
+
+
+@pytest.mark.slow
+def test_a_study_made_in_python_has_its_calibration_in_the_lab(tmp_path, few):
+    made, lab = load(asked_file(tmp_path)).change({"name": "made-here"}), Lab(tmp_path / "lab", "toy")
+    found = lab.pilot(made, progress=False)
+    assert found.points[0].choice is not None
+    assert found.calibration_file == (tmp_path / "lab/study-files/made-here.calibration.json").resolve()
+    assert first_needed(found) is None
+    assert lab.run(found, progress=False).complete
+
+
+@pytest.mark.slow
+def test_the_lab_keeps_it_with_the_study(tmp_path, monkeypatch, few):
+    path, lab = asked_file(tmp_path), Folder(tmp_path / "lab")
+    labbook("run", path, "--lab", lab.folder, "--backend", "toy")
+    kept = studies.kept(lab)["toy-study"]
+    beside = studies.calibration(lab, kept)
+    assert beside is not None
+    assert beside.read_bytes() == (tmp_path / NAME).read_bytes()
+    assert load(kept, beside).points[0].numerics == load(path).points[0].numerics
+    monkeypatch.setattr("labbook.lab.merge.load", lambda name: Backend())
+    other = Folder(tmp_path / "other")
+    labbook("import", lab.folder, "--lab", other.folder)
+    brought = studies.calibration(other, studies.kept(other)["toy-study"])
+    assert brought is not None
+    assert brought.read_bytes() == beside.read_bytes()
+    studies.keep(lab, "toy-study", "name: toy-study\n")
+    assert studies.calibration(lab, kept) is None, "a study without one has none left over"
+
+
+def test_the_step_alone_says_nothing_of_softness():
+    rng, slope = np.random.default_rng(5), 3.0
+    runs = [
+        Observed(f"bed {bed}", 1e-3, 1e-3, step, math.exp(slope * step**2 + 0.02 * math.sin(bed) + noise))
+        for bed in range(16)
+        for step, noise in zip((0.02, 0.06), 1e-4 * rng.standard_normal(2), strict=True)
+    ]
+    found = regress(runs)
+    errors = np.sqrt(np.diag(found.covariance))
+    assert abs(found.values[1] - slope) < 4 * errors[1] < 0.1
+    assert np.all(np.isinf(errors[[0, 2]]))
+    assert found.freedom == 32 - 16 - 1
+    with pytest.raises(ValueError, match="the step, and overlap"):
+        regress([Observed(one.bed, one.filled, one.overlap + one.step, 0.02, one.rate) for one in runs])
