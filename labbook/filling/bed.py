@@ -64,6 +64,13 @@ def bed_height_ahead(scene: Scene) -> float | None:
     return high
 
 
+def discharged_at(scene: Scene, height: float) -> float | None:
+    """Discharged fraction at which a level bed has fallen to a height [m] above the outlet, at a packing fraction of
+    PACKED; below 0 if it never was as high, None where the container does not tell."""
+    below = _volume_below(scene)
+    return None if below is None else 1 - below(height) * PACKED / (scene.grains.count * scene.grains.volume)
+
+
 def _volume_below(scene: Scene) -> Callable[[float], float] | None:
     """Volume [m^3] of the container below a height [m], its walls going on upwards."""
     c = scene.container

@@ -22,6 +22,7 @@ from labbook.run.plan import Item, Plan, Planner, check
 from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
 from labbook.study import Study
+from labbook.study.window import HIGH, high_until
 
 NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
 """Outlets below so many largest dimensions of a grain often clog."""
@@ -59,6 +60,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     points = [(point.shared, outline(point.shared)) for point in plan.points]
     yield from _narrow(file, points)
     yield from _overfull(file, points)
+    yield from _low(plan)
     yield from _too_few_outlets(plan)
     yield from _endless(plan)
     alone = plan.rule.cap < 2 and not (plan.study.fed and plan.study.accuracy.flow_rate is not None)
@@ -171,6 +173,26 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
         )
         remedy = f"make the container {1.1 * height * 1e3:.3g} mm high or more, or lower grains.count"
         yield _told(file, "container.height", reason, remedy, over, points)
+
+
+def _low(plan: Plan) -> Iterator[str]:
+    """Beds that are too low for a steady flow when the window ends, in a study that leaves that to labbook."""
+    study = plan.study
+    if study.fed or study.window.timed or "end" in study.stated.get("window", {}) or "flow_rate" not in study.measure:
+        return
+    low = [(point, until) for point in study.points
+           if (until := high_until(point.scene)) is not None and until < study.window.end - 1e-9]  # fmt: skip
+    if low:
+        point, until = min(low, key=lambda one: one[1])
+        count = point.scene.grains.count
+        enough = count * (1 - until) / (1 - study.window.end)
+        step = 10 ** max(0, math.floor(math.log10(enough)) - 1)
+        reason = (
+            f"the bed is less than {HIGH:g} widths high before the window ends, at {study.window.end:.0%} discharged: "
+            "W may fall with it"
+        )
+        remedy = f"use {math.ceil(enough / step) * step:.0f} grains or more, or state window.end"
+        yield _told(study.path, "grains.count", reason, remedy)
 
 
 def _endless(plan: Plan) -> Iterator[str]:

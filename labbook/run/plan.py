@@ -14,6 +14,7 @@ from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
 from labbook.measure import MEASURES
+from labbook.measure.measure import window_in_words
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
 from labbook.run.progress import duration, size
@@ -153,6 +154,8 @@ class Plan:
             known = f"{self.rule.tolerance:.2%}"
             lines.append(f"Up to {self.rule.cap} replicates a point, until the flow rate is known to {known}")
             lines += self._chosen()
+        if "flow_rate" in self.study.measure:
+            lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         if self.todo and ahead is not None:
             making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
             packings = making if self.fillings else "all packings are there"

@@ -13,6 +13,7 @@ from labbook.study.point import Point
 from labbook.study.problems import Problem
 from labbook.study.schema import Settings
 from labbook.study.source import Source
+from labbook.study.window import resolved
 
 
 def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
@@ -72,11 +73,13 @@ def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> I
 def unfed(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
     """What a study says of beds that fall, where they are fed; and a window without end, where they are not."""
     fed = [point for point in points if point.scene.feed is not None]
+    if not points:
+        return
     if not fed:
-        end, start = settings.window.end, settings.window.start
+        start, end = settings.window.start, resolved(settings, points)[0].end
         if end <= start:
-            reason = f"the window ends at {end:g}, before it starts ({start:g})"
-            yield Problem(source.path, source.line(("window",)), "window.end", reason, f"use an end above {start:g}")
+            reason = f"the window starts at {start:g}, and ends at {end:g} unless that is stated"
+            yield Problem(source.path, source.line(("window",)), "window.end", reason, f"state an end above {start:g}")
         return
     if len(fed) < len(points):
         reason = "some points are fed and others are not: their windows and stop rules differ"

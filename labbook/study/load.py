@@ -36,6 +36,7 @@ from labbook.study.schema import (
 )
 from labbook.study.source import Source, changed, dotted, given, read, written
 from labbook.study.sweep import MAX_POINTS, Sweep
+from labbook.study.window import resolved
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -172,8 +173,7 @@ def _resolved(source: Source, calibration_file: Path | None = None) -> Study:
     if problems or settings is None:
         raise StudyError(problems)
     stated = {name: getattr(settings, name) for name in SETTING_KEYS}
-    if points[0].scene.feed is not None:
-        stated["window"] = settings.window.endless()
+    stated["window"], stated["stop"] = resolved(settings, points)
     return Study(
         path=source.path,
         points=points,

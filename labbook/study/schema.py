@@ -60,6 +60,12 @@ START_UP = 0.5
 (docs/accuracy.md)."""
 
 
+EARLIEST, LATEST = 0.3, 0.6
+"""Between which a window closes, by discharged fraction, unless `window.end` is stated (`labbook.study.window`)."""
+MARGIN = 0.05
+"""From the end of the window to that of the run, unless `stop.discharged` is stated."""
+
+
 class Window(Model):
     """The part of a discharge in which its flow is taken to be steady, by discharged fraction of the mass, or by time.
 
@@ -68,8 +74,9 @@ class Window(Model):
 
     start: Fraction = 0.15
     """Fraction of the mass that has left when the window opens."""
-    end: Fraction = 0.6
-    """Fraction of the mass that has left when the window closes."""
+    end: Fraction = LATEST
+    """Fraction of the mass that has left when the window closes. Left out: where the lowest bed of the study is still
+    1.2 widths of its container high, between 0.3 and 0.6; 0.6 where the container does not tell."""
     after: Instant | None = None
     """Time after the opening of the outlet at which the window opens, instead of `start`."""
     until: Duration | None = None
@@ -114,8 +121,8 @@ class Window(Model):
 class Stop(Model):
     """When a discharge is stopped."""
 
-    discharged: Annotated[Ratio, Field(gt=0, le=1)] = 0.65
-    """Stop when this fraction of the mass has left; at least the end of the window."""
+    discharged: Annotated[Ratio, Field(gt=0, le=1)] = LATEST + MARGIN
+    """Stop when this fraction of the mass has left; at least the end of the window. Left out: 0.05 after that."""
     max_time: Duration = 60.0
     """Stop at this time after the opening."""
     stall: Duration = 2.0
@@ -184,7 +191,8 @@ class Settings(Model):
         if self.window.timed and "discharged" not in self.stop.model_fields_set:
             reason = f"by default a run stops once {self.stop.discharged:g} of the mass has left, whatever the window"
             yield Fault("stop.discharged", reason, "state it beside a window by time, for example 1")
-        if not self.window.timed and self.stop.discharged < end:
+        stated = "end" in self.window.model_fields_set and "discharged" in self.stop.model_fields_set
+        if not self.window.timed and stated and self.stop.discharged < end:
             reason = f"a run that stops at {self.stop.discharged:g} never reaches the end of the window ({end:g})"
             yield Fault("stop.discharged", reason, f"use at least {end:g}, or end the window earlier")
         if self.record is not None and self.record.replicates > self.replicates:

@@ -30,13 +30,16 @@ replicates: {replicates}
 numerics: {{dt: 10 us, steps_per_beat: 200}}
 measure: [flow_rate]
 """
+WINDOW = "window: {start: 0.15, end: 0.6}"
+"""Of the study: its bed is too low for one that ends by itself."""
 
 
 def study_file(folder: Path, *more: str, count=200, orifices="[18, 24]", replicates=2) -> Path:
     """A study file in `folder`, with `more` lines at its end."""
     path = Path(folder) / "toy.yaml"
     text = STUDY.format(count=count, orifices=orifices, replicates=replicates)
-    path.write_text(text + "".join(f"{line}\n" for line in more))
+    own = any(line.startswith(("window:", "feed:")) for line in more)
+    path.write_text(text + "".join(f"{line}\n" for line in (more if own else (WINDOW, *more))))
     return path
 
 

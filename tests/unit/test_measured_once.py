@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_lab import carry_out, labbook, study_file
+from toy_lab import WINDOW, carry_out, labbook, study_file
 
 from labbook.lab import Catalogue, Lab
 from labbook.lab.evaluations import NotEvaluated, evaluated
@@ -115,7 +115,7 @@ def test_over_all_verbs_a_run_is_measured_once(tmp_path, counted):
 def test_another_window_or_version_is_measured_again_and_only_then(made, counted, monkeypatch):
     path, lab = made
     there = ("--lab", lab, "--backend", "toy")
-    path.write_text(path.read_text() + "window: {start: 0.2, end: 0.5}\n")
+    path.write_text(path.read_text().replace(WINDOW, "window: {start: 0.2, end: 0.5}"))
     for _ in range(2):
         labbook("fit", path, *there)
         assert counted["flow_rate"] == 4

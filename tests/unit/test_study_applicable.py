@@ -62,6 +62,7 @@ def text(container: str, grains: str, measure=(), fit=(), reference=()) -> str:
         f"{sweep}"
         "numerics: {dt: 10 us, steps_per_beat: 100}\n"
         "stop: {max_time: 1 s}\n"
+        "window: {start: 0.15, end: 0.6}\n"
         "record: {every: 10 ms}\n"
         f"measure: [{', '.join(measure)}]\n"
         f"fit: [{', '.join(fit)}]\n" + (f"reference:\n  source: Someone 2020\n{references}" if references else "")

@@ -233,14 +233,15 @@ def test_the_page_has_exactly_the_keys_that_there_are():
 
 
 def test_defaults_on_the_page_are_those_of_the_models(tmp_path):
-    """A default that is written out changes nothing."""
+    """A default that is written out changes nothing; where window and run end goes by the bed (test_study_window)."""
     base = PAGE.split("```yaml\n")[1].split("```")[0].replace("name: orifices", "name: base")
     file = tmp_path / "base.yaml"
     file.write_text(base)
     plain = load(file)
     extra = "fill: {kind: rain, settled_below: 1e-6, max_time: 60 s}\ngravity: 9.81 m/s^2\n"
     extra += "numerics: {dt: 0.1 rayleigh, precision: double, integrator: leapfrog, skin: 0.15, steps_per_beat: 1000}\n"
-    extra += "window: {start: 0.15, end: 0.6}\nstop: {discharged: 0.65, max_time: 60 s, stall: 2 s}\n"
+    ends = f"window: {{start: 0.15, end: {plain.window.end}}}\nstop: {{discharged: {plain.stop.discharged}, "
+    extra += ends + "max_time: 60 s, stall: 2 s}\n"
     file.write_text(base + extra)
     stated = load(file)
     assert [(p.scene, p.fill, p.numerics) for p in plain.points] == [

@@ -11,7 +11,7 @@ import labbook_toy
 import pandas as pd
 import pytest
 from labbook_web.pages import runs as runs_page
-from toy_lab import carry_out, labbook, study_file
+from toy_lab import WINDOW, carry_out, labbook, study_file
 from toy_web import ORIFICES, REPLICATES, Read, client, everything, keys_of, listing, make, pages, twins
 
 from labbook.lab import Catalogue, Lab, notes, studies
@@ -435,7 +435,7 @@ def test_what_is_not_evaluated_is_said_and_stays_so(tmp_path, monkeypatch):
     make(tmp_path, orifices="[18, 24]", replicates=2, measure="flow_rate, outlet_profiles, packing")
     lab = tmp_path / "lab"
     kept = studies.place(Lab(lab), STUDY)
-    kept.write_text(kept.read_text() + "window: {start: 0.2, end: 0.5}\n")
+    kept.write_text(kept.read_text().replace(WINDOW, "window: {start: 0.2, end: 0.5}"))
     monkeypatch.setattr("labbook.lab.evaluations.evaluate", lambda *_: pytest.fail("somebody who looked evaluated"))
     before = listing(lab)
     somebody = client(lab)
