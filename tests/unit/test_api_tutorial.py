@@ -59,7 +59,7 @@ def test_the_tutorial_holds_on_the_toy_backend(tmp_path, monkeypatch, one_format
 @pytest.mark.compiles
 @pytest.mark.ring
 def test_the_tutorial_holds_on_the_cpu(tmp_path, monkeypatch, one_format):
-    smaller = {'"count": 700': '"count": 500', "replicates=4": "replicates=2"}
+    smaller = {'"count": 1000': '"count": 500', "replicates=4": "replicates=2"}
     names = carried_out(smaller, tmp_path, monkeypatch)
     hold(names, tmp_path, runs=8)
     assert names["row"].sum() > 3, "there are grains in the row whose paths are drawn"
