@@ -19,6 +19,7 @@ def test_it_ends_where_the_bed_is_as_high_as_1_2_widths(tmp_path):
     made = asked(tmp_path)
     scene = made.points[0].scene
     height = bed_height_ahead(scene)
+    assert height is not None
     assert height == pytest.approx(1000 * scene.grains.volume / 0.55 / (0.06 * 0.00303))
     # a flat bottom: the bed sinks in proportion
     assert 1 - 1.2 * 0.06 / height == pytest.approx(discharged_at(scene, 1.2 * 0.06))
