@@ -103,7 +103,13 @@ def moved(silo, stand, scene: Scene, start: Packing) -> tuple[Packing, bool]:
         return ensemble.packing(member), bool((contacts["wall"] >= 0).any())
 
 
-@pytest.mark.parametrize("name", ["silo", *SCENES])
+RARE = {"free", "on springs", "over a floor"}
+"""Scenes whose own kernels take a minute to compile: in the ring."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.ring] * (name in RARE)) for name in ("silo", *SCENES)]
+)
 def test_they_move_grains_as_specialised_ones_do(sharing, name):
     if name not in ("silo", "free") and sharing.stand.second:
         pytest.skip("mixtures and rods are compared in one precision")
