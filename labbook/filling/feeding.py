@@ -7,6 +7,7 @@ try reaches a quarter of a grain higher, so that grains fall as short a way as t
 
 import numpy as np
 
+from labbook.filling.placed import Placed
 from labbook.filling.placing import APART, STARTS, free
 from labbook.filling.room import PlacingError, Room
 from labbook.scene import Bodies, Packing, Scene, Silo, Spherocylinders
@@ -73,7 +74,7 @@ class Feeder:
             assert there.q is not None
             q = np.concatenate([np.empty((n, 4)), there.q[high]])
             a = np.concatenate([np.empty((n, 3)), axes(there.q[high])])
-        left, placed = np.arange(n), np.arange(n, len(x))
+        left, placed, above = np.arange(n), np.arange(n, len(x)), Placed(x[n:])
         for k in range(_TRIES):
             if not len(left):
                 break
@@ -86,6 +87,7 @@ class Feeder:
                 a[left] = axes(q[left])
                 ends = half * a[left]
                 held = self._room.holds(x[left] + ends, reach[left]) & self._room.holds(x[left] - ends, reach[left])
-            found = free(x, reach, placed, left[held], a, half)
+            found = free(x, reach, above, placed, left[held], a, half)
+            above.add(x[found])
             placed, left = np.concatenate([placed, found]), np.setdiff1d(left, found, assume_unique=True)
         return x, q, np.setdiff1d(np.arange(n), left, assume_unique=True)

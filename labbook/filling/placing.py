@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from labbook.filling.placed import Placed
 from labbook.filling.room import PlacingError, Room, first_come, full
 from labbook.plugins import Registry
 from labbook.scene import Box, Container, Scene, Spheres, Spherocylinders, WedgeHopper
@@ -166,38 +167,37 @@ def _place_equal(
     """Centres [m], shape [n, 3], and of rods orientations, shape [n, 4], of grains that are alike."""
     grains = closed.grains
     rods = isinstance(grains, Spherocylinders)
-    x, q = np.empty((0, 3)), np.empty((0, 4))
+    there, q = Placed(np.empty((0, 3))), np.empty((0, 4))
     for _ in range(_ROUNDS):
-        wanted = grains.count - len(x)
+        wanted = grains.count - len(there)
         if wanted == 0:
-            return x, q if rods else None
+            return there.x, q if rods else None
         drawn = room.draw(rng, 2 * wanted + 16, top)
         turned = random_turns(rng, len(drawn)) if rods else np.empty((len(drawn), 4))
         if rods:
             reach = grains.half_length * axes(turned)
             fits = room.holds(drawn + reach) & room.holds(drawn - reach)
             drawn, turned = drawn[fits], turned[fits]
-            free = _rods_apart(drawn, turned, x, q, grains.half_length, grains.diameter * APART)
+            free = _rods_apart(drawn, turned, there, q, grains.half_length, grains.diameter * APART)
+            q = np.concatenate([q, turned[free]])[: grains.count]
         else:
-            free = _apart(drawn, x, grains.diameter * APART)
-        x, q = (np.concatenate(both)[: grains.count] for both in ((x, drawn[free]), (q, turned[free])))
+            free = _apart(drawn, there, grains.diameter * APART)
+        there.add(drawn[free][:wanted])
     raise full(grains.count)
 
 
-def _apart(drawn: np.ndarray, there: np.ndarray, distance: float) -> np.ndarray:
+def _apart(drawn: np.ndarray, there: Placed, distance: float) -> np.ndarray:
     """Which of `drawn`, taken in their order, keep `distance` from `there` and from each other."""
     from scipy.spatial import KDTree
 
-    kept = np.ones(len(drawn), bool)
-    if len(there) and len(drawn):
-        kept = KDTree(there).query(drawn)[0] >= distance
+    kept = there.keep(drawn, distance)
     if len(drawn) > 1:
         first_come(kept, KDTree(drawn).query_pairs(distance, output_type="ndarray"))
     return kept
 
 
 def _rods_apart(
-    drawn: np.ndarray, turned: np.ndarray, there: np.ndarray, q: np.ndarray, half: float, distance: float
+    drawn: np.ndarray, turned: np.ndarray, there: Placed, q: np.ndarray, half: float, distance: float
 ) -> np.ndarray:
     """As `_apart`, for rods centred at `drawn` and `there`, turned by `turned` and `q`."""
     from scipy.spatial import KDTree
@@ -205,13 +205,12 @@ def _rods_apart(
     kept = np.ones(len(drawn), bool)
     if len(drawn) == 0:
         return kept
-    all_x, all_a = np.concatenate([there, drawn]), axes(np.concatenate([q, turned]))
-    pairs = KDTree(all_x).query_pairs(2 * half + distance, output_type="ndarray")
-    pairs = pairs[pairs[:, 1] >= len(there)]
+    a = axes(turned)
+    i, j = there.near(drawn, 2 * half + distance)
+    kept[j[distances(there.x[i] - drawn[j], axes(q[i]), a[j], half) < distance]] = False
+    pairs = KDTree(drawn).query_pairs(2 * half + distance, output_type="ndarray")
     i, j = pairs.T
-    pairs = pairs[distances(all_x[i] - all_x[j], all_a[i], all_a[j], half) < distance] - len(there)
-    kept[pairs[pairs[:, 0] < 0, 1]] = False
-    first_come(kept, pairs[pairs[:, 0] >= 0])
+    first_come(kept, pairs[distances(drawn[i] - drawn[j], a[i], a[j], half) < distance])
     return kept
 
 
@@ -226,13 +225,14 @@ def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.nda
     that is left, each of which tries one place a round. Raises PlacingError.
     """
     x, left = np.empty((len(reach), 3)), np.arange(len(reach))
-    placed = left[:0]
+    placed, there = left[:0], Placed(x[:0])
     for _ in range(_ROUNDS):
         if len(left) == 0:
             return x
         trying = left[reach[left] >= _NEARLY * reach[left].max()]
         x[trying] = room.draw_each(rng, reach[trying], top)
-        found = free(x, reach, placed, trying[room.holds(x[trying], reach[trying])])
+        found = free(x, reach, there, placed, trying[room.holds(x[trying], reach[trying])])
+        there.add(x[found])
         placed = np.concatenate([placed, found])
         left = np.setdiff1d(left, found, assume_unique=True)
     raise full(len(reach))
@@ -241,6 +241,7 @@ def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.nda
 def free(
     x: np.ndarray,
     reach: np.ndarray,
+    there: Placed,
     placed: np.ndarray,
     trying: np.ndarray,
     a: np.ndarray | None = None,
@@ -248,20 +249,25 @@ def free(
 ) -> np.ndarray:
     """Those of the grains `trying`, in their order, that are in the way of neither grains `placed` nor each other.
 
-    x: centres [m], shape [n, 3]; reach [m], shape [n]: what each keeps free around it. Of rods also their axes `a`,
-    shape [n, 3], and half the length of their segments [m].
+    x: centres [m], shape [n, 3]; reach [m], shape [n]: what each keeps free around it; there: the centres of those
+    placed. Of rods also their axes `a`, shape [n, 3], and half the length of their segments [m].
     """
     from scipy.spatial import KDTree
 
-    both = np.concatenate([placed, trying])
-    kept = np.ones(len(both), bool)
-    pairs = KDTree(x[both]).query_pairs(2 * (reach.max() + half), output_type="ndarray")
-    one, other = both[pairs].T
-    branch = x[one] - x[other]
-    apart = np.linalg.norm(branch, axis=1) if a is None else distances(branch, a[one], a[other], half)
-    near = apart < reach[one] + reach[other]
-    first_come(kept, pairs[near & (pairs[:, 1] >= len(placed))])
-    return trying[kept[len(placed) :]]
+    if not len(trying):
+        return trying
+
+    def meet(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        branch = x[one] - x[other]
+        apart = np.linalg.norm(branch, axis=1) if a is None else distances(branch, a[one], a[other], half)
+        return apart < reach[one] + reach[other]
+
+    kept, most = np.ones(len(trying), bool), reach[trying].max() + half
+    i, j = there.near(x[trying], most + reach.max() + half)
+    kept[j[meet(placed[i], trying[j])]] = False
+    pairs = KDTree(x[trying]).query_pairs(2 * most, output_type="ndarray")
+    first_come(kept, pairs[meet(*trying[pairs].T)])
+    return trying[kept]
 
 
 _STREAM = 1

@@ -114,10 +114,12 @@ class Room:
 
 def first_come(kept: np.ndarray, pairs: np.ndarray) -> None:
     """Let go of the second of each of `pairs` (first < second) that are in each other's way."""
-    for first, second in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
+    stays = kept.tolist()
+    for first, second in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].tolist():  # lists are quicker one by one
         # the first's fate is settled before it decides the second's
-        if kept[first]:
-            kept[second] = False
+        if stays[first]:
+            stays[second] = False
+    kept[:] = stays
 
 
 def full(count: int) -> PlacingError:
