@@ -111,6 +111,7 @@ def checks(among: Sequence[Bundled]):
                 long = case.name in LONG or (stand.second and case.name in LONG_IN_ITS_SECOND)
                 if stand.device == "cpu":
                     long |= case.name in LONG_ON.get(stand.backend.capabilities.name, ())
+                    long |= stand.second and stand.backend.capabilities.name == "warp"  # its GPU takes both
                 marks = [*here.marks, *([pytest.mark.slow] if case.slow else []), *([pytest.mark.ring] if long else [])]
                 yield pytest.param(case, stand, id=f"{case.name}-{here.id}", marks=marks)
 
