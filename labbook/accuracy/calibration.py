@@ -10,7 +10,7 @@ import json
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,16 @@ class Effects:
         """Shape, outlet and law."""
         return tuple(getattr(self.here, name) for name in KINDS)
 
+    @property
+    def scene(self) -> tuple[str | float, ...]:
+        """What tells this scene from others: its kinds, and ratio, friction and restitution to six digits."""
+        return (*self.kinds, *(float(f"{getattr(self.here, name):.6g}") for name in RANGES))
+
+    @property
+    def soft(self) -> bool:
+        """Whether the stiffness of the flow was varied."""
+        return math.isfinite(self.covariance[0][0])
+
     def of(self, x: np.ndarray) -> tuple[float, float]:
         """What a change `x` of overlap, squared step and overlap while filling, shape [3], does to ln W, and the
         variance of that; infinite where it was not measured."""
@@ -102,9 +112,13 @@ class Alike:
         return "; ".join(dict.fromkeys(one.source for one in self.effects))
 
     def range(self, name: str) -> tuple[float, float]:
-        """Smallest and largest value of a group; of what numerics decide, from 0 to where all scenes were measured."""
-        values = [getattr(one.here, name) for one in self.effects]
-        return (0.0, min(values)) if name in NUMERICS else (min(values), max(values))
+        """Smallest and largest value of a group; of what numerics decide, from 0 to where all scenes were measured.
+
+        Scenes whose stiffness was not varied say what a step does in beds as soft as theirs, and bound no overlap.
+        """
+        varied = [one for one in self.effects if one.soft] if name == "overlap" else self.effects
+        values = [getattr(one.here, name) for one in varied or self.effects]
+        return (0.0, min(values) if varied else max(values)) if name in NUMERICS else (min(values), max(values))
 
     def misfits(self, here: Groups, names: tuple[str, ...]) -> Iterator[str]:
         """What of a scene was not measured: one phrase for each group of `names` and each kind."""
@@ -163,11 +177,46 @@ class Calibration:
 
 
 def calibration(effects: Iterable[Effects]) -> Calibration:
-    """Effects by their kinds."""
-    kinds: dict[tuple[str, ...], list[Effects]] = defaultdict(list)
+    """Effects by their kinds; what was measured of one scene several times counts together."""
+    scenes: dict[tuple[str | float, ...], Effects] = {}
     for one in effects:
+        scenes[one.scene] = together(scenes[one.scene], one) if one.scene in scenes else one
+    kinds: dict[tuple[str, ...], list[Effects]] = defaultdict(list)
+    for one in scenes.values():
         kinds[one.kinds].append(one)
     return Calibration(tuple(Alike(tuple(some)) for some in kinds.values()))
+
+
+def together(one: Effects, other: Effects) -> Effects:
+    """What two measurements of one scene say together: slopes weighted by the inverse of their covariances. They hold
+    up to the smaller of their largest steps, and up to the overlap of the one that varied it."""
+    inverses = [_information(each) for each in (one, other)]
+    total = np.sum(inverses, axis=0)
+    known = np.diag(total) > 0
+    covariance = np.diag(np.where(known, 0.0, math.inf))
+    covariance[np.ix_(known, known)] = np.linalg.inv(total[np.ix_(known, known)])
+    slopes = np.zeros(3)
+    weighted = np.sum([weight @ each.slopes for weight, each in zip(inverses, (one, other), strict=True)], axis=0)
+    slopes[known] = covariance[np.ix_(known, known)] @ weighted[known]
+    freedoms = one.freedom, other.freedom
+    soft = [each.here.overlap for each in (one, other) if each.soft]
+    overlap = min(soft) if soft else max(one.here.overlap, other.here.overlap)
+    return Effects(
+        here=replace(one.here, overlap=overlap, step=min(one.here.step, other.here.step)),
+        slopes=(float(slopes[0]), float(slopes[1]), float(slopes[2])),
+        covariance=tuple(map(tuple, covariance.tolist())),
+        freedom=sum(freedoms),
+        scatter=math.sqrt(float(np.average([one.scatter**2, other.scatter**2], weights=freedoms))),
+        source="; ".join(dict.fromkeys((one.source, other.source))),
+    )
+
+
+def _information(one: Effects) -> np.ndarray:
+    """Inverse of the covariance, shape [3, 3]; 0 for what was not measured."""
+    covariance, found = np.asarray(one.covariance), np.zeros((3, 3))
+    known = np.isfinite(np.diag(covariance))
+    found[np.ix_(known, known)] = np.linalg.inv(covariance[np.ix_(known, known)])
+    return found
 
 
 @cache

@@ -170,6 +170,37 @@ def test_a_scene_that_was_not_measured_has_the_scatter_between_those_that_were_i
     assert guessed.half_width > 4 * deeper
 
 
+def test_measurements_of_one_scene_count_together():
+    """One varied stiffness and step, whose effects it tells apart badly; another the step alone, in a firmer bed."""
+    rng = np.random.default_rng(3)
+    design = rng.normal(size=(40, 3))
+    design[:, 1] += 0.8 * design[:, 0]
+    steps = np.column_stack([np.zeros(25), rng.normal(size=25), np.zeros(25)])
+    y, z = design @ [1.0, 2.0, 3.0] + rng.normal(size=40), steps @ [1.0, 2.0, 3.0] + rng.normal(size=25)
+    inverse = np.linalg.inv(design.T @ design)
+    first = scene(tuple(inverse @ design.T @ y), tuple(map(tuple, inverse)))
+    weight = float(steps[:, 1] @ steps[:, 1])
+    only = ((math.inf, 0.0, 0.0), (0.0, 1 / weight, 0.0), (0.0, 0.0, math.inf))
+    second = scene((0.0, float(steps[:, 1] @ z) / weight, 0.0), only, overlap=0.004, step=0.05)
+    all_at_once = np.linalg.lstsq(np.vstack([design, steps]), np.concatenate([y, z]), rcond=None)[0]
+    for order in ((first, second), (second, first)):
+        (alike,) = calibration(order).known
+        (both,) = alike.effects
+        assert both.slopes == pytest.approx(all_at_once)
+        assert both.covariance == pytest.approx(np.linalg.inv(design.T @ design + steps.T @ steps))
+        assert (both.here.overlap, both.here.step, both.freedom) == (first.here.overlap, 0.05, 200)
+    (alone,) = calibration([second, second]).known[0].effects
+    assert alone.slopes == pytest.approx(second.slopes)
+    assert [alone.covariance[i][i] for i in range(3)] == pytest.approx([math.inf, 0.5 / weight, math.inf])
+
+
+def test_beds_whose_stiffness_was_not_varied_bound_no_overlap():
+    step = ((math.inf, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, math.inf))
+    firm = [scene((0.0, 1.0, 0.0), step, overlap=overlap, ratio=20 * overlap / 0.001) for overlap in (0.001, 0.003)]
+    assert calibration(firm).known[0].range("overlap") == (0.0, 0.003)
+    assert calibration([*firm, scene()]).known[0].range("overlap") == (0.0, LARGEST.overlap)
+
+
 def test_the_interval_of_one_more_effect_holds_it_as_often_as_it_says():
     """Eight measured cases, which differ by much less than the error of measurement, by as much, and by much more."""
     rng, repeats = np.random.default_rng(2), 400
