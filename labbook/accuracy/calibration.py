@@ -109,7 +109,7 @@ class Alike:
     @property
     def source(self) -> str:
         """Where the effects are from, in words."""
-        return "; ".join(dict.fromkeys(one.source for one in self.effects))
+        return _sources(self.effects)
 
     def range(self, name: str) -> tuple[float, float]:
         """Smallest and largest value of a group; of what numerics decide, from 0 to where all scenes were measured.
@@ -207,8 +207,12 @@ def together(one: Effects, other: Effects) -> Effects:
         covariance=tuple(map(tuple, covariance.tolist())),
         freedom=sum(freedoms),
         scatter=math.sqrt(float(np.average([one.scatter**2, other.scatter**2], weights=freedoms))),
-        source="; ".join(dict.fromkeys((one.source, other.source))),
+        source=_sources((one, other)),
     )
+
+
+def _sources(effects: Iterable[Effects]) -> str:
+    return "; ".join(dict.fromkeys(source for one in effects for source in one.source.split("; ")))
 
 
 def _information(one: Effects) -> np.ndarray:

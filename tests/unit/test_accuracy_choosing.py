@@ -190,6 +190,7 @@ def test_measurements_of_one_scene_count_together():
         assert both.covariance == pytest.approx(np.linalg.inv(design.T @ design + steps.T @ steps))
         assert (both.here.overlap, both.here.step, both.freedom) == (first.here.overlap, 0.05, 200)
     (alone,) = calibration([second, second]).known[0].effects
+    assert alone.source == "made up"
     assert alone.slopes == pytest.approx(second.slopes)
     assert [alone.covariance[i][i] for i in range(3)] == pytest.approx([math.inf, 0.5 / weight, math.inf])
 
