@@ -109,7 +109,11 @@ class Summary:
         for point in self.points:
             decision = point.decision
             if decision and decision.ended and decision.pooled:
-                short = "" if decision.ended == "tolerance" else ": the tolerance is not met, and no more are allowed"
+                short = (
+                    ""
+                    if decision.ended == "tolerance"
+                    else ": the tolerance is not met, and accuracy.max_replicates allows no more"
+                )
                 lines.append(
                     f"{point.shared.point.label}: flow rate to {decision.pooled.relative:.2%} "
                     f"with {decision.pooled.n} replicates{_foreseen(point, decision.pooled.n)}{short}"
