@@ -26,13 +26,14 @@ BESIDE = ".calibration.json"
 """End of the name of the file with the calibration of a study beside that of the study, in place of .yaml."""
 KINDS = ("shape", "outlet", "law")
 """Groups that have to be those of the calibration."""
-RANGES = ("friction", "restitution", "rolling", "ratio")
+RANGES = ("friction", "restitution", "rolling", "ratio", "angle", "eccentricity", "rotation")
 """Groups that have to lie within its range, whatever the numerics are."""
 NUMERICS = ("overlap", "step")
 """Groups that numerics decide; their range goes from 0 to where all scenes were measured."""
 CONFIDENCE = 0.95
 _TITLES = {"shape": "grains are", "outlet": "the outlet is a", "law": "the law is", "ratio": "D/d", "step": "dt/t_c",
-           "rolling": "rolling friction", "overlap": "the overlap"}  # fmt: skip
+           "rolling": "rolling friction", "overlap": "the overlap", "angle": "angle of the bottom [deg]",
+           "eccentricity": "eccentricity of the outlet", "rotation": "rotation of the bottom"}  # fmt: skip
 
 
 class OutOfRange(ValueError):
@@ -79,7 +80,7 @@ class Effects:
 
     @property
     def scene(self) -> tuple[str | float, ...]:
-        """What tells this scene from others: its kinds, and ratio, friction and restitution to six digits."""
+        """What tells this scene from others: its kinds, and what has to lie within a range, to six digits."""
         return (*self.kinds, *(float(f"{getattr(self.here, name):.6g}") for name in RANGES))
 
     @property

@@ -1,5 +1,6 @@
 """The dimensionless groups that decide how numerics change a flow rate."""
 
+import math
 from dataclasses import dataclass
 
 from labbook.filling.bed import PACKED, bed_height_ahead
@@ -13,7 +14,9 @@ class Groups:
 
     `overlap`: of two grains under the pressure of the bed, in d; `step`: the time step over the duration of a
     collision. The rest says which calibration holds: `shape` of the grains, `outlet` (slot or hole), `law` of contact,
-    `friction`, `restitution`, `rolling` (friction) and `ratio`, the orifice over d.
+    `friction`, `restitution`, `rolling` (friction), `ratio`, the orifice over d, `angle` of the bottom from the
+    vertical [deg], `eccentricity` of the outlet, from 0 in the middle to 1 at a wall, and `rotation` of the bottom,
+    f sqrt(d/g).
     """
 
     overlap: float
@@ -25,6 +28,9 @@ class Groups:
     restitution: float
     rolling: float
     ratio: float
+    angle: float = 90.0
+    eccentricity: float = 0.0
+    rotation: float = 0.0
 
 
 def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
@@ -47,7 +53,8 @@ def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
     overlap = soft.contact.overlap(pressure, scene.grains.diameter)
     if overlap is None:
         return None
-    surface = surfaces[0]
+    surface, container, d = surfaces[0], scene.container, scene.grains.diameter
+    aside = getattr(container, "width", math.inf) - getattr(container, "orifice", 0.0)
     return Groups(
         overlap=overlap,
         step=dt / collision(soft),
@@ -57,5 +64,8 @@ def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
         friction=surface.friction,
         restitution=surface.restitution,
         rolling=surface.rolling_friction,
-        ratio=float(getattr(scene.container, "orifice", 0.0)) / scene.grains.diameter,
+        ratio=float(getattr(container, "orifice", 0.0)) / d,
+        angle=round(math.degrees(getattr(container, "angle", math.pi / 2)), 6),
+        eccentricity=2 * abs(getattr(container, "eccentricity", 0.0)) / aside if aside else 0.0,
+        rotation=getattr(container, "rotation", 0.0) * math.sqrt(d / scene.gravity),
     )

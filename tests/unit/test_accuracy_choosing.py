@@ -7,12 +7,23 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from labbook.accuracy import Calibration, Effects, Groups, OutOfRange, bias_of, calibration, choose, groups, shipped
+from labbook.accuracy import (
+    Calibration,
+    Effects,
+    Groups,
+    NotMeasured,
+    OutOfRange,
+    bias_of,
+    calibration,
+    choose,
+    groups,
+    shipped,
+)
 from labbook.accuracy.regression import Observed, regress
 from labbook.backend.numerics import Numerics
 from labbook.filling.bed import PACKED
 from labbook.run.demand import stopping_rule
-from labbook.scene import HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
+from labbook.scene import CylinderSilo, HertzMindlin, LinearSpringDashpot, Scene, Spheres, WedgeHopper
 from labbook.scene.timescales import collision, largest_stable_step
 from labbook.stats.effects import one_more
 from labbook.study import define
@@ -231,6 +242,28 @@ def test_the_calibration_that_ships_is_of_scenes_that_differ():
     assert len(slopes) > 5
     assert min(slopes) < -2
     assert max(slopes) > 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"angle": math.radians(60)}, r"angle of the bottom \[deg\] = 60, calibrated: 90"),
+        ({"gap": 0.0}, "eccentricity of the outlet = 1, calibrated: 0"),
+    ],
+)
+def test_other_bottoms_than_those_that_were_measured_need_a_pilot(changed, said):
+    other = SCENE.model_copy(update={"container": SCENE.container.model_copy(update=changed)})
+    with pytest.raises(NotMeasured, match=said):
+        choose(other, other.close(), 0.01, calibration=known())
+    tilted = calibration([scene(angle=angle, eccentricity=e) for angle, e in ((45.0, 0.0), (90.0, 1.0))])
+    assert choose(other, other.close(), 0.01, calibration=tilted).dt > 0
+
+
+def test_a_rotating_bottom_is_told_from_one_at_rest():
+    turning = CylinderSilo(diameter=0.1, height=0.4, orifice=0.03, rotation=2.0)
+    found = grouped(SCENE.model_copy(update={"container": turning}), 1e-6, 1.0)
+    assert (found.outlet, found.angle, found.eccentricity) == ("hole", 90.0, 0.0)
+    assert found.rotation == pytest.approx(2 * math.sqrt(0.003 / 9.81), rel=1e-3)
 
 
 @pytest.mark.parametrize(
