@@ -77,7 +77,8 @@ def drawn(scene: Scene, start: Packing, now: Packing, size: int = SIZE) -> np.nd
     grains = _shown(scene, start, now, view)
     fine = _FINE if grains.area * (view.scale * _FINE) ** 2 <= _MANY else _COARSE
     picture = view.finer(fine).shaded(grains)
-    picture = picture.reshape(view.down, fine, view.across, fine, 4).mean(axis=(1, 3))
+    parts = picture.reshape(view.down, fine, view.across, fine, 4)
+    picture = sum(parts[:, i, :, j] for i in range(fine) for j in range(fine)) / np.float32(fine * fine)
     lines = view.lines(scene.container)[..., None]
     picture += lines * (np.append(np.array(WALL, np.float32) / 255, np.float32(1)) - picture)
     picture[..., :3] /= np.maximum(picture[..., 3:], 1e-6)

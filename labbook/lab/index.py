@@ -36,6 +36,8 @@ from labbook.lab.suspect import suspicion
 
 Tick = Callable[[int, int], None]
 """Told how many folders of how many are done."""
+RunRows = tuple[dict[str, Any], list[dict[str, Any]]]
+"""Row of a run, and rows of its measurements."""
 
 
 @dataclass
@@ -109,7 +111,11 @@ class Index:
     def add_run(self, folder: Path, observe: Observe | None = None) -> str | None:
         """Index one run folder with its measurements, replacing what was known; `observe` overrides its
         own. Why it cannot be read, or None."""
-        row, rows = run_rows(folder, observe)
+        return self.put_run(folder, run_rows(folder, observe))
+
+    def put_run(self, folder: Path, found: RunRows) -> str | None:
+        """The same with what `run_rows` found in the folder."""
+        row, rows = found
         with self._transaction() as connection:
             _replace_run(connection, row, rows)
         self._tell(folder, row["problem"])
@@ -118,7 +124,10 @@ class Index:
     def add_packing(self, folder: Path) -> str | None:
         """Index one packing folder, and the runs that could not be read for want of it. Why it cannot be read, or
         None."""
-        row = packing_row(folder)
+        return self.put_packing(folder, packing_row(folder))
+
+    def put_packing(self, folder: Path, row: dict[str, Any]) -> str | None:
+        """The same with what `packing_row` found in the folder."""
         with self._transaction() as connection:
             upsert(connection, packings, [row])
         self._tell(folder, row["problem"])
@@ -271,8 +280,9 @@ def _size(folder: Path) -> int:
     return sum(entry.stat().st_size for entry in files)
 
 
-def run_rows(folder: Path, observe: Observe | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Row of a run, and of its measurements; of a folder that cannot be read, a row that says so."""
+def run_rows(folder: Path, observe: Observe | None) -> RunRows:
+    """Row of a run, and of its measurements, taken now; of a folder that cannot be read, a row that says so. Any thread
+    may ask for them."""
     seen = stamp(folder)  # before it is read: what changes meanwhile is noticed later
     try:
         record, data = open_run(folder)

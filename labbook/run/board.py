@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from labbook.backend import Checkpoint, Spec
 from labbook.lab.folder import Claim
-from labbook.lab.index import Index
+from labbook.lab.index import Index, RunRows, packing_row, run_rows
 from labbook.lab.records import Observe
 from labbook.run.demand import Demand
 from labbook.run.discharge import DischargeJob
@@ -230,12 +230,16 @@ class Board:
             self.todo.pop(job.key, None)
         return Started(job, start, needed)
 
-    def finished(self, job: Job, verdict: str) -> None:
-        """A job's result is in the lab."""
+    def read(self, job: Job) -> RunRows:
+        """What the index is to say of a job whose result is in the lab. Any thread may ask for it."""
+        return (packing_row(job.place), []) if isinstance(job, FillJob) else run_rows(job.place, self._observe)
+
+    def finished(self, job: Job, verdict: str, found: RunRows) -> None:
+        """A job's result is in the lab, and `read` has found this in it."""
         job.release()
         self.going.pop(job.key, None)
         if isinstance(job, FillJob):
-            if problem := self._index.add_packing(job.place):
+            if problem := self._index.put_packing(job.place, found[0]):
                 self._lose(job.key, f"{job.label}: {problem}")  # to make it once more would give the same
                 return
             self.tally.packings += 1
@@ -243,14 +247,16 @@ class Board:
             return
         self.tally.ran[job.key] = verdict
         self.tally.resumed += job.resumed
-        if problem := self._done(job.demand):
+        if problem := self._done(job.demand, found):
             self.tally.failed.append(f"{job.label}: {problem}")
 
-    def _done(self, demand: Demand) -> str | None:
-        """Index a run that is in its folder, and see what its points ask for now. Why it cannot be read, or None."""
+    def _done(self, demand: Demand, found: RunRows | None = None) -> str | None:
+        """Index a run that is in its folder, and see what its points ask for now. Why it cannot be read, or None.
+        found: what was read there, if it was read already."""
         key = demand.keys(self._bench.backend.capabilities).run
         self.todo.pop(key, None)
-        problem = self._index.add_run(self._bench.lab.run(key), self._observe)
+        folder = self._bench.lab.run(key)
+        problem = self._index.put_run(folder, found or run_rows(folder, self._observe))
         for index in sorted(self._sharing[key]):
             self._take(self._planner.point(self.points[index], key), anew=False)
         return problem

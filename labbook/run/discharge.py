@@ -35,7 +35,7 @@ from labbook.measure.series import passages
 from labbook.measure.steady import steady_flow
 from labbook.picture import bed
 from labbook.run.demand import Demand
-from labbook.run.job import Bench, Job, JobFailed, failure
+from labbook.run.job import Bench, Job, JobFailed, Left, failure
 from labbook.run.ledger import ledger
 from labbook.run.provenance import now
 from labbook.scene import Packing, Silo
@@ -60,7 +60,9 @@ class DischargeJob(Job):
         self._crossed, self._discharged, self._last = 0, 0.0, 0.0
         self._fed, self._looked, self._precision = 0, 0, math.inf
         self._failure: Failure | None = None
-        self._seen, self._picture = False, b""
+        self._seen: Packing | None = None
+        """The bed in the middle of the window, which is drawn at the end."""
+        self._unseen = False
         self.film = demand.film
         self._observes(demand.shared.probes)
 
@@ -216,12 +218,17 @@ class DischargeJob(Job):
             self.keep(table_name(probe), frame_rows(table) if isinstance(probe, Sample | Zone | Contacts) else table)
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
-        """Put grains back that left; draw the bed once the run is in the middle of its window."""
+        """Put grains back that left; keep the bed as it is in the middle of the window, for a picture of it."""
         self._feed(ensemble, member)
         middle = (self.observe.start + self.observe.end) / 2
         reached = self.status.time if self.observe.timed else self._discharged
-        if not self._seen and self._plane is not None and reached >= middle:
-            self._draw(ensemble, member)
+        if self._seen is not None or self._unseen or self._plane is None or reached < middle:
+            return
+        try:
+            self._seen = ensemble.packing(member)
+        except Exception as problem:
+            self._unseen = True
+            self._no_picture(problem)
 
     def _feed(self, ensemble: Ensemble, member: Member) -> None:
         """Put grains back that left, after every beat: a state that is saved has those of its beat."""
@@ -233,14 +240,17 @@ class DischargeJob(Job):
         if back is not None:
             ensemble.put_back(member, back)
 
-    def _draw(self, ensemble: Ensemble, member: Member) -> None:
-        """Draw the bed as it is now, once. No run is lost for its picture: it then has none, and the log says why."""
-        self._seen = True
+    def _draw(self, seen: Packing) -> bytes:
+        """Draw a bed. No run is lost for its picture: it then has none, and the log says why."""
         try:
-            self._picture = bed(self.scene, self._packed, ensemble.packing(member))
+            return bed(self.scene, self._packed, seen)
         except Exception as problem:
-            _LOG.warning("%s: no picture of its bed: %s: %s", self.label, type(problem).__name__, problem)
-            _LOG.debug("where that was", exc_info=True)
+            self._no_picture(problem)
+            return b""
+
+    def _no_picture(self, problem: Exception) -> None:
+        _LOG.warning("%s: no picture of its bed: %s: %s", self.label, type(problem).__name__, problem)
+        _LOG.debug("where that was", exc_info=True)
 
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
         """The stop rule."""
@@ -313,7 +323,7 @@ class DischargeJob(Job):
 
     # end
 
-    def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
+    def fill_folder(self, folder: Path, verdict: str, left: Left) -> None:
         """Tables, the exact last state, the recording, the picture, and the record."""
         tables = self.tables()
         film = tables.pop(FILM_TABLE, None)
@@ -322,12 +332,11 @@ class DischargeJob(Job):
             write_table(folder / RECORDING, thinned(film, steps_between))
         for name, table in tables.items():
             write_table(folder / f"{name}.npz", table)
-        write_checkpoint(folder / CHECKPOINT, ensemble.checkpoint(member), compress=True)
-        if not self._seen:
-            self._draw(ensemble, member)
-        if self._picture:
-            (folder / PICTURE).write_bytes(self._picture)
-        kept = ledger(self.scene, self.status, ensemble.packing(member), self._packed, tables.get("crossing"))
+        write_checkpoint(folder / CHECKPOINT, left.checkpoint, compress=True)
+        seen = left.packing if self._seen is None else self._seen
+        if not self._unseen and (picture := self._draw(seen)):
+            (folder / PICTURE).write_bytes(picture)
+        kept = ledger(self.scene, self.status, left.packing, self._packed, tables.get("crossing"))
         self.record(verdict, kept).write(folder)
 
     def record(self, verdict: str, kept: Ledger) -> RunRecord:

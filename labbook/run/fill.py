@@ -17,7 +17,7 @@ from labbook.lab.packings import ARRAYS, PackingRecord
 from labbook.lab.records import Unreadable
 from labbook.run.demand import Demand, PackingsOf
 from labbook.run.forecast import fill_time
-from labbook.run.job import Bench, Job, JobFailed, failure
+from labbook.run.job import Bench, Job, JobFailed, Left, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.timescales import collision
@@ -138,11 +138,12 @@ class FillJob(Job):
             return "settled"
         return "late" if self.status.time >= self._longest else None
 
-    def finish(self, verdict: str, ensemble: Ensemble, member: Member) -> None:
+    def finish(self, verdict: str, left: Left) -> None:
         """Keep the packing; of a filling that came to nothing, the last state. Raises JobFailed for that."""
         if verdict == "settled":
-            return super().finish(verdict, ensemble, member)
-        self.save(ensemble, member)
+            return super().finish(verdict, left)
+        if self.may_save:
+            self._write(left.checkpoint)
         if verdict == "late":
             raise JobFailed(
                 f"{self.label}: not at rest after {self.status.time:.3g} s: {self._standing()}. "
@@ -151,9 +152,9 @@ class FillJob(Job):
         why = self._failure.message if self._failure else verdict
         raise JobFailed(f"{self.label}: {why} (while filling; the last good state is in {self.journal.folder})")
 
-    def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
+    def fill_folder(self, folder: Path, verdict: str, left: Left) -> None:
         """The packing and how it was made."""
-        capabilities, packing = self.bench.backend.capabilities, ensemble.packing(member)
+        capabilities, packing = self.bench.backend.capabilities, left.packing
         record = PackingRecord(
             packing_key=self.key,
             closed_key=self.demand.shared.closed_key,

@@ -29,6 +29,14 @@ class Bench:
     device: str
 
 
+@dataclass(frozen=True)
+class Left:
+    """What a member leaves when it ends: its exact state and the portable one, which no later beat changes."""
+
+    checkpoint: Checkpoint
+    packing: Packing
+
+
 class JobFailed(Exception):
     """A job cannot give what others wait for; the message says why and what to do. Its last state is kept."""
 
@@ -82,7 +90,7 @@ class Job(ABC):
         """How it ended, or None while it goes on."""
 
     @abstractmethod
-    def fill_folder(self, folder: Path, verdict: str, ensemble: Ensemble, member: Member) -> None:
+    def fill_folder(self, folder: Path, verdict: str, left: Left) -> None:
         """Write what is kept into the new `folder`. Raises JobFailed if there is nothing to keep."""
 
     @abstractmethod
@@ -170,22 +178,27 @@ class Job(ABC):
 
     def save(self, ensemble: Ensemble, member: Member) -> None:
         """Write an exact checkpoint and the rows up to it. Raises DiskFull."""
-        if not self.may_save:
-            return
-        state = {"step": self.status.step, **self.state()}
-        self.journal.save(ensemble.checkpoint(member), self._rows, state, self.sessions())
+        if self.may_save:
+            self._write(ensemble.checkpoint(member))
+
+    def _write(self, checkpoint: Checkpoint) -> None:
+        self.journal.save(checkpoint, self._rows, {"step": self.status.step, **self.state()}, self.sessions())
         self._rows = {}
 
-    def finish(self, verdict: str, ensemble: Ensemble, member: Member) -> None:
-        """Put the result into the lab, by one rename. Raises DiskFull, or JobFailed with the last state
-        saved."""
+    def leave(self, ensemble: Ensemble, member: Member) -> Left:
+        """What `finish` needs of a member that has ended; its slot may be used again then."""
+        return Left(ensemble.checkpoint(member), ensemble.packing(member))
+
+    def finish(self, verdict: str, left: Left) -> None:
+        """Put the result into the lab, by one rename. Called from a thread of its own. Raises DiskFull, or JobFailed
+        with the last state saved."""
         lab = self.bench.lab
         made = lab.work(self.key) / "done"
         with room(made):
             shutil.rmtree(made, ignore_errors=True)
             made.mkdir(parents=True)
             try:
-                self.fill_folder(made, verdict, ensemble, member)
+                self.fill_folder(made, verdict, left)
             except Unreadable as problem:
                 raise JobFailed(
                     f"{self.label}: {problem}; give the same command again, and it starts afresh"

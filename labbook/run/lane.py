@@ -12,6 +12,7 @@ from concurrent.futures import Future
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from queue import SimpleQueue
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from labbook.backend.probes import Probe, Table
 from labbook.run.board import Started
 from labbook.run.job import Job
 from labbook.run.plan import PointPlan
+
+T = TypeVar("T")
 
 _preparing = threading.Lock()  # backends compile for a Spec in `open` or at its first beat: one thread at a time
 _used: set[tuple[str, Spec, str]] = set()  # backend, Spec and device of which a beat was taken in this process
@@ -38,13 +41,13 @@ class Turn:
 class Hand:
     """A thread that does one thing after another. It does not keep the process from ending."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "labbook-lane") -> None:
         self._calls: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
-        threading.Thread(target=self._work, name="labbook-lane", daemon=True).start()
+        threading.Thread(target=self._work, name=name, daemon=True).start()
 
-    def do(self, call: Callable[[], Turn]) -> "Future[Turn]":
+    def do(self, call: Callable[[], T]) -> "Future[T]":
         """Do this next."""
-        future: Future[Turn] = Future()
+        future: Future[T] = Future()
 
         def carry_out() -> None:
             try:
@@ -55,7 +58,7 @@ class Hand:
         self._calls.put(carry_out)
         return future
 
-    def end(self, last: Callable[[], None]) -> None:
+    def end(self, last: Callable[[], None] = lambda: None) -> None:
         """Do this `last`, once everything else is done, and end."""
         self._calls.put(last)
         self._calls.put(None)

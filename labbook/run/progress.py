@@ -68,7 +68,7 @@ class Bar:
         if not (view.going or view.elsewhere):
             return  # nothing is waited for
         now = time.monotonic()
-        phases: set[Phase] = {one.phase for one in view.going}
+        phases: set[Phase] = {one.phase for one in view.going if one.phase != "writing"}  # which comes with every run
         new = any(now - self._seen.get(phase, float("-inf")) > _SPOKEN_EVERY for phase in phases)
         self._seen |= dict.fromkeys(phases, now)
         if new or now - self._spoken >= _SPOKEN_EVERY:

@@ -5,6 +5,7 @@ import time
 from collections import Counter
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
+from typing import Any
 
 from labbook.backend import Backend, Compiles, Member, Overflow
 from labbook.backend.machine import cores
@@ -14,9 +15,10 @@ from labbook.lab.folder import Lab, is_full, room
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.run.board import Board, Started, Tally
+from labbook.run.closing import Closing
 from labbook.run.demand import PackingsOf, stopping_rule
 from labbook.run.fill import FillJob
-from labbook.run.job import Bench, Job, JobFailed
+from labbook.run.job import Bench, Job
 from labbook.run.lane import Lane, Turn, slots
 from labbook.run.live import Publisher
 from labbook.run.plan import Planner, PointPlan, check, counted
@@ -31,6 +33,7 @@ CHECKPOINT_EVERY = 20.0
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
 _POLL = 0.5  # s: how often claims that others hold are tried again
+_CLOSING = 8  # threads, at most, that write and measure what members of one ensemble leave
 _MANY = 10_000  # grains that take a while to place
 _WRONG = 1.5  # a forecast of replicates that is off by this factor is told
 
@@ -195,6 +198,8 @@ class Runner:
             self._board = Board(bench, planner, index, observe, packings_only=self.packings_only, shard=self.shard)
             self._board.beginning = self._tell_beginning
             self._board.pin(plan)
+            # on a CPU lanes want all cores, and end their jobs one by one
+            self._closing = Closing(self._board, 1 if self.device == "cpu" else min(_CLOSING, cores()))
             name = self.backend.capabilities.name
             self._publisher = Publisher(self.lab, self.study.name, name, self.device, self.watcher)
             with self._stop.listening(self.watcher.tell), self._publisher:
@@ -225,22 +230,26 @@ class Runner:
         turns: Turns = {}
         try:
             while not self._stop.made:
+                self._closing.settle()
                 busy = [lane for lane, _ in turns.values()]
                 for lane in lanes:
                     if lane not in busy:
                         turns |= self._next_turn(lane)
                 if self._stop.made:
                     break
-                if not turns:
+                if not (turns or self._closing.jobs):
                     if not self._board.todo:
                         return
                     self._tell()
                     time.sleep(_POLL)  # others hold what is left
                     continue
-                for turn in wait(turns, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
-                    self._visit(*turns.pop(turn), turn)
+                awaited: list[Future[Any]] = [*turns, *self._closing.futures]
+                for done in wait(awaited, timeout=_LOOK, return_when=FIRST_COMPLETED).done:
+                    if done in turns:
+                        self._visit(*turns.pop(done), done)
                 self._tell()
             self._leave(turns, lanes)
+            self._closing.settle_all()
         except Exception:  # such as a full disk: the process ends now, and kernels must not be at work by then
             wait([turn for turn, (lane, _) in turns.items() if not lane.preparing])
             raise
@@ -250,10 +259,13 @@ class Runner:
                 if lane not in busy:
                     lane.close()
                 lane.end()
+            self._closing.end()
             for job in list(self._board.going.values()):
                 self._board.dropped(job)
 
     def _next_turn(self, lane: Lane) -> "Turns":
+        if lane.slots > 1 and not lane.jobs and self._closing.jobs:
+            return {}  # what they let begin comes into one ensemble, which is laid out once
         new: list[Started] = []
         while len(lane.jobs) + len(new) < lane.slots and not self._stop.made:
             spec = lane.spec if lane.jobs else new[0].spec if new else None
@@ -300,14 +312,11 @@ class Runner:
     def _end(self, lane: Lane, member: Member, job: Job, verdict: str) -> None:
         assert lane.ensemble is not None
         try:
-            job.finish(verdict, lane.ensemble, member)
-        except JobFailed as problem:
-            self._board.failed(job, str(problem))
-        else:
-            self._board.finished(job, verdict)
+            left = job.leave(lane.ensemble, member)
         finally:
             self._saved.pop(job, None)
             lane.retire(member)
+        self._closing.close(job, verdict, left)
 
     def _leave(self, turns: "Turns", lanes: list[Lane]) -> None:
         """Let the turns end, and save what is not finished by then. Lanes that prepare have nothing to save."""
@@ -354,9 +363,11 @@ class Runner:
         """What every job is at."""
         compiling = isinstance(self.backend, Compiles) and self.backend.compiling()
         at_work = {job for lane in self._lanes if not lane.preparing for job in list(lane.jobs.values())}
-        found = []
-        for job in self._board.going.values():
-            if job in at_work:
+        found, closing = [], dict.fromkeys(self._closing.jobs)
+        for job in (*(job for job in self._board.going.values() if job not in closing), *closing):
+            if job in closing:
+                found.append(Going(job.label, "writing", ("writing and measuring",)))
+            elif job in at_work:
                 phase = "settling" if isinstance(job, FillJob) else "discharging"
                 found.append(Going(job.label, phase, job.doing()))
             elif compiling:

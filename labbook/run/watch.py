@@ -9,9 +9,9 @@ _WINDOW = 30.0  # s over which the rate is taken
 _FIRST = 3.0  # s before a rate is given at all
 
 
-Phase = Literal["placing", "compiling", "preparing", "settling", "discharging"]
+Phase = Literal["placing", "compiling", "preparing", "settling", "discharging", "writing"]
 """`compiling`: kernels are being compiled. `preparing`: everything else before the end of the first beat, such as
-reading compiled kernels."""
+reading compiled kernels. `writing`: its last beat was taken, and its results are drawn, written and measured."""
 
 
 @dataclass(frozen=True)

@@ -118,8 +118,8 @@ def test_a_run_that_goes_on_after_the_middle_is_drawn_at_once(tmp_path, seen):
     with pytest.raises(KeyboardInterrupt):
         carry_out(asked, tmp_path / "lab", backend=Killed(), checkpoint_every=0)
     assert carry_out(asked, tmp_path / "lab").tally.resumed == 1
-    assert [grains >= 90 for grains in seen] == [True, True], "the second one from where it went on"
-    assert seen[1] <= 100
+    (drawn,) = seen
+    assert 90 <= drawn <= 100, "as it was where it went on"
     assert picture(the_run(tmp_path / "lab")) is not None
 
 
