@@ -1,9 +1,13 @@
-"""Picking out of eight: masks, and writing only the elements that a mask has, side by side."""
+"""Picking out of eight: masks, and writing only the elements that a mask has, side by side.
+
+Processors with AVX-512 have an instruction for that. Those with AVX2 permute by a table of all masks, doubles four by
+four. On others LLVM writes one by one. The same elements are written by all.
+"""
 
 from llvmlite import ir
 from numba import types
 
-from labbook_numba.lanes import EIGHT, EIGHT_INTS, INT32, address, eight, intrinsic, mask, size_of
+from labbook_numba.lanes import DOUBLE, EIGHT, EIGHT_INTS, INT32, address, eight, intrinsic, mask, size_of
 
 BYTES, BITS = ir.VectorType(ir.IntType(8), 8), mask.llvm
 
@@ -52,13 +56,63 @@ def how_many(typing, value):
     return types.uint64(mask), code
 
 
-def _squeezed(builder, vector, picked):
-    """The picked elements first; the rest is left over."""
-    name = f"llvm.experimental.vector.compress.v8{'f64' if vector.type == EIGHT else 'i32'}"
-    function = builder.module.declare_intrinsic(
-        name, (), ir.FunctionType(vector.type, [vector.type, BITS, vector.type])
+def _permutes(context) -> bool:
+    """Whether code is made for a processor with AVX2, which permutes, and without AVX-512, which compresses."""
+    features = context.codegen().magic_tuple()[2].split(",")
+    return "+avx2" in features and "+avx512f" not in features
+
+
+def _put(context, builder, vector, picked, pointer, align: int) -> None:
+    """Write the picked elements to `pointer`; up to eight elements from there on are lost."""
+    if not _permutes(context):
+        kind = "i32" if vector.type == EIGHT_INTS else "f64" if vector.type == EIGHT else "f32"
+        of = ir.FunctionType(vector.type, [vector.type, BITS, vector.type])
+        compress = builder.module.declare_intrinsic(f"llvm.experimental.vector.compress.v8{kind}", (), of)
+        left = ir.Constant(vector.type, ir.Undefined)
+        builder.store(builder.call(compress, [vector, picked, left]), pointer, align=align)
+        return
+    bits = builder.bitcast(picked, ir.IntType(8))
+    if vector.type != EIGHT:
+        builder.store(_permuted(builder, vector, bits, 8), pointer, align=align)
+        return
+    low, high = (builder.trunc(builder.lshr(bits, ir.IntType(8)(shift)), ir.IntType(4)) for shift in (0, 4))
+    half = ir.VectorType(DOUBLE, 4)
+    to = builder.bitcast(pointer, half.as_pointer())
+    before = builder.zext(builder.ctpop(low), ir.IntType(64))
+    behind = builder.bitcast(
+        builder.gep(builder.bitcast(pointer, DOUBLE.as_pointer()), [before], source_etype=DOUBLE), half.as_pointer()
     )
-    return builder.call(function, [vector, picked, ir.Constant(vector.type, ir.Undefined)])
+    for part, place, first in ((low, to, 0), (high, behind, 4)):
+        chosen = ir.Constant(ir.VectorType(INT32, 4), list(range(first, first + 4)))
+        four = builder.shuffle_vector(vector, vector, chosen)
+        builder.store(_permuted(builder, four, part, 4), place, align=align)
+
+
+def _permuted(builder, vector, bits, several: int):
+    """The elements of a vector of 256 bits, of which there are `several`, that `bits` has first."""
+    kind = ir.FunctionType(EIGHT_INTS, [EIGHT_INTS, EIGHT_INTS])
+    permute = builder.module.declare_intrinsic("llvm.x86.avx2.permd", (), kind)
+    place = [ir.IntType(64)(0), builder.zext(bits, ir.IntType(64))]
+    table = _table(builder.module, several)
+    order = builder.load(builder.gep(table, place, inbounds=True), align=32)
+    return builder.bitcast(builder.call(permute, [builder.bitcast(vector, EIGHT_INTS), order]), vector.type)
+
+
+def _table(module: ir.Module, several: int) -> ir.GlobalVariable:
+    """Of every mask of `several` elements, the places of its eighths, those of picked elements first."""
+    name = f"labbook.squeeze.{several}"
+    if name in module.globals:
+        return module.globals[name]
+    words, rows = 8 // several, []
+    for bits in range(2**several):
+        picked = [k for k in range(several) if bits >> k & 1]
+        places = [words * k + word for k in picked for word in range(words)]
+        rows.append(ir.Constant(EIGHT_INTS, places + [0] * (8 - len(places))))
+    kind = ir.ArrayType(EIGHT_INTS, len(rows))
+    table = ir.GlobalVariable(module, kind, name)
+    table.linkage, table.global_constant, table.align = "internal", True, 32
+    table.initializer = ir.Constant(kind, rows)
+    return table
 
 
 @intrinsic
@@ -66,11 +120,12 @@ def squeeze(typing, array, place, value, picked):
     """Write the picked numbers to `array` from `place` on, rounded to its type; what follows them is lost."""
 
     def code(context, builder, sig, args):
-        kind, vector = sig.args[0], _squeezed(builder, args[2], args[3])
+        kind, vector = sig.args[0], args[2]
         llvm = ir.VectorType(context.get_data_type(kind.dtype), 8)
         if llvm != EIGHT:
             vector = builder.fptrunc(vector, llvm)
-        builder.store(vector, address(context, builder, kind, *args[:2], llvm=llvm), align=size_of(kind))
+        pointer = address(context, builder, kind, *args[:2], llvm=llvm)
+        _put(context, builder, vector, args[3], pointer, size_of(kind))
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, eight, mask), code
@@ -84,7 +139,7 @@ def squeeze_numbers(typing, array, place, source, start, picked):
         to, place, source, start, picked = args
         vector = builder.load(address(context, builder, sig.args[2], source, start, EIGHT_INTS), align=4)
         pointer = address(context, builder, sig.args[0], to, place, EIGHT_INTS)
-        builder.store(_squeezed(builder, vector, picked), pointer, align=4)
+        _put(context, builder, vector, picked, pointer, 4)
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, source, types.uint64, mask), code
@@ -101,7 +156,7 @@ def squeeze_places(typing, array, place, start, picked):
         vector = builder.shuffle_vector(vector, vector, ir.Constant(EIGHT_INTS, [0] * 8))
         vector = builder.add(vector, ir.Constant(EIGHT_INTS, list(range(8))))
         pointer = address(context, builder, sig.args[0], to, place, EIGHT_INTS)
-        builder.store(_squeezed(builder, vector, picked), pointer, align=4)
+        _put(context, builder, vector, picked, pointer, 4)
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, types.uint64, mask), code
