@@ -4,6 +4,8 @@ Processors with AVX-512 have an instruction for that. Those with AVX2 permute by
 four. On others LLVM writes one by one. The same elements are written by all.
 """
 
+from typing import Any
+
 from llvmlite import ir
 from numba import types
 
@@ -109,7 +111,7 @@ def _table(module: ir.Module, several: int) -> ir.GlobalVariable:
         places = [words * k + word for k in picked for word in range(words)]
         rows.append(ir.Constant(EIGHT_INTS, places + [0] * (8 - len(places))))
     kind = ir.ArrayType(EIGHT_INTS, len(rows))
-    table = ir.GlobalVariable(module, kind, name)
+    table: Any = ir.GlobalVariable(module, kind, name)
     table.linkage, table.global_constant, table.align = "internal", True, 32
     table.initializer = ir.Constant(kind, rows)
     return table
