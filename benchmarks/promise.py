@@ -5,10 +5,11 @@
 
 Every repeat follows the study's stopping rule with the numerics that were chosen, and reports W with the half width
 that labbook prints: that of the interval, and the bound of the bias. Held against it is the finest answer: the mean
-of `--finest` runs with the stated stiffness and a quarter of the law's usual step. Runs that are there are not run
-again; with --shard only a part of them is made, so that several processes may share them. What the same error costs
-with the usual numerics is worked out from runs with these. Seeds are taken in their order, so that no run enters two
-repeats.
+of `--finest` runs with the stated stiffness and a quarter of the law's usual step. Its own error is common to all
+repeats. So they are held as well against W without any step: W + b dt^2 is fitted to the runs of all steps. A scene
+that was not calibrated gets its pilot first. Runs that are there are not run again; with --shard only a part of them
+is made, so that several processes may share them. What the same error costs with the usual numerics is worked out from
+runs with these. Seeds are taken in their order, so that no run enters two repeats.
 """
 
 import argparse
@@ -105,6 +106,14 @@ def with_seeds(study: Study, seeds: int, numerics: dict[str, str]) -> Study:
     return study.change({"accuracy": None, "replicates": seeds, **{f"numerics.{k}": v for k, v in numerics.items()}})
 
 
+def without_step(rates: dict[float, list[float]]) -> tuple[float, float]:
+    """W [kg/s] at dt = 0 and its standard error, from W + b dt^2 by the means at two or more steps [s]."""
+    pooled = [pool(each) for each in rates.values()]
+    weights = [1 / one.error for one in pooled]
+    fit, covariance = np.polyfit(np.square(list(rates)), [one.value for one in pooled], 1, w=weights, cov="unscaled")
+    return float(fit[1]), float(np.sqrt(covariance[1, 1]))
+
+
 def main() -> None:
     """Run, count, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
@@ -118,7 +127,8 @@ def main() -> None:
     parser.add_argument("--shard", metavar="I/N", help="only make this part of the runs")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
-    study, lab = load(given.study), Lab(given.lab, given.backend, given.device)
+    lab = Lab(given.lab, given.backend, given.device)
+    study = lab.pilot(load(given.study))
     (point,) = study.points
     choice = point.choice
     if choice is None or choice.usual is None:
@@ -131,15 +141,22 @@ def main() -> None:
         for name, many in (("chosen", seeds), ("finest", given.finest), ("usual", given.usual)):
             lab.run(with_seeds(study, many, by[name]), checkpoint_every=SAVED, shard=given.shard)
         return
-    while len(found := repeats(rates_of(with_seeds(study, seeds, by["chosen"]), lab), rule)) < asked and seeds < MOST:
+    while True:
+        rates = {choice.dt: rates_of(with_seeds(study, seeds, by["chosen"]), lab)}
+        if len(found := repeats(rates[choice.dt], rule)) >= asked or seeds >= MOST:
+            break
         seeds = min(MOST, math.ceil(seeds * max(1.1, 1.1 * asked / max(len(found), 1))))
     found = found[:asked]
     finest = with_seeds(study, given.finest, by["finest"])
-    truth = pool(rates_of(finest, lab))
     usual = with_seeds(study, given.usual, by["usual"])
-    scatter = pool(rates_of(usual, lab))
+    rates |= {FINER * choice.usual: rates_of(finest, lab), choice.usual: rates_of(usual, lab)}
+    truth, scatter = pool(rates[FINER * choice.usual]), pool(rates[choice.usual])
+    limit, limit_error = without_step(rates)
     wide = [one.half_width + choice.bias.bound * one.value for one in found]
-    inside = [abs(one.value - truth.value) <= width for one, width in zip(found, wide, strict=True)]
+
+    def inside(reference: float) -> int:
+        return sum(abs(one.value - reference) <= width for one, width in zip(found, wide, strict=True))
+
     mean_runs = float(np.mean([one.runs for one in found]))
     plain = StoppingRule(choice.tolerance, study.replicates, 10_000)
     needed = plain.forecast(scatter.error * math.sqrt(scatter.n) / scatter.value)
@@ -151,11 +168,13 @@ def main() -> None:
         "device": given.device,
         "choice": {k: v for k, v in asdict(choice).items() if k != "bias"} | {"bias": asdict(choice.bias)},
         "repeats": len(found),
-        "inside": sum(inside),
+        "inside": inside(truth.value),
+        "inside_without_step": inside(limit),
         "mean_half_width": float(np.mean(wide)) / truth.value,
         "mean_runs": mean_runs,
         "foreseen_runs": foreseen,
         "finest": asdict(truth),
+        "without_step": {"value": limit, "error": limit_error},
         "bias_found": float(np.mean([one.value for one in found])) / truth.value - 1,
         "cost": asdict(cost(with_seeds(study, seeds, by["chosen"]), lab)),
         "usual_cost": asdict(cost(usual, lab)),
