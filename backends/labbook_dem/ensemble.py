@@ -11,7 +11,7 @@ import numpy as np
 
 from labbook.backend import Capabilities, Checkpoint, Emptied, Event, Failed, Member, Settled, Spec, Status
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Probe, Table, empty_table
+from labbook.backend.probes import Crossing, Ledger, Probe, Table, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook_dem.features import covers, finest, specialise
@@ -119,13 +119,17 @@ class Ensemble(ABC, Generic[R]):
         *,
         settled_below: float | None = None,
         settled_beats: int = 3,
+        probes: Sequence[Probe] | None = None,
     ) -> Member:
         """Add a member. Raises ValueError if it needs what this ensemble's Spec has not, or has no grains."""
+        read_by = self._spec.probes if probes is None else tuple(probes)
+        check_read_by(self._spec, read_by)
         if isinstance(start, Packing) and not len(start):
             raise ValueError("packing: it has no grains, so that nothing could move; start from one grain or more")
         if not covers(self._spec, self._specialise(scene, numerics)):
             raise ValueError("this member needs another specialisation than the ensemble's")
         run = self._begin(scene, numerics, start)
+        run.probes = read_by
         member = Member(self._next)
         self._next += 1
         self._runs[member] = run
@@ -197,6 +201,14 @@ class Ensemble(ABC, Generic[R]):
             probe: _joined(rows[probe] or [empty_table(probe, self._spec.feature("ORIENTED"))])
             for probe in self._spec.probes
         }
+
+
+def check_read_by(spec: Spec, probes: Sequence[Probe]) -> None:
+    """Raises ValueError unless members of `spec` can be read by these probes and no others."""
+    if other := {*probes} - {*spec.probes}:
+        raise ValueError(f"probes: the ensemble's Spec has none such: {', '.join(map(repr, other))}")
+    if left_out := [one for one in {*spec.probes} - {*probes} if isinstance(one, Crossing | Ledger)]:
+        raise ValueError(f"probes: kernels are compiled for {left_out[0]!r}, which all members are read by")
 
 
 def _joined(tables: list[Table]) -> Table:

@@ -150,9 +150,16 @@ def known(code: str, law: ContactLaw) -> bool:
 
 
 def script(job: Job, grains: int) -> tuple[str, dict[str, str]]:
-    """The code's input, and other files that it needs by name."""
-    scene, law = job.scene, job.scene.contact
-    hopper = scene.container
+    """The code's input for a discharge, and other files that it needs by name."""
+    text, files = model(job.code, job.scene, job.dt)
+    least = math.floor((1 - job.window[1]) * grains) - 10
+    tail = TAIL.format(every=round(EVERY / job.dt), piece=PIECE, least=least)
+    return text + (tail if job.code == "liggghts" else tail.replace(" units box", "")), files
+
+
+def model(code: str, scene: Scene, dt: float) -> tuple[str, dict[str, str]]:
+    """Input of `code` for a scene whose grains are in bed.data, up to the first step, and other files by name."""
+    law, hopper = scene.contact, scene.container
     assert isinstance(hopper, WedgeHopper)
     assert isinstance(law, HertzLiggghts | HertzLammps)
     if not hopper.flat or scene.walls or scene.grains.varied:
@@ -160,12 +167,11 @@ def script(job: Job, grains: int) -> tuple[str, dict[str, str]]:
     lips, half, deep = hopper.outlet, hopper.width / 2, hopper.thickness / 2
     young = 2 * law.shear_modulus * (1 + law.poisson_ratio)
     words: dict[str, object] = {
-        "dt": job.dt, "young": young, "nu": law.poisson_ratio, "mu": law.friction,
+        "dt": dt, "young": young, "nu": law.poisson_ratio, "mu": law.friction,
         "left": -half, "right": half, "front": -deep, "back": deep, "lip_left": lips[0], "lip_right": lips[1],
         "far_left": -half - 0.01, "far_right": half + 0.01, "far_front": -0.01, "far_back": 0.01, "g": scene.gravity,
-        "every": round(EVERY / job.dt), "piece": PIECE, "least": math.floor((1 - job.window[1]) * grains) - 10,
     }  # fmt: skip
-    if job.code == "liggghts":
+    if code == "liggghts":
         if law.tangential_damping != 1:
             raise SystemExit("LIGGGHTS damps alike along normal and tangent: leave contact.tangential_damping out")
         words["e"] = restitution(law.damping_ratio(law.restitution))
@@ -177,14 +183,14 @@ def script(job: Job, grains: int) -> tuple[str, dict[str, str]]:
         words["rolling"] = " rolling_friction cdt" if law.rolling_friction else ""
         words.setdefault("rolling_property", "")
         words["tension"] = "" if law.tension else " limitForce on"
-        return (HEAD + LIGGGHTS + TAIL).format(**words), {"plates.stl": plates(hopper)}
+        return (HEAD + LIGGGHTS).format(**words), {"plates.stl": plates(hopper)}
     damping = f"damping tsuji{'' if law.tension else ' limit_damping'}"
     gives, walls = eta(law.damping_ratio(law.restitution)), wall_stiffness(young, law.poisson_ratio)
     slides = f"{law.tangential_damping} {law.friction} {damping}"
     words["law"] = f"hertz/material {young} {gives} {law.poisson_ratio} tangential mindlin NULL {slides}"
     words["wall"] = f"hertz {walls['k_n']} {gives} tangential mindlin {walls['k_t']} {slides}"
     words |= {"style": "sphere", "velocities": "comm_modify vel yes"}
-    return (HEAD + LAMMPS + TAIL.replace(" units box", "")).format(**words), {}
+    return (HEAD + LAMMPS).format(**words), {}
 
 
 def restitution(c_n: float) -> float:

@@ -139,11 +139,14 @@ class Ensemble(Protocol):
         *,
         settled_below: float | None = None,
         settled_beats: int = 3,
+        probes: Sequence[Probe] | None = None,
     ) -> Member:
-        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d].
+        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]. `probes`: by
+        which of the Spec's it is read; None: by all. Crossing and Ledger, for which kernels are compiled, cannot be
+        left out.
 
-        Raises ValueError for a packing without grains, and for a scene that needs what the Spec has not. One that needs
-        less than it has may be taken or refused."""
+        Raises ValueError for a packing without grains, for other probes, and for a scene that needs what the Spec has
+        not. One that needs less than it has may be taken or refused."""
         ...
 
     def advance(self, beats: int = 1) -> Sequence[Event]:

@@ -220,7 +220,7 @@ class Board:
             finally:
                 for folder, why in job.damaged.items():
                     self._index.note(folder, why)
-            needed = self._bench.backend.specialise(job.scene, job.numerics, job.probes)
+            needed = self._bench.backend.specialise(job.scene, job.numerics, job.declared)
         if spec is not None and needed != spec:
             job.release()
             self._unfit.add((job.key, spec))

@@ -103,6 +103,11 @@ class PointDemand:
         return film_probe(record.every, self.numerics, self.scene.grains)
 
     @cached_property
+    def declared(self) -> tuple[Probe, ...]:
+        """The probes of an ensemble that takes runs of this point, recorded or not."""
+        return tuple(dict.fromkeys((*self.probes, *((self.film,) if self.film else ()))))
+
+    @cached_property
     def stop(self) -> StopRule:
         """When a run ends."""
         stop, asked = StopRule.model_validate(self.study.stop.model_dump()), tolerance(self.study, self.point)

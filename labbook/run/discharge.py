@@ -66,6 +66,11 @@ class DischargeJob(Job):
         self.film = demand.film
         self._observes(demand.shared.probes)
 
+    @property
+    def declared(self) -> tuple[Probe, ...]:
+        """Those of all runs of its point, so that recorded ones and others share an ensemble."""
+        return tuple(dict.fromkeys((*self.demand.shared.declared, *self.probes)))
+
     def _observes(self, probes: Sequence[Probe]) -> None:
         """Observe `probes` and, if the run is recorded, its frames."""
         self._measured = tuple(probes)

@@ -134,7 +134,7 @@ def forecast(
         shared = item.demand.shared
         work, steps = discharge_work(shared), discharge_time(shared) / shared.numerics.dt
         probes = len(shared.probes) + item.demand.recorded
-        cost = _add(batches[specs.discharge(item.demand)], speeds.of(shared), work, steps, shared, probes)
+        cost = _add(batches[specs.discharge(shared)], speeds.of(shared), work, steps, shared, probes)
         longest = max(longest, cost + chains.get(item.keys.packing, 0.0))
     work = sum(batch.grain_steps for batch in batches.values())
     cost = sum(batch.cost for batch in batches.values())
@@ -176,11 +176,8 @@ class _Specs:
     def filling(self, shared: PointDemand) -> Spec | str:
         return self._of(shared, "filling", lambda b: b.specialise(shared.closed, shared.filled_by, ()))
 
-    def discharge(self, demand: Demand) -> Spec | str:
-        shared, film = demand.shared, (demand.film,) if demand.film else ()
-        probes = tuple(dict.fromkeys((*shared.probes, *film)))
-        stage = "recorded" if film else "discharge"
-        return self._of(shared, stage, lambda b: b.specialise(shared.scene, shared.numerics, probes))
+    def discharge(self, shared: PointDemand) -> Spec | str:
+        return self._of(shared, "discharge", lambda b: b.specialise(shared.scene, shared.numerics, shared.declared))
 
     def _of(self, shared: PointDemand, stage: str, specialise: Callable[[Backend], Spec]) -> Spec | str:
         key = (shared, stage)
@@ -190,8 +187,8 @@ class _Specs:
 
     def known(self, plan: Plan) -> set[Spec | str]:
         """Those that runs which are done were computed with: their code is cached, if they ran here."""
-        done = [item.demand for item in plan.items if item.state == "done"]
-        return {spec for demand in done for spec in (self.filling(demand.shared), self.discharge(demand))}
+        done = {item.demand.shared for item in plan.items if item.state == "done"}
+        return {spec for shared in done for spec in (self.filling(shared), self.discharge(shared))}
 
 
 class _Speeds:

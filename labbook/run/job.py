@@ -66,6 +66,11 @@ class Job(ABC):
         """How it is computed."""
         return self.demand.shared.numerics
 
+    @property
+    def declared(self) -> tuple[Probe, ...]:
+        """The probes of the ensemble that takes it: its own, and those of others that may go on beside it."""
+        return self.probes
+
     # what jobs differ in
 
     @abstractmethod

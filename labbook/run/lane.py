@@ -114,12 +114,14 @@ class Lane:
                 self.ensemble = self.backend.open(started.spec, slots, self.device)
             self.spec = started.spec
         job = started.job
-        member = self.ensemble.admit(job.scene, job.numerics, started.start, settled_below=job.settled_below)
+        member = self.ensemble.admit(
+            job.scene, job.numerics, started.start, settled_below=job.settled_below, probes=job.probes
+        )
         job.status = self.ensemble.status(member)
         self.jobs[member] = job
 
     def rows(self) -> dict[Member, dict[Probe, Table]]:
-        """Rows since the last call, by member; of every probe, also where there are none."""
+        """Rows since the last call, by member; of every probe that it is read by, also where there are none."""
         assert self.ensemble is not None
         found: dict[Member, dict[Probe, Table]] = {member: {} for member in self.jobs}
         for probe, table in self.ensemble.drain().items():
@@ -127,8 +129,9 @@ class Lane:
             order = np.argsort(of, kind="stable")
             first, end = (np.searchsorted(of[order], [m.index for m in found], side) for side in ("left", "right"))
             columns = {name: np.asarray(column)[order] for name, column in table.items() if name != "member"}
-            for (_, tables), a, b in zip(found.items(), first, end, strict=True):
-                tables[probe] = {name: column[a:b] for name, column in columns.items()}
+            for (member, tables), a, b in zip(found.items(), first, end, strict=True):
+                if probe in self.jobs[member].probes:
+                    tables[probe] = {name: column[a:b] for name, column in columns.items()}
         return found
 
     def retire(self, member: Member) -> None:

@@ -357,6 +357,5 @@ def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
         shared = point.shared
         if shared.scene.feed is not None and not can.feeds:
             raise Unsupported("feed", f"the backend {can.name} cannot put grains back; leave feed out")
-        film = (shared.film,) if shared.film else ()
         backend.specialise(shared.closed, shared.filled_by, ())
-        backend.specialise(shared.scene, shared.numerics, tuple(dict.fromkeys((*shared.probes, *film))))
+        backend.specialise(shared.scene, shared.numerics, shared.declared)

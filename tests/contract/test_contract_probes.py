@@ -46,6 +46,31 @@ def test_drained_rows_come_once_and_none_is_lost(silo):
         assert identical({name: np.concatenate([f[name] for f in found]) for name in table}, table)
 
 
+def test_a_member_is_read_by_its_own_probes_only(silo):
+    """Beside one that is read by all: its rows and its grains are those that it has alone."""
+    _, alone = silo.discharge(BEATS)
+    with silo.ensemble(probes=EVERYTHING) as ensemble:
+        few = silo.admit(ensemble, probes=(Crossing(), Ledger()))
+        all_of_them = silo.admit(ensemble)
+        ensemble.advance(BEATS)
+        tables = ensemble.drain()
+        assert identical(ensemble.packing(few), ensemble.packing(all_of_them))
+    for probe, table in tables.items():
+        assert len(rows_of(table, all_of_them)["step"])
+        if isinstance(probe, Crossing | Ledger):
+            assert identical(rows_of(table, few), alone[probe])
+        else:
+            assert not len(rows_of(table, few)["step"])
+
+
+@pytest.mark.parametrize(
+    ("probes", "why"), [((), "kernels are compiled"), ((Crossing(), Ledger(), Sample(every=7)), "has none such")]
+)
+def test_a_member_that_cannot_be_read_so_is_refused(silo, probes, why):
+    with silo.ensemble() as ensemble, pytest.raises(ValueError, match=why):
+        silo.admit(ensemble, probes=probes)
+
+
 COLUMNS = {
     "Crossing": "id time x y z vx vy vz wx wy wz",
     "Sample": "id x y z vx vy vz wx wy wz",

@@ -79,10 +79,10 @@ class Unfilled(Twin):
 
 
 class Refusing(Ensemble):
-    def admit(self, scene, numerics, start, *, settled_below=None):
+    def admit(self, scene, numerics, start, *, settled_below=None, **further):
         if settled_below is not None:
             raise ValueError("no room")
-        return super().admit(scene, numerics, start, settled_below=settled_below)
+        return super().admit(scene, numerics, start, settled_below=settled_below, **further)
 
 
 def test_packings_that_cannot_be_made_have_no_number(tmp_path):

@@ -99,7 +99,7 @@ def test_the_host_reads_every_probe_of_every_member_at_each_beat(tmp_path):
     assert 2 * (one - two) > 1.4e-3 * beats
 
 
-def test_a_recorded_replicate_goes_on_beside_others_of_its_kind_only(tmp_path):
+def test_a_recorded_replicate_goes_on_beside_the_others(tmp_path):
     one, two = (
         forecast.forecast(made, lab, "none", "cuda:0", 1, backend)
         for made, lab, backend in (
@@ -107,8 +107,8 @@ def test_a_recorded_replicate_goes_on_beside_others_of_its_kind_only(tmp_path):
             planned(tmp_path, "warp", beat=100_000, replicates=4, more=["record: {every: 10 s, replicates: 1}"]),
         )
     )
-    assert (one.sets, two.sets) == (2, 3)
-    assert two.seconds - two.compiling > one.seconds - one.compiling
+    assert (one.sets, two.sets) == (2, 2)
+    assert 1 <= (two.seconds - two.compiling) / (one.seconds - one.compiling) < 1.1
 
 
 def test_compiling_counts_once_for_every_set_of_features(tmp_path, monkeypatch):

@@ -49,3 +49,12 @@ def test_the_point_that_needs_most_decides(tmp_path):
     summary = carry_out(load(path), tmp_path / "lab", backend=backend, device="cuda:0")
     assert len(summary.tally.ran) == 6
     assert backend.most == 2, "four of 100 grains would fit, but one of 200 may come next"
+
+
+def test_runs_that_are_recorded_go_on_beside_those_that_are_not(tmp_path):
+    backend = Device(None)
+    asked = study(tmp_path, "record: {every: 4 ms, replicates: 1}", orifices="[24]", replicates=4)
+    summary = carry_out(asked, tmp_path / "lab", backend=backend, device="cuda:0")
+    assert len(summary.tally.ran) == 4
+    assert backend.most == 4, "two waves, where one takes them all"
+    assert len([*(tmp_path / "lab").rglob("recording.npz")]) == 1

@@ -106,9 +106,9 @@ class Ensemble:
     def __init__(self, backend, spec, slots):
         self._backend, self._spec, self._slots = backend, spec, slots
         self._glasses, self._settling, self._rows, self._next = {}, {}, defaultdict(list), 0
-        self._advanced = 0
+        self._advanced, self._read_by = 0, {}
 
-    def admit(self, scene, numerics, start, *, settled_below=None, settled_beats=3):
+    def admit(self, scene, numerics, start, *, settled_below=None, settled_beats=3, probes=None):
         if self._slots is not None and len(self._glasses) >= self._slots:
             raise ValueError(f"all {self._slots} slots are taken")
         if self._backend.specialise(scene, numerics, self._spec.probes) != self._spec:
@@ -116,6 +116,7 @@ class Ensemble:
         member = Member(self._next)
         self._next += 1
         self._glasses[member] = Glass(self._backend, scene, numerics, start)
+        self._read_by[member] = self._spec.probes if probes is None else probes
         if settled_below is not None:
             self._settling[member] = [settled_below, settled_beats, 0]
         return member
@@ -135,7 +136,7 @@ class Ensemble:
                 if glass.failure:
                     events.append(Failed(member, *glass.failure))
                     break
-                for probe, table in glass.read(self._spec.probes, rows).items():
+                for probe, table in glass.read(self._read_by[member], rows).items():
                     n = len(table["step"])
                     if n:
                         self._rows[probe].append({"member": np.full(n, member.index), **table})
