@@ -98,10 +98,11 @@ class Lab:
         """Run what `study` still needs; what is there already is not run again.
 
         progress: whether to show a bar, or who else is told. checkpoint_every: wall time [s] between two saves of a
-        run. shard: i/n, to run only the i-th of n parts of the study; all runs from one packing are in one part. Ctrl-C
-        saves what is going on and returns; asked again, it raises KeyboardInterrupt and what was saved last
-        is kept. Either way the next call goes on. Runs that fail are warned of and named in the summary. Raises what
-        `plan` does but TooLarge, before anything runs; ValueError for a part that there is not; DiskFull.
+        run. shard: i/n, to run only the i-th of n parts of the study, which are even in the work that is foreseen;
+        all runs from one packing are in one part. Ctrl-C saves what is going on and returns; asked again, it raises
+        KeyboardInterrupt and what was saved last is kept. Either way the next call goes on. Runs that fail are warned
+        of and named in the summary. Raises what `plan` does but TooLarge, before anything runs; ValueError for a part
+        that there is not; DiskFull.
         """
         part = WHOLE if shard is None else Shard.parse(shard)
         backend = load_backend(self.backend)

@@ -8,31 +8,34 @@ import typer
 from labbook.cli.options import LAB, Lab, fail
 from labbook.cli.screen import say, ticking
 
-Source = Annotated[Path, typer.Argument(help="Another lab folder.", metavar="FOLDER", show_default=False)]
+Sources = Annotated[list[Path], typer.Argument(help="Other lab folders.", metavar="FOLDER...", show_default=False)]
 
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
 
     @app.command(name="import")
-    def import_(folder: Source, lab: Lab = LAB) -> None:
-        """Copy runs, packings, study files and notes from another lab, and index them.
+    def import_(folders: Sources, lab: Lab = LAB) -> None:
+        """Copy runs, packings, study files and notes from other labs, and index them.
 
         Everything is looked at before it is taken; what is damaged or does not belong is named, and left out. Exit
-        status 1 if anything was left out. A study file or note of this lab stays as it is; if the other lab has another
-        one under the same name, that is said.
+        status 1 if anything was left out. A study file or note of this lab stays as it is; if another lab has a
+        different one under the same name, that is said.
         """
         from labbook.lab.folder import Lab as Folder
         from labbook.lab.folder import room
         from labbook.lab.index import Index
-        from labbook.lab.merge import merge
+        from labbook.lab.merge import Merged, merge
 
-        if not Folder(folder).runs.is_dir() and not Folder(folder).packings.is_dir():
-            fail(f"{folder}: no lab: it has neither runs/ nor packings/")
+        for folder in folders:
+            if not Folder(folder).exists:
+                fail(f"{folder}: no lab: it has neither runs/ nor packings/")
+        merged = Merged()
         with room(lab):
             with ticking("indexing") as tick:
                 index = Index(Folder(lab), tick=tick)
-            merged = merge(index, folder)
+            for folder in folders:
+                merged += merge(index, folder)
             index.close()
         say(f"{len(merged.copied)} runs and packings imported")
         if merged.studies:

@@ -39,7 +39,8 @@ def register(app: typer.Typer) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
 
         Several processes may run one study in one lab, and share the work. With --shard each knows its part beforehand:
-        one process a part, in one lab or in several.
+        one process a part, in one lab or in several. Parts are even in the work that is foreseen, and runs from one
+        packing are in one part.
 
         A study that asks for an error (accuracy.flow_rate) of scenes that were not calibrated gets a pilot first, which
         measures what the time step does, and writes STUDY.calibration.json beside it. --no-pilot leaves that out: the

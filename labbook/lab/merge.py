@@ -11,7 +11,7 @@ import shutil
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import BinaryIO, get_args
 
@@ -44,6 +44,9 @@ class Merged:
     """What stays as it is here although the other lab has it otherwise, in words."""
     left_out: list[str] = field(default_factory=list)
 
+    def __add__(self, other: "Merged") -> "Merged":
+        return Merged(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
+
 
 def merge(index: Index, source: Path) -> Merged:
     """Copy runs, packings and study files of the lab (or copy of one) in `source` that the lab of `index` lacks, and
@@ -53,7 +56,7 @@ def merge(index: Index, source: Path) -> Merged:
     the file of a study or a note, ours stays. Raises FileNotFoundError if `source` is no lab.
     """
     lab, other = index.lab, Lab(source)
-    if not other.runs.is_dir() and not other.packings.is_dir():
+    if not other.exists:
         raise FileNotFoundError(errno.ENOENT, "no lab: it has neither runs/ nor packings/", str(source))
     merged = Merged()
     for theirs, take in ((other.packings, _take_packing), (other.runs, _take_run)):

@@ -16,7 +16,7 @@ from labbook.run.fill import FillJob
 from labbook.run.forecast import discharge_work, fill_work
 from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.plan import Item, Plan, Planner, PointPlan, counted
-from labbook.run.shard import WHOLE, Shard
+from labbook.run.shard import everything
 from labbook.scene.packing import Packing
 
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
@@ -61,14 +61,14 @@ def _place(item: Item) -> tuple[int, int]:
 class Board:
     """The study's runs that are not done, and the jobs that are going on here.
 
-    `packings_only`: only the packings of the runs are asked for. `shard`: the part of the runs that are done here.
+    `packings_only`: only the packings of the runs are asked for. `holds`: whether a run is done here.
     """
 
     def __init__(
         self, bench: Bench, planner: Planner, index: Index, observe: Observe, *, packings_only: bool = False,
-        shard: Shard = WHOLE,
+        holds: Callable[[Demand], bool] = everything,
     ):  # fmt: skip
-        self._packings_only, self._shard = packings_only, shard
+        self._packings_only, self._holds = packings_only, holds
         self._work: dict[str, float] = {}
         """Expected grain-steps, by the key of a run or packing."""
         self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
@@ -114,7 +114,7 @@ class Board:
 
     def _lacks(self, item: Item) -> bool:
         lacks = not item.packed if self._packings_only else item.state != "done"
-        return lacks and self._shard.holds(*item.demand.bed)
+        return lacks and self._holds(item.demand)
 
     def _tidy(self, items: Sequence[Item]) -> None:
         """Remove what processes left in the work folder that were killed after they had put a run or packing in place:
@@ -293,7 +293,7 @@ class Board:
 
     def runs(self) -> tuple[int, int]:
         """Runs done, and runs asked for so far; one that several points share counts once."""
-        return counted(self.points.values(), self._shard)
+        return counted(self.points.values(), self._holds)
 
     def fillings_left(self) -> int:
         """Packings that runs still wait for, also those being made."""

@@ -165,11 +165,6 @@ class Demand:
         return Filling(fill.kind, self.seed, fill.settled_below, placing.STARTS[fill.kind].version, moving)
 
     @property
-    def bed(self) -> tuple[str, int]:
-        """Key of the closed scene, and seed: what all runs from one packing have in common."""
-        return self.shared.closed_key, self.seed
-
-    @property
     def film(self) -> Sample | None:
         """The probe by which this run is recorded, if it is."""
         return self.shared.film if self.recorded else None

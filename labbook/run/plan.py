@@ -1,7 +1,7 @@
 """What is done of a study, what is missing, partial or stale, and why; and whether a backend can do what is planned."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Literal
@@ -18,7 +18,6 @@ from labbook.measure.measure import window_in_words
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
 from labbook.run.progress import duration, size
-from labbook.run.shard import WHOLE, Shard
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Point, Study
 
@@ -205,10 +204,10 @@ _SHOWN = 30
 """Points that are shown one by one."""
 
 
-def counted(points: Iterable[PointPlan], shard: Shard = WHOLE) -> tuple[int, int]:
-    """Runs of a shard that are done, and that are asked for; one that several points share counts once."""
+def counted(points: Iterable[PointPlan], holds: Callable[[Demand], bool]) -> tuple[int, int]:
+    """Runs of a part that are done, and that are asked for; one that several points share counts once."""
     every = (item for point in points for item in point.items)
-    asked = {item.keys.run: item for item in every if shard.holds(*item.demand.bed)}
+    asked = {item.keys.run: item for item in every if holds(item.demand)}
     return sum(item.state == "done" for item in asked.values()), len(asked)
 
 

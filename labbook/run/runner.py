@@ -3,6 +3,7 @@ stop rule."""
 
 import time
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,14 +17,14 @@ from labbook.lab.index import Index
 from labbook.lab.records import Observe
 from labbook.run.board import Board, Started, Tally
 from labbook.run.closing import Closing
-from labbook.run.demand import PackingsOf, stopping_rule
+from labbook.run.demand import Demand, PackingsOf, stopping_rule
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job
 from labbook.run.lane import Lane, Turn, slots
 from labbook.run.live import Publisher
 from labbook.run.plan import Planner, PointPlan, check, counted
 from labbook.run.progress import duration
-from labbook.run.shard import WHOLE, Shard
+from labbook.run.shard import WHOLE, Shard, everything, shard_of
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
 from labbook.study import Study
@@ -55,18 +56,18 @@ class Summary:
     left_behind: bool = False
     """Whether threads of this process still compile for jobs that were dropped: nothing waits for them but the end of
     the process, unless it is ended by `os._exit`."""
-    shard: Shard = WHOLE
-    """The part of the runs that was asked for; it is these that are counted."""
+    holds: Callable[[Demand], bool] = everything
+    """Whether a run belongs to the part that was asked for; it is these that are counted."""
 
     @property
     def done(self) -> int:
         """Runs of the study that are there."""
-        return counted(self.points, self.shard)[0]
+        return counted(self.points, self.holds)[0]
 
     @property
     def asked(self) -> int:
         """Runs that the study asks for so far."""
-        return counted(self.points, self.shard)[1]
+        return counted(self.points, self.holds)[1]
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -195,9 +196,12 @@ class Runner:
             if index.derive(done, observe):
                 plan = planner.plan()
             bench = Bench(self.lab, self.backend, self.device)
-            self._board = Board(bench, planner, index, observe, packings_only=self.packings_only, shard=self.shard)
+            holds = shard_of([point.shared for point in plan.points], self.backend.capabilities, self.shard)
+            self._board = Board(bench, planner, index, observe, packings_only=self.packings_only, holds=holds)
             self._board.beginning = self._tell_beginning
             self._board.pin(plan)
+            if not self._board.runs()[1]:
+                self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
             # on a CPU lanes want all cores, and end their jobs one by one
             self._closing = Closing(self._board, 1 if self.device == "cpu" else min(_CLOSING, cores()))
             name = self.backend.capabilities.name
@@ -212,7 +216,7 @@ class Runner:
         wall = time.perf_counter() - begun
         problems, work = tuple(index.found.problems), self._meter.work
         left = self._left_behind
-        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, left, self.shard)
+        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, left, holds)
 
     def _keep_study(self) -> None:
         """Keep the text of the study in the lab. Raises OSError for a full disk only."""
