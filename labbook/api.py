@@ -39,6 +39,7 @@ from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
 from labbook.run.advice import cut_short, foresee
 from labbook.run.demand import Conflict
+from labbook.run.devices import Crew, named
 from labbook.run.notebook import NotebookBar, counting, in_notebook
 from labbook.run.plan import Plan, Planner
 from labbook.run.progress import Bar
@@ -73,7 +74,7 @@ class Lab:
     backend: str = "numba"
     """`numba` (CPU) or `warp` (GPU); results are those of its runs."""
     device: str = "cpu"
-    """As the backend names it: `cpu`, `cuda:0`."""
+    """As the backend names it: `cpu`, `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`."""
 
     @property
     def place(self) -> Folder:
@@ -111,7 +112,12 @@ class Lab:
                 with self._catalogue() as catalogue:
                     for line in cut_short(Planner(study, catalogue, backend.capabilities).plan(), self.place):
                         watcher.tell(line)
-            summary = Runner(study, self.place, backend, self.device, checkpoint_every, watcher, shard=part).run()
+            first, *others = named(self.device, backend)
+            if others:
+                runner = Crew(study, self.place, self.backend, (first, *others), checkpoint_every, watcher, part)
+            else:
+                runner = Runner(study, self.place, backend, first, checkpoint_every, watcher, shard=part)
+            summary = runner.run()
         if progress is True or progress is False:
             for why in summary.failed:
                 warnings.warn(f"failed: {why}", LabWarning, stacklevel=2)

@@ -21,7 +21,7 @@ StudyFile = Annotated[Path, typer.Argument(help="Study file (YAML).", metavar="S
 Lab = Annotated[Path, typer.Option("--lab", envvar="LABBOOK_LAB", help="Lab folder.")]
 Backend = Annotated[str, typer.Option("--backend", help="Backend that made the runs: numba or warp.")]
 RunsOn = Annotated[str, typer.Option("--backend", help="Backend to run on: numba (CPU) or warp (GPU).")]
-Device = Annotated[str, typer.Option("--device", help="Device to run on, as the backend names it.")]
+Device = Annotated[str, typer.Option("--device", help="Device to run on, as the backend names it; several: cuda:all.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 LAB = Path("lab")

@@ -42,6 +42,8 @@ def register(app: typer.Typer) -> None:
         one process a part, in one lab or in several. Parts are even in the work that is foreseen, and runs from one
         packing are in one part.
 
+        Several devices of this machine (--device cuda:all, or cuda:0,cuda:1) get a process each, and share the work.
+
         A study that asks for an error (accuracy.flow_rate) of scenes that were not calibrated gets a pilot first, which
         measures what the time step does, and writes STUDY.calibration.json beside it. --no-pilot leaves that out: the
         usual step is taken, and the error budget says that its bias is not known.

@@ -16,6 +16,7 @@ from labbook.lab.folder import Lab
 from labbook.lab.packings import load_packing
 from labbook.lab.records import Unreadable
 from labbook.run.demand import PointDemand
+from labbook.run.devices import named, speeds
 from labbook.run.forecast import Outline, forecast, outline
 from labbook.run.lane import slots
 from labbook.run.plan import Item, Plan, Planner, check
@@ -38,16 +39,23 @@ class TooLarge(Exception):
 
 
 def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> Plan:
-    """What `study` still needs in a lab, with time and disk on `device`, and warnings.
+    """What `study` still needs in a lab, with time and disk on `device` (or several: `cuda:0,cuda:1`), and warnings.
 
     Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, ImportError where a package of the
     backend is missing.
     """
     plan = Planner(study, catalogue, backend.capabilities).plan()
+    device, *others = named(device, backend)
+    for one in others:
+        check(backend, one, plan.points[:1])
     check(backend, device, plan.points)
     lanes = cores() if device == "cpu" else 1
     machine = provenance(device)["machine"]
     ahead = forecast(plan, catalogue, machine, device, lanes, backend, slots(backend, device, plan.points))
+    if others:
+        first, *more = speeds((device, *others), backend, [point.shared for point in plan.points])
+        shared = (ahead.seconds - ahead.compiling) * first / (first + sum(more)) + ahead.compiling
+        ahead = replace(ahead, seconds=shared, lanes=ahead.lanes + sum(cores() if o == "cpu" else 1 for o in others))
     if device == "cpu" and (told := too_large(plan, lanes, memory())):
         raise TooLarge(told)
     warnings = (*cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))

@@ -61,14 +61,15 @@ def _place(item: Item) -> tuple[int, int]:
 class Board:
     """The study's runs that are not done, and the jobs that are going on here.
 
-    `packings_only`: only the packings of the runs are asked for. `holds`: whether a run is done here.
+    `packings_only`: only the packings of the runs are asked for. `holds`: whether a run is done here;
+    `rest`: whether it is, once the former are.
     """
 
     def __init__(
         self, bench: Bench, planner: Planner, index: Index, observe: Observe, *, packings_only: bool = False,
-        holds: Callable[[Demand], bool] = everything,
+        holds: Callable[[Demand], bool] = everything, rest: Callable[[Demand], bool] | None = None,
     ):  # fmt: skip
-        self._packings_only, self._holds = packings_only, holds
+        self._packings_only, self._own, self._holds, self._rest = packings_only, holds, holds, rest
         self._work: dict[str, float] = {}
         """Expected grain-steps, by the key of a run or packing."""
         self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
@@ -127,6 +128,14 @@ class Board:
                 with lab.alone(key):  # whose lock file goes with it
                     lab.clear(key)
                 claim.release()
+
+    def widen(self) -> None:
+        """Take up runs of the `rest`, of which others may hold some."""
+        if self._rest is None:
+            return
+        self._holds, self._rest = self._rest, None
+        for point in list(self.points.values()):
+            self._take(self._planner.point(point))
 
     def next(self, spec: Spec | None = None) -> Started | None:
         """A job to begin (of `spec`, if one is given), or None if there is none that this process can have
@@ -293,11 +302,17 @@ class Board:
 
     def runs(self) -> tuple[int, int]:
         """Runs done, and runs asked for so far; one that several points share counts once."""
-        return counted(self.points.values(), self._holds)
+        return counted(self.points.values(), self._own)
 
     def fillings_left(self) -> int:
         """Packings that runs still wait for, also those being made."""
-        return len({item.keys.packing for item in self.todo.values() if not item.packed})
+        return len({item.keys.packing for item in self._mine().values() if not item.packed})
+
+    def _mine(self) -> dict[str, Item]:
+        """What is still to do of this process's own part: the rest is told by others."""
+        if self._own is self._holds:
+            return self.todo
+        return {key: item for key, item in self.todo.items() if self._own(item.demand)}
 
     def open_ended(self) -> bool:
         """Whether a job goes on for longer than expected, so that more work may be left than `work_left` says."""
@@ -305,8 +320,9 @@ class Board:
 
     def work_left(self) -> float:
         """Grain-steps still to be done here, as far as can be told."""
-        waiting = {item.keys.packing: item.demand for item in self.todo.values() if not item.packed}
-        runs = {} if self._packings_only else self.todo
+        todo = self._mine()
+        waiting = {item.keys.packing: item.demand for item in todo.values() if not item.packed}
+        runs = {} if self._packings_only else todo
         work = sum(self._estimate(key, item.demand, filling=False) for key, item in runs.items())
         work += sum(self._estimate(key, d, filling=True) for key, d in waiting.items() if key not in self.going)
         for key, job in self.going.items():

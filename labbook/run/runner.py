@@ -24,7 +24,7 @@ from labbook.run.lane import Lane, Turn, slots
 from labbook.run.live import Publisher
 from labbook.run.plan import Planner, PointPlan, check, counted
 from labbook.run.progress import duration
-from labbook.run.shard import WHOLE, Shard, everything, shard_of
+from labbook.run.shard import WHOLE, Seat, Shard, everything, part_of, shard_of
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
 from labbook.study import Study
@@ -168,6 +168,8 @@ class Runner:
     """Make the packings that the runs would start from, and no runs."""
     shard: Shard = WHOLE
     """The part of the runs that are done."""
+    seat: Seat | None = None
+    """Which of several processes in one lab this is; None: it takes runs as they come."""
 
     def run(self) -> Summary:
         """Run what is missing; Ctrl-C, SIGTERM or SIGHUP saves what is going on and ends early.
@@ -196,11 +198,15 @@ class Runner:
             if index.derive(done, observe):
                 plan = planner.plan()
             bench = Bench(self.lab, self.backend, self.device)
-            holds = shard_of([point.shared for point in plan.points], self.backend.capabilities, self.shard)
-            self._board = Board(bench, planner, index, observe, packings_only=self.packings_only, holds=holds)
+            shared, capabilities = [point.shared for point in plan.points], self.backend.capabilities
+            holds = shard_of(shared, capabilities, self.shard)
+            own = holds if self.seat is None else part_of(shared, capabilities, self.seat, holds)
+            rest = None if self.seat is None else holds
+            only = self.packings_only
+            self._board = Board(bench, planner, index, observe, packings_only=only, holds=own, rest=rest)
             self._board.beginning = self._tell_beginning
             self._board.pin(plan)
-            if not self._board.runs()[1]:
+            if not self._board.runs()[1] and self.seat is None:
                 self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
             # on a CPU lanes want all cores, and end their jobs one by one
             self._closing = Closing(self._board, 1 if self.device == "cpu" else min(_CLOSING, cores()))
@@ -235,6 +241,8 @@ class Runner:
         try:
             while not self._stop.made:
                 self._closing.settle()
+                if not self._board.todo and (self.device == "cpu" or not self._board.going):
+                    self._board.widen()
                 busy = [lane for lane, _ in turns.values()]
                 for lane in lanes:
                     if lane not in busy:

@@ -37,6 +37,15 @@ WHOLE = Shard(1, 1)
 """All runs of a study."""
 
 
+@dataclass(frozen=True)
+class Seat:
+    """Which of several processes in one lab this is, `number` from 1 on, and how fast each is. It begins with its own
+    part of the work, and then takes up what the others have not begun."""
+
+    number: int
+    speeds: tuple[float, ...]
+
+
 def everything(demand: Demand) -> bool:
     """Holds every run."""
     return True
@@ -99,6 +108,13 @@ class Division:
                 loads[to] += work
                 dealt[bed] = to + 1
         return dealt
+
+
+def part_of(
+    points: Iterable[PointDemand], backend: Capabilities, seat: Seat, within: Callable[[Demand], bool]
+) -> Callable[[Demand], bool]:
+    """Whether a run belongs to what `seat` begins with."""
+    return Division(points, backend, seat.speeds, within).holds(seat.number)
 
 
 def shard_of(points: Iterable[PointDemand], backend: Capabilities, shard: Shard) -> Callable[[Demand], bool]:

@@ -9,6 +9,8 @@ law. An outlet narrower than 3 d clogs after a third of the grains.
 What tests need to arrange comes from the environment, so that it reaches subprocesses: LABBOOK_TOY_DELAY [s]
 per beat; LABBOOK_TOY_PAUSE [s] within every ensemble's second beat;
 LABBOOK_TOY_COMPILES [s] that opening an ensemble takes; LABBOOK_TOY_VERSION, the cache version;
+LABBOOK_TOY_DEVICES, devices beside or instead of cpu, and
+LABBOOK_TOY_BREAKS, one that ends its process when an ensemble is opened there;
 LABBOOK_TOY_FAILS, an orifice [mm] whose runs a guard stops at half their grains.
 
 `Twin` is a second backend for comparisons: the same hourglass under another name, whose grains leave faster by the
@@ -49,7 +51,7 @@ class Backend:
             laws=frozenset({"hertz-mindlin", "linear"}),
             walls=frozenset({"plane", "strip", "frustum"}),
             precisions=frozenset({"double"}),
-            devices=("cpu",),
+            devices=tuple(env("LABBOOK_TOY_DEVICES", "cpu").split(",")),
             mixtures=True,
             feeds=True,
         )
@@ -61,8 +63,10 @@ class Backend:
         return Spec(self.NAME, features, tuple(dict.fromkeys(probes)), numerics.steps_per_beat)
 
     def open(self, spec, slots=None, device="cpu"):
-        if device != "cpu":
-            raise Unsupported("device", "the toy backend runs on cpu only")
+        if device not in self.capabilities.devices:
+            raise Unsupported("device", f"the toy backend has no {device}")
+        if device == os.environ.get("LABBOOK_TOY_BREAKS"):
+            os._exit(7)
         if self.compiles:
             self.opening += 1
             time.sleep(self.compiles)
