@@ -95,17 +95,20 @@ class Lab:
         progress: bool | Watcher = True,
         checkpoint_every: float = CHECKPOINT_EVERY,
         shard: str | None = None,
+        base: Path | str | None = None,
     ) -> Summary:
         """Run what `study` still needs; what is there already is not run again.
 
         progress: whether to show a bar, or who else is told. checkpoint_every: wall time [s] between two saves of a
         run. shard: i/n, to run only the i-th of n parts of the study, which are even in the work that is foreseen;
-        all runs from one packing are in one part. Ctrl-C saves what is going on and returns; asked again, it raises
+        all runs from one packing are in one part. base: another lab, whose runs are not made again, and whose packings
+        are taken. Ctrl-C saves what is going on and returns; asked again, it raises
         KeyboardInterrupt and what was saved last is kept. Either way the next call goes on. Runs that fail are warned
         of and named in the summary. Raises what `plan` does but TooLarge, before anything runs; ValueError for a part
         that there is not; DiskFull.
         """
         part = WHOLE if shard is None else Shard.parse(shard)
+        other = None if base is None else Folder(Path(base))
         backend = load_backend(self.backend)
         with _watching(progress) as watcher:
             if study.stop.fill_height is not None:
@@ -114,9 +117,9 @@ class Lab:
                         watcher.tell(line)
             first, *others = named(self.device, backend)
             if others:
-                runner = Crew(study, self.place, self.backend, (first, *others), checkpoint_every, watcher, part)
+                runner = Crew(study, self.place, self.backend, (first, *others), checkpoint_every, watcher, part, other)
             else:
-                runner = Runner(study, self.place, backend, first, checkpoint_every, watcher, shard=part)
+                runner = Runner(study, self.place, backend, first, checkpoint_every, watcher, shard=part, base=other)
             summary = runner.run()
         if progress is True or progress is False:
             for why in summary.failed:

@@ -11,8 +11,10 @@ from pathlib import Path
 
 
 def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Processor cores that this process may use: in a job of Slurm, which may not bind it to them, those of the job."""
+    here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    given = os.environ.get("SLURM_CPUS_ON_NODE", "")
+    return max(1, min(here, int(given))) if given.isdigit() else here
 
 
 def memory() -> float:

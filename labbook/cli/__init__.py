@@ -30,6 +30,7 @@ VERBS = (
     "doctor",
     "reindex",
     "import_",
+    "slurm",
     "verify",
     "stress",
     "bench",

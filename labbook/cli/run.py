@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 Part = Annotated[
     str | None, typer.Option("--shard", help="Run only part i of n, such as 1/4.", metavar="I/N", show_default=False)
 ]
+Base = Annotated[
+    Path | None,
+    typer.Option("--base", help="Lab whose runs are not made again, and whose packings are taken.", show_default=False),
+]
+Expect = Annotated[str | None, typer.Option("--expect", help="Refuse other versions than these.", hidden=True)]
 Pilot = Annotated[bool, typer.Option("--pilot/--no-pilot", help="Measure first what the time step does, if needed.")]
 Every = Annotated[float, typer.Option("--checkpoint-every", help="Seconds between two checkpoints of a run.", min=0)]
 
@@ -34,6 +39,8 @@ def register(app: typer.Typer) -> None:
         device: Device = "cpu",
         checkpoint_every: Every = 20,
         shard: Part = None,
+        base: Base = None,
+        expect: Expect = None,
         pilot: Pilot = True,
     ) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
@@ -67,12 +74,14 @@ def register(app: typer.Typer) -> None:
                 Shard.parse(shard)
             except ValueError as problem:
                 fail(f"--shard: {problem}")
+        if expect is not None and (told_apart := unexpected(expect, asked, backend)):
+            fail(f"{told_apart} since the script was written: write it again by labbook slurm")
         console, place = screen(highlight=False, markup=False), Place(lab, backend, device)
         try:
             with Bar(screen(stderr=True)) as bar:
                 if pilot:
                     asked = piloted(place, asked, bar, shard)
-                summary = place.run(asked, bar, checkpoint_every, shard)
+                summary = place.run(asked, bar, checkpoint_every, shard, base)
         except PilotStopped:
             with suppress(OSError):
                 typer.echo(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
@@ -120,6 +129,17 @@ def piloted(place: "Place", study: "Study", watcher: "Watcher", shard: str | Non
              "accuracy.calibration; or --no-pilot")  # fmt: skip
     watcher.tell(f"Written by the pilot: {study.calibration_file}; what was chosen: labbook plan {study.path}")
     return study
+
+
+def unexpected(expect: str, study: "Study", backend: str) -> str | None:
+    """In what labbook, the backend or the study differ from what a script was written for; None if in nothing."""
+    from labbook.backend import BackendMissing, load
+    from labbook.run.slurm import differs
+
+    try:
+        return differs(expect, study, load(backend).capabilities)
+    except BackendMissing as problem:
+        fail(problem)
 
 
 def told(summary: "Summary") -> list[str]:

@@ -9,8 +9,8 @@ import errno
 import os
 import shutil
 import stat
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import BinaryIO, get_args
@@ -79,6 +79,15 @@ def merge(index: Index, source: Path) -> Merged:
             except Unreadable as problem:
                 merged.left_out.append(str(problem))
     return merged
+
+
+def bring(index: Index, other: Lab, packings: Iterable[str], runs: Iterable[str]) -> None:
+    """Copy these packings and runs of another lab, which go on here, as far as it has them whole."""
+    for keys, place, take in ((packings, other.packing, _take_packing), (runs, other.run, _take_run)):
+        for key in keys:
+            with suppress(Unreadable):  # it is made again
+                if place(key).is_dir():
+                    take(index, index.lab, place(key))
 
 
 def _entries(folder: Path) -> list[str]:

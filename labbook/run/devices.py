@@ -104,6 +104,7 @@ class Crew:
     checkpoint_every: float = CHECKPOINT_EVERY
     watcher: Watcher = field(default_factory=Unwatched)
     shard: Shard = WHOLE
+    base: Lab | None = None
 
     def run(self) -> Summary:
         """Run what is missing; Ctrl-C, SIGTERM or SIGHUP is passed on to all processes, which save what is going on.
@@ -156,7 +157,7 @@ class Crew:
         one = _Process(device, process, said)
         one.listener = threading.Thread(target=self._listen, args=(one, reads), daemon=True)
         one.listener.start()
-        task = (self.study, self.lab.folder, self.backend, device, self.checkpoint_every, self.shard, seat)
+        task = (self.study, self.lab.folder, self.backend, device, self.checkpoint_every, self.shard, seat, self.base)
         assert process.stdin is not None
         with suppress(BrokenPipeError):  # it ended at once; why is told later
             pickle.dump(task, process.stdin)
@@ -253,14 +254,14 @@ class _Teller(Unwatched):
 def work() -> None:
     """Work on one device, as the process that started this one says on standard input; end when that ends."""
     teller = _Teller(os.fdopen(int(sys.argv[1]), "w", encoding="utf-8"))
-    study, lab, name, device, every, shard, seat = pickle.load(sys.stdin.buffer)
+    study, lab, name, device, every, shard, seat, base = pickle.load(sys.stdin.buffer)
 
     def orphaned() -> None:
         sys.stdin.buffer.read()
         os.kill(os.getpid(), signal.SIGTERM)
 
     try:
-        runner = Runner(study, Lab(lab), load(name), device, every, teller, shard=shard, seat=seat)
+        runner = Runner(study, Lab(lab), load(name), device, every, teller, shard=shard, seat=seat, base=base)
         threading.Thread(target=orphaned, daemon=True).start()
         done = runner.run()
         tally = done.tally

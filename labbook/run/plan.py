@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Literal
 
@@ -222,6 +222,7 @@ class Planner:
     ):
         self.study, self.catalogue, self.backend, self.packings_of = study, catalogue, backend, packings_of
         self.rule = stopping_rule(study)
+        self._extends = True
         self._there: dict[str, Entry] = {}
         self._older: dict[str, Entry] = {}
 
@@ -234,6 +235,14 @@ class Planner:
             self._extended(point, [self._item(demand) for demand in demands]) for point, demands in first.items()
         )
         return Plan(self.study, self.backend, planned, self.rule)
+
+    def of_base(self, base: Plan) -> Plan:
+        """What another lab lacks, as it stands here: what is done there stays done, and replicates are added by whoever
+        has all of them."""
+        self._extends = False
+        self._look_up(item.demand for item in base.todo)
+        points = tuple(self.point(point) for point in base.points)
+        return replace(base, points=points)
 
     def point(self, before: PointPlan, done: str | None = None) -> PointPlan:
         """One point anew, after the run with the key `done` was done; None: after any may have been, elsewhere.
@@ -256,7 +265,7 @@ class Planner:
 
     def _extended(self, shared: PointDemand, items: list[Item]) -> PointPlan:
         """With the replicates that are asked for once all so far are done."""
-        while all(item.state == "done" for item in items):
+        while self._extends and all(item.state == "done" for item in items):
             decision = self._decide(shared.point, [item.keys.run for item in items])
             more = min(decision.more, self.rule.cap - len(items))
             if more <= 0:

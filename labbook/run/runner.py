@@ -14,6 +14,7 @@ from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.folder import Lab, is_full, room
 from labbook.lab.index import Index
+from labbook.lab.merge import bring
 from labbook.lab.records import Observe
 from labbook.run.board import Board, Started, Tally
 from labbook.run.closing import Closing
@@ -22,7 +23,7 @@ from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job
 from labbook.run.lane import Lane, Turn, slots
 from labbook.run.live import Publisher
-from labbook.run.plan import Planner, PointPlan, check, counted
+from labbook.run.plan import Plan, Planner, PointPlan, check, counted
 from labbook.run.progress import duration
 from labbook.run.shard import WHOLE, Seat, Shard, everything, part_of, shard_of
 from labbook.run.stopping import Request
@@ -170,6 +171,8 @@ class Runner:
     """The part of the runs that are done."""
     seat: Seat | None = None
     """Which of several processes in one lab this is; None: it takes runs as they come."""
+    base: Lab | None = None
+    """A lab whose finished runs are not made again, and whose packings and shorter runs are gone on from."""
 
     def run(self) -> Summary:
         """Run what is missing; Ctrl-C, SIGTERM or SIGHUP saves what is going on and ends early.
@@ -191,11 +194,11 @@ class Runner:
         catalogue = Catalogue(self.lab)
         try:
             planner = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of)
-            plan = planner.plan()
+            plan = planner.plan() if self.base is None else planner.of_base(self._brought(index, self.base))
             check(self.backend, self.device, plan.points)
             self._keep_study()
             done = [item.keys.run for item in plan.items if item.state == "done"]
-            if index.derive(done, observe):
+            if index.derive(done, observe) and self.base is None:
                 plan = planner.plan()
             bench = Bench(self.lab, self.backend, self.device)
             shared, capabilities = [point.shared for point in plan.points], self.backend.capabilities
@@ -223,6 +226,19 @@ class Runner:
         problems, work = tuple(index.found.problems), self._meter.work
         left = self._left_behind
         return Summary(self._board.tally, points, self._stop.made, wall, work, problems, left, holds)
+
+    def _brought(self, index: Index, base: Lab) -> Plan:
+        """What is lacking in `base`; of what this process is to do, what `base` has of it is brought here."""
+        catalogue = Catalogue(base)
+        try:
+            plan = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of).plan()
+        finally:
+            catalogue.close()
+        holds = shard_of([point.shared for point in plan.points], self.backend.capabilities, self.shard)
+        mine = [item for item in plan.todo if holds(item.demand)]
+        packings = dict.fromkeys(item.keys.packing for item in mine if item.packed)
+        bring(index, base, packings, [item.keys.run for item in mine])
+        return plan
 
     def _keep_study(self) -> None:
         """Keep the text of the study in the lab. Raises OSError for a full disk only."""

@@ -1,15 +1,19 @@
 """Being asked to stop: by Ctrl-C, by SIGTERM, or by a terminal that goes away (SIGHUP).
 
 Asked once, work is saved and ends. Asked again, it is left at once by a KeyboardInterrupt: the last saves stay good.
+A batch system may send SIGTERM to a job's shell, which passes it on, and to every process of the job: those are one
+request.
 """
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 
 SAVING = "stopping: saving what is going on ... (Ctrl-C again to leave at once)"
+_TOGETHER = 5.0  # s within which SIGTERM may come several times
 
 
 class Request:
@@ -29,10 +33,12 @@ class Request:
 
         def ask(number: int, _frame: object) -> None:
             # Closing a terminal may send several signals of different kinds: they are one request.
-            again = self.made and (number == signal.SIGINT or number in seen)
+            now = time.monotonic()
+            late = number in seen and (number != signal.SIGTERM or now - seen[number] > _TOGETHER)
+            again = self.made and (number == signal.SIGINT or late)
             if again and number != signal.SIGHUP:
                 raise KeyboardInterrupt
-            seen.add(number)
+            seen.setdefault(number, now)
             self.made = True
             answer.put(True)
 
@@ -41,7 +47,7 @@ class Request:
                 with suppress(OSError):  # the terminal is gone
                     tell(SAVING)
 
-        seen: set[int] = set()
+        seen: dict[int, float] = {}
         threading.Thread(target=announce, name="labbook-stopping", daemon=True).start()
         asking = [signal.SIGINT, signal.SIGTERM]
         if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # which nohup asks for

@@ -124,13 +124,14 @@ def test_a_terminal_that_goes_away_saves_what_is_going_on(tmp_path):
     assert records(lab).keys() == records(tmp_path / "whole").keys()
 
 
-def test_a_hang_up_after_another_signal_is_no_second_request():
+def test_a_hang_up_after_another_signal_is_no_second_request_nor_is_sigterm_at_once(monkeypatch):
     request, told = Request(), []
     with request.listening(told.append):
-        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGHUP):
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGHUP, signal.SIGTERM):
             os.kill(os.getpid(), number)
             time.sleep(0.05)
         assert request.made
+        monkeypatch.setattr("labbook.run.stopping._TOGETHER", 0.1)  # batch systems send it again within moments
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)
     assert told == [SAVING]

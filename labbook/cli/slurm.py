@@ -1,0 +1,93 @@
+"""`labbook slurm`: a study as a job array of Slurm."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labbook.cli.options import BACKEND, LAB, Lab, RunsOn, StudyFile, fail, read_study
+
+Tasks = Annotated[int, typer.Option("--tasks", help="Tasks of the array: parts of the study.", min=1)]
+Time = Annotated[str, typer.Option("--time", help="Time limit of a task, as Slurm writes it.", metavar="HH:MM:SS")]
+Gpus = Annotated[int | None, typer.Option("--gpus", help="GPUs of a task; 1 on warp.", min=0, show_default=False)]
+Cpus = Annotated[int | None, typer.Option("--cpus", help="Cores of a task.", min=1, show_default=False)]
+Labs = Annotated[
+    Path | None,
+    typer.Option("--labs", help="Folder of the labs of the parts; LAB-parts by default.", show_default=False),
+]
+Site = Annotated[
+    Path | None,
+    typer.Option(
+        "--site",
+        help="File whose #SBATCH lines and commands go into the script.",
+        exists=True,
+        dir_okay=False,
+        show_default=False,
+    ),
+]
+Submit = Annotated[bool, typer.Option("--submit", help="Hand it to sbatch, with the import that follows.")]
+Device = Annotated[
+    str | None, typer.Option("--device", help="Device; cuda:all with GPUs, else cpu.", show_default=False)
+]
+Options = Annotated[
+    list[str] | None,
+    typer.Argument(help="Further options of sbatch, after --.", metavar="[-- OPTION...]", show_default=False),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+
+    @app.command()
+    def slurm(
+        study: StudyFile,
+        options: Options = None,
+        tasks: Tasks = 1,
+        time: Time = "04:00:00",
+        lab: Lab = LAB,
+        backend: RunsOn = BACKEND,
+        gpus: Gpus = None,
+        cpus: Cpus = None,
+        device: Device = None,
+        labs: Labs = None,
+        site: Site = None,
+        submit: Submit = False,
+    ) -> None:
+        """Print a script that runs a study as a job array of Slurm, or hand it to sbatch.
+
+        Every task runs a part of what LAB lacks, in a lab of its own below LAB-parts, and task 0, which waits for all,
+        imports them into LAB. A task whose time is nearly over saves what is going on and goes back into the queue. To
+        submit the same again goes on from there. A task refuses to run if labbook, the backend or the study changed
+        since the script was written.
+        """
+        from labbook.backend import BackendMissing, load
+        from labbook.run.slurm import Array, SlurmFailed
+        from labbook.run.slurm import submit as hand_in
+        from labbook.study.pilot import first_needed
+
+        asked = read_study(study)
+        if first_needed(asked) is not None:
+            fail(f"{asked.name} needs a pilot, which all parts share: labbook calibrate {study} first")
+        try:
+            capabilities = load(backend).capabilities
+            many = gpus if gpus is not None else int(backend == "warp" and device in (None, "cuda:0"))
+            array = Array(
+                study=asked,
+                backend=capabilities,
+                base=lab,
+                labs=labs or lab.with_name(f"{lab.name}-parts"),
+                tasks=tasks,
+                time=time,
+                device=device or ("cuda:all" if many else "cpu"),
+                gpus=many,
+                cpus=cpus,
+                site=site.read_text(encoding="utf-8") if site else "",
+                options=options or (),
+            )
+            if not submit:
+                typer.echo(array.script(), nl=False)
+                return
+            job, after = hand_in(array)
+        except (BackendMissing, ValueError, SlurmFailed) as problem:
+            fail(problem)
+        typer.echo(f"Job {job}: {tasks} tasks; job {after} imports them into {lab} when all have ended")
