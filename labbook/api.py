@@ -38,6 +38,7 @@ from labbook.results.points import RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
 from labbook.run.advice import cut_short, foresee
+from labbook.run.cluster import Cluster
 from labbook.run.demand import Conflict
 from labbook.run.devices import Crew, named
 from labbook.run.notebook import NotebookBar, counting, in_notebook
@@ -96,14 +97,16 @@ class Lab:
         checkpoint_every: float = CHECKPOINT_EVERY,
         shard: str | None = None,
         base: Path | str | None = None,
+        cluster: str | None = None,
     ) -> Summary:
         """Run what `study` still needs; what is there already is not run again.
 
         progress: whether to show a bar, or who else is told. checkpoint_every: wall time [s] between two saves of a
         run. shard: i/n, to run only the i-th of n parts of the study, which are even in the work that is foreseen;
         all runs from one packing are in one part. base: another lab, whose runs are not made again, and whose packings
-        are taken. Ctrl-C saves what is going on and returns; asked again, it raises
-        KeyboardInterrupt and what was saved last is kept. Either way the next call goes on. Runs that fail are warned
+        are taken. cluster: address of a Dask scheduler, whose workers run it on their device (extra `cluster`). Ctrl-C
+        saves what is going on and returns; asked again, it raises KeyboardInterrupt and what was saved last is kept.
+        Either way the next call goes on. Runs that fail are warned
         of and named in the summary. Raises what `plan` does but TooLarge, before anything runs; ValueError for a part
         that there is not; DiskFull.
         """
@@ -115,6 +118,8 @@ class Lab:
                 with self._catalogue() as catalogue:
                     for line in cut_short(Planner(study, catalogue, backend.capabilities).plan(), self.place):
                         watcher.tell(line)
+            if cluster is not None:
+                return Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
             first, *others = named(self.device, backend)
             if others:
                 runner = Crew(study, self.place, self.backend, (first, *others), checkpoint_every, watcher, part, other)

@@ -31,6 +31,7 @@ VERBS = (
     "reindex",
     "import_",
     "slurm",
+    "cluster",
     "verify",
     "stress",
     "bench",

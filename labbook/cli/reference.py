@@ -22,6 +22,13 @@ def markdown() -> str:
         assert command is not None
         context = command.make_context(name, [], parent=top, resilient_parsing=True, max_content_width=WIDTH)
         parts += [f"## labbook {name}\n", _fenced(command, context)]
+        if not isinstance(command, TyperGroup):
+            continue
+        for kind in command.list_commands(context):
+            inner = command.get_command(context, kind)
+            assert inner is not None
+            below = inner.make_context(kind, [], parent=context, resilient_parsing=True, max_content_width=WIDTH)
+            parts += [f"### labbook {name} {kind}\n", _fenced(inner, below)]
     return "\n".join(parts)
 
 

@@ -23,6 +23,10 @@ Base = Annotated[
     Path | None,
     typer.Option("--base", help="Lab whose runs are not made again, and whose packings are taken.", show_default=False),
 ]
+On = Annotated[
+    str | None,
+    typer.Option("--cluster", help="Address of a Dask scheduler, whose workers run it.", show_default=False),
+]
 Expect = Annotated[str | None, typer.Option("--expect", help="Refuse other versions than these.", hidden=True)]
 Pilot = Annotated[bool, typer.Option("--pilot/--no-pilot", help="Measure first what the time step does, if needed.")]
 Every = Annotated[float, typer.Option("--checkpoint-every", help="Seconds between two checkpoints of a run.", min=0)]
@@ -40,6 +44,7 @@ def register(app: typer.Typer) -> None:
         checkpoint_every: Every = 20,
         shard: Part = None,
         base: Base = None,
+        cluster: On = None,
         expect: Expect = None,
         pilot: Pilot = True,
     ) -> None:
@@ -50,6 +55,8 @@ def register(app: typer.Typer) -> None:
         packing are in one part.
 
         Several devices of this machine (--device cuda:all, or cuda:0,cuda:1) get a process each, and share the work.
+
+        With --cluster the workers of a Dask cluster run it, and give their runs back (labbook cluster).
 
         A study that asks for an error (accuracy.flow_rate) of scenes that were not calibrated gets a pilot first, which
         measures what the time step does, and writes STUDY.calibration.json beside it. --no-pilot leaves that out: the
@@ -64,6 +71,7 @@ def register(app: typer.Typer) -> None:
         from labbook.lab.folder import DiskFull
         from labbook.measure import MeasureError
         from labbook.results.calibrating import PilotStopped
+        from labbook.run.cluster import ClusterFailed
         from labbook.run.demand import Conflict
         from labbook.run.progress import Bar
         from labbook.run.shard import Shard
@@ -74,6 +82,8 @@ def register(app: typer.Typer) -> None:
                 Shard.parse(shard)
             except ValueError as problem:
                 fail(f"--shard: {problem}")
+        if cluster is not None and (shard is not None or base is not None):
+            fail("--cluster: the workers share the whole study out; leave out --shard and --base")
         if expect is not None and (told_apart := unexpected(expect, asked, backend)):
             fail(f"{told_apart} since the script was written: write it again by labbook slurm")
         console, place = screen(highlight=False, markup=False), Place(lab, backend, device)
@@ -81,12 +91,12 @@ def register(app: typer.Typer) -> None:
             with Bar(screen(stderr=True)) as bar:
                 if pilot:
                     asked = piloted(place, asked, bar, shard)
-                summary = place.run(asked, bar, checkpoint_every, shard, base)
+                summary = place.run(asked, bar, checkpoint_every, shard, base, cluster)
         except PilotStopped:
             with suppress(OSError):
                 typer.echo(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
             leave(STOPPED)
-        except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull) as problem:
+        except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull, ClusterFailed) as problem:
             fail(problem)
         except KeyboardInterrupt:
             with suppress(OSError):

@@ -41,6 +41,8 @@ class Tally:
     resumed: int = 0
     packings: int = 0
     failed: list[str] = field(default_factory=list)
+    lost: set[str] = field(default_factory=set)
+    """Keys of the runs and packings that failed, and of runs that waited for these."""
 
 
 @contextmanager
@@ -78,7 +80,6 @@ class Board:
         """By run key, in the order in which runs are begun."""
         self._ordered = True
         self.going: dict[str, Job] = {}
-        self._lost: set[str] = set()
         self._unfit: set[tuple[str, Spec]] = set()
         """Keys of jobs that need another Spec than one that was asked for: beginning a job to learn that is dear."""
         self.points: dict[int, PointPlan] = {}
@@ -107,7 +108,7 @@ class Board:
             self._sharing[key].add(point.shared.point.index)
             self._standing[item.keys.packing].add(point.shared.point.index)
             # what ended here is not begun again: points with other guards could hand it to and fro
-            known = key in self.going or key in self._lost or key in self.tally.ran
+            known = key in self.going or key in self.tally.lost or key in self.tally.ran
             had = self.todo.get(key)
             if self._lacks(item) and not known and (anew or had is None):
                 self._ordered &= had is not None and _place(had) == _place(item)
@@ -281,9 +282,9 @@ class Board:
         self.tally.failed.append(why)
         for key, item in list(self.todo.items()):
             if lost in (key, item.keys.packing):
-                self._lost.add(key)
+                self.tally.lost.add(key)
                 del self.todo[key]
-        self._lost.add(lost)
+        self.tally.lost.add(lost)
 
     def dropped(self, job: Job) -> None:
         """A job was saved and is left for another time."""

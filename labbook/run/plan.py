@@ -1,7 +1,7 @@
 """What is done of a study, what is missing, partial or stale, and why; and whether a backend can do what is planned."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Literal
@@ -243,6 +243,15 @@ class Planner:
         self._look_up(item.demand for item in base.todo)
         points = tuple(self.point(point) for point in base.points)
         return replace(base, points=points)
+
+    def these(self, seeds: Mapping[int, Iterable[int]]) -> Plan:
+        """These runs alone, by index of their point and seed, and none that follow from them."""
+        self._extends = False
+        points = [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
+        asked = {point: [point.run(seed) for seed in seeds.get(point.point.index, ())] for point in points}
+        self._look_up(demand for demands in asked.values() for demand in demands)
+        planned = (PointPlan(point, tuple(map(self._item, demands)), None) for point, demands in asked.items())
+        return Plan(self.study, self.backend, tuple(planned), self.rule)
 
     def point(self, before: PointPlan, done: str | None = None) -> PointPlan:
         """One point anew, after the run with the key `done` was done; None: after any may have been, elsewhere.

@@ -3,7 +3,7 @@ stop rule."""
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from typing import Any
@@ -174,6 +174,11 @@ class Runner:
     base: Lab | None = None
     """A lab whose finished runs are not made again, and whose packings and shorter runs are gone on from."""
 
+    seeds: Mapping[int, Sequence[int]] | None = None
+    """The runs that are done, by index of the point and seed; None: what the study asks for."""
+    request: Request = field(default_factory=Request)
+    """By which another thread may ask it to stop."""
+
     def run(self) -> Summary:
         """Run what is missing; Ctrl-C, SIGTERM or SIGHUP saves what is going on and ends early.
 
@@ -185,7 +190,7 @@ class Runner:
 
     def _run(self) -> Summary:
         begun = time.perf_counter()
-        self._stop = Request()
+        self._stop = self.request
         self._left_behind = False
         self._meter, self._next_tell = Meter(), float("-inf")
         self._saved: dict[Job, float] = {}
@@ -194,11 +199,14 @@ class Runner:
         catalogue = Catalogue(self.lab)
         try:
             planner = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of)
-            plan = planner.plan() if self.base is None else planner.of_base(self._brought(index, self.base))
+            if self.base is not None:
+                plan = planner.of_base(self._brought(index, self.base))
+            else:
+                plan = planner.plan() if self.seeds is None else planner.these(self.seeds)
             check(self.backend, self.device, plan.points)
             self._keep_study()
             done = [item.keys.run for item in plan.items if item.state == "done"]
-            if index.derive(done, observe) and self.base is None:
+            if index.derive(done, observe) and self.base is None and self.seeds is None:
                 plan = planner.plan()
             bench = Bench(self.lab, self.backend, self.device)
             shared, capabilities = [point.shared for point in plan.points], self.backend.capabilities

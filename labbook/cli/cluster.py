@@ -1,0 +1,124 @@
+"""`labbook cluster`: a Dask cluster for `labbook run --cluster`."""
+
+import time
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from labbook.cli.options import fail
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Workers = Annotated[int, typer.Option("--workers", help="Workers: one a GPU, or one a core.", min=1)]
+Gpus = Annotated[int, typer.Option("--gpus", help="GPUs of a worker.", min=0, max=1)]
+Port = Annotated[int, typer.Option("--port", help="Port of the scheduler; 0: any that is free.", min=0, max=65535)]
+Time = Annotated[str, typer.Option("--time", help="Time limit of a worker's job.", metavar="HH:MM:SS")]
+Memory = Annotated[str, typer.Option("--memory", help="Memory of a worker.")]
+Interface = Annotated[
+    str | None, typer.Option("--interface", help="Network interface of the nodes, such as ib0.", show_default=False)
+]
+Hosts = Annotated[
+    list[str], typer.Argument(help="Hosts: the first has the scheduler.", metavar="HOST...", show_default=False)
+]
+Options = Annotated[
+    list[str] | None,
+    typer.Argument(help="Further options of sbatch, after --.", metavar="[-- OPTION...]", show_default=False),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb."""
+    group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+    app.add_typer(group, name="cluster", help="Start a Dask cluster for labbook run STUDY --cluster ADDRESS.")
+
+    @group.command()
+    def local(workers: Workers = 2, gpus: Gpus = 0, port: Port = 0) -> None:
+        """Start a cluster of processes on this machine, which only this machine reaches; Ctrl-C ends it."""
+
+        def made():
+            from distributed import LocalCluster  # pyright: ignore[reportMissingImports]
+
+            return LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                scheduler_port=port,
+                dashboard_address=None,
+                resources={"GPU": 1} if gpus else None,
+            )
+
+        _serve(made)
+
+    @group.command()
+    def slurm(
+        options: Options = None,
+        workers: Workers = 2,
+        gpus: Gpus = 0,
+        time: Time = "04:00:00",
+        memory: Memory = "4 GB",
+        interface: Interface = None,
+    ) -> None:
+        """Start workers as jobs of Slurm, and a scheduler here; Ctrl-C ends them.
+
+        A worker ends by itself some minutes before its time is over, and gives its work to others.
+        """
+        from labbook.run.slurm import seconds
+
+        try:
+            limit = seconds(time)
+        except ValueError as problem:
+            fail(problem)
+
+        def made():
+            from dask_jobqueue import SLURMCluster  # pyright: ignore[reportMissingImports]
+
+            cluster = SLURMCluster(
+                cores=1,
+                processes=1,
+                memory=memory,
+                walltime=time,
+                interface=interface,
+                job_extra_directives=[*(options or ()), *([f"--gpus={gpus}"] if gpus else [])],
+                worker_extra_args=[
+                    *("--lifetime", f"{max(limit - 420, 60)}s", "--lifetime-stagger", "120s"),
+                    *(("--resources", "GPU=1") if gpus else ()),
+                ],
+                scheduler_options={"dashboard_address": None},
+            )
+            cluster.scale(jobs=workers)
+            return cluster
+
+        _serve(made)
+
+    @group.command()
+    def ssh(hosts: Hosts, workers: Workers = 1, gpus: Gpus = 0) -> None:
+        """Start a scheduler on the first host and workers on the others, by ssh; Ctrl-C ends them."""
+
+        def made():
+            from distributed import SSHCluster  # pyright: ignore[reportMissingImports]
+
+            options: dict[str, Any] = {"nthreads": 1, "n_workers": workers}
+            if gpus:
+                options["resources"] = {"GPU": 1}
+            return SSHCluster(hosts, worker_options=options)
+
+        _serve(made)
+
+
+def _serve(made: "Callable[[], Any]") -> None:
+    """Start a cluster, print its address, and wait for Ctrl-C."""
+    try:
+        cluster = made()
+    except ImportError as missing:
+        fail(f"Dask is not installed ({missing}); try: pip install 'labbook[cluster]'")
+    try:
+        typer.echo(f"Scheduler: {cluster.scheduler_address}")
+        typer.echo(f"On another terminal: labbook run STUDY --cluster {cluster.scheduler_address}")
+        while True:
+            time.sleep(1)
+    except KeyboardInterrupt:
+        typer.echo("Ended")
+    finally:
+        cluster.close()
