@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
 from labbook.scene import Box, ConicalSilo, CylinderSilo, Grains, Scene, Spherocylinders, WedgeHopper
 from labbook.scene.bodies import Bodies
+from labbook.scene.container import Container
 from labbook.scene.packing import Packing
 
 ROLLING = 0.01
@@ -50,11 +52,18 @@ def bed_height(grains: Grains, packing: Packing, floor: float) -> float:
 def bed_height_ahead(scene: Scene) -> float | None:
     """Height [m] above the outlet (or the bottom of a box) that a level bed will have at a packing fraction of PACKED;
     None where the container does not tell."""
-    below = _volume_below(scene)
-    if below is None:
+    if _volume_below(scene.container) is None:
         return None
     volume = scene.grains.count * scene.grains.volume / PACKED
-    high = scene.grains.diameter
+    return _level(scene.container, volume, scene.grains.diameter)  # pyright: ignore[reportArgumentType]  (frozen)
+
+
+@lru_cache(maxsize=4096)  # of a study's many points few differ in it
+def _level(container: Container, volume: float, first: float) -> float:
+    """Height [m] below which the container has this volume [m^3]; `first` [m]: a height to begin with."""
+    below = _volume_below(container)
+    assert below is not None
+    high = first
     while below(high) < volume:
         high *= 2
     low = 0.0
@@ -67,13 +76,12 @@ def bed_height_ahead(scene: Scene) -> float | None:
 def discharged_at(scene: Scene, height: float) -> float | None:
     """Discharged fraction at which a level bed has fallen to a height [m] above the outlet, at a packing fraction of
     PACKED; below 0 if it never was as high, None where the container does not tell."""
-    below = _volume_below(scene)
+    below = _volume_below(scene.container)
     return None if below is None else 1 - below(height) * PACKED / (scene.grains.count * scene.grains.volume)
 
 
-def _volume_below(scene: Scene) -> Callable[[float], float] | None:
+def _volume_below(c: Container) -> Callable[[float], float] | None:
     """Volume [m^3] of the container below a height [m], its walls going on upwards."""
-    c = scene.container
     if isinstance(c, Box):
         return lambda z: c.width * c.depth * z
     if isinstance(c, CylinderSilo):

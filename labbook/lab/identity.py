@@ -6,13 +6,15 @@ threads, slots and devices are no part of any key; they are coverage or provenan
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
-from labbook.scene import ContactLaw, Scene, Surface
+from labbook.scene import ContactLaw, Scene, Surface, Wall
+from labbook.scene.container import KEPT
 from labbook.scene.material import OwnMaterial
-from labbook.scene.model import digest
+from labbook.scene.model import digest, plain
 
 _GUARDS = ("speed_limit", "overlap_limit")
 
@@ -26,7 +28,11 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
     """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
     grains."""
     container = scene.container
-    walls = [{**wall.model_dump(mode="json"), "surface": _surface(scene.surface(wall))} for wall in container.walls()]
+    dumped = _dumped(container.walls())
+    walls = [
+        {**entry, "surface": _surface(scene.surface(wall))}
+        for wall, entry in zip(container.walls(), dumped, strict=True)
+    ]
     contact = scene.contact.model_dump(mode="json", exclude={"between"})
     grains = scene.grains.model_dump(mode="json")
     kinds = range(len(scene.grains.kinds))
@@ -44,6 +50,13 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
         "gravity": scene.gravity,
         **({"feed": {**scene.feed.model_dump(), "version": scene.feed.version}} if scene.feed else {}),
     }
+
+
+@lru_cache(maxsize=KEPT)
+def _dumped(walls: tuple[Wall, ...]) -> tuple[dict[str, Any], ...]:
+    """Walls as plain values, which nobody changes."""
+    dumped = (wall.model_dump(mode="json") for wall in walls)
+    return tuple({key: plain(one) if isinstance(one, dict) else one for key, one in wall.items()} for wall in dumped)
 
 
 def _add_stiffness(scene: Scene, contact: dict[str, Any], walls: list[dict[str, Any]]) -> None:

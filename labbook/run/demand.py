@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics, Precision
@@ -39,6 +40,11 @@ class PointDemand:
     point: Point
     packings_of: PackingsOf | None = None
     """Whose packings its runs start from; None: each backend makes its own."""
+
+    @cached_property
+    def kept(self) -> dict[Any, Any]:
+        """What was found out about it, kept by those who ask for it again and again."""
+        return {}
 
     @property
     def scene(self) -> Scene:
@@ -116,7 +122,7 @@ class PointDemand:
         precise = None if asked is None else Precise(flow_rate=asked, start=self.study.window.start)
         return stop.model_copy(update={"discharged": math.inf, "precise": precise})
 
-    @property
+    @cached_property
     def height_ahead(self) -> float | None:
         """Height [m] that the bed of a flat-bottomed silo will have at a packing fraction of PACKED; None of other
         containers."""

@@ -2,7 +2,6 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
 
@@ -15,7 +14,7 @@ from labbook.lab.catalogue import Catalogue
 from labbook.lab.records import RunRecord, Unreadable
 from labbook.measure.expected import mass_flow
 from labbook.run.demand import Demand, PointDemand
-from labbook.run.plan import Forecast, Plan
+from labbook.run.plan import Forecast, Plan, specified
 from labbook.scene import Scene, outlet_shape
 from labbook.scene.timescales import largest_stable_step
 
@@ -171,19 +170,12 @@ class _Specs:
 
     def __init__(self, backend: Backend | None):
         self._backend = backend
-        self._found: dict[tuple[PointDemand, str], Spec | str] = {}
 
     def filling(self, shared: PointDemand) -> Spec | str:
-        return self._of(shared, "filling", lambda b: b.specialise(shared.closed, shared.filled_by, ()))
+        return "filling" if self._backend is None else specified(self._backend, shared)[0]
 
     def discharge(self, shared: PointDemand) -> Spec | str:
-        return self._of(shared, "discharge", lambda b: b.specialise(shared.scene, shared.numerics, shared.declared))
-
-    def _of(self, shared: PointDemand, stage: str, specialise: Callable[[Backend], Spec]) -> Spec | str:
-        key = (shared, stage)
-        if key not in self._found:
-            self._found[key] = stage if self._backend is None else specialise(self._backend)
-        return self._found[key]
+        return "discharge" if self._backend is None else specified(self._backend, shared)[1]
 
     def known(self, plan: Plan) -> set[Spec | str]:
         """Those that runs which are done were computed with: their code is cached, if they ran here."""
@@ -345,6 +337,13 @@ and contacts. Measured: 435 with 200 000 spheres, 1800 with 50 000 rods; lists a
 
 def outline(shared: PointDemand) -> Outline:
     """What is foreseen of the runs of a point."""
+    found = shared.kept.get(Outline)
+    if found is None:
+        found = shared.kept[Outline] = _outlined(shared)
+    return found
+
+
+def _outlined(shared: PointDemand) -> Outline:
     scene, dt = shared.scene, shared.numerics.dt
     grains = scene.grains
     extent = grains.diameter + 2 * grains.half_length

@@ -3,10 +3,11 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from html import escape
 from typing import TYPE_CHECKING, Literal
 
-from labbook.backend import Backend, Capabilities, Surveys, Unsupported
+from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import stamp
 from labbook.lab.identity import Keys
@@ -374,5 +375,20 @@ def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
         shared = point.shared
         if shared.scene.feed is not None and not can.feeds:
             raise Unsupported("feed", f"the backend {can.name} cannot put grains back; leave feed out")
-        backend.specialise(shared.closed, shared.filled_by, ())
-        backend.specialise(shared.scene, shared.numerics, shared.declared)
+        specified(backend, shared)
+
+
+def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
+    """The sets of features of the filling and the discharge of a point. Raises Unsupported."""
+    found = shared.kept.get(backend)
+    if found is None:
+        filling = backend.specialise(shared.closed, shared.filled_by, ())
+        discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
+        found = shared.kept[backend] = _same(filling), _same(discharge)
+    return found
+
+
+@lru_cache(maxsize=1024)
+def _same(spec: Spec) -> Spec:
+    """The same object for all that are equal: 100 000 points need few."""
+    return spec

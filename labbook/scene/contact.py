@@ -48,8 +48,11 @@ class Surface(Model):
 
     def changed(self, change: "ContactChange") -> "Surface":
         """This surface with the values that `change` gives in place of its own."""
-        values = {key: getattr(change, key) for key in Surface.model_fields}
-        return self.model_copy(update={key: value for key, value in values.items() if value is not None})
+        given = change.friction, change.rolling_friction, change.restitution
+        if given == (None, None, None):
+            return self
+        values = zip(("friction", "rolling_friction", "restitution"), given, strict=True)
+        return self.model_copy(update={key: value for key, value in values if value is not None})
 
 
 class ContactChange(Model):

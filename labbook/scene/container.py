@@ -7,6 +7,7 @@ are the same closed container, and share packings.
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -16,6 +17,8 @@ from labbook.scene.model import Fault, InternalFlag, Model, refuse
 from labbook.scene.quantities import Angle, Coordinate, Distance, Frequency, Length
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
+KEPT = 2048
+"""Containers whose walls are kept: of a study's many points few are different, and are asked again and again."""
 _FLAT = 1e-12  # rad: an angle this close to 90 deg is a flat bottom
 
 
@@ -119,6 +122,7 @@ class WedgeHopper(Model):
             )
         return self.model_copy(update={"closed": True})
 
+    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
         """Wall primitives: front, back, left, right, and the bottom plates (closed: with the lid)."""
         half, depth = self.width / 2, self.thickness / 2
@@ -175,6 +179,7 @@ class CylinderSilo(Model):
         """The closed container in which a packing is made; it has neither outlet nor rotation."""
         return self.model_copy(update={"closed": True, "orifice": self.diameter / 2, "rotation": 0.0})
 
+    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
         """Wall primitives: side, and the bottom round the outlet (closed: all of it)."""
         radius, hole = self.diameter / 2, 0.0 if self.closed else self.orifice / 2
@@ -239,6 +244,7 @@ class ConicalSilo(Model):
         """The closed container in which a packing is made, with a lid over its outlet."""
         return self.model_copy(update={"closed": True})
 
+    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
         """Wall primitives: side, the cone, called bottom, and closed a lid."""
         radius, hole, rise = self.diameter / 2, self.orifice / 2, self.rise
@@ -288,6 +294,7 @@ class Box(Model):
         """The box as a packing is made in it: without a lid, since grains may start above."""
         return self.model_copy(update={"closed": True, "lid": False})
 
+    @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
         """Wall primitives: left, right, front, back, bottom and, if asked for, top."""
         w, d = self.width / 2, self.depth / 2

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, TypeVar, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, Union
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -26,6 +26,12 @@ class Model(BaseModel):
     )
     spellings: ClassVar["type[Model] | None"] = None
     """The keys that it takes beside its fields: other ways to write them."""
+
+    if TYPE_CHECKING:
+
+        def __hash__(self) -> int:
+            """Of its values: what is frozen has one."""
+            ...
 
 
 _M = TypeVar("_M", bound=Model)
@@ -104,7 +110,23 @@ def canonical(value: Any) -> str:
     return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
 
 
+class Plain(dict[str, Any]):
+    """What `plain` gave, which nobody changes: it is not gone through again."""
+
+
+def plain(value: Mapping[str, Any]) -> Plain:
+    """A mapping as JSON has it, for `canonical` and `digest`."""
+    return Plain(_plain(value))
+
+
 def _plain(value: Any) -> Any:
+    kind = type(value)
+    if kind is Plain:
+        return value
+    if kind is float:
+        return value + 0.0
+    if kind is str or kind is int or kind is bool or value is None:
+        return value
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

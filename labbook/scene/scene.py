@@ -1,6 +1,7 @@
 """A scene: all that decides how grains move, and nothing else."""
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from typing import Annotated, TypeVar
 
 from pydantic import Field, model_validator
@@ -129,13 +130,15 @@ class Scene(Model):
     def surface_of_grains(self) -> Surface:
         """The surface that grains turn to one another."""
         c = self.contact
-        return Surface(friction=c.friction, rolling_friction=c.rolling_friction, restitution=c.restitution)
+        return _surface(c.friction, c.rolling_friction, c.restitution)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
-        """Surfaces of all contacts that there may be: between kinds, and of each kind at each wall."""
+        """Surfaces of all contacts that there may be: between kinds, and, where walls differ, of each kind at each."""
         kinds = range(len(self.grains.species))
         between = [self.surface_between(a, b) for a in kinds for b in kinds]
+        if not self.walls:
+            return tuple(between)
         return (*between, *(self.surface(wall, kind) for wall in self.container.walls() for kind in kinds))
 
     def surface_between(self, one: int, other: int) -> Surface:
@@ -162,7 +165,7 @@ class Scene(Model):
 
     def _stated(self, wall: Wall) -> tuple[SurfaceChange, SurfaceChange]:
         """What is stated of all walls, and of this one."""
-        everywhere, here = (self.walls.get(name, SurfaceChange()) for name in ("all", wall.name))
+        everywhere, here = (self.walls.get(name) or _unchanged() for name in ("all", wall.name))
         return everywhere, here
 
     def law_between(self, one: int, other: int) -> ContactLaw:
@@ -237,3 +240,14 @@ def _stiffer(stated: _M, factor: float) -> _M:
     found = {name: getattr(stated, name, None) for name in _STIFFNESS}
     update = {name: factor * value for name, value in found.items() if value is not None}
     return stated.model_copy(update=update) if update else stated
+
+
+@lru_cache(maxsize=1)
+def _unchanged() -> SurfaceChange:
+    """Of a wall that is as the grains."""
+    return SurfaceChange()
+
+
+@lru_cache(maxsize=1024)
+def _surface(friction: float, rolling_friction: float, restitution: float) -> Surface:
+    return Surface(friction=friction, rolling_friction=rolling_friction, restitution=restitution)

@@ -35,7 +35,7 @@ from labbook.study.schema import (
     Window,
 )
 from labbook.study.source import Source, changed, dotted, given, read, written
-from labbook.study.sweep import MAX_POINTS, Sweep
+from labbook.study.sweep import BYTES, MAX_POINTS, Sweep
 from labbook.study.window import resolved
 
 if TYPE_CHECKING:
@@ -248,7 +248,8 @@ def _too_many_runs(source: Source, settings: Settings, points: int) -> Iterator[
     """More runs than a plan can hold."""
     runs = points * settings.replicates
     if runs > MAX_RUNS:
-        message = f"{points} points of {settings.replicates} replicates are {runs} runs, more than {MAX_RUNS}"
+        memory = f"a plan of them takes about {runs * BYTES / 1e9:.3g} GB of memory"
+        message = f"{points} points of {settings.replicates} replicates are {runs} runs, more than {MAX_RUNS}; {memory}"
         remedy = f"use at most {MAX_RUNS // points} replicates, or split the study"
         yield Problem(source.path, source.line(("replicates",)), "replicates", message, remedy)
 

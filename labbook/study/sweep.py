@@ -16,6 +16,8 @@ from labbook.study.problems import Problem, shown
 from labbook.study.source import Location, Source, dotted
 
 MAX_POINTS = 100_000
+BYTES = 9e3
+"""Memory that a plan takes for a point with one run, as measured."""
 
 _LIST = re.compile(r"\s*\[(.*)\]\s*(.*?)\s*", re.DOTALL)
 
@@ -50,7 +52,8 @@ class Sweep:
         ]
         if self.size > MAX_POINTS:
             place = ("sweep",) if "sweep" in source.data else ("points",)
-            message = f"{shown(str(self.size))} points are more than {MAX_POINTS}"
+            memory = f"a plan of them takes about {shown(f'{self.size * BYTES / 1e9:.3g}')} GB of memory"
+            message = f"{shown(str(self.size))} points are more than {MAX_POINTS}; {memory}"
             self._problem(place, message, "sweep fewer values, or split the study")
 
     @property
