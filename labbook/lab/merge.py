@@ -22,7 +22,7 @@ from labbook.accuracy import BESIDE
 from labbook.backend import BackendMissing, Verifies, load
 from labbook.backend.probes import parse_probe, table_name
 from labbook.lab import notes, studies
-from labbook.lab.folder import PICTURE, Lab, LabError, is_full, remove, stamp
+from labbook.lab.folder import PICTURE, Lab, LabError, is_full, make_folder, remove, stamp
 from labbook.lab.index import Index
 from labbook.lab.packings import ARRAYS, PackingRecord, read_packing
 from labbook.lab.records import LONGEST, RunRecord, Unreadable
@@ -132,7 +132,7 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
             found, _ = open_run(copy, key=key, lab=lab)
             _check_end(copy, found)
         lab.put(copy, mine)
-        remove(lab.work(key) / "replaced")
+        remove(lab.replaced(key))
         index.add_run(mine)
     return True
 
@@ -248,14 +248,14 @@ def _claimed(lab: Lab, key: str, theirs: Path, mine: Path) -> Iterator[Path]:
         yield work / "done"
     finally:
         remove(work / "done")
-        _remove_empty(work)
+        lab.drop_empty(key)
         claim.release()
 
 
 def _copy(theirs: Path, copy: Path, names: set[str], seen: tuple[int, int]) -> None:
     """Copy the files `names` of a folder that was `seen`. Raises Unreadable, also if it changed meanwhile, and OSError
     if there is no room."""
-    copy.mkdir(parents=True)
+    make_folder(copy)
     for name in sorted(names):
         _copy_file(theirs / name, copy / name)
     if _seen(theirs) != seen:
@@ -280,12 +280,6 @@ def _reading(theirs: Path) -> Iterator[None]:
         raise Unreadable(f"{theirs} is missing: removed or replaced meanwhile; import again") from error
     except OSError as error:
         raise Unreadable(f"{theirs}: {error.strerror or error}") from error
-
-
-def _remove_empty(folder: Path) -> None:
-    """Remove a folder if it is empty."""
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
 
 
 def _copy_file(theirs: Path, mine: Path) -> None:

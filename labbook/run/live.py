@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import ConfigDict, TypeAdapter
 from pydantic_core import to_json
 
-from labbook.lab.folder import Claim, Lab, is_locked, lock, open_file, remove, write_bytes
+from labbook.lab.folder import Claim, Lab, LabError, is_locked, lock, open_file, remove, write_bytes
 from labbook.run.provenance import now
 from labbook.run.watch import View, Watcher
 
@@ -109,7 +109,7 @@ class Publisher:
     def __enter__(self) -> "Publisher":
         self._open = True
         self._started = now()
-        with suppress(OSError):
+        with suppress(OSError, LabError):
             _sweep(self._lab)
         return self
 
@@ -124,7 +124,7 @@ class Publisher:
         self._to.show(view)
         if self._open and time.monotonic() >= self._next:
             self._next = time.monotonic() + EVERY
-            with suppress(OSError):
+            with suppress(OSError, LabError):
                 self._publish(view)
 
     def tell(self, line: str) -> None:
@@ -147,7 +147,7 @@ def _sweep(lab: Lab) -> None:
     for name in os.listdir(lab.live):
         place = lab.live / name.removesuffix(_LOCK)
         if name.endswith(_LOCK) and _ID.fullmatch(place.name):  # what others put there is theirs
-            with suppress(OSError):
+            with suppress(OSError, LabError):
                 if (claim := lock(lab.live / name, fcntl.LOCK_EX | fcntl.LOCK_NB)) is not None:
                     _clear(place, claim)
 
