@@ -143,12 +143,14 @@ class Publisher:
 
 
 def _sweep(lab: Lab) -> None:
-    """Remove the files of processes that were killed."""
+    """Remove the files of processes that were killed, or that could not remove them."""
+    suffixes = (_PART, _FILE, _LOCK)  # the longest first
     for name in os.listdir(lab.live):
-        place = lab.live / name.removesuffix(_LOCK)
-        if name.endswith(_LOCK) and _ID.fullmatch(place.name):  # what others put there is theirs
+        own = next((name.removesuffix(suffix) for suffix in suffixes if name.endswith(suffix)), "")
+        if _ID.fullmatch(own):  # what others put there is theirs
+            place = lab.live / own
             with suppress(OSError, LabError):
-                if (claim := lock(lab.live / name, fcntl.LOCK_EX | fcntl.LOCK_NB)) is not None:
+                if (claim := lock(_beside(place, _LOCK), fcntl.LOCK_EX | fcntl.LOCK_NB)) is not None:
                     _clear(place, claim)
 
 
