@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from labbook_toy import Backend
-from toy_lab import arrays, carry_out, labbook, study, study_file, within
+from toy_lab import arrays, carry_out, labbook, study, study_file, unsealed, within
 
 from labbook.lab import Catalogue
 from labbook.lab.tables import read_table
@@ -192,7 +192,7 @@ def says(**changes):
     """Damage to a JSON file: dotted names with new values."""
 
     def damage(path: Path) -> None:
-        whole = json.loads(path.read_text())
+        whole = json.loads(unsealed(path.read_text()))
         for name, value in changes.items():
             *parents, last = name.split("__")
             part = whole

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from labbook_toy import Backend
-from toy_lab import arrays, carry_out, labbook, start, study, study_file
+from toy_lab import arrays, carry_out, labbook, start, study, study_file, unsealed
 
 from labbook.lab import Catalogue, Lab, RunRecord
 from labbook.lab import merge as merging
@@ -57,7 +57,7 @@ def of_columns(file: str, **changes):
 
 def says(file="run.json", **changes):
     def harm(run: Path) -> None:
-        whole = json.loads((run / file).read_text())
+        whole = json.loads(unsealed((run / file).read_text()))
         for name, value in changes.items():
             *parents, last = name.split("__")
             part = whole

@@ -25,6 +25,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from toy_lab import carry_out, content, leftovers, study, within
 
 from labbook.lab import Catalogue, Lab, RunRecord, Unreadable
+from labbook.lab.folder import EVALUATION
 from labbook.lab.index import Index
 from labbook.lab.merge import merge
 from labbook.lab.packings import PackingRecord
@@ -132,6 +133,7 @@ LABS = st.sampled_from("ab")
 LASTING = st.sampled_from(DURATIONS)
 REPLICATES = st.integers(1, MOST)
 OPERATIONS = st.integers(1, 400)
+LEFT = st.none() | st.floats(0, 1, exclude_max=True)
 
 
 class LabAndModel(RuleBasedStateMachine):
@@ -232,23 +234,22 @@ class LabAndModel(RuleBasedStateMachine):
         for path in self.labs[lab].folder.glob("catalogue.db*"):
             path.unlink()
 
-    @rule(lab=LABS, data=st.data(), kind=st.sampled_from(["runs", "packings"]))
-    def damage(self, lab: str, data, kind: str):
-        """A file of a finished run, or of a packing, loses its end or is deleted."""
-        folders = sorted((self.labs[lab].folder / kind).glob("*"))
-        if not folders:
-            return
-        victim = data.draw(st.sampled_from(folders))
-        files = [path for path in victim.iterdir() if path.suffix in (".json", ".npz") and "measured-" not in path.name]
+    @rule(lab=LABS, kind=st.sampled_from(["runs", "packings"]), which=st.integers(0, 999), left=LEFT)
+    def damage(self, lab: str, kind: str, which: int, left: float | None):
+        """A file of a finished run, or of a packing, is deleted, or only a part of it is left."""
+        files = [
+            path for path in sorted((self.labs[lab].folder / kind).glob("*/*")) if path.suffix in (".json", ".npz")
+        ]
+        files = [path for path in files if not path.name.startswith(EVALUATION)]
         if not files:
             return
-        file = data.draw(st.sampled_from(sorted(files)))
-        if data.draw(st.booleans()):
+        file = files[which % len(files)]
+        if left is None:
             file.unlink()
         else:
-            os.truncate(file, data.draw(st.integers(0, file.stat().st_size - 1)) if file.stat().st_size else 0)
-        self.damaged[lab].add(victim.name)
-        self.least[lab].pop(victim.name, None)
+            os.truncate(file, int(left * file.stat().st_size))
+        self.damaged[lab].add(file.parent.name)
+        self.least[lab].pop(file.parent.name, None)
 
     # what must be so
 
