@@ -205,7 +205,8 @@ class Index:
         with self._asking() as connection:
             rows = connection.execute(select(runs.c.run_key, runs.c.stamp, runs.c.packing_key, runs.c.problem)).all()
         known = {row.run_key: row.stamp for row in rows}
-        moved = {row.run_key for row in rows if row.packing_key in repacked}
+        # a process may have been killed between indexing a packing and the runs that could not be read for want of it
+        moved = {row.run_key for row in rows if row.packing_key in repacked or (row.problem and row.packing_key)}
         new = [key for key, stamp in there.items() if known.get(key) != stamp or key in moved]
         changed = set(new)
         for row in rows:
