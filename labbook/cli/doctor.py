@@ -1,13 +1,17 @@
-"""`labbook doctor`: what is installed, and which backends work here."""
+"""`labbook doctor`: what is installed, which backends work here, and whether a folder can hold a lab."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from labbook.cli.options import BACKEND, Backend, fail, read_study
 from labbook.cli.screen import saying
+
+if TYPE_CHECKING:
+    from labbook.lab.disk import Check
 
 
 def register(app: typer.Typer) -> None:
@@ -24,10 +28,30 @@ def register(app: typer.Typer) -> None:
         ] = None,
         point: Annotated[int, typer.Option(min=1, help="With --kernel: of this point, counted from 1.")] = 1,
         backend: Backend = BACKEND,
+        lab: Annotated[
+            Path | None,
+            typer.Option(
+                help="Try out whether this folder can hold a lab instead.", metavar="PATH", show_default=False
+            ),
+        ] = None,
+        peer: Annotated[
+            bool, typer.Option("--peer", help="With --lab: also between this host and another one.")
+        ] = False,
     ) -> None:
-        """Tell what is installed, and let every backend work a little on each device. Exit status 1 if none works."""
+        """Tell what is installed, and let every backend work a little on each device. Exit status 1 if none works.
+
+        With --lab the file system of a folder is tried out: free space, locks between two processes, atomic rename,
+        fsync, its clock, and the index. With --lab and --peer the same command on another host, with the same folder,
+        is waited for; then locks, rename, clocks and index are tried out between the two. Exit status 1 if anything
+        fails.
+        """
         from labbook.doctor import examine
 
+        if lab is not None:
+            _examine_lab(lab, peer, as_json)
+            return
+        if peer:
+            fail("--peer needs --lab PATH: the folder that both hosts have")
         if kernel is not None:
             typer.echo(_kernel(kernel, point, backend), nl=False)
             return
@@ -39,6 +63,36 @@ def register(app: typer.Typer) -> None:
             _show(found)
         if not any(backend.works for backend in found.backends):
             raise typer.Exit(1)
+
+
+def _examine_lab(lab: Path, peer: bool, as_json: bool) -> None:
+    from labbook.lab import disk
+
+    if not lab.is_dir():
+        fail(f"{lab}: there is no such folder; make it first, where the lab is to be")
+    with saying("free space") as say:
+        checks = disk.examine(lab, say)
+        if peer:
+            checks += disk.meet(lab, say)
+    if as_json:
+        print(json.dumps([asdict(check) for check in checks], indent=2))
+    else:
+        _show_checks(lab, checks)
+    if not all(check.works for check in checks):
+        raise typer.Exit(1)
+
+
+def _show_checks(lab: Path, checks: "list[Check]") -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from labbook.cli.screen import screen
+
+    shown = Table("what", "works", "note", title=escape(str(lab)), title_justify="left")
+    for check in checks:
+        style = None if check.works else "bold red"
+        shown.add_row(check.name, "yes" if check.works else "no", escape(check.note), style=style)
+    screen().print(shown)
 
 
 def _kernel(study: Path, point: int, backend: str) -> str:

@@ -19,8 +19,9 @@ def register(app: typer.Typer) -> None:
         """Copy runs, packings, study files and notes from other labs, and index them.
 
         Everything is looked at before it is taken; what is damaged or does not belong is named, and left out. Exit
-        status 1 if anything was left out. A study file or note of this lab stays as it is; if another lab has a
-        different one under the same name, that is said.
+        status 1 if anything was left out. Runners may work in either lab meanwhile: unfinished work is not imported,
+        and a longer run is never replaced by a shorter one. A study file or note of this lab stays as it is; if
+        another lab has a different one under the same name, that is said.
         """
         from labbook.lab.folder import Lab as Folder
         from labbook.lab.folder import room

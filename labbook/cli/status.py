@@ -7,6 +7,9 @@ import typer
 from labbook.cli.options import LAB, AsJson, Lab, existing
 from labbook.cli.screen import say
 
+_MOST = 10
+"""Damaged runs that are listed one by one."""
+
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
@@ -38,6 +41,11 @@ def register(app: typer.Typer) -> None:
         if suspect:
             verb = "run is" if suspect == 1 else "runs are"
             say(f"  {suspect} {verb} suspect: labbook runs --outcome suspect --lab {lab} says why")
+        lost = [entry.problem for entry in catalogue.damaged()]
+        for problem in lost[:_MOST]:
+            say(f"  cannot be read: {problem}")
+        if len(lost) > _MOST:
+            say(f"  and {len(lost) - _MOST} more, which labbook runs --lab {lab} lists")
         for one in live:
             where = f"{one.backend} on {one.device}, process {one.pid} on {one.host}"
             say(f"  {one.study}: {'; '.join(filter(None, (runs_done(one), remaining(one), where)))}")

@@ -34,7 +34,7 @@ from sqlalchemy.exc import DatabaseError
 from sqlalchemy.pool import QueuePool
 from sqlalchemy.schema import CreateTable
 
-from labbook.lab.folder import DiskFull, Lab, LabError
+from labbook.lab.folder import DiskFull, Lab, LabError, file_system, is_network
 
 SCHEMA_VERSION = 5
 
@@ -154,10 +154,20 @@ def connect(path: Path, *, read_only: bool) -> Engine:
 
         @event.listens_for(engine, "connect")
         def _durable(connection, _record):
-            connection.execute("PRAGMA journal_mode=WAL")
-            connection.execute("PRAGMA synchronous=NORMAL")
+            kept = keep_journal(connection, path)
+            connection.execute(f"PRAGMA synchronous={'NORMAL' if kept == 'wal' else 'FULL'}")
 
     return engine
+
+
+def keep_journal(connection: sqlite3.Connection, path: Path) -> str:
+    """Choose how changes of the file are kept until they are whole; the mode that SQLite then has.
+
+    `wal`, so that nobody waits to read; `delete` where that cannot be, or where several hosts may read the file: what
+    readers share of a write-ahead log is memory of one host (sqlite.org/wal.html).
+    """
+    mode = "DELETE" if is_network(file_system(path.parent)) else "WAL"
+    return connection.execute(f"PRAGMA journal_mode={mode}").fetchone()[0]
 
 
 def schema_version(engine: Engine) -> int | None:

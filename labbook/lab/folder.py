@@ -20,8 +20,11 @@ import errno
 import fcntl
 import hashlib
 import os
+import random
+import re
 import shutil
 import stat
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -33,6 +36,15 @@ EVALUATION = "measured-"
 PICTURE = "picture.png"
 """The file of a run that shows its bed: nothing is measured in it, and a run without it is whole."""
 _FULL = (errno.ENOSPC, errno.EDQUOT)
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+_NETWORK = frozenset(
+    (
+        *("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "glusterfs", "orangefs"),
+        *("pvfs2", "panfs", "afs", "9p", "virtiofs", "wekafs", "vboxsf"),
+    )
+)
+_TRIES = 200  # to lock a file that others look at, or remove, at the same moment
+_PAUSE = 0.005  # s, at most, between two of them
 
 
 class LabError(Exception):
@@ -46,6 +58,17 @@ class DiskFull(LabError):
         super().__init__(
             f"no room is left on the disk of {path}: finished runs and the last checkpoints are safe; "
             "make room and give the same command again"
+        )
+
+
+class NoLocks(LabError):
+    """Files in a folder cannot be locked; the message says where and what to do."""
+
+    def __init__(self, folder: Path, error: OSError):
+        super().__init__(
+            f"{folder}: files there cannot be locked ({error.strerror}), and nothing would keep two processes from the "
+            "same work; use a lab on a local disk and bring it there by labbook import, or have the file system "
+            "mounted with locks (NFS: with its lock service, Lustre: with the option flock)"
         )
 
 
@@ -72,30 +95,61 @@ class Claim:
         self._path, self._handle = path, handle
 
     def release(self) -> None:
-        """Give the key back. The lock file goes first, while it is still held."""
-        with suppress(FileNotFoundError):
-            os.unlink(self._path)
-        os.close(self._handle)
+        """Give the key back. The lock file goes first, while it is still held; one that cannot be removed holds
+        nothing."""
+        try:
+            with suppress(OSError):
+                os.unlink(self._path)
+        finally:
+            os.close(self._handle)
 
 
 def lock(path: Path, how: int) -> Claim | None:
-    """A lock on a file, which is made if it is missing; None if it is not to be waited for and another has it."""
-    while True:
+    """A lock on a file, which is made if it is missing; None if it is not to be waited for and another has it.
+
+    Raises LabError where files cannot be locked, and OSError.
+    """
+    lost: OSError | None = None
+    for _ in range(_TRIES):
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        claim = None
         try:
             fcntl.flock(handle, how)
-        except BlockingIOError:
-            os.close(handle)
-            return None
-        # Between opening and locking the file may have been removed: a lock on it then holds nothing.
-        with suppress(FileNotFoundError):
+            # Between opening and locking the file may have been removed: a lock on it then holds nothing.
             if os.stat(path).st_ino == os.fstat(handle).st_ino:
-                return Claim(path, handle)
-        os.close(handle)
+                claim = Claim(path, handle)
+                return claim
+        except BlockingIOError:
+            if not _is_only_looked_at(handle):
+                return None
+            lost = None
+        except OSError as error:
+            if error.errno in _NO_LOCKS:
+                raise NoLocks(path.parent, error) from error
+            if error.errno not in (errno.ENOENT, errno.ESTALE):  # removed, by this host or by another one
+                raise
+            lost = error
+        finally:
+            if claim is None:
+                os.close(handle)
+        time.sleep(random.uniform(0.1, 1.0) * _PAUSE)
+    if lost is not None:
+        raise NoLocks(path.parent, lost)
+    return None
+
+
+def _is_only_looked_at(handle: int) -> bool:
+    """Whether only `is_locked` of other processes keeps a file from being locked, for a moment."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def is_locked(path: Path) -> bool:
-    """Whether some process holds the lock of a file; looking neither waits for it nor disturbs it."""
+    """Whether some process holds the lock of a file; looking neither waits for it nor disturbs it. Where files cannot
+    be locked nobody holds one."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except FileNotFoundError:
@@ -104,6 +158,9 @@ def is_locked(path: Path) -> bool:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
+    except OSError as error:
+        if error.errno not in (*_NO_LOCKS, errno.ESTALE):
+            raise
     finally:
         os.close(handle)
     return False
@@ -142,7 +199,7 @@ class Lab:
 
     def claim(self, key: str) -> Claim | None:
         """The right to work on `key`, or None while another process has it."""
-        self.works.mkdir(parents=True, exist_ok=True)
+        make_folder(self.works)
         return lock(self.works / f"{key}.lock", fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     @contextmanager
@@ -154,7 +211,7 @@ class Lab:
         """
         path = self.works / f"{key}.look"
         try:
-            self.works.mkdir(parents=True, exist_ok=True)
+            make_folder(self.works)
             claim = lock(path, fcntl.LOCK_EX)
             assert claim is not None
         except OSError as error:
@@ -186,23 +243,42 @@ class Lab:
         """Put the complete folder `made` in `place`; an older one there is replaced.
 
         `made` lies in the work folder of its key, whose claim is held. A kill between moving the old folder
-        out and the new one in is mended by `mend`.
+        out and the new one in is mended by `mend`. Both have their names on the disk before either moves, so that a
+        power failure leaves one of them at least.
         """
+        work = made.parent
         _sync_tree(made)
-        place.parent.mkdir(parents=True, exist_ok=True)
+        sync_folder(work)
+        make_folder(place.parent)
         if place.exists():
-            replaced = made.with_name("replaced")
+            replaced = work / "replaced"
             remove(replaced)  # left by a process that was killed after it had put its own folder in place
             os.rename(place, replaced)
+            sync_folder(work)
         os.rename(made, place)
         sync_folder(place.parent)
+        sync_folder(work)
+
+    def replaced(self, key: str) -> Path:
+        """Where the older run or packing `key` is while another one is put in its place."""
+        return self.work(key) / "replaced"
+
+    def is_torn(self, key: str, place: Path) -> bool:
+        """Whether a kill within `put` has left `place` empty."""
+        return self.replaced(key).exists() and not place.exists()
 
     def mend(self, key: str, place: Path) -> None:
         """Finish or undo what a kill interrupted within `put`; the claim of `key` is held."""
-        work = self.work(key)
-        replaced = work / "replaced"
-        if replaced.exists() and not place.exists():
-            os.rename(replaced, place)
+        if self.is_torn(key, place):
+            make_folder(place.parent)
+            os.rename(self.replaced(key), place)
+            sync_folder(place.parent)
+            self.drop_empty(key)
+
+    def drop_empty(self, key: str) -> None:
+        """Remove the work folder of `key`, whose claim is held, if nothing is in it."""
+        with suppress(OSError):
+            os.rmdir(self.work(key))
 
     def clear(self, key: str) -> None:
         """Remove the unfinished work on `key`, whose claim is held."""
@@ -234,6 +310,31 @@ def stamp(folder: Path) -> int:
 def is_beside(name: str) -> bool:
     """Whether the file `name` of a run is no part of its data: what was evaluated of it, and its picture."""
     return name.startswith(EVALUATION) or name == PICTURE
+
+
+def file_system(path: Path, mounts: Path = Path("/proc/self/mountinfo")) -> str:
+    """Type of the file system that `path` is on, such as ext4 or nfs4; empty where nobody tells.
+
+    mounts: the kernel's list of what is mounted (proc(5)).
+    """
+    try:
+        lines = mounts.read_text(errors="surrogateescape").splitlines()
+    except OSError:
+        return ""
+    place, found = Path(path).resolve(), ("", "")
+    for line in lines:
+        head, _, tail = line.partition(" - ")
+        if not tail or len(head.split(" ")) < 5:
+            continue
+        on = re.sub(r"\\([0-7]{3})", lambda octal: chr(int(octal[1], 8)), head.split(" ")[4])
+        if place.is_relative_to(on) and len(on) >= len(found[0]):  # of two on one place the later one is seen
+            found = on, tail.split(" ")[0]
+    return found[1]
+
+
+def is_network(kind: str) -> bool:
+    """Whether several hosts may have a file system of this type at once."""
+    return kind in _NETWORK or kind.startswith("fuse")
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -269,6 +370,14 @@ def write_bytes(path: Path, content: bytes, *, durable: bool = True) -> None:
         with suppress(OSError):
             part.unlink()
         raise
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it that are missing, durably; it may be there."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for made in reversed(missing):
+        sync_folder(made.parent)
 
 
 def sync_folder(folder: Path) -> None:

@@ -28,8 +28,8 @@ from labbook.lab.database import (
     writing,
 )
 from labbook.lab.evaluations import derive, expected, finite
-from labbook.lab.folder import Lab, LabError, folders, is_beside, remove, stamp
-from labbook.lab.packings import read_packing
+from labbook.lab.folder import Lab, LabError, folders, is_beside, make_folder, remove, stamp
+from labbook.lab.packings import PackingRecord, read_packing
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
 from labbook.lab.suspect import suspicion
@@ -71,12 +71,22 @@ class Index:
         self.lab = lab
         if lab.folder.exists() and not lab.folder.is_dir():
             raise LabError(f"{lab.folder} is a file, and no lab folder; give another one with --lab")
-        lab.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(lab.folder)
         self.found = Indexed()
         if not self._open(again):
             self.found.aside = self._put_aside()
             self._open(again=True)
+        self._mend()
         self._sync(tick)
+
+    def _mend(self) -> None:
+        """Put back what a process that was killed, or a power failure, left between two names."""
+        lab = self.lab
+        for key in lab.working():
+            for kind, place in ((RunRecord, lab.run(key)), (PackingRecord, lab.packing(key))):
+                if lab.is_torn(key, place) and (lab.replaced(key) / kind.FILE).exists() and (claim := lab.claim(key)):
+                    lab.mend(key, place)
+                    claim.release()
 
     def _open(self, again: bool) -> bool:
         """Open the file, with empty tables if it is new, old or to be made `again`; False if it is damaged."""
@@ -195,7 +205,8 @@ class Index:
         with self._asking() as connection:
             rows = connection.execute(select(runs.c.run_key, runs.c.stamp, runs.c.packing_key, runs.c.problem)).all()
         known = {row.run_key: row.stamp for row in rows}
-        moved = {row.run_key for row in rows if row.packing_key in repacked}
+        # a process may have been killed between indexing a packing and the runs that could not be read for want of it
+        moved = {row.run_key for row in rows if row.packing_key in repacked or (row.problem and row.packing_key)}
         new = [key for key, stamp in there.items() if known.get(key) != stamp or key in moved]
         changed = set(new)
         for row in rows:

@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Table, describe_probe, film_probe
-from labbook.lab.folder import Lab, open_file, room, sync_folder, write_bytes
+from labbook.lab.folder import Lab, make_folder, open_file, room, sync_folder, write_bytes
 from labbook.lab.records import LONGEST, Part, RunRecord, Session, Unreadable, Whole
 from labbook.lab.runs import RECORDING, check_keys, read_end, read_recording, read_tables
 from labbook.lab.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
@@ -113,7 +113,7 @@ class Journal:
     ) -> None:
         """Save `checkpoint`, and `rows` by table name since the last save."""
         with room(self.folder):
-            self.folder.mkdir(parents=True, exist_ok=True)
+            make_folder(self.folder)
             number = self._number + 1
             chunks = {name: list(files) for name, files in self._chunks.items()}
             for name, tables in rows.items():

@@ -3,13 +3,16 @@
 What is in the other lab may be damaged, or made by somebody who means harm. Only ordinary files that belong to a run or
 a packing are copied, into the work folder of their key; there everything in them is looked at as if it had always been
 ours; and only then does the copy get its place. What is left out is named, and stops nothing else.
+
+Runners may be at work in both labs meanwhile. The other lab's `work/` is never read, and a folder of it that is
+replaced while it is copied is left out. Whether theirs is better is decided under the claim of the key: a local runner
+may have put a longer run in place since the first look.
 """
 
 import errno
 import os
-import shutil
 import stat
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -19,7 +22,7 @@ from labbook.accuracy import BESIDE
 from labbook.backend import BackendMissing, Verifies, load
 from labbook.backend.probes import parse_probe, table_name
 from labbook.lab import notes, studies
-from labbook.lab.folder import PICTURE, Lab, LabError, is_full, remove
+from labbook.lab.folder import PICTURE, Lab, LabError, is_full, make_folder, remove, stamp
 from labbook.lab.index import Index
 from labbook.lab.packings import ARRAYS, PackingRecord, read_packing
 from labbook.lab.records import LONGEST, RunRecord, Unreadable
@@ -59,8 +62,12 @@ def merge(index: Index, source: Path) -> Merged:
     if not other.exists:
         raise FileNotFoundError(errno.ENOENT, "no lab: it has neither runs/ nor packings/", str(source))
     merged = Merged()
-    for theirs, take in ((other.packings, _take_packing), (other.runs, _take_run)):
-        for name in _entries(theirs):
+    runs = _entries(other.runs)  # before the packings: whoever works there makes a packing before the runs from it
+    for names, theirs, take in (
+        (_entries(other.packings), other.packings, _take_packing),
+        (runs, other.runs, _take_run),
+    ):
+        for name in names:
             try:
                 if take(index, lab, theirs / name):
                     merged.copied.append(name)
@@ -99,40 +106,64 @@ def _entries(folder: Path) -> list[str]:
 
 
 def _take_packing(index: Index, lab: Lab, theirs: Path) -> bool:
-    _check_files(theirs)
+    seen = _seen(theirs)
     record = PackingRecord.read(theirs)
     key = record.packing_key
     mine = lab.packing(key)
     if mine.exists() and not index.problem(mine):
         return False
-
-    def look(copy: Path) -> None:
-        read_packing(copy, key)
-
-    _copy(lab, key, theirs, mine, {PackingRecord.FILE, ARRAYS}, look)
-    index.add_packing(mine)
+    with _claimed(lab, key, theirs, mine) as copy:
+        if _whole_packing(mine):
+            return False
+        _copy(theirs, copy, {PackingRecord.FILE, ARRAYS}, seen)
+        with _as_theirs(copy, theirs):
+            read_packing(copy, key)
+        lab.put(copy, mine)
+        lab.clear(key)
+        index.add_packing(mine)
     return True
 
 
 def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
-    _check_files(theirs)
+    seen = _seen(theirs)
     record = RunRecord.read(theirs)
     key = record.run_key
     mine = lab.run(key)
-    if mine.exists() and not index.problem(mine) and not covers_more(record, RunRecord.read(mine)):
+    if not index.problem(mine) and not _better(record, mine):
         return False
-
-    def look(copy: Path) -> None:
-        found, _ = open_run(copy, key=key, lab=lab)
-        _check_end(copy, found)
-
     names = {RunRecord.FILE, CHECKPOINT, *(f"{table_name(parse_probe(text))}.npz" for text in record.coverage.probes)}
     if record.coverage.recording is not None:
         names.add(RECORDING)
     if picture(theirs) is not None:
         names.add(PICTURE)
-    _copy(lab, key, theirs, mine, names, look)
-    index.add_run(mine)
+    with _claimed(lab, key, theirs, mine) as copy:
+        if not _better(record, mine, whole=True):
+            return False
+        _copy(theirs, copy, names, seen)
+        with _as_theirs(copy, theirs):
+            found, _ = open_run(copy, key=key, lab=lab)
+            _check_end(copy, found)
+        lab.put(copy, mine)
+        remove(lab.replaced(key))
+        index.add_run(mine)
+    return True
+
+
+def _better(record: RunRecord, mine: Path, *, whole: bool = False) -> bool:
+    """Whether a run of theirs is better than ours in `mine`; `whole`: also if anything of ours cannot be read."""
+    try:
+        ours = open_run(mine)[0] if whole else RunRecord.read(mine)
+    except Unreadable:
+        return True
+    return covers_more(record, ours)
+
+
+def _whole_packing(folder: Path) -> bool:
+    """Whether a packing is there, and can be read."""
+    try:
+        read_packing(folder)
+    except Unreadable:
+        return False
     return True
 
 
@@ -200,47 +231,67 @@ def _check_end(copy: Path, record: RunRecord) -> None:
             raise Unreadable(f"{copy / CHECKPOINT}: {error}") from error
 
 
-def _check_files(folder: Path) -> None:
-    """Raises Unreadable for a folder that is a link, or holds anything but ordinary files; what is hidden is left."""
-    if folder.is_symlink():
-        raise Unreadable(f"{folder}: it is a link; import copies no links")
-    for entry in os.scandir(folder):
-        if entry.is_symlink():
-            raise Unreadable(f"{entry.path}: it is a link; import copies no links")
-        if not entry.is_file(follow_symlinks=False) and not entry.name.startswith("."):
-            raise Unreadable(f"{entry.path}: it is no ordinary file, and does not belong there")
+def _seen(folder: Path) -> tuple[int, int]:
+    """By what a folder of theirs is known again, if it stays as it is. Raises Unreadable for one that is a link, or
+    holds anything but ordinary files; what is hidden is left."""
+    with _reading(folder):
+        status = os.lstat(folder)
+        if stat.S_ISLNK(status.st_mode):
+            raise Unreadable(f"{folder}: it is a link; import copies no links")
+        for entry in os.scandir(folder):
+            if entry.is_symlink():
+                raise Unreadable(f"{entry.path}: it is a link; import copies no links")
+            if not entry.is_file(follow_symlinks=False) and not entry.name.startswith("."):
+                raise Unreadable(f"{entry.path}: it is no ordinary file, and does not belong there")
+        return status.st_ino, stamp(folder)
 
 
-def _copy(lab: Lab, key: str, theirs: Path, mine: Path, names: set[str], look: Callable[[Path], None]) -> None:
-    """Put a copy of the files `names` of a folder in place once `look` finds nothing wrong with it. Raises Unreadable,
-    and OSError if there is no room."""
+@contextmanager
+def _claimed(lab: Lab, key: str, theirs: Path, mine: Path) -> Iterator[Path]:
+    """The folder, which is not there yet, where what is to get the place `mine` is put together while `key` is ours.
+    Raises Unreadable while another process has it."""
     claim = lab.claim(key)
     if claim is None:
         raise Unreadable(f"{theirs}: another process works on it; import again later")
-    made = lab.work(key) / "done"
+    work = lab.work(key)
     try:
-        remove(made)
-        made.mkdir(parents=True)
-        for name in sorted(names):
-            _copy_file(theirs / name, made / name)
-        try:
-            look(made)
-        except Unreadable as problem:
-            raise Unreadable(str(problem).replace(str(made), str(theirs))) from problem
-        lab.put(made, mine)
-        remove(lab.work(key) / "replaced")
-        if mine.parent == lab.packings:
-            lab.clear(key)
+        lab.mend(key, mine)
+        remove(work / "done")
+        yield work / "done"
     finally:
-        remove(made)
-        _remove_empty(lab.work(key))
+        remove(work / "done")
+        lab.drop_empty(key)
         claim.release()
 
 
-def _remove_empty(folder: Path) -> None:
-    """Remove a folder if it is empty."""
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
+def _copy(theirs: Path, copy: Path, names: set[str], seen: tuple[int, int]) -> None:
+    """Copy the files `names` of a folder that was `seen`. Raises Unreadable, also if it changed meanwhile, and OSError
+    if there is no room."""
+    make_folder(copy)
+    for name in sorted(names):
+        _copy_file(theirs / name, copy / name)
+    if _seen(theirs) != seen:
+        raise Unreadable(f"{theirs}: it was replaced while it was copied; import again")
+
+
+@contextmanager
+def _as_theirs(copy: Path, theirs: Path) -> Iterator[None]:
+    """What cannot be read in a copy is named by where it came from."""
+    try:
+        yield
+    except Unreadable as problem:
+        raise Unreadable(str(problem).replace(str(copy), str(theirs))) from problem
+
+
+@contextmanager
+def _reading(theirs: Path) -> Iterator[None]:
+    """Turns an error of reading what is theirs into Unreadable, which stops nothing else."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise Unreadable(f"{theirs} is missing: removed or replaced meanwhile; import again") from error
+    except OSError as error:
+        raise Unreadable(f"{theirs}: {error.strerror or error}") from error
 
 
 def _copy_file(theirs: Path, mine: Path) -> None:
@@ -248,15 +299,21 @@ def _copy_file(theirs: Path, mine: Path) -> None:
     room."""
     most = MOST if theirs.suffix == ".npz" else LONGEST
     with _opened(theirs, most) as (source, status), open(mine, "wb") as target:
-        shutil.copyfileobj(source, target, _CHUNK)
+        while chunk := _read(theirs, source, _CHUNK):
+            target.write(chunk)
     os.utime(mine, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+
+def _read(theirs: Path, source: BinaryIO, most: int = -1) -> bytes:
+    with _reading(theirs):
+        return source.read(most)
 
 
 def _text(theirs: Path, most: float) -> str:
     """The text of an ordinary file, which is not a link and has at most so many bytes. Raises Unreadable."""
     with _opened(theirs, most) as (source, _):
         try:
-            return source.read().decode()
+            return _read(theirs, source).decode()
         except UnicodeDecodeError as error:
             raise Unreadable(f"{theirs}: not text in UTF-8") from error
 
@@ -266,10 +323,8 @@ def _opened(theirs: Path, most: float) -> Iterator[tuple[BinaryIO, os.stat_resul
     """An ordinary file, which is not a link and has at most so many bytes, to read. Raises Unreadable."""
     if theirs.is_symlink():
         raise Unreadable(f"{theirs}: it is a link; import copies no links")
-    try:
+    with _reading(theirs):
         handle = os.open(theirs, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
-    except OSError as error:
-        raise Unreadable(f"{theirs}: {error.strerror or error}") from error
     status = os.fstat(handle)
     if not stat.S_ISREG(status.st_mode):
         os.close(handle)

@@ -19,7 +19,7 @@ from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from labbook.lab.folder import Lab, LabError, open_file, sync_folder, write_bytes
+from labbook.lab.folder import Lab, LabError, make_folder, open_file, sync_folder, write_bytes
 from labbook.lab.records import RunKey
 from labbook.study.schema import names_a_study
 
@@ -100,7 +100,7 @@ def write(lab: Lab, kind: Kind, name: str, note: Note) -> None:
         raise ValueError(f"the note has {len(content)} bytes with its tags, and {MOST_BYTES} are allowed; shorten it")
     with lab.alone(f"note-{kind}-{name}"):
         if content:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent)
             write_bytes(path, content)
             sync_folder(path.parent)
         else:

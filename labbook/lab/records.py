@@ -1,5 +1,6 @@
 """What a finished run (`run.json`) or a packing says of itself, in its folder."""
 
+import hashlib
 import math
 from collections.abc import Iterable
 from pathlib import Path
@@ -67,6 +68,8 @@ class Record(Part):
     FILE: ClassVar[str]
     KEY: ClassVar[str]
 
+    seal: Annotated[str | None, Field(pattern="^[0-9a-f]{32}$", exclude_if=lambda seal: seal is None)] = None
+    """Hash of the whole file with zeros in place of this: every changed bit is noticed. None in older files."""
     sessions: Annotated[tuple[Session, ...], Field(min_length=1)]
 
     @property
@@ -91,8 +94,9 @@ class Record(Part):
         return self.sessions[-1].provenance.get("machine")
 
     def write(self, folder: Path) -> None:
-        """Write into `folder`."""
-        write_bytes(folder / self.FILE, self.as_stored())
+        """Write into `folder`, with a seal."""
+        text = self.model_copy(update={"seal": _UNSEALED}).as_stored()
+        write_bytes(folder / self.FILE, text.replace(_UNSEALED.encode(), _seal(text).encode(), 1))
 
     @classmethod
     def read(cls, folder: Path, key: str | None = None) -> Self:
@@ -108,9 +112,18 @@ class Record(Part):
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"
             raise Unreadable(f"{path}: {where}: {first['msg']}") from error
+        if record.seal is not None and record.seal != _seal(text.replace(record.seal.encode(), _UNSEALED.encode(), 1)):
+            raise Unreadable(f"{path}: it is not as it was written: its seal is broken")
         if getattr(record, cls.KEY) != key:
             raise Unreadable(f"{path}: it belongs to {getattr(record, cls.KEY)}: the folder was renamed or copied")
         return record
+
+
+_UNSEALED = "0" * 32
+
+
+def _seal(text: bytes) -> str:
+    return hashlib.blake2b(text, digest_size=16).hexdigest()
 
 
 class Ledger(Part):

@@ -7,7 +7,7 @@ its own, lies beside it. Nothing here reads what they say: `labbook.study.load` 
 from pathlib import Path
 
 from labbook.accuracy import BESIDE
-from labbook.lab.folder import Lab, open_file, remove, sync_folder, write_bytes
+from labbook.lab.folder import Lab, make_folder, open_file, remove, sync_folder, write_bytes
 from labbook.study.schema import names_a_study
 
 SUFFIX = ".yaml"
@@ -85,6 +85,6 @@ def _keep_calibration(lab: Lab, path: Path, content: bytes | None) -> None:
 
 
 def _write(lab: Lab, path: Path, content: bytes) -> None:
-    lab.studies.mkdir(parents=True, exist_ok=True)
+    make_folder(lab.studies)
     write_bytes(path, content)
     sync_folder(lab.studies)

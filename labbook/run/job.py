@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from labbook.backend import Backend, Checkpoint, Ensemble, Event, Failed, Member, Status, Verifies
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
-from labbook.lab.folder import Claim, Lab, room
+from labbook.lab.folder import Claim, Lab, make_folder, room
 from labbook.lab.identity import Keys
 from labbook.lab.journal import Journal, Saved
 from labbook.lab.records import Session, Unreadable
@@ -201,7 +201,7 @@ class Job(ABC):
         made = lab.work(self.key) / "done"
         with room(made):
             shutil.rmtree(made, ignore_errors=True)
-            made.mkdir(parents=True)
+            make_folder(made)
             try:
                 self.fill_folder(made, verdict, left)
             except Unreadable as problem:

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import ConfigDict, TypeAdapter
 from pydantic_core import to_json
 
-from labbook.lab.folder import Claim, Lab, is_locked, lock, open_file, remove, write_bytes
+from labbook.lab.folder import Claim, Lab, LabError, is_locked, lock, open_file, remove, write_bytes
 from labbook.run.provenance import now
 from labbook.run.watch import View, Watcher
 
@@ -109,7 +109,7 @@ class Publisher:
     def __enter__(self) -> "Publisher":
         self._open = True
         self._started = now()
-        with suppress(OSError):
+        with suppress(OSError, LabError):
             _sweep(self._lab)
         return self
 
@@ -124,7 +124,7 @@ class Publisher:
         self._to.show(view)
         if self._open and time.monotonic() >= self._next:
             self._next = time.monotonic() + EVERY
-            with suppress(OSError):
+            with suppress(OSError, LabError):
                 self._publish(view)
 
     def tell(self, line: str) -> None:
@@ -143,12 +143,14 @@ class Publisher:
 
 
 def _sweep(lab: Lab) -> None:
-    """Remove the files of processes that were killed."""
+    """Remove the files of processes that were killed, or that could not remove them."""
+    suffixes = (_PART, _FILE, _LOCK)  # the longest first
     for name in os.listdir(lab.live):
-        place = lab.live / name.removesuffix(_LOCK)
-        if name.endswith(_LOCK) and _ID.fullmatch(place.name):  # what others put there is theirs
-            with suppress(OSError):
-                if (claim := lock(lab.live / name, fcntl.LOCK_EX | fcntl.LOCK_NB)) is not None:
+        own = next((name.removesuffix(suffix) for suffix in suffixes if name.endswith(suffix)), "")
+        if _ID.fullmatch(own):  # what others put there is theirs
+            place = lab.live / own
+            with suppress(OSError, LabError):
+                if (claim := lock(_beside(place, _LOCK), fcntl.LOCK_EX | fcntl.LOCK_NB)) is not None:
                     _clear(place, claim)
 
 

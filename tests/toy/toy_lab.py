@@ -1,8 +1,12 @@
 """A small study for tests of book-keeping, and ways to carry it out: in this process, or as `labbook` in another."""
 
+import json
 import os
+import re
+import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +17,7 @@ from typer.testing import CliRunner
 
 from labbook.cli import build
 from labbook.lab import Lab
-from labbook.lab.folder import EVALUATION
+from labbook.lab.folder import EVALUATION, PICTURE
 from labbook.run.runner import Runner, Summary
 from labbook.study import Study, load
 
@@ -88,3 +92,53 @@ def arrays(folder: Path) -> dict[str, bytes]:
         with np.load(path) as stored:
             found |= {f"{path.name}/{name}": stored[name].tobytes() for name in stored.files}
     return found
+
+
+def content(lab: Path) -> dict[str, dict[str, object]]:
+    """All that is in the folders of a lab's runs and packings, bit for bit, by key and file; of records all but when
+    and in which sessions they were made. What is evaluated of them is left out."""
+    found: dict[str, dict[str, object]] = {}
+    for folder in (path for kind in ("runs", "packings") for path in sorted((Path(lab) / kind).glob("*"))):
+        files = [path for path in sorted(folder.iterdir()) if not path.name.startswith(EVALUATION)]
+        found[folder.name] = {path.name: _content(path) for path in files}
+    return found
+
+
+def _content(path: Path) -> object:
+    if path.name == PICTURE:
+        return None
+    if path.suffix != ".json":
+        return path.read_bytes()
+    try:
+        record = json.loads(path.read_bytes())
+    except ValueError:  # it is damaged
+        return path.read_bytes()
+    return {name: value for name, value in record.items() if name not in ("seal", "sessions", "finished")}
+
+
+def unsealed(text: str) -> str:
+    """The text of a record without its seal, as older labs have it: only then may anything in it be changed."""
+    return re.sub(r'"seal": "[0-9a-f]{32}",\s*', "", text)
+
+
+def leftovers(lab: Path) -> list[str]:
+    """Locks, unfinished work and temporary files in a lab in which nobody works."""
+    lab = Path(lab)
+    found = [*(lab / "work").glob("*"), *(lab / "live").glob("*"), *lab.rglob("*.part")]
+    return sorted(str(path.relative_to(lab)) for path in found)
+
+
+@contextmanager
+def within(seconds: int):
+    """Fails what takes longer, such as a run without end."""
+
+    def late(*_):
+        raise AssertionError(f"not done within {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)

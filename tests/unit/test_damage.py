@@ -4,16 +4,14 @@ import io
 import json
 import os
 import shutil
-import signal
 import zipfile
-from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 import pytest
 from labbook_toy import Backend
-from toy_lab import arrays, carry_out, labbook, study, study_file
+from toy_lab import arrays, carry_out, labbook, study, study_file, unsealed, within
 
 from labbook.lab import Catalogue
 from labbook.lab.tables import read_table
@@ -21,22 +19,6 @@ from labbook.lab.tables import read_table
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
 RECORDED = "record: {every: 2 ms, replicates: 2}"
 AT_REST = "fill: {settled_below: 1e-40}"  # so low that the toy backend takes some beats, and can save between them
-
-
-@contextmanager
-def within(seconds: int):
-    """Fails what takes longer, such as a run without end."""
-
-    def late(*_):
-        raise AssertionError(f"not done within {seconds} s")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(seconds)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +192,7 @@ def says(**changes):
     """Damage to a JSON file: dotted names with new values."""
 
     def damage(path: Path) -> None:
-        whole = json.loads(path.read_text())
+        whole = json.loads(unsealed(path.read_text()))
         for name, value in changes.items():
             *parents, last = name.split("__")
             part = whole

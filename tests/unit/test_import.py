@@ -1,5 +1,6 @@
 """What `labbook import` takes from a lab that is damaged or made by somebody who means harm, and what it leaves out."""
 
+import errno
 import io
 import json
 import os
@@ -10,10 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from labbook_toy import Backend
-from toy_lab import arrays, carry_out, labbook, study
+from toy_lab import arrays, carry_out, labbook, start, study, study_file, unsealed
 
-from labbook.lab import Catalogue, Lab
+from labbook.lab import Catalogue, Lab, RunRecord
+from labbook.lab import merge as merging
 from labbook.lab.folder import EVALUATION
+from labbook.lab.index import Index
 from labbook.lab.tables import read_table
 
 SMALL = {"count": 200, "orifices": "[24]", "replicates": 2}
@@ -54,7 +57,7 @@ def of_columns(file: str, **changes):
 
 def says(file="run.json", **changes):
     def harm(run: Path) -> None:
-        whole = json.loads((run / file).read_text())
+        whole = json.loads(unsealed((run / file).read_text()))
         for name, value in changes.items():
             *parents, last = name.split("__")
             part = whole
@@ -238,18 +241,171 @@ def test_what_another_process_works_on_is_left_out(labs):
 
 
 def test_a_full_disk_ends_an_import_in_one_line(labs, monkeypatch):
-    import errno
-
     ours, theirs = labs
     before = {path.name: arrays(path) for path in (ours / "runs").iterdir()}
 
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("labbook.lab.merge.shutil.copyfileobj", full)
+    monkeypatch.setattr("labbook.lab.merge._copy_file", full)
     ended = labbook("import", theirs, "--lab", ours, check=False)
     assert ended.exit_code == 1
     assert "no room is left" in ended.output
     assert len(ended.output.strip().splitlines()) == 1
     assert {path.name: arrays(path) for path in (ours / "runs").iterdir()} == before
+    assert not list((ours / "work").iterdir())
+
+
+# others at work meanwhile
+
+
+def imported(ours: Path, theirs: Path) -> merging.Merged:
+    index = Index(Lab(ours))
+    try:
+        return merging.merge(index, theirs)
+    finally:
+        index.close()
+
+
+def keys(lab: Path) -> list[str]:
+    return sorted(path.name for path in (lab / "runs").iterdir())
+
+
+def durations(lab: Path) -> dict[str, float]:
+    return {key: RunRecord.read(lab / "runs" / key).coverage.duration for key in keys(lab)}
+
+
+def at_the_claim(monkeypatch, act) -> None:
+    """What another process does after the first look of an import, just before it claims a key."""
+    claim = Lab.claim
+
+    def late(lab: Lab, key: str):
+        act(lab, key)
+        return claim(lab, key)
+
+    monkeypatch.setattr(Lab, "claim", late)
+
+
+def test_a_longer_run_that_came_after_the_first_look_is_not_replaced(labs, made, monkeypatch):
+    ours, theirs = labs
+    shutil.rmtree(ours / "runs")
+    longer = durations(theirs)
+
+    def put(lab: Lab, key: str) -> None:
+        if key in longer and not lab.run(key).exists():
+            shutil.copytree(theirs / "runs" / key, lab.run(key))
+
+    at_the_claim(monkeypatch, put)
+    merged = imported(ours, made / "ours")  # the shorter ones
+    assert not set(merged.copied) & set(longer)
+    assert merged.left_out == []
+    assert durations(ours) == longer
+
+
+def test_a_run_whose_replacement_was_cut_short_is_put_back_before_it_is_compared(labs, made):
+    """Killed between the two renames, a runner leaves the only copy of a run in the work folder."""
+    _, longer = labs
+    key = keys(longer)[0]
+    work = Lab(longer).work(key)
+    work.mkdir(parents=True)
+    os.rename(longer / "runs" / key, work / "replaced")
+    before = arrays(work / "replaced")
+    imported(longer, made / "ours")
+    assert arrays(longer / "runs" / key) == before
+    assert not list((longer / "work").iterdir())
+
+
+@pytest.mark.parametrize("how", ["replaced", "removed", "unreadable"])
+@pytest.mark.parametrize("file", ["run.json", "crossing.npz", "packing.npz"])
+def test_what_changes_in_the_source_while_it_is_copied_costs_one_line(labs, tmp_path, monkeypatch, how, file):
+    ours, theirs = labs
+    shutil.rmtree(ours)
+    kind = "packings" if file == "packing.npz" else "runs"
+    victim = sorted((theirs / kind).iterdir())[0]
+    read, done = merging._read, []
+
+    def meddled(path: Path, source, most: int = -1) -> bytes:
+        content = read(path, source, most)
+        if path == victim / file and not done:
+            done.append(path)
+            if how == "unreadable":
+                with merging._reading(path):
+                    raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(path))
+            again = shutil.copytree(victim, tmp_path / "again")
+            (again / "run.json").touch()
+            shutil.rmtree(victim)
+            if how == "replaced":
+                os.rename(again, victim)
+        return content
+
+    monkeypatch.setattr(merging, "_read", meddled)
+    merged = imported(ours, theirs)
+    assert done, "it came to that"
+    of_it = [line for line in merged.left_out if str(victim) in line]
+    assert len(of_it) == 1
+    assert len(merged.left_out) == (2 if kind == "packings" else 1), (
+        "the run that starts from a packing is left out too"
+    )
+    assert len(merged.copied) == 4 - len(merged.left_out)
+    assert not list((ours / "work").iterdir())
+    if how != "removed":
+        assert imported(ours, theirs).left_out == []
+        assert arrays(ours / kind / victim.name) == arrays(victim)
+
+
+def test_unfinished_work_of_the_source_is_never_read(labs, monkeypatch):
+    ours, theirs = labs
+    key = keys(theirs)[0]
+    work = Lab(theirs).work(key)
+    work.mkdir(parents=True)
+    shutil.copytree(theirs / "runs" / key, work / "done")
+    seen: list[str] = []
+
+    def noted(name: str):
+        call = getattr(os, name)
+
+        def wrapped(path=".", *more, **named):
+            seen.append(str(path))
+            return call(path, *more, **named)
+
+        monkeypatch.setattr(os, name, wrapped)
+
+    for name in ("open", "scandir", "listdir"):
+        noted(name)
+    assert len(imported(ours, theirs).copied) == 2
+    assert [path for path in seen if path.startswith(str(theirs / "runs"))]
+    assert not [path for path in seen if path.startswith(str(theirs / "work"))]
+
+
+@pytest.mark.slow
+def test_importing_again_and_again_from_a_lab_that_is_being_worked_in(tmp_path):
+    """Runs of the source come, and are gone on with and replaced, while it is imported in a loop."""
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    short = study_file(tmp_path, "stop: {max_time: 40 ms}", "record: {every: 4 ms, replicates: 2}", replicates=4)
+    text = short.read_text()
+    long = short.with_name("long.yaml")
+    long.write_text(text.replace("40 ms", "10 s"))
+    (theirs / "runs").mkdir(parents=True)
+    best: dict[str, float] = {}
+    imports, grown, left_out = 0, 0, []
+    for asked in (short, long):
+        process = start("run", asked, "--lab", theirs, "--backend", "toy", delay=0.003)
+        ended = False
+        while not ended:
+            ended = process.poll() is not None
+            left_out += imported(ours, theirs).left_out
+            imports += 1
+            now = durations(ours) if (ours / "runs").is_dir() else {}
+            assert all(now.get(key, 0.0) >= duration for key, duration in best.items()), "none grows shorter"
+            grown += sum(now[key] > duration for key, duration in best.items())
+            best = now
+        assert process.wait() == 0, process.communicate()
+    assert imported(ours, theirs).left_out == []
+    assert all(line.count("\n") == 0 and str(theirs) in line for line in left_out)
+    assert grown > 0
+    assert imports > 4
+    assert keys(ours) == keys(theirs)
+    for kind in ("runs", "packings"):
+        for path in (theirs / kind).iterdir():
+            assert arrays(ours / kind / path.name) == arrays(path)
     assert not list((ours / "work").iterdir())

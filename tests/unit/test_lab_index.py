@@ -7,7 +7,7 @@ import unicodedata
 import pytest
 from labbook_toy import Backend
 from sqlalchemy import event, text
-from toy_lab import APP, carry_out, study, study_file
+from toy_lab import APP, carry_out, study, study_file, unsealed
 from typer.testing import CliRunner
 
 from labbook.lab import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
@@ -111,7 +111,7 @@ def test_an_outcome_that_no_run_has_is_named_with_those_that_there_are(lab):
 
 def test_what_files_say_does_not_steer_the_terminal(lab, tmp_path):
     victim = sorted((lab / "runs").iterdir())[0]
-    record = json.loads((victim / "run.json").read_text())
+    record = json.loads(unsealed((victim / "run.json").read_text()))
     record |= {"label": "here \x1b[31m\x07\u202e", "study": "\x1b]0;title\x07", "finished": "\x9b1m"}
     (victim / "run.json").write_text(json.dumps(record))
     (lab / "work" / "\x1b[2J").mkdir(parents=True)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from labbook_web.app import application
 from labbook_web.guard import COOKIE, LARGEST_BODY, LONGEST_ADDRESS, POLICY, VIEWER_POLICY
 from labbook_web.shelf import Shelf
-from toy_lab import labbook
+from toy_lab import labbook, unsealed
 from toy_web import HOST, ORIFICES, Read, ask, client, everything, keys_of, listing, make
 
 from labbook.lab import Lab, notes
@@ -324,7 +324,7 @@ def hostile(tmp_path_factory) -> Path:
     lab = folder / "lab"
     for key in keys_of(lab):
         record = lab / "runs" / key / "run.json"
-        told = json.loads(record.read_text())
+        told = json.loads(unsealed(record.read_text()))
         told["label"] = f"{EVIL}{told['label']}"
         told["device"] = EVIL
         told["sessions"][-1]["provenance"] |= {EVIL: EVIL, "commit": EVIL}

@@ -1,0 +1,378 @@
+"""Whether a folder can hold a lab: what its file system does for two processes, and for two hosts, tried out in it.
+
+Everything is done in a hidden folder within, which is removed. Two hosts meet there through files: each is told of the
+same folder, and finds the other one by its name, which is written anew again and again while it waits.
+"""
+
+import fcntl
+import json
+import multiprocessing
+import os
+import secrets
+import shutil
+import sqlite3
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from platform import node
+
+from labbook.lab.database import BUSY, keep_journal
+from labbook.lab.folder import LabError, file_system, is_locked, is_network, lock, remove, sync_folder, write_bytes
+
+PEERS = ".labbook-doctor"
+"""Folder in which two hosts meet."""
+_ALONE = fcntl.LOCK_EX | fcntl.LOCK_NB
+_SIZE = 2**16  # bytes of a file that is replaced while another process reads it
+_SPELL = 1.0  # s for which that goes on
+_STARTS = 60.0  # s that a process may take to start, or a step of the other host to be seen
+_ROWS = 50  # that each of two hosts writes into one index
+_LEAST = 10**8  # bytes that have to be free
+_SKEW = 5.0  # s that clocks may differ by
+
+
+class Unfit(Exception):
+    """A folder does not do what labs need; the message says what."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was tried, whether it works, and what was seen."""
+
+    name: str
+    works: bool
+    note: str
+
+
+def examine(folder: Path, say: Callable[[str], None] = lambda _: None) -> list[Check]:
+    """What the file system of `folder` does for processes of this host. Raises OSError if nothing can be written."""
+    place = Path(tempfile.mkdtemp(prefix=f"{PEERS}-", dir=folder))
+    try:
+        return [_checked(name, lambda check=check: check(place), say) for name, check in _CHECKS.items()]
+    finally:
+        remove(place)
+
+
+def meet(folder: Path, say: Callable[[str], None] = lambda _: None, patience: float = 600.0) -> list[Check]:
+    """What the file system of `folder` does for this process and one that calls the same on another host.
+
+    patience: how long the other one is waited for [s]. Raises LabError if none comes, and OSError.
+    """
+    own = f"{node()}-{os.getpid()}-{secrets.token_hex(3)}"
+    meeting = Meeting(folder / PEERS, own, say, patience)
+    try:
+        return [_checked(name, lambda at=name: _STEPS[at](meeting.at(at)), say) for name in _STEPS]
+    finally:
+        meeting.leave()
+
+
+def _checked(name: str, check: Callable[[], str], say: Callable[[str], None]) -> Check:
+    say(name)
+    try:
+        return Check(name, True, check())
+    except (Unfit, LabError, OSError, sqlite3.Error) as problem:
+        return Check(name, False, str(problem))
+
+
+# one host
+
+
+def _room(folder: Path) -> str:
+    free = shutil.disk_usage(folder).free
+    kind = file_system(folder)
+    said = f"{free / 1e9:.3g} GB are free on {kind or 'a file system of unknown type'}"
+    if free < _LEAST:
+        raise Unfit(f"{said}; make room, at least {_LEAST / 1e9:g} GB")
+    return said + (", which other hosts may use too" if is_network(kind) else "")
+
+
+def _locks(folder: Path) -> str:
+    path, ready = folder / "held.lock", folder / "ready"
+    with _process(_hold, path, ready) as holder:
+        _until(ready.exists, "a second process did not come to lock a file")
+        claim = lock(path, _ALONE)
+        if claim is not None:
+            claim.release()
+            raise Unfit("two processes held one lock at once: run one labbook at a time in this folder")
+        if not is_locked(path):
+            raise Unfit("a lock that another process holds is not seen")
+        holder.kill()
+        holder.join()
+    began = time.monotonic()
+    _until(lambda: not is_locked(path), "the lock of a process that was killed is never free again")
+    return f"one holder at a time; the lock of a killed process is free after {time.monotonic() - began:.2f} s"
+
+
+def _hold(path: Path, ready: Path) -> None:
+    claim = lock(path, _ALONE)
+    if claim is not None:
+        ready.touch()
+        time.sleep(10 * _STARTS)
+
+
+def _renames(folder: Path) -> str:
+    path = folder / "replaced"
+    write_bytes(path, bytes(_SIZE))
+    with _process(_replace, path, _SPELL) as writer:
+        seen = _read_while(path, writer.is_alive)
+    if writer.exitcode != 0:
+        raise Unfit("a second process could not replace a file")
+    return seen
+
+
+def _replace(path: Path, seconds: float) -> None:
+    end, number = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        number += 1
+        write_bytes(path, bytes([number % 256]) * _SIZE, durable=False)
+
+
+def _read_while(path: Path, going: Callable[[], bool]) -> str:
+    """Read a file that is replaced again and again. Raises Unfit if it is ever missing, or not whole."""
+    read, contents = 0, set[int]()
+    while going():
+        try:
+            content = path.read_bytes()
+        except FileNotFoundError as error:
+            raise Unfit("a file that is replaced is missing for a moment: rename is not atomic") from error
+        if len(content) != _SIZE or len(set(content)) != 1:
+            raise Unfit("a file that is replaced is seen half old, half new: rename is not atomic")
+        read += 1
+        contents.add(content[0])
+    if len(contents) < 2:
+        raise Unfit(f"a file that another process replaces is not seen to change, in {read} looks")
+    return f"{read} looks at a file that is replaced all the time found it whole"
+
+
+def _syncs(folder: Path) -> str:
+    times = []
+    for number in range(10):
+        began = time.perf_counter()
+        write_bytes(folder / f"synced-{number}", bytes(4096))
+        sync_folder(folder)
+        times.append(time.perf_counter() - began)
+    return f"{sorted(times)[len(times) // 2] * 1e3:.2g} ms to write a small file and its name to the disk"
+
+
+def _clock(folder: Path) -> str:
+    skew = clock_skew(folder / "clock")
+    said = f"the file system's clock is {abs(skew):.3g} s {'ahead' if skew > 0 else 'behind'}"
+    if abs(skew) > _SKEW:
+        raise Unfit(f"{said}; set the clocks (NTP): times of runs are in no order else")
+    return said
+
+
+def clock_skew(path: Path) -> float:
+    """By how much the clock that stamps files is ahead of this host's [s]; `path` is written."""
+    before = time.time()
+    path.write_bytes(b"now")
+    return path.stat().st_mtime - (before + time.time()) / 2
+
+
+def _index(folder: Path) -> str:
+    with closing(_database(folder / "index.db")) as connection:
+        mode = keep_journal(connection, folder / "index.db")
+        connection.execute("CREATE TABLE numbers (value INTEGER)")
+        connection.executemany("INSERT INTO numbers VALUES (?)", [(n,) for n in range(_ROWS)])
+    return f"SQLite {sqlite3.sqlite_version}, {_written(folder / 'index.db', _ROWS)}, journal mode {mode}"
+
+
+def _database(path: Path) -> sqlite3.Connection:
+    return sqlite3.connect(path, timeout=BUSY, isolation_level=None)
+
+
+def _written(path: Path, rows: int) -> str:
+    with closing(_database(path)) as connection:
+        found = connection.execute("SELECT count(*) FROM numbers").fetchone()[0]
+        whole = connection.execute("PRAGMA integrity_check").fetchone()[0]
+    if (found, whole) != (rows, "ok"):
+        raise Unfit(f"the index has {found} of {rows} rows; SQLite says: {whole}")
+    return f"{rows} rows written and read"
+
+
+_CHECKS: dict[str, Callable[[Path], str]] = {
+    "free space": _room,
+    "locks": _locks,
+    "atomic rename": _renames,
+    "fsync": _syncs,
+    "clock": _clock,
+    "index": _index,
+}
+
+
+@contextmanager
+def _process(target: Callable[..., None], *given: object) -> Iterator[multiprocessing.Process]:
+    """Another process of this host, which is killed at the end if it still goes on."""
+    process = multiprocessing.get_context("spawn").Process(target=target, args=given, daemon=True)
+    process.start()
+    try:
+        yield process  # pyright: ignore[reportReturnType]
+        process.join(_STARTS)
+    finally:
+        process.kill()
+        process.join()
+
+
+def _until(true: Callable[[], bool], else_said: str, patience: float = _STARTS) -> None:
+    """Wait until something is true. Raises Unfit with what is said else."""
+    end = time.monotonic() + patience
+    while not true():
+        if time.monotonic() > end:
+            raise Unfit(else_said)
+        time.sleep(0.02)
+
+
+# two hosts
+
+
+class Meeting:
+    """This process and another one, in one folder, whose steps wait for one another: both do the same steps."""
+
+    def __init__(self, folder: Path, own: str, say: Callable[[str], None], patience: float):
+        self._folder, self._own = folder, own
+        folder.mkdir(exist_ok=True)
+        self.other = self._find(say, patience)
+        self.first = own < self.other
+        """One of the two is the first."""
+        self.place = folder / "-and-".join(sorted((own, self.other)))
+        self.place.mkdir(exist_ok=True)
+        self._step, self._swaps = "", 0
+
+    def _find(self, say: Callable[[str], None], patience: float) -> str:
+        """Name of the other one: a file that is written anew while we wait."""
+        say(f"waiting for the same command, with --peer, on another host: labbook doctor --lab {self._folder.parent}")
+        before, end, number = self._there(), time.monotonic() + patience, 0
+        while time.monotonic() < end:
+            number += 1
+            write_bytes(self._folder / f"{self._own}.here", str(number).encode(), durable=False)
+            time.sleep(0.2)
+            for name, said in self._there().items():
+                if name != self._own and said != before.get(name):
+                    for _ in range(3):  # once more, for the other one to see
+                        number += 1
+                        write_bytes(self._folder / f"{self._own}.here", str(number).encode(), durable=False)
+                        time.sleep(0.3)
+                    return name
+        remove(self._folder / f"{self._own}.here")
+        raise LabError(f"{self._folder.parent}: no other labbook doctor --peer came within {patience:g} s")
+
+    def _there(self) -> dict[str, bytes]:
+        found = {}
+        for name in os.listdir(self._folder):
+            if name.endswith(".here"):
+                try:
+                    found[name.removesuffix(".here")] = (self._folder / name).read_bytes()
+                except OSError:  # it just left
+                    continue
+        return found
+
+    def at(self, step: str) -> "Meeting":
+        """At the beginning of a step, wherever another one was given up."""
+        self._step, self._swaps = step.replace(" ", "-"), 0
+        return self
+
+    def swap(self, told: object = None) -> object:
+        """Tell the other one that so much of the step is done here, and something; what it tells, once it is as far."""
+        self._swaps += 1
+        mine, theirs = (self.place / f"{self._step}-{self._swaps}-{name}" for name in (self._own, self.other))
+        write_bytes(mine, json.dumps(told).encode())
+        _until(lambda: theirs.name in os.listdir(self.place), f"{self.other} was not heard of any more")
+        return json.loads(theirs.read_bytes())
+
+    def leave(self) -> None:
+        """Remove what is here of the meeting."""
+        remove(self._folder / f"{self._own}.here")
+        if not self.first:
+            with suppress(Unfit):
+                _until(lambda: not (self._folder / f"{self.other}.here").exists(), "it stays", 5.0)
+            remove(self.place)
+            with suppress(OSError):  # others meet there
+                self._folder.rmdir()
+
+
+def _hosts(meeting: Meeting) -> str:
+    other = meeting.swap(node())
+    if other == node():
+        return f"both on {node()}: two processes, and nothing is proved of two hosts"
+    return f"{node()} and {other}"
+
+
+def _shared_locks(meeting: Meeting) -> str:
+    path, wrong = meeting.place / "held.lock", ""
+    for holds in (meeting.first, not meeting.first):
+        claim = lock(path, _ALONE) if holds else None
+        if holds and claim is None:
+            wrong = "a lock that nobody holds cannot be had"
+        meeting.swap()
+        if not holds:
+            if not is_locked(path):
+                wrong = "a lock that the other host holds is not seen"
+            elif (second := lock(path, _ALONE)) is not None:
+                second.release()
+                wrong = "two hosts held one lock at once"
+        meeting.swap()
+        if claim is not None:
+            claim.release()
+        meeting.swap()
+    theirs = meeting.swap(wrong)
+    if wrong or theirs:
+        raise Unfit(f"{wrong or theirs}: let only one host work in this lab, and bring others' runs by labbook import")
+    return "one holder at a time, on two hosts"
+
+
+def _shared_renames(meeting: Meeting) -> str:
+    path, said = meeting.place / "replaced", []
+    write_bytes(path, bytes(_SIZE)) if meeting.first else None
+    meeting.swap()
+    for writes in (meeting.first, not meeting.first):
+        if writes:
+            _replace(path, 3 * _SPELL)
+        else:
+            end = time.monotonic() + 2 * _SPELL
+            try:
+                said.append(_read_while(path, lambda end=end: time.monotonic() < end))
+            except Unfit as problem:
+                said.append(problem)
+        meeting.swap()
+    (seen,) = said
+    theirs = meeting.swap(str(seen) if isinstance(seen, Unfit) else "")
+    if isinstance(seen, Unfit) or theirs:
+        raise Unfit(str(seen) if isinstance(seen, Unfit) else str(theirs))
+    return str(seen)
+
+
+def _shared_clock(meeting: Meeting) -> str:
+    mine = clock_skew(meeting.place / f"clock-{node()}-{os.getpid()}")
+    theirs = meeting.swap(mine)
+    assert isinstance(theirs, float)
+    apart = abs(mine - theirs)
+    if apart > _SKEW:
+        raise Unfit(f"the clocks of the hosts differ by {apart:.3g} s; set them (NTP)")
+    return f"the clocks of the hosts differ by {apart:.3g} s"
+
+
+def _shared_index(meeting: Meeting) -> str:
+    path = meeting.place / "index.db"
+    if meeting.first:
+        with closing(_database(path)) as connection:
+            keep_journal(connection, path)
+            connection.execute("CREATE TABLE numbers (value INTEGER)")
+    meeting.swap()
+    with closing(_database(path)) as connection:
+        mode = keep_journal(connection, path)
+        for number in range(_ROWS):
+            connection.execute("INSERT INTO numbers VALUES (?)", (number,))
+    meeting.swap()
+    said = _written(path, 2 * _ROWS)
+    return f"{said} by two hosts at once, journal mode {mode}"
+
+
+_STEPS: dict[str, Callable[[Meeting], str]] = {
+    "hosts": _hosts,
+    "locks of two hosts": _shared_locks,
+    "rename seen by another host": _shared_renames,
+    "clocks of two hosts": _shared_clock,
+    "index of two hosts": _shared_index,
+}
