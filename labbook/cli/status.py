@@ -25,6 +25,7 @@ def register(app: typer.Typer) -> None:
         catalogue = existing(lab)
         counts, suspect, packings = catalogue.counts(), catalogue.suspect_count(), catalogue.packing_count()
         works, live = unfinished(catalogue.lab), running(catalogue.lab)
+        lost = [entry.problem for entry in catalogue.damaged()]
         if as_json:
             found = {
                 "runs": counts,
@@ -41,7 +42,6 @@ def register(app: typer.Typer) -> None:
         if suspect:
             verb = "run is" if suspect == 1 else "runs are"
             say(f"  {suspect} {verb} suspect: labbook runs --outcome suspect --lab {lab} says why")
-        lost = [entry.problem for entry in catalogue.damaged()]
         for problem in lost[:_MOST]:
             say(f"  cannot be read: {problem}")
         if len(lost) > _MOST:

@@ -71,7 +71,10 @@ def test_fed_it_continues_from_a_checkpoint_bit_for_bit(silo, alone, at):
 
 
 def test_a_grain_that_is_put_back_falls_and_the_others_do_not_know(silo):
-    """The leapfrog is exact in free fall; a grain far above changes no bit of the others."""
+    """The leapfrog is exact in free fall; a grain far above changes no bit of the others in the silo.
+
+    Those that have left may still touch one that is dropped when lists are made again: earlier, since this one is fast.
+    """
     g, v = silo.scene.gravity, np.array([0.02, 0.0, 0.3])
     with silo.ensemble() as ensemble:
         fed, other = silo.admit(ensemble), silo.admit(ensemble)
@@ -95,8 +98,9 @@ def test_a_grain_that_is_put_back_falls_and_the_others_do_not_know(silo):
         assert np.allclose(now.x[mine], fallen, rtol=0, atol=200 * silo.rounding * t)
         assert np.allclose(now.v[mine, 2], own.v[:, 2] - g * t, rtol=200 * silo.rounding)
         assert np.allclose(now.omega[mine], own.omega, rtol=8 * silo.rounding)
-        common = np.setdiff1d(now.ids, away)
-        a, b = now.rows(common), alone.rows(common)
+        inside = np.setdiff1d(alone.ids[alone.x[:, 2] > 0], away)
+        assert len(inside) > len(silo.start) / 2
+        a, b = now.rows(inside), alone.rows(inside)
         if silo.stand.precision == "double":
             assert all(np.array_equal(getattr(now, n)[a], getattr(alone, n)[b]) for n in MOTION)
         else:  # in single precision a law may round by where in a register a contact stands, which lists decide

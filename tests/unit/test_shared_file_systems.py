@@ -19,21 +19,21 @@ from labbook.lab.folder import NoLocks, file_system, is_locked, is_network
 SMALL = {"count": 60, "orifices": "[24]", "replicates": 1}
 MOUNTS = """\
 22 1 254:0 / / rw,relatime shared:1 - ext4 /dev/vda rw
-30 22 0:24 / /home rw - nfs4 server:/home rw
-31 30 0:25 / /home/me/my\\040data rw - lustre mgs@tcp:/data rw
-32 30 0:26 / /home/me/disk rw - xfs /dev/sdb rw
-33 30 0:27 / /home/me/disk rw shared:2 - fuse.sshfs other: rw
+30 22 0:24 / /net rw - nfs4 server:/net rw
+31 30 0:25 / /net/me/my\\040data rw - lustre mgs@tcp:/data rw
+32 30 0:26 / /net/me/disk rw - xfs /dev/sdb rw
+33 30 0:27 / /net/me/disk rw shared:2 - fuse.sshfs other: rw
 nonsense
 """
 
 
 @pytest.mark.parametrize(("place", "kind", "shared"), [
     ("/srv", "ext4", False),
-    ("/home", "nfs4", True),
-    ("/home/me/other", "nfs4", True),
-    ("/homes", "ext4", False),
-    ("/home/me/my data/lab", "lustre", True),
-    ("/home/me/disk/lab", "fuse.sshfs", True),
+    ("/net", "nfs4", True),
+    ("/net/me/other", "nfs4", True),
+    ("/nets", "ext4", False),
+    ("/net/me/my data/lab", "lustre", True),
+    ("/net/me/disk/lab", "fuse.sshfs", True),
 ])  # fmt: skip
 def test_the_file_system_of_a_folder_is_the_one_mounted_nearest_above(tmp_path, place, kind, shared):
     (tmp_path / "mountinfo").write_text(MOUNTS)
