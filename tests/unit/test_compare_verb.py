@@ -37,7 +37,7 @@ def test_the_verb_from_nothing_to_a_stale_verdict(tmp_path):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (("--devices", "cpu,cuda:0"), "cpu only"),
+        (("--devices", "cpu,cuda:0"), "the toy backend has no cuda:0"),
         (("--backends", "toy,nobody"), "no backend is called nobody"),
         (("--point", "9"), "has the points 1 to 2"),
         (("--precisions", "double,half"), "there is no half"),

@@ -120,7 +120,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path):
 
 def test_a_device_that_is_not_there_is_said_before_anything_runs(tmp_path):
     two = (Side(Backend(), "cpu"), Side(Twin(), "cuda:0"))
-    with pytest.raises(Unsupported, match="cpu only"):
+    with pytest.raises(Unsupported, match="the toy backend has no cuda:0"):
         compare(study(tmp_path), Lab(tmp_path / "lab"), two, 0.03)
     assert not (tmp_path / "lab").exists()
 

@@ -5,7 +5,7 @@ import sys
 
 import labbook_toy
 import pytest
-from toy_lab import carry_out, labbook, study, study_file
+from toy_lab import carry_out, labbook, study, study_file, unsealed
 from toy_records import records
 
 from labbook.backend import BackendMissing, Failed, load
@@ -65,7 +65,7 @@ def test_runs_of_older_versions_that_came_to_the_end_of_their_time_can_be_read(t
     asked = study(tmp_path, "stop: {max_time: 20 ms}", replicates=1)
     carry_out(asked, tmp_path / "lab")
     for run in (tmp_path / "lab/runs").iterdir():
-        text = (run / RunRecord.FILE).read_text()
+        text = unsealed((run / RunRecord.FILE).read_text())
         assert "interrupted" not in text
         (run / RunRecord.FILE).write_text(text.replace('"time-limit"', '"interrupted"'))
     assert {record.outcome for record in records(tmp_path / "lab").values()} == {"time-limit"}
