@@ -9,7 +9,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Scene
 
-CACHE_VERSION = 5
+CACHE_VERSION = 6
 
 
 class Backend:

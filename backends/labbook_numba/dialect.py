@@ -29,7 +29,7 @@ wide = float64
 vec3 = {vec3}
 wide3 = section = vec3d
 coefs = tuple  # of eight
-LANES = uint64({lanes})
+LANES = uint64(16)
 
 
 rounded = real
@@ -57,6 +57,4 @@ def header(precision: str) -> str:
     """The header of a kernel module in `double`, or `mixed` (contact law in single)."""
     single = precision == "mixed"
     vec3 = "vec3f" if single else "vec3d"
-    return _HEADER.format(
-        fast=FAST, real="float32" if single else "float64", vec3=vec3, lanes=16 if single else 8, cross=vec3 + _CROSS
-    )
+    return _HEADER.format(fast=FAST, real="float32" if single else "float64", vec3=vec3, cross=vec3 + _CROSS)

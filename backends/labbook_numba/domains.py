@@ -25,14 +25,16 @@ NEAR_WORK = 2  # work of a near pair, in grains; so that domains take equally lo
 STEP = CROSSING_COLUMNS.index("step")
 LARGE = 50_000
 """Grains from which on a scene may be split; domains have a quarter of that at least."""
+LAYERED = 2000
+"""Grains from which on they are put in layers: fewer fit into a core's own cache in any order."""
 
 
 def in_layers(packing: Packing, d: float) -> Packing:
-    """A large packing, its grains in the order of cells of size d [m], layer by layer; a smaller one as it is.
+    """A packing of some size, its grains in the order of cells of size d [m], layer by layer; a small one as it is.
 
-    Grains that touch then stand close together in memory, and most in the same domain.
+    Grains that touch then stand close together in memory, and those of a large scene mostly in the same domain.
     """
-    if len(packing) < LARGE:
+    if len(packing) < LAYERED:
         return packing
     cell = np.floor(packing.x / d)
     return packing.renumbered(np.lexsort(cell.T))

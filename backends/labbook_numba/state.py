@@ -21,7 +21,7 @@ CACHE_LINE = 8  # numbers in one; each domain has its own to write to
 BROKEN = 1 << 62  # arrivals at meetings, from which on no domain waits: one has failed
 BLOCK = 384  # contacts that a law works on at a time
 CELLS, SPARE_CELLS = 4, 64  # a grid has at most so many cells a grain, and so many besides
-PAD = 8  # spare places behind lists, which are read eight at a time
+PAD = 16  # spare places behind lists, which are read eight or LANES at a time
 # of the columns of a block: no power of two, whose columns would share cache sets; a multiple of 16, without which LLVM
 # fears for the forwarding of stores to loads in registers of 16, and uses smaller ones
 STRIDE = BLOCK + 16

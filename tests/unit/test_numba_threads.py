@@ -31,6 +31,7 @@ PROBES = (Crossing(), Sample(), Contacts(every=4))
 @pytest.fixture(autouse=True)
 def every_scene_is_large(monkeypatch):
     monkeypatch.setattr(domains, "LARGE", 8)
+    monkeypatch.setattr(domains, "LAYERED", 8)
     monkeypatch.setattr(domains, "cores", lambda: 8)
 
 

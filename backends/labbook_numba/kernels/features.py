@@ -76,7 +76,7 @@ OUTLET = True  # grains far below the outlet are dropped
 LEDGER = True  # contact work and touching contacts are added up
 ANY_WALLS = True
 KINDS = 1  # kinds of grains
-LANES = 8  # numbers of the precision of laws in a register
+LANES = 16  # contacts that a law is computed for at a time: as many as compilers were seen to take together
 
 DONE, REBUILD, BAD_STATE, BAD_SPEED, BAD_OVERLAP = range(5)
 

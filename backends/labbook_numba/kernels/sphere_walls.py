@@ -75,7 +75,7 @@ def measure_walls(grains, body, wall_grain, near, walls, kind, motion, w, k, cou
         x, y, z, _ = columns(rows_at(grains, wall_grain, k + t, GRAIN, X))
         put_vectors(near, XX + t, x, y, z)
     numbers = wall_numbers(walls, w)
-    for t in range(count):
+    for t in range(whole(count)):
         x = wide3(near[XX + t], near[XY + t], near[XZ + t])
         distance, normal = wall_distance(numbers, w, kind[w], x)
         if MOVING:
