@@ -62,17 +62,18 @@ def imported(source: Path, folder: Path) -> None:
 
 def measure(workers: int, beds: int, backend: str) -> dict[str, Any]:
     """All of it."""
-    import dask  # pyright: ignore[reportMissingImports]
+    from dask import config  # pyright: ignore[reportMissingImports]
     from distributed import LocalCluster  # pyright: ignore[reportMissingImports]
 
     # where there are fewer cores than workers these take long to begin
-    dask.config.set({"distributed.comm.timeouts.connect": "300s", "distributed.comm.timeouts.tcp": "300s"})
+    config.set({"distributed.comm.timeouts.connect": "300s", "distributed.comm.timeouts.tcp": "300s"})
     few = max(1, beds // 10)
     with tempfile.TemporaryDirectory() as place:
         one, many, new = (Path(place) / name for name in ("one", "many", "new"))
         alone = timed(lambda: Lab(one, backend).run(study(few), progress=False))
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        with LocalCluster(
+        local: Any = LocalCluster
+        with local(
             n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
         ) as cluster:
             address = cluster.scheduler_address

@@ -39,7 +39,8 @@ def register(app: typer.Typer) -> None:
         def made():
             from distributed import LocalCluster  # pyright: ignore[reportMissingImports]
 
-            return LocalCluster(
+            untyped: Any = LocalCluster  # its dashboard may be None, whatever its signature says
+            return untyped(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
@@ -72,7 +73,7 @@ def register(app: typer.Typer) -> None:
             fail(problem)
 
         def made():
-            from dask_jobqueue import SLURMCluster  # pyright: ignore[reportMissingImports]
+            from dask_jobqueue.slurm import SLURMCluster  # pyright: ignore[reportMissingImports]
 
             cluster = SLURMCluster(
                 cores=1,

@@ -1,4 +1,6 @@
-"""`labbook reindex`: make the catalogue again from the folders."""
+"""`labbook reindex`: make the catalogue again from the folders, and choose where it is kept."""
+
+from typing import Annotated
 
 import typer
 
@@ -10,17 +12,35 @@ def register(app: typer.Typer) -> None:
     """Add the verb."""
 
     @app.command()
-    def reindex(lab: Lab = LAB) -> None:
-        """Make the catalogue again from run and packing folders, and measure again."""
+    def reindex(
+        lab: Lab = LAB,
+        index: Annotated[
+            str | None,
+            typer.Option(
+                "--index",
+                metavar="<url|file>",
+                help="Where to keep the index from now on: postgresql://HOST/DATABASE, or file: in the lab's folder.",
+            ),
+        ] = None,
+    ) -> None:
+        """Make the index again from run and packing folders, and measure again.
+
+        A lab that several people share may keep its index on a PostgreSQL server.
+        """
+        from labbook.lab import server
         from labbook.lab.folder import Lab as Folder
         from labbook.lab.index import Index
 
         if not Folder(lab).exists:
             fail(f"there is no lab {lab}: it has neither runs nor packings; give its folder with --lab")
+        if index is not None:
+            left = server.move_home(Folder(lab)) if index == "file" else server.move_to(Folder(lab), index)
+            if left:
+                say(left, err=True)
         with ticking("indexing") as tick:
-            index = Index(Folder(lab), again=True, tick=tick)
-            index.close()
-        found = index.found
+            made = Index(Folder(lab), again=True, tick=tick)
+            made.close()
+        found = made.found
         typer.echo(f"{found.runs} runs and {found.packings} packings indexed")
         for problem in found.problems:
             say(f"Unreadable: {problem}", err=True)

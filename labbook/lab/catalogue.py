@@ -10,15 +10,17 @@ from pydantic import ValidationError
 from sqlalchemy import ColumnElement, Connection, Engine, Row, func, select
 from sqlalchemy.exc import DatabaseError
 
+from labbook.lab import server
 from labbook.lab.database import (
     DAMAGED,
     SCHEMA_VERSION,
     NoCatalogue,
     among,
     asking,
-    connect,
     empty,
     measurements,
+    on_server,
+    opened,
     packings,
     runs,
     schema_version,
@@ -112,9 +114,9 @@ class Listing:
         if self.outcome is not None:
             found.append(_ended(self.outcome))
         if self.text:
-            begins = runs.c.run_key.startswith(self.text, autoescape=True)
-            found.append(runs.c.label.contains(self.text, autoescape=True)
-                         | runs.c.study.contains(self.text, autoescape=True) | begins)  # fmt: skip
+            begins = runs.c.run_key.istartswith(self.text, autoescape=True)
+            found.append(runs.c.label.icontains(self.text, autoescape=True)
+                         | runs.c.study.icontains(self.text, autoescape=True) | begins)  # fmt: skip
         if self.keys is not None:
             found.append(runs.c.run_key.in_(self.keys))
         return found
@@ -134,15 +136,18 @@ class Catalogue:
         path, folder = self.lab.catalogue, self.lab.folder
         if folder.exists() and not folder.is_dir():
             raise LabError(f"{folder} is a file, and no lab folder; give another one with --lab")
-        if not path.exists():
+        there = path.exists() or server.address(self.lab) is not None
+        if not there:
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):
                 raise NoCatalogue(self.lab, "is missing")
             return empty()
-        engine = connect(path, read_only=True)
+        engine = opened(self.lab, read_only=True)
         try:
-            version = schema_version(engine) if path.is_file() else DAMAGED
+            version = schema_version(engine) if on_server(engine) or path.is_file() else DAMAGED
         except DatabaseError as error:
             raise unusable(self.lab, error) from error
+        if version is None and on_server(engine):
+            raise NoCatalogue(self.lab, "is missing")
         if version != SCHEMA_VERSION:
             old = "is of another version of labbook, or damaged"
             raise NoCatalogue(self.lab, "is damaged" if version == DAMAGED else old)
@@ -165,7 +170,7 @@ class Catalogue:
         outcome: only those that ended so, or those that are SUSPECT.
         """
         query = select(*(runs.c[name].label(name) for name in RUN_COLUMNS)).order_by(
-            runs.c.finished.desc(), runs.c.run_key
+            runs.c.finished.desc().nulls_last(), runs.c.run_key
         )
         if study is not None:
             query = query.where(runs.c.study == study)
@@ -179,7 +184,9 @@ class Catalogue:
         columns = (runs.c[name].label(name) for name in (*RUN_COLUMNS, "packing_key"))
         found = select(*columns).where(*wanted.conditions())
         column = runs.c[wanted.sort]
-        ordered = found.order_by(column.desc() if wanted.descending else column.asc(), runs.c.run_key)
+        ordered = found.order_by(
+            column.desc().nulls_last() if wanted.descending else column.asc().nulls_first(), runs.c.run_key
+        )
         with self._asking() as connection:
             total = connection.scalar(select(func.count()).select_from(runs).where(*wanted.conditions())) or 0
         limited = ordered.offset(wanted.offset)
@@ -210,7 +217,7 @@ class Catalogue:
 
     def matching(self, prefix: str) -> list[str]:
         """Run keys that begin with `prefix`, at most ten."""
-        query = select(runs.c.run_key).where(runs.c.run_key.startswith(prefix, autoescape=True)).limit(10)
+        query = select(runs.c.run_key).where(runs.c.run_key.istartswith(prefix, autoescape=True)).limit(10)
         with self._asking() as connection:
             return list(connection.scalars(query))
 
@@ -305,7 +312,7 @@ class Catalogue:
         query = (
             select(runs.c.run_key, runs.c.grains, runs.c.rate)
             .where(runs.c.backend == backend, runs.c.machine == machine, runs.c.device == device, runs.c.rate > 0)
-            .order_by(runs.c.finished.desc())
+            .order_by(runs.c.finished.desc().nulls_last())
             .limit(50)
         )
         with self._asking() as connection:

@@ -1,4 +1,5 @@
-"""The database of the index: its tables, and the SQLite file that several processes read and one at a time writes.
+"""The database of the index: its tables, which several processes read and one at a time writes. They are in an SQLite
+file of the lab, or on a server (`labbook.lab.server`).
 
 Tables are never migrated: another SCHEMA_VERSION means that the index is made again.
 """
@@ -12,6 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 from sqlalchemy import (
+    BigInteger,
     Boolean,
     Column,
     Connection,
@@ -29,52 +31,63 @@ from sqlalchemy import (
     event,
     text,
 )
-from sqlalchemy.dialects.sqlite import insert
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import DatabaseError
 from sqlalchemy.pool import QueuePool
 from sqlalchemy.schema import CreateTable
 
+from labbook.lab import server
 from labbook.lab.folder import DiskFull, Lab, LabError, file_system, is_network
+from labbook.lab.server import BUSY
 
 SCHEMA_VERSION = 5
 
 metadata = MetaData()
+
+_NAME = String().with_variant(String(collation="C"), "postgresql")
+"""Text that is sorted alike by all databases."""
+
+
+def _only(condition: str) -> dict[str, Any]:
+    """Keywords of an index that has only the rows which fulfil a condition."""
+    return {f"{dialect}_where": text(condition) for dialect in ("sqlite", "postgresql")}
+
 
 about = Table("about", metadata, Column("schema_version", Integer, primary_key=True))
 
 runs = Table(
     "runs",
     metadata,
-    Column("run_key", String, primary_key=True),
-    Column("study", String, nullable=False, default=""),
-    Column("label", String, nullable=False, default=""),
-    Column("seed", Integer),
-    Column("engine", String, key="backend"),
+    Column("run_key", _NAME, primary_key=True),
+    Column("study", _NAME, nullable=False, default=""),
+    Column("label", _NAME, nullable=False, default=""),
+    Column("seed", BigInteger),
+    Column("engine", _NAME, key="backend"),
     Column("cache_version", Integer),
-    Column("outcome", String, nullable=False),
+    Column("outcome", _NAME, nullable=False),
     Column("grains", Integer),
     Column("discharged", Float),
     Column("duration", Float),
     Column("wall_time", Float),
     Column("rate", Float),
-    Column("finished", String),
-    Column("device", String),
-    Column("machine", String),
-    Column("bytes", Integer),
-    Column("experiment_key", String),
-    Column("scene_key", String),
-    Column("packing_key", String),
-    Column("lineage_key", String),
+    Column("finished", _NAME),
+    Column("device", _NAME),
+    Column("machine", _NAME),
+    Column("bytes", BigInteger),
+    Column("experiment_key", _NAME),
+    Column("scene_key", _NAME),
+    Column("packing_key", _NAME),
+    Column("lineage_key", _NAME),
     Column("coverage", Text),
-    Column("stamp", Integer, nullable=False),
+    Column("stamp", BigInteger, nullable=False),
     Column("problem", Text),
     Column("suspect", Text, nullable=False, default=""),
     Index("runs_by_lineage", "lineage_key"),
     Index("runs_by_study", "study", "backend", "outcome", "finished"),
     Index("runs_by_finish", "finished"),
     Index("runs_by_packing", "packing_key"),
-    Index("runs_damaged", "run_key", sqlite_where=text("problem IS NOT NULL")),
-    Index("runs_suspect", "run_key", sqlite_where=text("suspect != ''")),
+    Index("runs_damaged", "run_key", **_only("problem IS NOT NULL")),
+    Index("runs_suspect", "run_key", **_only("suspect != ''")),
     sqlite_with_rowid=True,
 )
 """One row a run folder. `coverage`: that of `run.json`, as JSON; `stamp`: that of the folder
@@ -84,44 +97,42 @@ says why where a folder cannot be read; `suspect`: why the run is (`labbook.lab.
 packings = Table(
     "packings",
     metadata,
-    Column("packing_key", String, primary_key=True),
-    Column("closed_key", String),
-    Column("engine", String, key="backend"),
-    Column("seed", Integer),
+    Column("packing_key", _NAME, primary_key=True),
+    Column("closed_key", _NAME),
+    Column("engine", _NAME, key="backend"),
+    Column("seed", BigInteger),
     Column("grains", Integer),
     Column("duration", Float),
     Column("wall_time", Float),
     Column("rate", Float),
-    Column("machine", String),
-    Column("bytes", Integer),
-    Column("stamp", Integer, nullable=False),
+    Column("machine", _NAME),
+    Column("bytes", BigInteger),
+    Column("stamp", BigInteger, nullable=False),
     Column("problem", Text),
 )
 
 measurements = Table(
     "measurements",
     metadata,
-    Column("run_key", String, primary_key=True),
-    Column("quantity", String, primary_key=True),
+    Column("run_key", _NAME, primary_key=True),
+    Column("quantity", _NAME, primary_key=True),
     Column("version", Integer, primary_key=True),
     Column("window_start", Float, primary_key=True),
     Column("window_end", Float, primary_key=True),
     Column("window_timed", Boolean, primary_key=True),
-    Column("measure", String, nullable=False),
+    Column("measure", _NAME, nullable=False),
     Column("value", Float),
     Column("error", Float),
     Column("n_effective", Float),
-    Column("window", String, nullable=False),
-    Column("method", String, nullable=False),
-    Column("unit", String, nullable=False),
-    Column("note", String, nullable=False),
+    Column("window", _NAME, nullable=False),
+    Column("method", _NAME, nullable=False),
+    Column("unit", _NAME, nullable=False),
+    Column("note", _NAME, nullable=False),
 )
 """What was measured in a run, by version of the measure and by window (fractions of the initial mass
 discharged, or times). A measure that gives nothing, or that failed, leaves a row with its own name as quantity, no
 value, and a note."""
 
-BUSY = 30.0
-"""How long a transaction waits for another process's [s]."""
 _CHUNK = 500
 """Keys in one query, well below SQLite's limit on variables."""
 DAMAGED = -1
@@ -132,7 +143,20 @@ class NoCatalogue(LabError):
     """There is no catalogue, it is damaged, or of another version of labbook; the message says what to do."""
 
     def __init__(self, lab: Lab, what: str):
-        super().__init__(f"{lab.catalogue} {what}; make it again: labbook reindex --lab {lab.folder}")
+        place = server.address(lab)
+        where = f"the index at {place.shown}" if place else lab.catalogue
+        super().__init__(f"{where} {what}; make it again: labbook reindex --lab {lab.folder}")
+
+
+def opened(lab: Lab, *, read_only: bool) -> Engine:
+    """An SQLAlchemy engine for the index of a lab, wherever that is. Raises LabError."""
+    place = server.address(lab)
+    return server.engine(place) if place else connect(lab.catalogue, read_only=read_only)
+
+
+def on_server(engine: Engine) -> bool:
+    """Whether these tables are on a server, and not in a file."""
+    return engine.dialect.name == "postgresql"
 
 
 def connect(path: Path, *, read_only: bool) -> Engine:
@@ -176,7 +200,7 @@ def schema_version(engine: Engine) -> int | None:
         with engine.connect() as connection:
             return connection.scalar(text("SELECT schema_version FROM about"))
     except DatabaseError as error:
-        if "no such table" in str(error.orig):
+        if "no such table" in str(error.orig) or 'relation "about" does not exist' in str(error.orig):
             return None
         if damaged(error):
             return DAMAGED
@@ -184,7 +208,9 @@ def schema_version(engine: Engine) -> int | None:
 
 
 def whole(engine: Engine) -> bool:
-    """Whether every page of the index can be read."""
+    """Whether every page of the index can be read; a server sees to its own."""
+    if on_server(engine):
+        return True
     try:
         with engine.connect() as connection:
             return connection.scalar(text("PRAGMA quick_check(1)")) == "ok"
@@ -196,12 +222,17 @@ def whole(engine: Engine) -> bool:
 
 def damaged(error: DatabaseError) -> bool:
     """Whether an error tells of a damaged file, and not of one that is locked, full or out of reach."""
-    return not any(words in str(error.orig) for words in _OUT_OF_REACH)
+    return isinstance(error.orig, sqlite3.Error) and not any(words in str(error.orig) for words in _OUT_OF_REACH)
 
 
 def unusable(lab: Lab, error: DatabaseError) -> LabError:
     """What an error of the database of `lab` means to its user."""
     why, path = str(error.orig), lab.catalogue
+    if place := server.address(lab):
+        return LabError(
+            f"{place.shown}: {server.why(error)}; see to it that the server can be reached, or take the index home: "
+            f"labbook reindex --lab {lab.folder} --index file"
+        )
     if damaged(error):
         return NoCatalogue(lab, f"is damaged ({why})")
     if "full" in why:
@@ -223,11 +254,15 @@ def asking(engine: Engine, lab: Lab) -> Iterator[Connection]:
         raise unusable(lab, error) from error
 
 
+_ALONE = "SELECT pg_advisory_xact_lock(hashtext(current_setting('search_path')))"
+"""Begins a transaction that waits, on a server, until no other one writes to the same index."""
+
+
 @contextmanager
 def writing(engine: Engine, lab: Lab) -> Iterator[Connection]:
     """A transaction that is done as a whole or not at all. Raises LabError."""
     with asking(engine, lab) as connection:
-        connection.execute(text("BEGIN IMMEDIATE"))
+        connection.execute(text(_ALONE if on_server(engine) else "BEGIN IMMEDIATE"))
         yield connection
         connection.commit()
 
@@ -255,9 +290,11 @@ def among(connection: Connection, query: Select, column: Column, keys: Iterable[
 def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
     """Take rows of measurements of indexed runs into the index of a lab, which stays as it is if it cannot be written
     to: they are then worked out again from what is kept beside the runs. Raises LabError for a damaged one."""
-    if not rows or not os.access(lab.catalogue, os.W_OK) or not os.access(lab.folder, os.W_OK):
+    if not rows or not os.access(lab.folder, os.W_OK):
         return
-    engine = connect(lab.catalogue, read_only=False)
+    if not server.address(lab) and not os.access(lab.catalogue, os.W_OK):
+        return
+    engine = opened(lab, read_only=False)
     try:
         with writing(engine, lab) as connection:
             upsert(connection, measurements, rows)
@@ -269,7 +306,8 @@ def upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> 
     """Take rows into a table, in place of those with the same key."""
     if not rows:
         return
-    statement = insert(table)
+    dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
+    statement = dialect.insert(table)
     changed = {column.key: statement.excluded[column.key] for column in table.columns if not column.primary_key}
     connection.execute(
         statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed), rows

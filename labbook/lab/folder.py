@@ -14,6 +14,7 @@
 | lab/live/ID.json          | where a process that works on a study stands just now                    |
 | lab/live/ID.lock          | held by that process                                                     |
 | lab/catalogue.db          | an index of runs, packings and measured numbers, which can be made again |
+| lab/catalogue.url         | in place of it: where the index is, if that is on a server               |
 """
 
 import errno
@@ -178,12 +179,13 @@ class Lab:
         self.notes = self.folder / "notes"
         self.live = self.folder / "live"
         self.catalogue = self.folder / "catalogue.db"
+        self.server = self.folder / "catalogue.url"
 
     @property
     def exists(self) -> bool:
         """Whether the folder is a lab: whether any part of one is there that no other folder has. Folders called
         `studies` and `notes` are common."""
-        return any(path.exists() for path in (self.runs, self.packings, self.works, self.catalogue))
+        return any(path.exists() for path in (self.runs, self.packings, self.works, self.catalogue, self.server))
 
     def run(self, key: str) -> Path:
         """Folder of the finished run `key`."""

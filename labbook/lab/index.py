@@ -9,6 +9,7 @@ from typing import Any
 
 from sqlalchemy import Connection, delete, inspect, select, text
 from sqlalchemy.exc import DatabaseError
+from sqlalchemy.schema import CreateSchema
 
 from labbook.lab.database import (
     DAMAGED,
@@ -16,9 +17,10 @@ from labbook.lab.database import (
     about,
     among,
     asking,
-    connect,
     measurements,
     metadata,
+    on_server,
+    opened,
     packings,
     runs,
     schema_version,
@@ -89,11 +91,11 @@ class Index:
                     claim.release()
 
     def _open(self, again: bool) -> bool:
-        """Open the file, with empty tables if it is new, old or to be made `again`; False if it is damaged."""
+        """Open the tables, empty if they are new, old or to be made `again`; False if their file is damaged."""
+        self._engine = opened(self.lab, read_only=False)
         path = self.lab.catalogue
-        if path.exists() and not path.is_file():
+        if not on_server(self._engine) and path.exists() and not path.is_file():
             return False
-        self._engine = connect(path, read_only=False)
         try:
             version = schema_version(self._engine)
             if version == DAMAGED or (version is not None and not whole(self._engine)):
@@ -248,6 +250,8 @@ class Index:
     def _clear(self) -> None:
         """Forget everything."""
         with self._transaction() as connection:
+            if on_server(self._engine):
+                connection.execute(CreateSchema(connection.scalar(text("SHOW search_path")), if_not_exists=True))
             for name in inspect(connection).get_table_names():
                 connection.execute(text(f'DROP TABLE "{name}"'))
             metadata.create_all(connection)

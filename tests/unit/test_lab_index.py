@@ -11,7 +11,7 @@ from toy_lab import APP, carry_out, study, study_file, unsealed
 from typer.testing import CliRunner
 
 from labbook.lab import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
-from labbook.lab.database import SCHEMA_VERSION, connect, metadata, runs
+from labbook.lab.database import SCHEMA_VERSION, metadata, opened, runs
 from labbook.lab.index import Index
 from labbook.lab.merge import Merged, merge
 from labbook.measure import MEASURES
@@ -35,7 +35,7 @@ def lab(finished, tmp_path):
 
 
 def tables(lab) -> dict[str, list]:
-    with connect(lab / "catalogue.db", read_only=True).connect() as connection:
+    with opened(Lab(lab), read_only=True).connect() as connection:
         return {name: sorted(map(repr, connection.execute(metadata.tables[name].select()))) for name in EVERYTHING}
 
 
@@ -58,7 +58,7 @@ def test_made_again_it_is_the_same(lab):
 
 def test_one_of_another_version_is_made_again_by_whoever_writes(lab):
     before = tables(lab)
-    with connect(lab / "catalogue.db", read_only=False).connect() as connection:
+    with opened(Lab(lab), read_only=False).connect() as connection:
         connection.execute(text(f"UPDATE about SET schema_version = {SCHEMA_VERSION + 1}"))
         connection.execute(text("ALTER TABLE runs ADD COLUMN later TEXT"))
         connection.commit()
@@ -178,7 +178,7 @@ def test_an_unreadable_run_is_run_again(lab, tmp_path):
 
 def test_a_run_that_was_not_indexed_is_found(lab):
     key = sorted((lab / "runs").iterdir())[0].name
-    with connect(lab / "catalogue.db", read_only=False).connect() as connection:
+    with opened(Lab(lab), read_only=False).connect() as connection:
         connection.execute(runs.delete().where(runs.c.run_key == key))
         connection.commit()
     assert len(Catalogue(lab).runs()) == 3
@@ -263,7 +263,7 @@ def test_a_hundred_thousand_runs_are_listed(tmp_path):
         {**row, "run_key": f"{n:024x}", "lineage_key": f"{n:024x}", "seed": n, "finished": f"2026-{n:06d}"}
         for n in range(count)
     ]
-    with connect(tmp_path / "lab/catalogue.db", read_only=False).connect() as connection:
+    with opened(Lab(tmp_path / "lab"), read_only=False).connect() as connection:
         connection.execute(text("BEGIN"))
         connection.execute(runs.insert(), synthetic)
         connection.commit()

@@ -28,6 +28,8 @@ from labbook.study import Study, StudyError, load
 
 _KEPT = 64
 """Studies of which results are kept in memory."""
+_SERVER_AGE = 2.0
+"""How old may be what is shown of an index on a server, which does not tell when it changes [s]."""
 _SPARED = 20
 """Results of a lab that changes all the time are as old as that many times what it takes to find them: looking on then
 costs a running study at most 5 % of one core."""
@@ -144,7 +146,7 @@ class Shelf:
     @property
     def catalogue(self) -> Catalogue:
         """The index of the lab, opened again if its file was replaced. Raises LabError."""
-        identity = _identity(self.lab.catalogue)
+        identity = _identity(self.lab.server) or _identity(self.lab.catalogue)
         with self._opening:
             if self._opened is None or self._opened[0] != identity:
                 self._opened = identity, Catalogue(self.lab)
@@ -154,6 +156,8 @@ class Shelf:
     def state(self) -> Any:
         """Something that changes whenever the index does."""
         path = self.lab.catalogue
+        if self.lab.server.exists():
+            return time.monotonic() // _SERVER_AGE
         return tuple(_stamp(one) for one in (path, path.with_name(f"{path.name}-wal")))
 
     def listed(self) -> list[Listed]:
