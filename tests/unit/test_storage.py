@@ -81,8 +81,8 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_files(place, verb, monkeypat
 
 @pytest.mark.parametrize("verb", ["reindex", "run"])
 def test_no_room_for_the_index_is_one_line(place, verb, monkeypatch):
-    def small(path, *, read_only):
-        engine = connect(path, read_only=read_only)
+    def small(lab, *, read_only):
+        engine = connect(lab.catalogue, read_only=read_only)
         event.listen(engine, "connect", lambda connection, _: connection.execute("PRAGMA max_page_count=5"))
         return engine
 
@@ -90,7 +90,7 @@ def test_no_room_for_the_index_is_one_line(place, verb, monkeypatch):
     for suffix in ("-wal", "-shm"):
         (place / f"lab/catalogue.db{suffix}").unlink(missing_ok=True)
     with monkeypatch.context() as patched:
-        patched.setattr("labbook.lab.index.connect", small)
+        patched.setattr("labbook.lab.index.opened", small)
         assert "room" in one_line(labbook(*words(verb, place), "--lab", place / "lab", check=False))
     assert labbook("reindex", "--lab", place / "lab").output.startswith("2 runs and 2 packings indexed")
 
