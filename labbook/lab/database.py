@@ -154,7 +154,7 @@ def opened(lab: Lab, *, read_only: bool) -> Engine:
     return server.engine(place) if place else connect(lab.catalogue, read_only=read_only)
 
 
-def on_server(engine: Engine) -> bool:
+def on_server(engine: Engine | Connection) -> bool:
     """Whether these tables are on a server, and not in a file."""
     return engine.dialect.name == "postgresql"
 
@@ -306,7 +306,7 @@ def upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> 
     """Take rows into a table, in place of those with the same key."""
     if not rows:
         return
-    dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
+    dialect = postgresql if on_server(connection) else sqlite
     statement = dialect.insert(table)
     changed = {column.key: statement.excluded[column.key] for column in table.columns if not column.primary_key}
     connection.execute(

@@ -93,7 +93,7 @@ def move_to(lab: Lab, url: str) -> str | None:
     except ArgumentError as problem:
         raise LabError(f"--index {url}: {problem}; give postgresql://HOST/DATABASE, or file") from problem
     make_folder(lab.folder)
-    before, fresh = _read(lab.server), lab.server.with_name(f"{lab.server.name}.{os.getpid()}")
+    before, fresh = _left(lab), lab.server.with_name(f"{lab.server.name}.{os.getpid()}")
     try:
         fresh.write_text(json.dumps({"url": url, "name": secrets.token_hex(4)}) + "\n", encoding="utf-8")
         place = _read(fresh)
@@ -114,9 +114,17 @@ def move_to(lab: Lab, url: str) -> str | None:
 def move_home(lab: Lab) -> str | None:
     """Keep the index of a lab in a file of the lab again. What is left behind on a server that cannot be reached, or
     None."""
-    place = address(lab)
+    place = _left(lab)
     remove(lab.server)
     return _dropped(place) if place else None
+
+
+def _left(lab: Lab) -> Address | None:
+    """Where the index of a lab was; None also where its file does not say so: choosing a place anew is the remedy."""
+    try:
+        return _read(lab.server)
+    except LabError:
+        return None
 
 
 def _dropped(place: Address) -> str | None:

@@ -142,6 +142,8 @@ def test_a_file_that_says_nothing_of_use_is_named_with_what_to_do(tmp_path, told
     (tmp_path / "catalogue.url").write_text(told)
     with pytest.raises(LabError, match=r"catalogue.url does not say where the index is .*--index postgresql"):
         server.address(Lab(tmp_path))
+    assert labbook("reindex", "--lab", tmp_path, "--index", "file").output.startswith("0 runs and 0 packings")
+    assert server.address(Lab(tmp_path)) is None
 
 
 @pytest.mark.parametrize("wrong", ["sqlite:///here.db", "mysql://host/silos", "a server", ""])
