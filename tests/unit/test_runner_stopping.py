@@ -8,6 +8,7 @@ import subprocess
 import threading
 import time
 
+import labbook_toy
 import pytest
 from toy_lab import carry_out, labbook, start, study, study_file
 from toy_records import records
@@ -88,7 +89,7 @@ def test_asked_again_within_a_long_beat_it_leaves_at_once_and_keeps_the_last_sav
     lab, path = tmp_path / "lab", study_file(tmp_path, orifices="[24]", replicates=1)
     carry_out(study(tmp_path, "stop: {max_time: 4 ms}", orifices="[24]", replicates=1), lab)
     going = Going(study_file(tmp_path, orifices="[24]", replicates=1), "--lab", lab, LABBOOK_TOY_PAUSE=LONG)
-    going.heard("discharged")
+    going.heard(labbook_toy.PAUSING)  # asked between two beats it would end after the first request
     first = going.ask(signal.SIGINT)
     assert going.heard(SAVING, 10) - first < SOON
     time.sleep(0.5)

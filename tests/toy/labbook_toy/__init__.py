@@ -7,7 +7,7 @@ drawn from a counter-based generator, seeded by the bits of the start; the mean 
 law. An outlet narrower than 3 d clogs after a third of the grains.
 
 What tests need to arrange comes from the environment, so that it reaches subprocesses: LABBOOK_TOY_DELAY [s]
-per beat; LABBOOK_TOY_PAUSE [s] within every ensemble's second beat;
+per beat; LABBOOK_TOY_PAUSE [s] within every ensemble's second beat, told on standard error;
 LABBOOK_TOY_COMPILES [s] that opening an ensemble takes; LABBOOK_TOY_VERSION, the cache version;
 LABBOOK_TOY_DEVICES, devices beside or instead of cpu, and
 LABBOOK_TOY_BREAKS, one that ends its process when an ensemble is opened there;
@@ -20,6 +20,7 @@ part LABBOOK_TOY_BIAS, and LABBOOK_TWIN_VERSION its cache version.
 import hashlib
 import math
 import os
+import sys
 import time
 from collections import defaultdict
 
@@ -30,6 +31,8 @@ from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab, Zon
 from labbook.scene.packing import Packing
 
 DECAY = 0.9
+
+PAUSING = "in the middle of a long beat"
 
 
 class Backend:
@@ -128,7 +131,8 @@ class Ensemble:
     def advance(self, beats=1):
         events = []
         self._advanced += 1
-        if self._advanced == 2:
+        if self._advanced == 2 and self._backend.pause:
+            print(PAUSING, file=sys.stderr, flush=True)
             time.sleep(self._backend.pause)
         for member, glass in self._glasses.items():
             for _ in range(beats):
