@@ -177,15 +177,16 @@ class Lab:
             warnings.warn(f"left out: {problem}", LabWarning, stacklevel=2)
         return Results(**{one.name: getattr(found, one.name) for one in fields(found)}, lab=self)
 
-    def frame(self, study: str | None = None, outcome: str | None = None, limit: int | None = None) -> "pd.DataFrame":
+    def frame(
+        self, study: Study | str | None = None, outcome: str | None = None, limit: int | None = None
+    ) -> "pd.DataFrame":
         """All runs of the lab, the latest first: a row a run, with units in `attrs`.
 
-        study: only runs first made for the study of this name; outcome: only those that ended so, or `unreadable`, or
-        `suspect`;
-        limit: how many. Raises LabError.
+        study: only runs first made for this study, or the one of this name; outcome: only those that ended so, or
+        `unreadable`, or `suspect`; limit: how many. Raises LabError.
         """
         with self._catalogue() as catalogue:
-            made = catalogue.runs(study, outcome, limit)
+            made = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
         made.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
         return made
 

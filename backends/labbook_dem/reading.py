@@ -1,7 +1,7 @@
 """Rows of the probes, from what a backend reads of a member between two beats."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,10 @@ CROSSING_COLUMNS = ("id", "step", "time", "x", "y", "z", "vx", "vy", "vz", "wx",
 OF_RODS = ("qw", "qx", "qy", "qz")
 """Further columns of crossings."""
 CONTACT_COLUMNS = ("i", "j", "wall", "fx", "fy", "fz", "bx", "by", "bz")
+
+
+Inside = Callable[[np.ndarray], np.ndarray]
+"""Which of centres x [m], shape [n, 3], lie within a part of the bed: shape [n]."""
 
 
 def crossing_columns(rods: bool) -> tuple[str, ...]:
@@ -39,6 +43,14 @@ class Grains(NamedTuple):
     m_half: np.ndarray
     q: np.ndarray | None = None
     bodies: Bodies | None = None
+
+    def within(self, inside: Inside | None) -> "Grains":
+        """Those that are `inside`; all of them for None."""
+        if inside is None:
+            return self
+        mine = inside(self.x)
+        bodies = self.bodies and Bodies(*(array[mine] for array in vars(self.bodies).values()))
+        return Grains(*(None if array is None else array[mine] for array in self[:-1]), bodies=bodies)
 
 
 class Readable(ABC):
@@ -66,8 +78,9 @@ class Readable(ABC):
         """First passages of the last beat, in `crossing_columns`."""
 
     @abstractmethod
-    def look(self, moving: bool = True) -> Grains:
-        """Its grains; v, w and m may be those of half a step before unless `moving`."""
+    def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
+        """Its grains, or those of them that are `inside`; v, w and m may be those of half a step before unless
+        `moving`."""
 
     @abstractmethod
     def contacts(self) -> np.ndarray:
@@ -91,6 +104,12 @@ def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
     return {probe: _rows(member, probe) for probe in member.probes if due(probe, beat)}
 
 
+def looking(members: Iterable[Readable], beat: Callable[[Readable], int]) -> int:
+    """How many of these members will be looked at grain by grain when they are `read` at their `beat`."""
+    frames = (Sample, Slab, Zone, Ledger)
+    return sum(any(isinstance(p, frames) and due(p, beat(one)) for p in one.probes) for one in members)
+
+
 def _rows(member: Readable, probe: Probe) -> Table:
     match probe:
         case Crossing():
@@ -99,12 +118,10 @@ def _rows(member: Readable, probe: Probe) -> Table:
         case Sample():
             return _stamped(member, _sampled(member.look(bool({"v", "omega"} & set(probe.fields))), probe.fields))
         case Slab():
-            grains = member.look()
-            return _stamped(member, _sampled(grains, ("x", "v"), probe.holds(grains.x[:, 2])))
+            return _stamped(member, _sampled(member.look(inside=lambda x: probe.holds(x[:, 2])), ("x", "v")))
         case Zone():
-            grains = member.look()
-            fields = ("x", "v") if grains.q is None else ("x", "v", "q")
-            return _stamped(member, _sampled(grains, fields, probe.holds(grains.x)))
+            grains = member.look(inside=probe.holds)
+            return _stamped(member, _sampled(grains, ("x", "v") if grains.q is None else ("x", "v", "q")))
         case Contacts():
             return _stamped(member, _columns(CONTACT_COLUMNS, member.contacts(), ("i", "j", "wall")))
         case Ledger():
@@ -116,14 +133,14 @@ def _columns(names: Sequence[str], rows: np.ndarray, whole: Sequence[str]) -> Ta
     return {**table, **{name: table[name].astype(np.int64) for name in whole}}
 
 
-def _sampled(grains: Grains, fields: Sequence[str], inside: np.ndarray | slice = slice(None)) -> Table:
+def _sampled(grains: Grains, fields: Sequence[str]) -> Table:
     parts = {"x": ("", grains.x), "v": ("v", grains.v), "omega": ("w", grains.w), "q": ("q", grains.q)}
-    table = {"id": grains.ids[inside].copy()}
+    table = {"id": grains.ids.copy()}
     for name in fields:
         prefix, array = parts[name]
         assert array is not None  # `features.check` has seen to it
         axes = "wxyz" if name == "q" else "xyz"
-        table |= {prefix + axis: array[inside, c].copy() for c, axis in enumerate(axes)}
+        table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate(axes)}
     return table
 
 

@@ -6,7 +6,7 @@ from types import ModuleType
 import numpy as np
 from labbook_dem.ensemble import UNKNOWN, Failure, Standing, check_checkpoint, explain, places
 from labbook_dem.features import is_oriented, rolling_springs
-from labbook_dem.reading import Grains
+from labbook_dem.reading import Grains, Inside
 from labbook_dem.rotation import axes, momenta
 
 from labbook.backend import Capabilities, Checkpoint
@@ -164,12 +164,13 @@ class Run(Standing):
 
     # how it is read
 
-    def look(self, moving: bool = True) -> Grains:
+    def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
         """Its grains, always at the whole step; views, but for v, w and m."""
         v, w = self.whole_step()
         st, n, m = self.state, len(v), momenta(self.scene.grains, w, self.q)
         half = st.m if self.rods else st.w
-        return Grains(st.ids[:n], st.x[:n], v, w, m, st.v[:n], half[:n], self.q, self.bodies())
+        grains = Grains(st.ids[:n], st.x[:n], v, w, m, st.v[:n], half[:n], self.q, self.bodies())
+        return grains.within(inside)
 
     def counted(self) -> Mapping[str, float]:
         """See `labbook_dem.reading.Readable`."""

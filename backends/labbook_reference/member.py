@@ -12,7 +12,7 @@ from labbook_dem.dispatch import PlainWall
 from labbook_dem.ensemble import LONGEST, UNKNOWN, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
 from labbook_dem.features import features, finest, is_oriented, outlet, planes, rolling_springs
-from labbook_dem.reading import CONTACT_COLUMNS, Grains, crossing_columns
+from labbook_dem.reading import CONTACT_COLUMNS, Grains, Inside, crossing_columns
 from labbook_dem.words import coefs, dot, vec3
 from scipy.spatial import KDTree
 
@@ -461,11 +461,11 @@ class Run(Standing):
         v = kick(self.v, forces.f / self.bodies.mass[:, None], self.since_half)
         return v, self._spins(kick(self.m, forces.t / self.bodies.inertia[:, None], self.since_half))
 
-    def look(self, moving: bool = True) -> Grains:
+    def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
         """Its grains, always at the whole step."""
         v, w = self.whole_step()
         m, bodies = rotation.momenta(self.scene.grains, w, self.q), self.bodies if self.scene.grains.varied else None
-        return Grains(self.ids, self.x, v, w, m, self.v, self.m, self.q, bodies)
+        return Grains(self.ids, self.x, v, w, m, self.v, self.m, self.q, bodies).within(inside)
 
     def counted(self) -> Mapping[str, float]:
         """See `labbook_dem.reading.Readable`; there are no lists to rebuild."""

@@ -1,6 +1,7 @@
 """The arrays of an ensemble on a device: copied in and out slot by slot, and backed up."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
@@ -40,6 +41,7 @@ class Arrays:
         missing = set(SOMETIMES) - set(self.state)
         copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
         self._saved = [(array, wp.clone(array)) for array in copied]
+        self._whole: dict[int, np.ndarray] | None = None
 
     def back_up(self) -> None:
         """Copy the state of all slots aside; may be captured."""
@@ -61,14 +63,33 @@ class Arrays:
 
     # one slot, to and from the host
 
+    @contextmanager
+    def read_together(self) -> Iterator[None]:
+        """So long as this lasts, whatever is read of one slot is copied of all slots, once. Nothing may change
+        meanwhile."""
+        self._whole = {}
+        try:
+            yield
+        finally:
+            self._whole = None
+
+    def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
+        """The first `count` entries of a slot in an array that has `size` of each slot. Not to be written to."""
+        first = slot * size
+        if self._whole is None:
+            return fetch(array[first : first + count])
+        if array.ptr not in self._whole:
+            self._whole[array.ptr] = fetch(array)
+        return self._whole[array.ptr][first : first + count]
+
     def read(self, name: str, slot: int, rows: int) -> np.ndarray:
         """State array `name` of the first `rows` rows of a slot: [rows, ...], or [entries, rows, ...]."""
         if name == "p":
-            per, array = self.sizes.cap * self.codec.words, self.p
-            return fetch(array[slot * per : slot * per + rows * self.codec.words]).reshape(rows, -1)
+            words = self.codec.words
+            return self.part(self.p, slot, self.sizes.cap * words, rows * words).reshape(rows, -1)
         entries = self.sizes.entries[self.state[name]]
-        per, array = self.sizes.cap * entries, getattr(self.system, name)
-        block = fetch(array[slot * per : (slot + 1) * per])
+        per = self.sizes.cap * entries
+        block = self.part(getattr(self.system, name), slot, per, per)
         block = block.reshape(entries, self.sizes.cap, *block.shape[1:])[:, :rows]
         return block[0] if self.state[name] == "one" else block
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from labbook_dem.ensemble import Standing
-from labbook_dem.reading import Grains
+from labbook_dem.reading import Grains, Inside
 from labbook_dem.rotation import spins
 
 from labbook.backend import Checkpoint
@@ -51,13 +51,13 @@ class Seen(Run, Standing):
         """First passages of the last beat."""
         return self.crossed
 
-    def look(self, moving: bool = True) -> Grains:
+    def look(self, moving: bool = True, inside: Inside | None = None) -> Grains:
         """Its grains; v, w and m are half a step old unless `moving`."""
         arrays, slot, n = self.view.stage.arrays, self.slot, self.rows
         x, v_half, m_half, q = arrays.states(slot, n)
         v, m = self.view.whole_step(self) if moving else (v_half, m_half)
         ids = arrays.read("ids", slot, n).astype(np.int64)
-        order = transfer.here(x, ids)
+        order = transfer.here(x, ids, inside)
         m, now = m[order], None if q is None else q[order]
         bodies = transfer.bodies(arrays, slot, n, self.scene, order)
         w = spins(self.scene.grains, m, now)

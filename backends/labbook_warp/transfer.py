@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from labbook_dem.ensemble import places
 from labbook_dem.features import is_oriented
+from labbook_dem.reading import Inside
 from labbook_dem.rotation import momenta, spins
 
 from labbook.backend import Checkpoint
@@ -180,10 +181,11 @@ def bodies(arrays: Arrays, slot: int, rows: int, scene: Scene, order: np.ndarray
     return Bodies(radius, mass, inertia, kind.astype(np.int64))
 
 
-def here(x: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Rows of the grains that have not left, in the order of their ids."""
-    left = np.flatnonzero(x[:, 2] > 0.5 * PARKED)
-    return left[np.argsort(ids[left])]
+def here(x: np.ndarray, ids: np.ndarray, inside: Inside | None = None) -> np.ndarray:
+    """Rows of the grains that have not left, and are `inside`, in the order of their ids."""
+    left = x[:, 2] > 0.5 * PARKED
+    rows = np.flatnonzero(left if inside is None else left & inside(x))
+    return rows[np.argsort(ids[rows])]
 
 
 def checkpoint(

@@ -8,7 +8,6 @@ import numpy as np
 from labbook.backend import Checkpoint
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
-from labbook_warp.arrays import fetch
 from labbook_warp.run import Run
 from labbook_warp.stage import Stage
 
@@ -42,9 +41,8 @@ class View:
 
     def whole_step(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
         """Velocities [m/s] and reduced angular momenta [rad/s] of a member at the whole step, by row."""
-        velocities = self._look(run)
-        first = run.slot * self.stage.arrays.sizes.cap
-        v, m = (fetch(array[first : first + run.rows]) for array in velocities)
+        velocities, arrays = self._look(run), self.stage.arrays
+        v, m = (arrays.part(array, run.slot, arrays.sizes.cap, run.rows) for array in velocities)
         return v, m
 
     def deepest(self, run: Run) -> float:

@@ -118,7 +118,7 @@ def _show_skips(result) -> None:
     console = Console()
     console.print(
         f"backend {result.backend}, {result.precision}, {result.device} on {result.hardware['processor']}; "
-        f"{result.grains} grains of Fan's hopper"
+        f"{'' if result.scenes == 1 else f'{result.scenes} times '}{result.grains} grains of Fan's hopper"
     )
     console.print(table)
 

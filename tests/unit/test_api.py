@@ -297,6 +297,8 @@ def test_the_runs_of_a_lab_are_a_frame(found):
     assert len(frame) == 12
     assert set(frame["outcome"]) == {"finished"}
     assert len(found.lab.frame(limit=5)) == 5
+    assert len(found.lab.frame(found.study)) == len(found.lab.frame(found.study.name)) == 12
+    assert found.lab.frame("another").empty
 
 
 def failing(runner: Runner) -> labbook.Summary:

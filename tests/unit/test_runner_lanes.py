@@ -15,7 +15,7 @@ from labbook.lab.records import Observe
 from labbook.run import runner
 from labbook.run.board import Board
 from labbook.run.fill import FillJob
-from labbook.run.job import Bench
+from labbook.run.job import Bench, Job
 from labbook.run.plan import Planner
 from labbook.run.progress import counts
 from labbook.run.watch import Unwatched, View
@@ -31,6 +31,19 @@ def test_lanes_do_not_change_a_bit(tmp_path):
         assert keys == sorted(path.name for path in (tmp_path / "3" / folder).iterdir())
         for key in keys:
             assert arrays(tmp_path / "1" / folder / key) == arrays(tmp_path / "3" / folder / key)
+
+
+def test_saving_that_takes_long_is_done_seldom(tmp_path, monkeypatch):
+    save, saved = Job.save, []
+    monkeypatch.setattr(Job, "save", lambda job, *member: saved.append(job) or save(job, *member))
+    asked = study(tmp_path, orifices="[24]", replicates=2)
+    carry_out(asked, tmp_path / "short", lanes=1, checkpoint_every=0)
+    often = len(saved)
+    saved.clear()
+    monkeypatch.setattr(runner, "_LONG", 0.0)
+    monkeypatch.setattr(runner, "_SAVING", 1e-6)  # so that the next save is hours away
+    carry_out(asked, tmp_path / "long", lanes=1, checkpoint_every=0)
+    assert len(saved) == 1 < often
 
 
 def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, monkeypatch):

@@ -6,21 +6,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from stands import identical
 
 pytest.importorskip("warp")
 sys.path.insert(0, str(Path(__file__).parent))
 
+import labbook_warp.ensemble
 import warp as wp
 from labbook_warp import Backend, stage
+from labbook_warp.arrays import Arrays
 from labbook_warp.beat import Beat
 from rods_in_silo import DENSITY, PRECISIONS, D, numerics, silo
 from rods_on_warp import run
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Crossing
+from labbook.backend.probes import Crossing, Ledger, Sample, Slab, Zone
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres
@@ -65,6 +68,35 @@ def together(members: Sequence[tuple[Scene, Packing]], how: Numerics, lanes: int
     end = End([ensemble.packing(member) for member in admitted], dict(ensemble.drain()[Crossing()]), failures)
     ensemble.close()
     return end
+
+
+def test_members_that_are_read_together_give_the_rows_that_each_gives_alone(monkeypatch):
+    scene, how = of_spheres(60), numerics("mixed")
+    starts = [falling(scene, how, "cpu"), falling(scene, how.model_copy(update={"skin": 0.2}), "cpu")]
+    inside = (Slab(low=-0.02, high=0.03), Zone(0.02, -0.02, 0.02, 0.01, 0.05))
+    probes = (Sample(fields=("x", "v", "omega")), *inside, Ledger(every=2))
+
+    def rows() -> dict:
+        backend = Backend()
+        ensemble = backend.open(backend.specialise(scene, how, probes), 3, "cpu")
+        for start in starts:
+            ensemble.admit(scene, how, start)
+        ensemble.advance(3)
+        found = ensemble.drain()
+        ensemble.close()
+        return dict(found)
+
+    read_together, often = Arrays.read_together, []
+    monkeypatch.setattr(Arrays, "read_together", lambda arrays: often.append(1) or read_together(arrays))
+    together = rows()
+    assert len(often) == 3
+    monkeypatch.setattr(labbook_warp.ensemble, "A_READ", -1e9)
+    alone = rows()
+    assert len(often) == 3
+    for probe in probes:
+        assert len(together[probe]["step"])
+        assert together[probe].keys() == alone[probe].keys()
+        assert all(np.array_equal(together[probe][name], alone[probe][name]) for name in alone[probe])
 
 
 @pytest.fixture
