@@ -93,6 +93,12 @@ class Arrays:
         block = block.reshape(entries, self.sizes.cap, *block.shape[1:])[:, :rows]
         return block[0] if self.state[name] == "one" else block
 
+    def clear(self, slot: int) -> None:
+        """Zeros for the whole state of a slot but what grains show (`p`), without a copy from the host."""
+        for name, kind in self.state.items():
+            per, array = self.sizes.cap * self.sizes.entries[kind], getattr(self.system, name)
+            array[slot * per : (slot + 1) * per].zero_()
+
     def write(self, name: str, slot: int, values: np.ndarray) -> None:
         """Put what `read` gave, of any number of rows and entries that fit, into a slot; the rest becomes zero."""
         if name == "p":

@@ -19,9 +19,7 @@ from labbook_warp.kernels.words import PARKED
 def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: float, cell: float) -> None:
     """Put a packing's grains into a slot, in the order of cells, so that neighbours lie near each other in memory."""
     order = _along(packing.x, cell)
-    empty = {name: arrays.read(name, slot, 0) for name in arrays.state}
-    for name, nothing in empty.items():
-        arrays.write(name, slot, nothing)
+    arrays.clear(slot)
     for name, values in _entering(arrays, scene, packing, packing.v, plane).items():
         arrays.write(name, slot, values[order])
 
@@ -71,6 +69,8 @@ def _along(x: np.ndarray, cell: float) -> np.ndarray:
 def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str], cell: float) -> None:
     """Put a packing's springs into the lists of a slot, built since: of each pair both sides."""
     n = len(packing)
+    if not len(packing.pairs) and not len(packing.wall_grain):
+        return
     order = _along(packing.x, cell)
     rows = np.empty(n, np.int64)
     rows[order] = np.arange(n)
