@@ -50,7 +50,8 @@ class Grains(NamedTuple):
             return self
         mine = inside(self.x)
         bodies = self.bodies and Bodies(*(array[mine] for array in vars(self.bodies).values()))
-        return Grains(*(None if array is None else array[mine] for array in self[:-1]), bodies=bodies)
+        q = None if self.q is None else self.q[mine]
+        return Grains(*(array[mine] for array in self[:7]), q=q, bodies=bodies)
 
 
 class Readable(ABC):
