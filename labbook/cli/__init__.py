@@ -25,6 +25,7 @@ VERBS = (
     "fit",
     "report",
     "export",
+    "cite",
     "compare",
     "view",
     "doctor",
