@@ -14,9 +14,9 @@ from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.scene.contact import CONTACT_LAWS, ContactLaw
-from labbook.sources import METHODS, PAPER_FITS, ROLLING_MODELS, SOURCES, Source, latex, named_in
 from labbook.sources import CONTACT_LAWS as SOURCES_OF_LAWS
 from labbook.sources import MEASURES as SOURCES_OF_MEASURES
+from labbook.sources import METHODS, PAPER_FITS, ROLLING_MODELS, SOURCES, Source, latex, named_in
 from labbook.sources import STARTS as SOURCES_OF_STARTS
 from labbook.study import define, load
 from labbook.study.citing import bibliography
@@ -235,15 +235,3 @@ def test_citation_cff_says_what_the_project_says():
     stated = [one["name"] for one in project.get("authors", [])] or ["The labbook authors"]
     assert [one["name"] for one in cff["authors"]] == stated
     assert cff["message"]
-
-
-def test_the_page_shows_what_is_printed():
-    page = (ROOT / "docs/cite.md").read_text(encoding="utf-8")
-    for study, *more in re.findall(r"^labbook cite (\S+)(?: (--bibtex))?", page, re.MULTILINE):
-        printed = cite(ROOT / study, *filter(None, more)).stdout
-        blocks = [block for block in re.findall(r"^```(?:text|bibtex)\n(.*?)^```", page, re.DOTALL | re.MULTILINE)]
-        parts = [part.strip() for block in blocks for part in block.split("...\n")]
-        assert any(part in printed for part in parts), study
-    shown = [part.strip() for block in blocks for part in block.split("...\n") if part.strip()]
-    everything = "\n".join(cite(ROOT / "studies/quickstart.yaml", *more).stdout for more in ([], ["--bibtex"]))
-    assert all(part in everything for part in shown)
