@@ -1,4 +1,4 @@
-"""The rotating bottom of Pongo et al., New Journal of Physics 24 (2022) 103036: flow and fields against frequency."""
+"""The rotating bottom of Pongo et al., Phys. Rev. E 106 (2022) 034904: flow and fields against frequency."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
