@@ -37,7 +37,7 @@ def literals(source: str) -> list[str]:
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             found.append(node.value)
         elif isinstance(node, ast.JoinedStr):
-            found.append("".join(one.value if isinstance(one, ast.Constant) else GAP for one in node.values))
+            found.append("".join(str(one.value) if isinstance(one, ast.Constant) else GAP for one in node.values))
     return [plain(text) for text in found]
 
 
