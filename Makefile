@@ -64,7 +64,7 @@ test-all: $(VENV)/installed-dev
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m labbook.cli.reference docs/commands.md
 	$(BIN)/python -m labbook.study.page docs/studies.md
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "The documentation is in site/index.html"
 
 clean:

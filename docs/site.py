@@ -54,7 +54,7 @@ def on_page_markdown(markdown: str, page, config, files: Files) -> str:
 
 
 def _source(uri: str) -> str:
-    """The file of the repository that a page is made of, or seems to be."""
+    """The path in the repository from which relative links of a page start."""
     return next((source for source, page in PAGES.items() if page == uri), f"docs/{uri}")
 
 

@@ -30,7 +30,7 @@ from labbook.lab.runs import picture
 from labbook.measure.trajectories import Trajectories
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
-from labbook.results.calibrating import Calibrated, PilotStopped, calibrate
+from labbook.results.calibrating import Calibrated, PilotStopped, calibrate, flow_and_filling
 from labbook.results.find import find
 from labbook.results.frames import frames
 from labbook.results.paper import analyses
@@ -161,6 +161,8 @@ class Lab:
         return load(study.path) if study.source else study.change({"accuracy.calibration": str(file.resolve())})
 
     def _calibrated(self, pilot: Study, progress: bool | Watcher) -> tuple[Calibrated, ...]:
+        for point in pilot.points:
+            flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups
         if self.run(pilot, progress).stopped:
             raise PilotStopped
         return calibrate(pilot.name, self.results(pilot, False).points)

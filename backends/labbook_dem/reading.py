@@ -105,10 +105,13 @@ def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
     return {probe: _rows(member, probe) for probe in member.probes if due(probe, beat)}
 
 
-def looking(members: Iterable[Readable], beat: Callable[[Readable], int]) -> int:
-    """How many of these members will be looked at grain by grain when they are `read` at their `beat`."""
+def looking(members: Iterable[Readable], steps_per_beat: int) -> int:
+    """How many of these members have a probe due that reads every grain."""
     frames = (Sample, Slab, Zone, Ledger)
-    return sum(any(isinstance(p, frames) and due(p, beat(one)) for p in one.probes) for one in members)
+    return sum(
+        any(isinstance(probe, frames) and due(probe, one.step // steps_per_beat) for probe in one.probes)
+        for one in members
+    )
 
 
 def _rows(member: Readable, probe: Probe) -> Table:

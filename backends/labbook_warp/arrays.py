@@ -65,8 +65,8 @@ class Arrays:
 
     @contextmanager
     def read_together(self) -> Iterator[None]:
-        """So long as this lasts, whatever is read of one slot is copied of all slots, once. Nothing may change
-        meanwhile."""
+        """Within this context, an array is copied to the host once, for all slots, when one slot of it is first read.
+        The state must not change meanwhile."""
         self._whole = {}
         try:
             yield
@@ -74,7 +74,7 @@ class Arrays:
             self._whole = None
 
     def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
-        """The first `count` entries of a slot in an array that has `size` of each slot. Not to be written to."""
+        """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
         first = slot * size
         if self._whole is None:
             return fetch(array[first : first + count])
@@ -94,7 +94,7 @@ class Arrays:
         return block[0] if self.state[name] == "one" else block
 
     def clear(self, slot: int) -> None:
-        """Zeros for the whole state of a slot but what grains show (`p`), without a copy from the host."""
+        """Set the state of a slot to zero on the device, except `p`."""
         for name, kind in self.state.items():
             per, array = self.sizes.cap * self.sizes.entries[kind], getattr(self.system, name)
             array[slot * per : (slot + 1) * per].zero_()

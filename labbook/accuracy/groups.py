@@ -33,6 +33,11 @@ class Groups:
     rotation: float = 0.0
 
 
+def has_groups(scene: Scene) -> bool:
+    """Whether a scene can be calibrated."""
+    return groups(scene, 1.0, 1.0) is not None
+
+
 def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
     """The groups of a scene with its stiffness times `stiffness_scale`, stepped by dt [s]; None of one without an
     outlet or gravity, with grains or walls of several materials, or whose bed or law does not tell its pressure or

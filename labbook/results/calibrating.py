@@ -12,6 +12,7 @@ from labbook.accuracy.calibration import Effects
 from labbook.accuracy.groups import Groups, groups
 from labbook.accuracy.regression import Observed, Slopes, regress
 from labbook.results.points import FLOW_RATE, PointResult, by_seed
+from labbook.study import Point
 
 
 class NotCalibrated(ValueError):
@@ -98,7 +99,7 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
 
 def _scene(points: Sequence[PointResult], source: str) -> Calibrated:
     """Of one scene with several numerics. Raises ValueError for too few runs."""
-    numerics = {one.point.index: _groups(one) for one in points}
+    numerics = {one.point.index: flow_and_filling(one.point) for one in points}
     slopes = regress([run for one in points for run in _observed(one, *numerics[one.point.index])])
     known = [group for pair in numerics.values() for group in pair]
     overlap, step = max(group.overlap for group in known), max(flow.step for flow, _ in numerics.values())
@@ -113,10 +114,10 @@ def _scene(points: Sequence[PointResult], source: str) -> Calibrated:
     return Calibrated(slopes, tuple(_changes(points, numerics, slopes)), effects)
 
 
-def _groups(point: PointResult) -> tuple[Groups, Groups]:
-    """Of its flow and of its filling."""
-    scene, numerics = point.point.scene, point.point.numerics
-    own = point.point.fill.numerics or numerics
+def flow_and_filling(point: Point) -> tuple[Groups, Groups]:
+    """The dimensionless groups of a point's flow and of its filling. Raises NotCalibrated."""
+    scene, numerics = point.scene, point.numerics
+    own = point.fill.numerics or numerics
     flow, filled = (groups(scene, one.dt, one.stiffness_scale) for one in (numerics, own))
     if flow is None or filled is None:
         raise NotCalibrated("scenes of its outlet, bed or materials cannot be calibrated")

@@ -7,6 +7,7 @@ from functools import lru_cache
 from html import escape
 from typing import TYPE_CHECKING, Literal
 
+from labbook.accuracy.groups import has_groups
 from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import stamp
@@ -193,7 +194,10 @@ class Plan:
                 verb = f"labbook calibrate {self.study.path} measures it"
                 if point.wants_pilot:
                     verb = "labbook run measures it first, by a pilot, and chooses again"
-                why = f"Not calibrated: {point.unchosen}; {step} ({verb})"
+                if has_groups(point.scene):
+                    why = f"Not calibrated: {point.unchosen}; {step} ({verb})"
+                else:
+                    why = f"Cannot be calibrated: {point.unchosen}; {step}"
                 groups.setdefault(why, []).append(point.label)
         if len(groups) == 1:
             return list(groups)

@@ -31,11 +31,11 @@ from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
 from labbook.study import Study
 
 CHECKPOINT_EVERY = 20.0
-"""Wall time between two saves of a job [s]: what a kill loses at most, but where saving takes long."""
+"""Wall time between two saves of a job [s]: what a kill loses at most. It grows where saving takes seconds."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
-_SAVING = 0.05  # of the time may go into saving, where many members are saved one after another
-_LONG = 1.0  # s: saving that takes less than this is not counted
+_SAVING = 0.05  # largest fraction of the time that saving the members of an ensemble may take
+_LONG = 1.0  # s: saving that takes less is not limited
 _POLL = 0.5  # s: how often claims that others hold are tried again
 _CLOSING = 8  # threads, at most, that write and measure what members of one ensemble leave
 _MANY = 10_000  # grains that take a while to place

@@ -76,6 +76,18 @@ def test_a_calibration_finds_what_was_put_into_the_runs(synthetic):
         calibrate("alone", scaled[:1])
 
 
+def test_scenes_that_cannot_be_calibrated_are_refused_before_anything_runs(tmp_path):
+    path = study_file(tmp_path, "walls: {all: {friction: 0.1}}", "accuracy: {flow_rate: 1 %}", orifices="[24]")
+    path.write_text(path.read_text().replace("numerics: {dt: 10 us, steps_per_beat: 200}\n", ""))
+    said = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
+    assert "Cannot be calibrated" in said
+    assert "labbook calibrate" not in said
+    refused = labbook("calibrate", path, "--lab", tmp_path / "lab", "--backend", "toy", check=False)
+    assert refused.exit_code
+    assert "cannot be calibrated" in refused.output
+    assert not list((tmp_path / "lab").glob("runs/*"))
+
+
 def test_the_verb_writes_a_file_that_the_study_can_name(tmp_path):
     path = study_file(tmp_path, orifices="[24]", count=200)
     said = labbook("calibrate", path, "--lab", tmp_path / "lab", "--backend", "toy", "--seeds", 4).output
