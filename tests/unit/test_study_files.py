@@ -163,7 +163,7 @@ def test_quickstart_is_small_and_flows():
     study = load(STUDIES / "quickstart.yaml")
     assert study.record is not None
     assert study.replicates == 4
-    assert min(float(p.at["container.orifice"]) / p.scene.grains.diameter for p in study.points) >= 6 - 1e-9
+    assert min(float(p.at["container.orifice"]) / p.scene.grains.diameter for p in study.points) >= 7 - 1e-9
     assert all(p.numerics.dt > 1e-5 for p in study.points)
 
 
