@@ -1,7 +1,7 @@
 """The calibration that ships with labbook: what numerics did to the flow rate of scenes that were measured.
 
-It is made by `labbook calibrate` from accuracy-hopper, accuracy-hole and accuracy-steps in studies/, and kept in
-calibration.json beside this file. It is keyed by dimensionless groups, and says nothing of scenes beyond those that
+It is made by `labbook calibrate` from accuracy-hopper, accuracy-hole, accuracy-steps and
+accuracy-precision in studies/, and kept in calibration.json beside this file. It is keyed by dimensionless groups, and says nothing of scenes beyond those that
 were measured. Effects differ from scene to scene by more than their errors: what is said of one that was not measured
 has the scatter between those that were in its interval.
 """
@@ -9,7 +9,7 @@ has the scatter between those that were in its interval.
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -56,6 +56,10 @@ class Bias:
         """|bias| + half width: what is not exceeded at 95 %."""
         return abs(self.value) + self.half_width
 
+    def __add__(self, other: "Bias") -> "Bias":
+        """Of two biases that were measured apart from one another."""
+        return Bias(self.value + other.value, math.hypot(self.half_width, other.half_width))
+
 
 @dataclass(frozen=True)
 class Effects:
@@ -63,7 +67,8 @@ class Effects:
 
     `here`: its groups, with the largest overlap and step that were measured. `slopes` and `covariance`: see
     `labbook.accuracy.regression.Slopes`, with `freedom` degrees of freedom. `scatter`: standard deviation of ln W from
-    seed to seed. `source`: study, backend and date, in words.
+    seed to seed. `source`: study, backend and date, in words. `mixed`: what mixed precision does to ln W, with the
+    variance of that; None where it was not measured.
     """
 
     here: Groups
@@ -72,6 +77,7 @@ class Effects:
     freedom: int
     scatter: float
     source: str
+    mixed: tuple[float, float] | None = None
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -88,6 +94,11 @@ class Effects:
         """Whether the stiffness of the flow was varied."""
         return math.isfinite(self.covariance[0][0])
 
+    @property
+    def stepped(self) -> bool:
+        """Whether the time step was varied."""
+        return math.isfinite(self.covariance[1][1])
+
     def of(self, x: np.ndarray) -> tuple[float, float]:
         """What a change `x` of overlap, squared step and overlap while filling, shape [3], does to ln W, and the
         variance of that; infinite where it was not measured."""
@@ -101,6 +112,9 @@ class Alike:
     """Effects in scenes of one shape, outlet and law."""
 
     effects: tuple[Effects, ...]
+    rounded: tuple[tuple[float, float], ...] = ()
+    """What mixed precision did to ln W, with the variance of that, wherever it was measured with grains of this shape:
+    how numbers are rounded depends neither on the outlet nor on the law."""
 
     @property
     def scatter(self) -> float:
@@ -117,7 +131,7 @@ class Alike:
 
         Scenes whose stiffness was not varied say what a step does in beds as soft as theirs, and bound no overlap.
         """
-        varied = [one for one in self.effects if one.soft] if name == "overlap" else self.effects
+        varied = [one for one in self.effects if (one.soft if name == "overlap" else name != "step" or one.stepped)]
         values = [getattr(one.here, name) for one in varied or self.effects]
         return (0.0, min(values) if varied else max(values)) if name in NUMERICS else (min(values), max(values))
 
@@ -149,6 +163,17 @@ class Alike:
                 return Bias(value, student(CONFIDENCE, one.freedom) * math.sqrt(variance))
         return _one_more(self, x)
 
+    @property
+    def mixed(self) -> Bias | None:
+        """Bias of W computed in mixed precision; None where nothing is known of it."""
+        return _rounding(self.rounded) if self.rounded else None
+
+
+@lru_cache(maxsize=64)
+def _rounding(rounded: tuple[tuple[float, float], ...]) -> Bias:
+    values, variances = zip(*rounded, strict=True)
+    return Bias(*one_more(values, variances, CONFIDENCE))
+
 
 @lru_cache(maxsize=4096)  # the points of a study have the same numerics to choose from
 def _one_more(alike: Alike, x: tuple[float, float, float]) -> Bias:
@@ -172,9 +197,13 @@ class Calibration:
         for one in self.known:
             found = list(one.misfits(here, RANGES))
             if not found:
-                return one
+                return replace(one, rounded=self._rounded(here.shape))
             wrong.append(found)
         raise NotMeasured("; ".join(min(wrong, key=len, default=["nothing was measured"])))
+
+    def _rounded(self, shape: str) -> tuple[tuple[float, float], ...]:
+        of_shape = [one for alike in self.known for one in alike.effects if one.here.shape == shape]
+        return tuple(one.mixed for one in of_shape if one.mixed is not None)
 
 
 def calibration(effects: Iterable[Effects]) -> Calibration:
@@ -200,16 +229,26 @@ def together(one: Effects, other: Effects) -> Effects:
     weighted = np.sum([weight @ each.slopes for weight, each in zip(inverses, (one, other), strict=True)], axis=0)
     slopes[known] = covariance[np.ix_(known, known)] @ weighted[known]
     freedoms = one.freedom, other.freedom
+    rounded = [each.mixed for each in (one, other) if each.mixed is not None]
+    stepped = [each.here.step for each in (one, other) if each.stepped]
     soft = [each.here.overlap for each in (one, other) if each.soft]
     overlap = min(soft) if soft else max(one.here.overlap, other.here.overlap)
     return Effects(
-        here=replace(one.here, overlap=overlap, step=min(one.here.step, other.here.step)),
+        here=replace(one.here, overlap=overlap, step=min(stepped or [one.here.step, other.here.step])),
         slopes=(float(slopes[0]), float(slopes[1]), float(slopes[2])),
         covariance=tuple(map(tuple, covariance.tolist())),
         freedom=sum(freedoms),
         scatter=math.sqrt(float(np.average([one.scatter**2, other.scatter**2], weights=freedoms))),
         source=_sources((one, other)),
+        mixed=_weighted(rounded) if rounded else None,
     )
+
+
+def _weighted(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Mean of values with known variances, and its variance."""
+    weights = [1 / variance for _, variance in found]
+    mean = math.fsum(weight * value for weight, (value, _) in zip(weights, found, strict=True)) / math.fsum(weights)
+    return mean, 1 / math.fsum(weights)
 
 
 def _sources(effects: Iterable[Effects]) -> str:
@@ -250,6 +289,7 @@ def read(stored: Mapping[str, Any]) -> Calibration:
             freedom=one["freedom"],
             scatter=one["scatter"],
             source=one["source"],
+            mixed=tuple(one["mixed"]) if "mixed" in one else None,
         )
         for one in stored["effects"]
     )
@@ -265,6 +305,7 @@ def write(path: Path, effects: Iterable[Effects]) -> None:
             "freedom": one.freedom,
             "scatter": one.scatter,
             "source": one.source,
+            **({} if one.mixed is None else {"mixed": one.mixed}),
         }
         for one in effects
     ]

@@ -1,9 +1,10 @@
-"""Time step and stiffness for an error that can be tolerated, at the least cost.
+"""Time step, stiffness and precision for an error that can be tolerated, at the least cost.
 
 The error of a mean of n runs is |bias| + half width of its interval, and the half width goes as n^{-1/2}. With a bias
 of at most b, n = (s t/(e - b))^2 runs meet the error e, where s is the scatter between runs and t Student's quantile.
 Their cost goes as n/dt, both for fillings and discharges, whatever s is. A softer bed allows longer steps and has a
-larger bias: the choice is the setting with the least 1/(dt (e - b)^2) of those whose b is known.
+larger bias, and so may mixed precision have, whose steps cost less: the choice is the setting with the least
+c/(dt (e - b)^2), c the cost of a step, of those whose b is known.
 """
 
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from labbook.accuracy.calibration import Bias, Calibration, OutOfRange, shipped
 from labbook.accuracy.groups import Groups, groups
-from labbook.backend.numerics import Numerics
+from labbook.backend.numerics import Numerics, Precision
 from labbook.scene import Scene
 from labbook.scene.timescales import collision, largest_stable_step
 
@@ -22,10 +23,14 @@ STEPS = (0.01, 0.015, 0.02, 0.025, 0.03, 0.035, 0.04, 0.045, 0.05, 0.055)
 WITHIN = 0.75
 """Part of the largest stable step that no step exceeds but a stated one."""
 
+COSTS: dict[Precision, float] = {"double": 1.0, "mixed": 0.8}
+"""Of a step: `mixed` takes half of the time of `double` on a GPU and 0.7 to 1 of it on a CPU (docs/gpu-backend.md,
+docs/cpu-backend.md), and which of them it will be is not known when a study is read."""
+
 
 @dataclass(frozen=True)
 class Choice:
-    """`dt` [s] and `stiffness_scale` for an error `tolerance`, a part of W.
+    """`dt` [s], `stiffness_scale` and `precision` for an error `tolerance`, a part of W.
 
     `bias`: what they do to W; `left`: what of the tolerance is left to the scatter between runs; `scatter`: its
     standard deviation from run to run, as measured. `source`: of the calibration.
@@ -33,6 +38,7 @@ class Choice:
 
     dt: float
     stiffness_scale: float
+    precision: Precision
     bias: Bias
     tolerance: float
     scatter: float
@@ -52,8 +58,13 @@ class Choice:
         return self.tolerance - self.bias.bound
 
     def cost(self) -> float:
-        """Of the runs that meet the tolerance, up to a factor that all choices share."""
+        """Steps of the runs that meet the tolerance, up to a factor that all choices share."""
         return 1 / (self.dt * self.left**2)
+
+    @property
+    def time(self) -> float:
+        """The same of their time."""
+        return COSTS[self.precision] * self.cost()
 
 
 def choose(
@@ -63,25 +74,32 @@ def choose(
     *,
     dt: float | None = None,
     stiffness_scale: float | None = None,
+    precision: Precision | None = None,
     usual: float | None = None,
     calibration: Calibration | None = None,
 ) -> Choice:
     """The cheapest setting that meets `tolerance` in `scene`, filled as `closed` with the same numerics.
 
-    dt [s], stiffness_scale: stated ones, which are kept. usual: the step [s] without an error asked for. Raises
-    NotMeasured where no such scene was measured; OutOfRange where no setting that was measured meets the tolerance.
+    dt [s], stiffness_scale, precision: stated ones, which are kept. usual: the step [s] without an error asked for.
+    Where nothing is known of mixed precision it is not chosen; if it is stated, the bias is that of step and stiffness
+    alone. Raises NotMeasured where no such scene was measured; OutOfRange where no setting that was measured meets the
+    tolerance.
     """
     stated = _grouped(scene, 1.0, 1.0)
     alike = (calibration or shipped()).of(stated)
     best: Choice | None = None
     reasons: list[str] = []
     scales = SCALES if stiffness_scale is None else (stiffness_scale,)
+    rounding = alike.mixed
+    either: tuple[Precision, ...] = ("double",) if rounding is None else ("double", "mixed")
+    precisions = either if precision is None else (precision,)
+    cheapest = min(COSTS[one] for one in precisions)
     settings = [
         (step, scale) for scale in scales for step in ((dt,) if dt is not None else _steps(scene, closed, scale))
     ]
     soft = {scale: _grouped(scene, 1.0, scale) for scale in scales}  # steps of 1 s, in proportion to which groups go
     for step, scale in sorted(settings, reverse=True):
-        if best is not None and 1 / (step * tolerance**2) >= best.cost():
+        if best is not None and cheapest / (step * tolerance**2) >= best.time:
             break  # no shorter step is cheaper, were it without bias
         made = replace(soft[scale], step=step * soft[scale].step)
         try:
@@ -89,12 +107,14 @@ def choose(
         except OutOfRange as reason:
             reasons.append(str(reason))
             continue
-        found = Choice(step, scale, bias, tolerance, alike.scatter, alike.source, usual)
-        if found.left <= 0:
-            said = f"dt/t_c = {made.step:.3g} moves W by up to {bias.bound:.2%}, and {tolerance:.2%} is asked"
-            reasons.append(said)
-        elif best is None or found.cost() < best.cost():
-            best = found
+        for one in precisions:
+            total = bias if one == "double" or rounding is None else bias + rounding
+            found = Choice(step, scale, one, total, tolerance, alike.scatter, alike.source, usual)
+            if found.left <= 0:
+                said = f"dt/t_c = {made.step:.3g} moves W by up to {total.bound:.2%}, and {tolerance:.2%} is asked"
+                reasons.append(said)
+            elif best is None or found.time < best.time:
+                best = found
     if best is None:
         raise OutOfRange(reasons[-1] if reasons else "no step is stable")
     return best
@@ -103,7 +123,13 @@ def choose(
 def bias_of(scene: Scene, flow: Numerics, filled: Numerics, calibration: Calibration | None = None) -> Bias:
     """What these numerics of the flow and of the filling do to W in `scene`, in parts of it. Raises OutOfRange."""
     made, bed = (_grouped(scene, one.dt, one.stiffness_scale) for one in (flow, filled))
-    return (calibration or shipped()).of(made).bias(_grouped(scene, flow.dt, 1.0), made, bed)
+    alike = (calibration or shipped()).of(made)
+    bias = alike.bias(_grouped(scene, flow.dt, 1.0), made, bed)
+    if flow.precision == "double":
+        return bias
+    if alike.mixed is None:
+        raise OutOfRange(f"precision {flow.precision}")
+    return bias + alike.mixed
 
 
 def _grouped(scene: Scene, dt: float, scale: float) -> Groups:

@@ -1,8 +1,8 @@
 """What numerics do to the flow rate of a scene, from runs of many settings and seeds at once.
 
 ln W = (bed) + c_flow * overlap + c_step * step^2 is fitted within every bed that several settings flowed
-from, so that the scatter between beds drops out. What is left of each bed is then fitted against the overlap of its
-filling. Overlap and step are those of `Groups`. One regression over all runs needs several times fewer of them than a
+from, so that the scatter between beds drops out; where runs of both precisions share beds, with a term for `mixed`. What is
+left of each bed is then fitted against the overlap of its filling. Overlap and step are those of `Groups`. One regression over all runs needs several times fewer of them than a
 test of equivalence at every setting.
 """
 
@@ -19,13 +19,19 @@ _FEWEST = 20
 @dataclass(frozen=True)
 class Observed:
     """One run. `bed`: what it shares with others that started from the same packing. `filled`: the overlap while it was
-    filled. `rate`: W."""
+    filled. `rate`: W. `mixed`: whether it flowed in mixed precision."""
 
     bed: str
     filled: float
     overlap: float
     step: float
     rate: float
+    mixed: bool = False
+
+    @property
+    def factors(self) -> list[float]:
+        """What may differ between runs from one bed."""
+        return [self.overlap, self.step**2, float(self.mixed)]
 
 
 @dataclass(frozen=True)
@@ -33,14 +39,16 @@ class Slopes:
     """d ln W by overlap of the flow, by squared step, and by overlap of the filling, shape [3], with their covariance,
     shape [3, 3].
 
+    `mixed`: what mixed precision does to ln W, with the variance of that; None where no bed flowed in both.
     `within`: standard deviation of ln W between settings in one bed that the slopes do not explain; `between`: from
     bed to bed, runs of one setting. `freedom`: degrees of freedom of the fit within beds; `runs`, `beds`: how many
-    there were. The slope by an overlap that all runs share, or that all beds were filled with, is 0 with an infinite
-    variance.
+    there were. The slope by an overlap or a step that all runs share, or by an overlap that all beds were filled with, is
+    0 with an infinite variance.
     """
 
     values: np.ndarray
     covariance: np.ndarray
+    mixed: tuple[float, float] | None
     within: float
     between: float
     freedom: int
@@ -57,48 +65,52 @@ def regress(observed: Sequence[Observed]) -> Slopes:
         beds[one.bed].append(one)
     y, x = [], []
     for runs in beds.values():
-        rates, factors = np.log([run.rate for run in runs]), np.array([[run.overlap, run.step**2] for run in runs])
+        rates, factors = np.log([run.rate for run in runs]), np.array([run.factors for run in runs])
         y.append(rates - rates.mean())
         x.append(factors - factors.mean(axis=0))
     Y, X = np.concatenate(y), np.concatenate(x)
-    varied = np.abs(X).max(axis=0) > 1e-12 * np.array([[run.overlap, run.step**2] for run in observed]).max(axis=0)
+    varied = np.abs(X).max(axis=0) > 1e-12 * np.array([run.factors for run in observed]).max(axis=0)
     freedom = len(Y) - len(beds) - int(varied.sum())
     Z = X[:, varied]
-    if freedom < 10 or not varied[1] or np.linalg.matrix_rank(Z / np.abs(Z).max(axis=0)) < varied.sum():
-        raise ValueError("too few runs: the step, and overlap apart from it, must vary within beds")
+    if freedom < 10 or not varied[1:].any() or np.linalg.matrix_rank(Z / np.abs(Z).max(axis=0)) < varied.sum():
+        raise ValueError("too few runs: the step or the precision, and overlap apart from it, must vary within beds")
     known = np.ix_(varied, varied)
-    slopes, inverse = np.zeros(2), np.linalg.inv(Z.T @ Z)
+    slopes, inverse = np.zeros(3), np.linalg.inv(Z.T @ Z)
     slopes[varied] = inverse @ Z.T @ Y
     within = math.sqrt(float(np.sum((Y - X @ slopes) ** 2)) / freedom)
     left = {bed: _left(runs, slopes) for bed, runs in beds.items()}
     fill, error, by_slopes, between = _filled(beds, left, within)
+    inside = np.diag(np.where(varied, 0.0, math.inf))
+    inside[known] = within**2 * inverse
+    mixed = (float(slopes[2]), float(inside[2, 2])) if varied[2] else None
+    along = np.zeros(3)
+    along[varied] = within**2 * inverse @ by_slopes[varied]
     covariance = np.zeros((3, 3))
-    covariance[[0, 1], [0, 1]] = math.inf
-    covariance[:2, :2][known] = within**2 * inverse
-    covariance[:2, 2][varied] = covariance[2, :2][varied] = covariance[:2, :2][known] @ by_slopes[varied]
-    covariance[2, 2] = error**2 + by_slopes @ covariance[:2, 2]
-    values = np.array([*slopes, fill])
-    return Slopes(values, covariance, within, between, freedom, len(observed), len(beds))
+    covariance[:2, :2] = inside[:2, :2]
+    covariance[:2, 2] = covariance[2, :2] = along[:2]
+    covariance[2, 2] = error**2 + by_slopes @ along
+    values = np.array([slopes[0], slopes[1], fill])
+    return Slopes(values, covariance, mixed, within, between, freedom, len(observed), len(beds))
 
 
 def _left(runs: Sequence[Observed], slopes: np.ndarray) -> float:
     """Mean of ln W of a bed, without what the slopes explain."""
-    return float(np.mean([math.log(run.rate) - slopes @ [run.overlap, run.step**2] for run in runs]))
+    return float(np.mean([math.log(run.rate) - slopes @ run.factors for run in runs]))
 
 
 def _filled(
     beds: dict[str, list[Observed]], left: dict[str, float], within: float
 ) -> tuple[float, float, np.ndarray, float]:
     """Slope by the overlap of the filling, its standard error were the slopes within beds exact, its derivative by
-    these, shape [2], and the standard deviation from bed to bed of one run each."""
+    these, shape [3], and the standard deviation from bed to bed of one run each."""
     y = np.array(list(left.values()))
     x = np.array([runs[0].filled for runs in beds.values()])
-    factors = np.array([np.mean([[run.overlap, run.step**2] for run in runs], axis=0) for runs in beds.values()])
+    factors = np.array([np.mean([run.factors for run in runs], axis=0) for runs in beds.values()])
     x, y = x - x.mean(), y - y.mean()
     spread = float(x @ x)
     varied = spread > 1e-20
     slope = float(x @ y) / spread if varied else 0.0
-    by_slopes = -(x @ factors) / spread if varied else np.zeros(2)
+    by_slopes = -(x @ factors) / spread if varied else np.zeros(3)
     freedom = len(beds) - 1 - varied
     if freedom < 1:
         raise ValueError("too few beds: several seeds of each setting are needed")

@@ -135,15 +135,11 @@ def _numerics(result: PointResult, values: Values, known: Calibration | None) ->
     if swept.part is not None:
         return swept
     point = result.point
-    if point.numerics.precision != "double":
-        why = f"precision {point.numerics.precision}"
-    else:
-        try:
-            bias = bias_of(point.scene, point.numerics, point.fill.numerics or point.numerics, known)
-            return Share("numerics", bias.bound, f"calibration: bias {_percent(bias.value)} ± {bias.half_width:.2%}")
-        except OutOfRange as reason:
-            why = str(reason)
-    return Share("numerics", None, f"{NOT_MEASURED}; beyond the calibration ({why})")
+    try:
+        bias = bias_of(point.scene, point.numerics, point.fill.numerics or point.numerics, known)
+    except OutOfRange as reason:
+        return Share("numerics", None, f"{NOT_MEASURED}; beyond the calibration ({reason})")
+    return Share("numerics", bias.bound, f"calibration: bias {_percent(bias.value)} ± {bias.half_width:.2%}")
 
 
 def _window(result: PointResult) -> Share:

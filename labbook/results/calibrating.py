@@ -66,11 +66,14 @@ class Calibrated:
             for w, v, e in zip(words, self.slopes.values, errors, strict=True)
             if math.isfinite(e)
         )
+        mixed = self.slopes.mixed
+        rounded = () if mixed is None else (f"mixed precision: W {mixed[0]:+.2%} +- {math.sqrt(mixed[1]):.2%}",)
         return [
             f"{here.law}, D/d = {here.ratio:.3g}, friction {here.friction:g}, restitution {here.restitution:g}, "
             f"rolling friction {here.rolling:g}: {self.slopes.runs} runs from {self.slopes.beds} beds",
             *(one.line() for one in self.changes),
             *found,
+            *rounded,
             f"scatter between seeds {self.slopes.between:.2%}, between settings in one bed {self.slopes.within:.2%}",
         ]
 
@@ -110,6 +113,7 @@ def _scene(points: Sequence[PointResult], source: str) -> Calibrated:
         freedom=slopes.freedom,
         scatter=slopes.between,
         source=source,
+        mixed=slopes.mixed,
     )
     return Calibrated(slopes, tuple(_changes(points, numerics, slopes)), effects)
 
@@ -134,7 +138,12 @@ def _place(point: PointResult) -> str:
 def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observed]:
     beds = {run.seed: run.packing_key for run in point.runs}
     rates = by_seed(point, FLOW_RATE).items()
-    return [Observed(beds[seed], filled.overlap, flow.overlap, flow.step, rate) for seed, rate in rates]
+    mixed = _is_mixed(point)
+    return [Observed(beds[seed], filled.overlap, flow.overlap, flow.step, rate, mixed) for seed, rate in rates]
+
+
+def _is_mixed(point: PointResult) -> bool:
+    return point.point.numerics.precision == "mixed"
 
 
 def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Groups]], slopes: Slopes) -> list[Change]:
@@ -147,5 +156,7 @@ def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Gr
         x = [flow.overlap - reference.overlap, flow.step**2 - reference.step**2, filled.overlap - bed.overlap]
         error = float(change.std(ddof=1)) / math.sqrt(len(change)) if len(change) > 1 else math.nan
         mean = float(change.mean()) if len(change) else math.nan
-        found.append(Change(point.label, flow, filled, mean, error, len(change), float(slopes.values @ x)))
+        rounded = 0.0 if slopes.mixed is None else slopes.mixed[0] * (_is_mixed(point) - _is_mixed(first))
+        fitted = float(slopes.values @ x) + rounded
+        found.append(Change(point.label, flow, filled, mean, error, len(change), fitted))
     return found

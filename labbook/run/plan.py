@@ -178,7 +178,8 @@ class Plan:
                 cap = f" (accuracy.max_replicates is {self.rule.cap})" if needed == self.rule.cap else ""
                 bias = f"{choice.bias.value:+.2%} +- {choice.bias.half_width:.2%}"
                 said = (
-                    f"dt = {choice.dt * 1e6:.3g} us, stiffness_scale = {choice.stiffness_scale:g}: they move the flow "
+                    f"dt = {choice.dt * 1e6:.3g} us, stiffness_scale = {choice.stiffness_scale:g}, precision = "
+                    f"{choice.precision}: they move the flow "
                 )
                 said += (
                     f"rate by {bias}, which leaves {choice.left:.2%} to the scatter; {needed} replicates foreseen{cap}"

@@ -109,7 +109,7 @@ class PointReader:
         if numerics is not None and scene is not None and fill is not None and filling is None:
             choice, unmet = self._chosen(scene, fill, general, numerics)
         if choice is not None and numerics is not None:
-            chosen = {"dt": choice.dt, "stiffness_scale": choice.stiffness_scale}
+            chosen = {key: getattr(choice, key) for key in ("dt", "stiffness_scale", "precision")}
             numerics = numerics.model_copy(update=chosen)
         if filling is not None and fill is not None and numerics is not None:
             fill = self._filled(fill, filling, general, numerics, near, closed, context, found)
@@ -149,11 +149,12 @@ class PointReader:
             return None, None
         soft = "stiffness_scale" not in stated and set(settings.measure) <= _SOFTENED
         dt, usual = (numerics.dt, None) if "dt" in stated else (None, numerics.dt)
-        scale = None if soft else numerics.stiffness_scale
+        kept: dict[str, Any] = {"dt": dt, "stiffness_scale": None if soft else numerics.stiffness_scale}
+        kept["precision"] = numerics.precision if "precision" in stated else None
         closed = scene.close(fill.friction, fill.contact)
         try:
             asked, own = settings.accuracy.flow_rate, self._calibration
-            return choose(scene, closed, asked, dt=dt, stiffness_scale=scale, usual=usual, calibration=own), None
+            return choose(scene, closed, asked, **kept, usual=usual, calibration=own), None
         except OutOfRange as reason:
             return None, reason
 

@@ -19,6 +19,7 @@ from labbook.accuracy import (
     groups,
     shipped,
 )
+from labbook.accuracy.calibration import load, write
 from labbook.accuracy.regression import Observed, regress
 from labbook.backend.numerics import Numerics
 from labbook.filling.bed import PACKED
@@ -331,3 +332,75 @@ def test_beyond_the_calibration_the_usual_step_is_used_and_the_reason_kept(calib
     assert odd.choice is None
     assert odd.unchosen == "restitution = 0.9, calibrated: 0.2"
     assert odd.numerics == usual.numerics
+
+
+def in_both(rng, change, steps=(0.05,), slope=0.0, seeds=200):
+    """Runs in double and mixed precision from shared beds, where `mixed` changes ln W by `change`."""
+    found = []
+    for seed in range(seeds):
+        bed = rng.normal(0, 0.02)
+        for step in steps:
+            for mixed in (False, True):
+                rate = math.exp(bed + slope * step**2 + change * mixed + rng.normal(0, 0.01))
+                found.append(Observed(str(seed), 0.001, 0.001, step, rate, mixed))
+    return found
+
+
+def test_runs_in_both_precisions_from_shared_beds_tell_what_mixed_does():
+    found = regress(in_both(np.random.default_rng(3), 0.005))
+    assert found.mixed is not None
+    value, variance = found.mixed
+    assert abs(value - 0.005) < 4 * math.sqrt(variance)
+    assert math.sqrt(variance) == pytest.approx(0.01 * math.sqrt(2 / 200), rel=0.15)
+    assert np.all(np.isinf(np.diag(found.covariance))), "neither the step nor an overlap was varied"
+    again = regress(in_both(np.random.default_rng(4), 0.005, (0.02, 0.06), 3.0))
+    assert again.mixed is not None
+    assert abs(again.mixed[0] - 0.005) < 4 * math.sqrt(again.mixed[1])
+    assert abs(again.values[1] - 3) < 4 * math.sqrt(again.covariance[1, 1])
+
+
+def rounded(change=0.0, error=1e-4, **here) -> Effects:
+    """What mixed precision does, measured in a scene by itself."""
+    unknown = tuple(tuple(math.inf if i == j else 0.0 for j in range(3)) for i in range(3))
+    return Effects(replace(LARGEST, **here), (0.0,) * 3, unknown, 100, 0.02, "made up", (change, error**2))
+
+
+def with_rounding(*found: Effects, slopes=(0.5, 0.0, 0.0)) -> Calibration:
+    return calibration([*(scene(slopes, ratio=ratio) for ratio in (10.0, 15.0)), *found])
+
+
+def test_mixed_precision_is_chosen_where_what_it_does_is_known_to_be_little():
+    assert chosen(0.01, known()).precision == "double", "nothing is known of it"
+    assert chosen(0.01, with_rounding(rounded(ratio=12.0), rounded(ratio=13.0))).precision == "mixed"
+    assert chosen(0.01, with_rounding(rounded(0.008, ratio=12.0), rounded(0.008, ratio=13.0))).precision == "double"
+    assert chosen(0.01, with_rounding(rounded(ratio=12.0), rounded(ratio=13.0)), precision="double").precision == "double"
+    assert chosen(0.01, known(), precision="mixed").precision == "mixed", "what is stated is kept"
+
+
+def test_the_bias_of_mixed_precision_adds_to_that_of_step_and_stiffness():
+    numerics = Numerics(dt=2e-6)
+    plain = with_rounding(rounded(0.003, ratio=12.0), rounded(0.003, ratio=13.0), slopes=(0.0, 4.0, 0.0))
+    double = bias_of(SCENE, numerics, numerics, plain)
+    mixed = bias_of(SCENE, numerics.model_copy(update={"precision": "mixed"}), numerics, plain)
+    assert mixed.value - double.value == pytest.approx(0.003, abs=1e-5)
+    assert mixed.half_width > double.half_width
+    with pytest.raises(OutOfRange, match="precision mixed"):
+        bias_of(SCENE, numerics.model_copy(update={"precision": "mixed"}), numerics, known())
+
+
+def test_another_outlet_or_law_rounds_alike_and_rods_do_not():
+    spheres = with_rounding(rounded(0.003, outlet="hole", law="linear"))
+    assert spheres.of(LARGEST).mixed is not None
+    assert with_rounding(rounded(0.003, shape="spherocylinder")).of(LARGEST).mixed is None
+
+
+def test_a_scene_measured_by_step_and_by_precision_keeps_both(tmp_path):
+    stepped = scene((0.0, 2.0, 0.0), ((math.inf, 0, 0), (0, 0.04, 0), (0, 0, math.inf)))
+    (alike,) = calibration([stepped, rounded(0.002, 1e-3), rounded(0.004, 1e-3)]).known
+    (one,) = alike.effects
+    assert one.slopes[1] == pytest.approx(2.0)
+    assert one.mixed == pytest.approx((0.003, 0.5e-6))
+    assert one.here.step == stepped.here.step
+    write(tmp_path / "own.json", alike.effects)
+    (read_back,) = load(tmp_path / "own.json").known[0].effects
+    assert read_back.mixed == one.mixed

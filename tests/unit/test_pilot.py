@@ -171,5 +171,5 @@ def test_the_step_alone_says_nothing_of_softness():
     assert abs(found.values[1] - slope) < 4 * errors[1] < 0.1
     assert np.all(np.isinf(errors[[0, 2]]))
     assert found.freedom == 32 - 16 - 1
-    with pytest.raises(ValueError, match="the step, and overlap"):
+    with pytest.raises(ValueError, match="the step or the precision, and overlap"):
         regress([Observed(one.bed, one.filled, one.overlap + one.step, 0.02, one.rate) for one in runs])
