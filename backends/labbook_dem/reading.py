@@ -54,6 +54,14 @@ class Grains(NamedTuple):
         return Grains(*(array[mine] for array in self[:7]), q=q, bodies=bodies)
 
 
+class Layer(NamedTuple):
+    """Grains in a slab, by id: ids, shape [n]; x [m] and v [m/s] at the same time, shape [n, 3]."""
+
+    ids: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+
+
 class Readable(ABC):
     """A member, as probes see it. A backend tells how its memory is read."""
 
@@ -83,6 +91,11 @@ class Readable(ABC):
         """Its grains, or those of them that are `inside`; v, w and m may be those of half a step before unless
         `moving`."""
 
+    def layer(self, slab: Slab) -> Layer:
+        """Its grains in a slab."""
+        found = self.look(inside=lambda x: slab.holds(x[:, 2]))
+        return Layer(found.ids, found.x, found.v)
+
     @abstractmethod
     def contacts(self) -> np.ndarray:
         """Its touching contacts, in CONTACT_COLUMNS."""
@@ -106,8 +119,8 @@ def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
 
 
 def looking(members: Iterable[Readable], steps_per_beat: int) -> int:
-    """How many of these members have a probe due that reads every grain."""
-    frames = (Sample, Slab, Zone, Ledger)
+    """How many of these members have a probe due that looks at every grain."""
+    frames = (Sample, Zone, Ledger)
     return sum(
         any(isinstance(probe, frames) and due(probe, one.step // steps_per_beat) for probe in one.probes)
         for one in members
@@ -122,7 +135,7 @@ def _rows(member: Readable, probe: Probe) -> Table:
         case Sample():
             return _stamped(member, _sampled(member.look(bool({"v", "omega"} & set(probe.fields))), probe.fields))
         case Slab():
-            return _stamped(member, _sampled(member.look(inside=lambda x: probe.holds(x[:, 2])), ("x", "v")))
+            return _stamped(member, _sampled(member.layer(probe), ("x", "v")))
         case Zone():
             grains = member.look(inside=probe.holds)
             return _stamped(member, _sampled(grains, ("x", "v") if grains.q is None else ("x", "v", "q")))
@@ -137,11 +150,15 @@ def _columns(names: Sequence[str], rows: np.ndarray, whole: Sequence[str]) -> Ta
     return {**table, **{name: table[name].astype(np.int64) for name in whole}}
 
 
-def _sampled(grains: Grains, fields: Sequence[str]) -> Table:
-    parts = {"x": ("", grains.x), "v": ("v", grains.v), "omega": ("w", grains.w), "q": ("q", grains.q)}
+_FIELDS = {"x": ("", "x"), "v": ("v", "v"), "omega": ("w", "w"), "q": ("q", "q")}
+"""What columns of a field begin with, and its attribute in `Grains`."""
+
+
+def _sampled(grains: Grains | Layer, fields: Sequence[str]) -> Table:
     table = {"id": grains.ids.copy()}
     for name in fields:
-        prefix, array = parts[name]
+        prefix, attribute = _FIELDS[name]
+        array = getattr(grains, attribute)
         assert array is not None  # `features.check` has seen to it
         axes = "wxyz" if name == "q" else "xyz"
         table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate(axes)}

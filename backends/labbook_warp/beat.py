@@ -128,10 +128,20 @@ class Beat:
         self._launch(self.kernels.kinetic, self._slots * _ADDERS, self.arrays.p, v, w, _ADDERS, out)
         return out.numpy().reshape(self._slots, _ADDERS, 2).sum(axis=1).sum(axis=1)
 
-    def contacts(self):
+    def contacts(self) -> np.ndarray:
         """Rows slot, i, j, wall, force, branch of all touching contacts, in any order."""
+        return self._collected(self.kernels.contacts, 10, self.arrays.sizes.contacts)
+
+    def layer(self, v: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Rows slot, id, position, velocity of the grains between the heights `low` and `high` [m] of their slots, in
+        any order. v: what `look` gave; low, high: shape [slots]."""
+        heights = (wp.array(bound, dtype=wp.float64, device=self.device) for bound in (low, high))
+        return self._collected(self.kernels.layer, 8, self._rows, v, *heights)
+
+    def _collected(self, kernel: Any, width: int, most: int, *inputs: Any) -> np.ndarray:
+        """The rows of `width` numbers, at most so many, that a kernel writes wherever there is room."""
         counter = wp.zeros(1, dtype=wp.int32, device=self.device)
-        out = wp.zeros(10 * self.arrays.sizes.contacts, dtype=wp.float64, device=self.device)
-        self._launch(self.kernels.contacts, self._rows, self.arrays.p, counter, out)
+        out = wp.zeros(width * most, dtype=wp.float64, device=self.device)
+        self._launch(kernel, self._rows, self.arrays.p, *inputs, counter, out)
         found = int(counter.numpy()[0])
-        return fetch(out[: 10 * found]).reshape(-1, 10) if found else np.zeros((0, 10))
+        return fetch(out[: width * found]).reshape(-1, width) if found else np.zeros((0, width))

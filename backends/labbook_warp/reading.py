@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from labbook_dem.ensemble import Standing
-from labbook_dem.reading import Grains, Inside
+from labbook_dem.reading import Grains, Inside, Layer
 from labbook_dem.rotation import spins
 
 from labbook.backend import Checkpoint
+from labbook.backend.probes import Slab
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.arrays import fetch
@@ -62,6 +63,11 @@ class Seen(Run, Standing):
         bodies = transfer.bodies(arrays, slot, n, self.scene, order)
         w = spins(self.scene.grains, m, now)
         return Grains(ids[order], x[order], v[order], w, m, v_half[order], m_half[order], now, bodies)
+
+    def layer(self, slab: Slab) -> Layer:
+        """Its grains in a slab."""
+        rows = self.view.layer(self, slab)
+        return Layer(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4:])
 
     def contacts(self) -> np.ndarray:
         """Its touching contacts."""

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from labbook.backend import Checkpoint
+from labbook.backend.probes import Slab
 from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.run import Run
@@ -27,6 +28,8 @@ class View:
         self._extremes = np.zeros((0, 2))
         self._touched_at = -1  # the same, of contacts
         self._touching: dict[int, np.ndarray] = {}
+        self._layers: dict[int, tuple[int, dict[int, np.ndarray]]] = {}
+        """The same, and rows by slot, of the first slab of every member, the second ..."""
 
     def _look(self, run: Run) -> tuple[Any, Any]:
         stage = self.stage
@@ -54,13 +57,24 @@ class View:
         stage = self.stage
         if stage.changed_since(self._touched_at, run.slot):
             stage.wake(stage.runs)
-            rows = stage.beats.contacts()
-            rows = rows[np.lexsort((rows[:, 3], rows[:, 2], rows[:, 1], rows[:, 0]))]
-            slots, first = np.unique(rows[:, 0], return_index=True)
-            parts = np.split(rows[:, 1:], first[1:]) if len(slots) else []
-            self._touching = {int(slot): part for slot, part in zip(slots, parts, strict=True)}
+            self._touching = _by_slot(stage.beats.contacts(), keys=3)
             self._touched_at = stage.changes
         return self._touching.get(run.slot, np.zeros((0, 9)))
+
+    def layer(self, run: Run, slab: Slab) -> np.ndarray:
+        """Rows id, position, velocity of a member's grains in one of its slabs, by id. The same of all members is read
+        at once: a slab has few grains, and to copy all of them to the host would take longer than a beat."""
+        stage, which = self.stage, _slabs(run).index(slab)
+        at, found = self._layers.get(which, (-1, {}))
+        if stage.changed_since(at, run.slot):
+            velocities, _ = self._look(run)
+            low, high = np.full((2, stage.arrays.sizes.slots), np.inf)
+            for one in stage.runs:
+                if which < len(_slabs(one)):
+                    low[one.slot], high[one.slot] = _slabs(one)[which].low, _slabs(one)[which].high
+            found = _by_slot(stage.beats.layer(velocities, low, high), keys=1)
+            self._layers[which] = stage.changes, found
+        return found.get(run.slot, np.zeros((0, 7)))
 
     def energy(self, run: Run) -> float:
         """Kinetic energy [J] of a member at the whole step."""
@@ -102,4 +116,16 @@ class View:
     def close(self) -> None:
         """Free the device's memory."""
         self._velocities = None
-        self._touching = {}
+        self._touching, self._layers = {}, {}
+
+
+def _slabs(run: Run) -> list[Slab]:
+    return [probe for probe in run.probes if isinstance(probe, Slab)]
+
+
+def _by_slot(rows: np.ndarray, keys: int) -> dict[int, np.ndarray]:
+    """Rows that begin with their slot, without it, by slot: those of each in the order of the first `keys` columns."""
+    rows = rows[np.lexsort(rows[:, keys::-1].T)]
+    slots, first = np.unique(rows[:, 0], return_index=True)
+    parts = np.split(rows[:, 1:], first[1:]) if len(slots) else []
+    return {int(slot): part for slot, part in zip(slots, parts, strict=True)}

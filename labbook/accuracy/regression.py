@@ -1,9 +1,9 @@
 """What numerics do to the flow rate of a scene, from runs of many settings and seeds at once.
 
 ln W = (bed) + c_flow * overlap + c_step * step^2 is fitted within every bed that several settings flowed
-from, so that the scatter between beds drops out; where runs of both precisions share beds, with a term for `mixed`. What is
-left of each bed is then fitted against the overlap of its filling. Overlap and step are those of `Groups`. One regression over all runs needs several times fewer of them than a
-test of equivalence at every setting.
+from, so that the scatter between beds drops out; where runs of both precisions share beds, with a term for `mixed`.
+What is left of each bed is then fitted against the overlap of its filling. Overlap and step are those of `Groups`. One
+regression over all runs needs several times fewer of them than a test of equivalence at every setting.
 """
 
 import math
@@ -42,8 +42,8 @@ class Slopes:
     `mixed`: what mixed precision does to ln W, with the variance of that; None where no bed flowed in both.
     `within`: standard deviation of ln W between settings in one bed that the slopes do not explain; `between`: from
     bed to bed, runs of one setting. `freedom`: degrees of freedom of the fit within beds; `runs`, `beds`: how many
-    there were. The slope by an overlap or a step that all runs share, or by an overlap that all beds were filled with, is
-    0 with an infinite variance.
+    there were. The slope by an overlap or a step that all runs share, or by an overlap that all beds were filled
+    with, is 0 with an infinite variance.
     """
 
     values: np.ndarray

@@ -371,9 +371,12 @@ def with_rounding(*found: Effects, slopes=(0.5, 0.0, 0.0)) -> Calibration:
 
 def test_mixed_precision_is_chosen_where_what_it_does_is_known_to_be_little():
     assert chosen(0.01, known()).precision == "double", "nothing is known of it"
-    assert chosen(0.01, with_rounding(rounded(ratio=12.0), rounded(ratio=13.0))).precision == "mixed"
+    little = with_rounding(rounded(ratio=12.0), rounded(ratio=13.0))
+    assert chosen(0.01, little).precision == "mixed"
     assert chosen(0.01, with_rounding(rounded(0.008, ratio=12.0), rounded(0.008, ratio=13.0))).precision == "double"
-    assert chosen(0.01, with_rounding(rounded(ratio=12.0), rounded(ratio=13.0)), precision="double").precision == "double"
+    assert (
+        chosen(0.01, with_rounding(rounded(ratio=12.0), rounded(ratio=13.0)), precision="double").precision == "double"
+    )
     assert chosen(0.01, known(), precision="mixed").precision == "mixed", "what is stated is kept"
 
 

@@ -83,6 +83,25 @@ def kinetic(a: System, p: Words, v: Wides3, w: Wides3, adders: int, out: Wides):
     out[2 * thread + 1] = fine
 
 
+@kernel
+def layer(a: System, p: Words, v: Wides3, low: Wides, high: Wides, counter: Ints, out: Wides):
+    """Rows slot, id, position [m], velocity of `v` [m/s] of the grains between the heights `low` and `high` [m] of
+    their slots, in any order."""
+    i = wp.tid()
+    s = i // a.cap
+    r = i - s * a.cap
+    if r < a.rows[s]:
+        m = material(a, s)
+        g = grain(p, m, i)
+        if g.x[2] > wide(0.5) * wide(PARKED) and g.x[2] >= low[s] and g.x[2] <= high[s]:
+            at = 8 * wp.atomic_add(counter, 0, 1)
+            out[at] = wide(s)
+            out[at + 1] = wide(a.ids[i])
+            for c in range(3):
+                out[at + 2 + c] = g.x[c]
+                out[at + 5 + c] = v[i][c]
+
+
 @func
 def row(out: Wides, at: int, s: int, i: int, j: int, wall: int, force: vec3, branch: wide3):
     """Write one contact."""
