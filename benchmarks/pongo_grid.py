@@ -1,0 +1,175 @@
+"""The figure and the tables of docs/results/pongo2022-grid.md, from Q of each run of studies/pongo2022-grid:
+
+labbook export studies/pongo2022-grid.yaml --backend warp --out tables
+python benchmarks/pongo_grid.py grid.csv --runs rod tables/runs.csv
+python benchmarks/pongo_grid.py benchmarks/results/2026-11-25-pongo-grid-h100.csv docs/results/pongo2022-grid.png
+
+The second command keeps of the exports of one shape each what the third reads: how each run ended, and its Q.
+"""
+
+import argparse
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from labbook.report.style import COLOURS, MARKERS, MILLIMETRE, PAGE, for_a_screen, house
+from labbook.stats.pooling import student
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FREQUENCIES = (0.0, 0.16, 0.32, 0.64, 0.96, 1.28)
+COLUMNS = ("shape", "f_Hz", "D_mm", "seed", "outcome", "Q_per_s")
+
+
+class Run(NamedTuple):
+    """A run: f [Hz], D [mm], how it ended, and Q [1/s], NaN where too few grains left in the window."""
+
+    shape: str
+    f: float
+    d: float
+    seed: int
+    outcome: str
+    rate: float
+
+
+class Mean(NamedTuple):
+    """Q [1/s] over the runs that flowed to their end, with its standard error, NaN of one; how many of all runs these
+    are, and how many clogged."""
+
+    rate: float
+    error: float
+    flowed: int
+    clogged: int
+    runs: int
+
+
+def kept(path: Path, shape: str) -> Iterator[Run]:
+    """The runs in runs.csv of `labbook export`, which has a row a quantity."""
+    found: dict[tuple[str, str, str], Run] = {}
+    with path.open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            key = row["container.rotation"], row["container.orifice"], row["seed"]
+            f, d, seed = float(key[0]), round(1e3 * float(key[1]), 6), int(key[2])
+            if row["quantity"] == "grain_rate":
+                found[key] = Run(shape, f, d, seed, row["outcome"], round(float(row["value"]), 3))
+            else:
+                found.setdefault(key, Run(shape, f, d, seed, row["outcome"], math.nan))
+    yield from found.values()
+
+
+def read(path: Path) -> list[Run]:
+    """What was kept."""
+    with path.open(encoding="utf-8") as file:
+        return [
+            Run(row["shape"], float(row["f_Hz"]), float(row["D_mm"]), int(row["seed"]), row["outcome"],
+                float(row["Q_per_s"] or "nan"))
+            for row in csv.DictReader(file)
+        ]  # fmt: skip
+
+
+def mean(runs: Sequence[Run], shape: str, f: float, d: float) -> Mean:
+    """Of the runs of one shape, frequency and orifice."""
+    some = [run for run in runs if (run.shape, run.f, run.d) == (shape, f, d)]
+    rates = np.array([run.rate for run in some if run.outcome == "finished"])
+    error = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else math.nan
+    clogged = sum(run.outcome == "clogged" for run in some)
+    return Mean(float(rates.mean()) if len(rates) else math.nan, error, len(rates), clogged, len(some))
+
+
+def orifices(runs: Sequence[Run]) -> list[float]:
+    """All D [mm]."""
+    return sorted({run.d for run in runs})
+
+
+def kappa(runs: Sequence[Run], shape: str, f: float, least: float, most: float) -> tuple[float, float]:
+    """Slope of ln Q by D [1/mm] over orifices from `least` to `most` [mm], with the half width of its interval at 95 %:
+    a straight line through the runs, whose scatter tells the error."""
+    some = [run for run in runs if (run.shape, run.f, run.outcome) == (shape, f, "finished") and least <= run.d <= most]
+    x, y = np.array([run.d for run in some]), np.log([run.rate for run in some])
+    x, y = x - x.mean(), y - y.mean()
+    slope = float(x @ y) / float(x @ x)
+    rest = float(np.sum((y - slope * x) ** 2)) / (len(x) - 2)
+    return slope, student(0.95, len(x) - 2) * math.sqrt(rest / float(x @ x))
+
+
+def table(runs: Sequence[Run], shape: str) -> Iterator[str]:
+    """Lines of a table of Q: a row a frequency, a column an orifice."""
+    yield f"| f [Hz] | {' | '.join(f'{d:g} mm' for d in orifices(runs))} |"
+    yield "|---" * (len(orifices(runs)) + 1) + "|"
+    for f in FREQUENCIES:
+        yield f"| {f:g} | {' | '.join(_cell(mean(runs, shape, f, d)) for d in orifices(runs))} |"
+
+
+def _cell(found: Mean) -> str:
+    if found.flowed == 0:
+        return "clogged" if found.clogged else "slower than the time limit"
+    digits = 1 if found.error < 3 else 0
+    alone = f"{found.rate:.0f}"
+    said = alone if found.flowed == 1 else f"{found.rate:.{digits}f} ± {found.error:.{digits}f}"
+    return said + (f" ({found.clogged} of {found.runs} clogged)" if found.clogged else "")
+
+
+def drawn(runs: Sequence[Run]) -> "Figure":
+    """Q against the orifice by frequency, of spheres and of rods, and Q(f)/Q(0) by orifice."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 3, figsize=(PAGE, 68 * MILLIMETRE))
+    for ax, shape in zip(axes, ("sphere", "rod"), strict=False):
+        for k, f in enumerate(FREQUENCIES):
+            some = [mean(runs, shape, f, d) for d in orifices(runs)]
+            errors = [0.0 if math.isnan(one.error) else one.error for one in some]
+            how = {"color": COLOURS[k], "marker": MARKERS[k], "ms": 3, "lw": 0.8, "label": f"{f:g} Hz"}
+            ax.errorbar(orifices(runs), [one.rate for one in some], errors, **how)
+        ax.set(yscale="log", xlabel="orifice, $D$ [mm]", title="spheres" if shape == "sphere" else "rods, $L/d$ = 3.3")
+    axes[0].set_ylabel("$Q$ [grains/s]")
+    shared = min(ax.get_ylim()[0] for ax in axes[:2]), max(ax.get_ylim()[1] for ax in axes[:2])
+    for ax in axes[:2]:
+        ax.set_ylim(shared)
+    for k, d in enumerate((54.0, 60.0, 66.0, 72.0)):
+        for shape, filled in (("sphere", "none"), ("rod", COLOURS[k])):
+            some = [mean(runs, shape, f, d) for f in FREQUENCIES]
+            ratios = [one.rate / some[0].rate for one in some]
+            parts = [one.error / one.rate for one in some]
+            errors = [0.0, *(r * math.hypot(part, parts[0]) for r, part in zip(ratios[1:], parts[1:], strict=True))]
+            label = f"{d:g} mm" if shape == "rod" else None
+            how = {"color": COLOURS[k], "marker": MARKERS[k], "ms": 3, "mfc": filled, "lw": 0.8, "label": label}
+            axes[2].errorbar(FREQUENCIES, ratios, errors, **how)
+    axes[2].set(ylim=(0, 1.25), xlabel="rotation, $f$ [Hz]", ylabel="$Q(f)/Q(0)$", title="open: spheres")
+    axes[0].legend(title="rotation")
+    axes[2].legend(title="rods, $D$", ncols=2)
+    return figure
+
+
+def main() -> None:
+    """Draw the figure and print the tables; or keep what they need."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("source", type=Path, help="file with what is kept")
+    parser.add_argument("picture", nargs="?", type=Path)
+    parser.add_argument("--runs", nargs=2, action="append", metavar=("SHAPE", "RUNS_CSV"), help="exports to keep there")
+    given = parser.parse_args()
+    if given.runs:
+        with given.source.open("w", encoding="utf-8", newline="") as file:
+            rows = csv.writer(file, lineterminator="\n")
+            rows.writerow(COLUMNS)
+            for shape, path in given.runs:
+                rows.writerows((*run[:-1], "" if math.isnan(run.rate) else run.rate) for run in kept(Path(path), shape))
+        return
+    runs = read(given.source)
+    for shape in ("sphere", "rod"):
+        print("\n".join(table(runs, shape)), "\n")
+    for f in FREQUENCIES:
+        slopes = [kappa(runs, "rod", f, 48, most) for most in (60, 72)] + [kappa(runs, "sphere", f, 48, 72)]
+        said = ", ".join(f"{v:.3f} +- {h:.3f}" for v, h in slopes)
+        print(f"f = {f:g} Hz: kappa [1/mm] of rods from 48 to 60 mm, to 72 mm, and of spheres: {said}")
+    if given.picture:
+        with house():
+            given.picture.write_bytes(for_a_screen(drawn(runs))[0])
+
+
+if __name__ == "__main__":
+    main()
