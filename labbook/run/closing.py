@@ -4,6 +4,7 @@ On a GPU, where all jobs share one ensemble, it would stand still meanwhile; and
 together, so that there several threads share what they leave. Drawing, the larger part, needs the interpreter little.
 """
 
+import sys
 from collections.abc import Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import cycle
@@ -14,6 +15,9 @@ from labbook.run.job import Job, JobFailed, Left
 from labbook.run.lane import Hand
 
 _HELD = 4_000_000  # grains of jobs that wait to be written: some gigabytes
+_TURN = 1e-4
+"""Time [s] for which a thread may keep the interpreter while others wait, instead of Python's 5 ms. The thread of a lane
+gives it away at every call to the device, and would else wait for several of those that close jobs to get it back."""
 
 
 class Closing:
@@ -23,6 +27,8 @@ class Closing:
         self._board, self._hands = board, [Hand("labbook-closing") for _ in range(threads)]
         self._next = cycle(self._hands)
         self._jobs: dict[Future[RunRows], tuple[Job, str]] = {}
+        self._turn = sys.getswitchinterval()
+        sys.setswitchinterval(_TURN)
 
     @property
     def jobs(self) -> list[Job]:
@@ -67,3 +73,4 @@ class Closing:
         wait(self._jobs)
         for hand in self._hands:
             hand.end()
+        sys.setswitchinterval(self._turn)
