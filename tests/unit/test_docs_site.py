@@ -78,3 +78,13 @@ def test_the_study_of_a_page_is_one(page, tmp_path):
     study = load(tmp_path / "study.yaml")
     assert isinstance(study, labbook.Study)
     assert len(study.points) == 4
+
+
+def test_pages_opened_from_a_folder_can_be_searched(site):
+    index = (site / "search/search_index.js").read_text(encoding="utf-8")
+    assert index.startswith("var __index = {")
+    assert "Janda" in index
+    for page in site.rglob("*.html"):
+        worker = re.search(r'<script src="([^"]*iframe-worker-shim.js)"', page.read_text(encoding="utf-8"))
+        assert worker is not None, page.name
+        assert page.name == "404.html" or (page.parent / worker[1]).exists(), page.name
