@@ -362,7 +362,7 @@ def test_runs_in_both_precisions_from_shared_beds_tell_what_mixed_does():
 def rounded(change=0.0, error=1e-4, **here) -> Effects:
     """What mixed precision does, measured in a scene by itself."""
     unknown = tuple(tuple(math.inf if i == j else 0.0 for j in range(3)) for i in range(3))
-    return Effects(replace(LARGEST, **here), (0.0,) * 3, unknown, 100, 0.02, "made up", (change, error**2))
+    return Effects(replace(LARGEST, **here), (0.0, 0.0, 0.0), unknown, 100, 0.02, "made up", (change, error**2))
 
 
 def with_rounding(*found: Effects, slopes=(0.5, 0.0, 0.0)) -> Calibration:
