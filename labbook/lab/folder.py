@@ -60,6 +60,10 @@ class DiskFull(LabError):
             f"no room is left on the disk of {path}: finished runs and the last checkpoints are safe; "
             "make room and give the same command again"
         )
+        self.path = path
+
+    def __reduce__(self):
+        return DiskFull, (self.path,)  # else it would be made again from its message
 
 
 class NoLocks(LabError):

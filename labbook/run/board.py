@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from labbook.backend import Checkpoint, Spec
 from labbook.lab.folder import Claim
-from labbook.lab.index import Index, RunRows, packing_row, run_rows
+from labbook.lab.index import Index, RunRows, run_rows
 from labbook.lab.records import Observe
 from labbook.run.demand import Demand
 from labbook.run.discharge import DischargeJob
@@ -240,12 +240,8 @@ class Board:
             self.todo.pop(job.key, None)
         return Started(job, start, needed)
 
-    def read(self, job: Job) -> RunRows:
-        """What the index is to say of a job whose result is in the lab. Any thread may ask for it."""
-        return (packing_row(job.place), []) if isinstance(job, FillJob) else run_rows(job.place, self._observe)
-
     def finished(self, job: Job, verdict: str, found: RunRows) -> None:
-        """A job's result is in the lab, and `read` has found this in it."""
+        """What is kept of a job is in the lab, and the index is to say this of it."""
         job.release()
         self.going.pop(job.key, None)
         if isinstance(job, FillJob):

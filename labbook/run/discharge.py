@@ -3,13 +3,14 @@
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from labbook.backend import Emptied, Ensemble, Event, Member
+from labbook.backend import Emptied, Ensemble, Event, Member, Status
 from labbook.backend.probes import (
     Contacts,
     Crossing,
@@ -26,16 +27,17 @@ from labbook.filling import Feeder, PlacingError, opened
 from labbook.filling.bed import bed_height, parts_of_mass
 from labbook.lab.folder import PICTURE, Claim
 from labbook.lab.identity import Keys
-from labbook.lab.journal import PROGRESS, Saved, at_its_end
+from labbook.lab.index import RunRows, run_rows
+from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
-from labbook.lab.records import Coverage, Failure, Ledger, Observe, Outcome, Precise, RunRecord, Unreadable
+from labbook.lab.records import Coverage, Failure, Observe, Outcome, Precise, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.measure.series import passages
 from labbook.measure.steady import steady_flow
 from labbook.picture import bed
 from labbook.run.demand import Demand
-from labbook.run.job import Bench, Job, JobFailed, Left, failure
+from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
 from labbook.run.provenance import now
 from labbook.scene import Packing, Silo
@@ -233,7 +235,7 @@ class DischargeJob(Job):
             self._seen = ensemble.packing(member)
         except Exception as problem:
             self._unseen = True
-            self._no_picture(problem)
+            _no_picture(self.label, problem)
 
     def _feed(self, ensemble: Ensemble, member: Member) -> None:
         """Put grains back that left, after every beat: a state that is saved has those of its beat."""
@@ -244,18 +246,6 @@ class DischargeJob(Job):
         back = self._feeder.returning(ensemble.packing(member), beat)
         if back is not None:
             ensemble.put_back(member, back)
-
-    def _draw(self, seen: Packing) -> bytes:
-        """Draw a bed. No run is lost for its picture: it then has none, and the log says why."""
-        try:
-            return bed(self.scene, self._packed, seen)
-        except Exception as problem:
-            self._no_picture(problem)
-            return b""
-
-    def _no_picture(self, problem: Exception) -> None:
-        _LOG.warning("%s: no picture of its bed: %s: %s", self.label, type(problem).__name__, problem)
-        _LOG.debug("where that was", exc_info=True)
 
     def verdict(self, events: Sequence[Event]) -> Outcome | None:
         """The stop rule."""
@@ -328,24 +318,26 @@ class DischargeJob(Job):
 
     # end
 
-    def fill_folder(self, folder: Path, verdict: str, left: Left) -> None:
-        """Tables, the exact last state, the recording, the picture, and the record."""
-        tables = self.tables()
-        film = tables.pop(FILM_TABLE, None)
-        if film is not None and self.film is not None:
-            steps_between = self.film.every * self.numerics.steps_per_beat
-            write_table(folder / RECORDING, thinned(film, steps_between))
-        for name, table in tables.items():
-            write_table(folder / f"{name}.npz", table)
-        write_checkpoint(folder / CHECKPOINT, left.checkpoint, compress=True)
+    def kept(self, verdict: str, left: Left) -> "KeptRun":
+        """All of it."""
         seen = left.packing if self._seen is None else self._seen
-        if not self._unseen and (picture := self._draw(seen)):
-            (folder / PICTURE).write_bytes(picture)
-        kept = ledger(self.scene, self.status, left.packing, self._packed, tables.get("crossing"))
-        self.record(verdict, kept).write(folder)
+        return KeptRun(
+            self.bench.lab,
+            self.key,
+            self.place,
+            self.label,
+            record=self._record(verdict),
+            status=self.status,
+            journal=self.journal,
+            unsaved=self._rows,
+            film=self.film,
+            left=left,
+            start=self._packed,
+            seen=None if self._unseen else seen,
+        )
 
-    def record(self, verdict: str, kept: Ledger) -> RunRecord:
-        """What the run says of itself."""
+    def _record(self, verdict: str) -> RunRecord:
+        """What the run says of itself, but for its ledger."""
         bench, demand, status = self.bench, self.demand, self.status
         coverage = Coverage(
             duration=status.time,
@@ -384,10 +376,58 @@ class DischargeJob(Job):
                 "physics": {key: float(value) for key, value in physics.items() if math.isfinite(value)},
                 "device": bench.device,
                 "finished": now(),
-                "ledger": kept,
                 "sessions": self.sessions(),
             }
         )
+
+
+@dataclass(frozen=True)
+class KeptRun(Kept):
+    """A run that has ended. record: without its ledger. unsaved: rows since the last save. start: its packing. seen:
+    the bed that is drawn; None of a run without a picture."""
+
+    record: RunRecord
+    status: Status
+    journal: Journal
+    unsaved: Mapping[str, Sequence[Table]]
+    film: Sample | None
+    left: Left
+    start: Packing
+    seen: Packing | None
+
+    def fill_folder(self, folder: Path) -> None:
+        """Tables, the exact last state, the recording, the picture, and the record."""
+        scene, numerics = self.record.scene, self.record.numerics
+        tables = self.journal.tables(self.unsaved)
+        film = tables.pop(FILM_TABLE, None)
+        if film is not None and self.film is not None:
+            write_table(folder / RECORDING, thinned(film, self.film.every * numerics.steps_per_beat))
+        for name, table in tables.items():
+            write_table(folder / f"{name}.npz", table)
+        write_checkpoint(folder / CHECKPOINT, self.left.checkpoint, compress=True)
+        if picture := self._drawn():
+            (folder / PICTURE).write_bytes(picture)
+        kept = ledger(scene, self.status, self.left.packing, self.start, tables.get("crossing"))
+        self.record.model_copy(update={"ledger": kept}).write(folder)
+
+    def _drawn(self) -> bytes:
+        """A picture of its bed. No run is lost for its picture: it then has none, and the log says why."""
+        if self.seen is None:
+            return b""
+        try:
+            return bed(self.record.scene, self.start, self.seen)
+        except Exception as problem:
+            _no_picture(self.label, problem)
+            return b""
+
+    def rows(self) -> RunRows:
+        """The rows of the run and of its measurements, taken now."""
+        return run_rows(self.place, self.record.observe)
+
+
+def _no_picture(label: str, problem: Exception) -> None:
+    _LOG.warning("%s: no picture of its bed: %s: %s", label, type(problem).__name__, problem)
+    _LOG.debug("where that was", exc_info=True)
 
 
 FILM_TABLE = "recording"

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,13 @@ from labbook.filling import PlacingError, place
 from labbook.filling.bed import at_rest
 from labbook.lab.folder import Claim
 from labbook.lab.identity import Keys
+from labbook.lab.index import RunRows, packing_row
 from labbook.lab.journal import PROGRESS, Saved
 from labbook.lab.packings import ARRAYS, PackingRecord
 from labbook.lab.records import Unreadable
 from labbook.run.demand import Demand, PackingsOf
 from labbook.run.forecast import fill_time
-from labbook.run.job import Bench, Job, JobFailed, Left, failure
+from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
 from labbook.scene import Packing
 from labbook.scene.timescales import collision
@@ -138,10 +140,10 @@ class FillJob(Job):
             return "settled"
         return "late" if self.status.time >= self._longest else None
 
-    def finish(self, verdict: str, left: Left) -> None:
-        """Keep the packing; of a filling that came to nothing, the last state. Raises JobFailed for that."""
+    def kept(self, verdict: str, left: Left) -> "KeptPacking":
+        """The packing; of a filling that came to nothing, the last state. Raises JobFailed for that."""
         if verdict == "settled":
-            return super().finish(verdict, left)
+            return KeptPacking(self.bench.lab, self.key, self.place, self.label, self._record(left), left.packing)
         if self.may_save:
             self._write(left.checkpoint)
         if verdict == "late":
@@ -152,10 +154,10 @@ class FillJob(Job):
         why = self._failure.message if self._failure else verdict
         raise JobFailed(f"{self.label}: {why} (while filling; the last good state is in {self.journal.folder})")
 
-    def fill_folder(self, folder: Path, verdict: str, left: Left) -> None:
-        """The packing and how it was made."""
-        capabilities, packing = self.bench.backend.capabilities, left.packing
-        record = PackingRecord(
+    def _record(self, left: Left) -> PackingRecord:
+        """How it was made."""
+        capabilities = self.bench.backend.capabilities
+        return PackingRecord(
             packing_key=self.key,
             closed_key=self.demand.shared.closed_key,
             backend=capabilities.name,
@@ -166,11 +168,9 @@ class FillJob(Job):
             grains=self.scene.grains.count,
             duration=self.status.time,
             kinetic=self.status.kinetic,
-            ledger=ledger(self.scene, self.status, packing),
+            ledger=ledger(self.scene, self.status, left.packing),
             sessions=self.sessions(),
         )
-        packing.save(folder / ARRAYS)
-        record.write(folder)
 
     def progress(self) -> float:
         """By the time that a filling is expected to take; settling has no end that can be seen coming."""
@@ -191,6 +191,23 @@ class FillJob(Job):
     def label(self) -> str:
         """For people: the packing of which points, which seed."""
         return f"packing{self._serves and f' of {self._serves}'}, seed {self.demand.seed}"
+
+
+@dataclass(frozen=True)
+class KeptPacking(Kept):
+    """A packing, and how it was made."""
+
+    record: PackingRecord
+    packing: Packing
+
+    def fill_folder(self, folder: Path) -> None:
+        """Arrays and record."""
+        self.packing.save(folder / ARRAYS)
+        self.record.write(folder)
+
+    def rows(self) -> RunRows:
+        """The row of the packing."""
+        return packing_row(self.place), []
 
 
 def short(energy: float) -> str:

@@ -12,6 +12,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.lab.folder import Claim, Lab, make_folder, room
 from labbook.lab.identity import Keys
+from labbook.lab.index import RunRows
 from labbook.lab.journal import Journal, Saved
 from labbook.lab.records import Session, Unreadable
 from labbook.run.demand import Demand
@@ -35,6 +36,39 @@ class Left:
 
     checkpoint: Checkpoint
     packing: Packing
+
+
+@dataclass(frozen=True)
+class Kept(ABC):
+    """What a job that has ended keeps. It stands apart from the job: another process can put it into the lab."""
+
+    lab: Lab
+    key: str
+    place: Path
+    label: str
+
+    @abstractmethod
+    def fill_folder(self, folder: Path) -> None:
+        """Write it into the new `folder`. Raises Unreadable for rows that were saved and cannot be read."""
+
+    @abstractmethod
+    def rows(self) -> RunRows:
+        """What the index is to say of it, once it is in the lab."""
+
+    def put(self) -> None:
+        """Put it into the lab, by one rename. Raises DiskFull, or JobFailed with the last state saved."""
+        made = self.lab.work(self.key) / "done"
+        with room(made):
+            shutil.rmtree(made, ignore_errors=True)
+            make_folder(made)
+            try:
+                self.fill_folder(made)
+            except Unreadable as problem:
+                raise JobFailed(
+                    f"{self.label}: {problem}; give the same command again, and it starts afresh"
+                ) from problem
+            self.lab.put(made, self.place)
+        self.lab.clear(self.key)
 
 
 class JobFailed(Exception):
@@ -95,8 +129,8 @@ class Job(ABC):
         """How it ended, or None while it goes on."""
 
     @abstractmethod
-    def fill_folder(self, folder: Path, verdict: str, left: Left) -> None:
-        """Write what is kept into the new `folder`. Raises JobFailed if there is nothing to keep."""
+    def kept(self, verdict: str, left: Left) -> Kept:
+        """What is kept of it. Raises DiskFull, or JobFailed if that is nothing, with the last state saved."""
 
     @abstractmethod
     def progress(self) -> float:
@@ -191,25 +225,8 @@ class Job(ABC):
         self._rows = {}
 
     def leave(self, ensemble: Ensemble, member: Member) -> Left:
-        """What `finish` needs of a member that has ended; its slot may be used again then."""
+        """What `kept` needs of a member that has ended; its slot may be used again then."""
         return Left(ensemble.checkpoint(member), ensemble.packing(member))
-
-    def finish(self, verdict: str, left: Left) -> None:
-        """Put the result into the lab, by one rename. Called from a thread of its own. Raises DiskFull, or JobFailed
-        with the last state saved."""
-        lab = self.bench.lab
-        made = lab.work(self.key) / "done"
-        with room(made):
-            shutil.rmtree(made, ignore_errors=True)
-            make_folder(made)
-            try:
-                self.fill_folder(made, verdict, left)
-            except Unreadable as problem:
-                raise JobFailed(
-                    f"{self.label}: {problem}; give the same command again, and it starts afresh"
-                ) from problem
-            lab.put(made, self.place)
-        lab.clear(self.key)
 
     def release(self) -> None:
         """Let others claim the key."""

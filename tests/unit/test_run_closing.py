@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import dataclass
 
 import pytest
 from labbook_toy import Backend, Ensemble
@@ -9,9 +10,12 @@ from toy_lab import arrays, carry_out, study
 from toy_records import outcomes
 
 from labbook.lab import Catalogue
-from labbook.lab.folder import DiskFull
+from labbook.lab.folder import DiskFull, Lab
+from labbook.lab.records import Unreadable
 from labbook.run import closing, runner
+from labbook.run.aside import Aside, Gone
 from labbook.run.discharge import DischargeJob
+from labbook.run.job import JobFailed, Kept
 from labbook.run.watch import Unwatched
 
 
@@ -40,9 +44,68 @@ def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, tog
     assert one.sort_values(order).to_csv(index=False) == many.sort_values(order).to_csv(index=False)
 
 
+def test_runs_are_written_by_other_processes_but_the_first_of_each_thread(tmp_path, together, monkeypatch):
+    here, there = [], []
+    put, aside = Kept.put, Aside.put
+    monkeypatch.setattr(Kept, "put", lambda self: here.append(self.key) or put(self))
+    monkeypatch.setattr(Aside, "put", lambda self, kept: there.append(kept.key) or aside(self, kept))
+    summary = carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1)
+    assert summary.complete
+    assert len(here) == 3
+    assert len(there) > 3
+    assert not {*here} & {*there}
+
+
+def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, together, monkeypatch, caplog):
+    killed, aside = [], Aside.put
+
+    def kill(self, kept):
+        if not killed:
+            killed.append(kept.key)
+            self._process.kill()
+        return aside(self, kept)
+
+    monkeypatch.setattr(Aside, "put", kill)
+    asked = study(tmp_path, replicates=4)
+    assert carry_out(asked, tmp_path / "lab", lanes=1).complete
+    assert len(killed) == 1
+    assert "since the one for that is gone" in caplog.text
+    assert carry_out(asked, tmp_path / "lab", lanes=1).tally.ran == {}, "nothing was left to do"
+
+
+def test_an_error_of_another_process_comes_back_as_it_was(tmp_path):
+    lab = Lab(tmp_path / "lab")
+    process = Aside()
+    try:
+        with pytest.raises(DiskFull) as full:
+            process.put(Failing(lab, "key", lab.run("key"), "run", "full"))
+        assert str(full.value) == str(DiskFull(tmp_path))
+        with pytest.raises(JobFailed, match="starts afresh"):
+            process.put(Failing(lab, "key", lab.run("key"), "run", "unreadable"))
+        with pytest.raises(Gone, match="cannot pickle"):
+            process.put(Failing(lab, "key", lab.run("key"), "run", threading.Lock()))
+    finally:
+        process.end()
+
+
+@dataclass(frozen=True)
+class Failing(Kept):
+    """What cannot be written."""
+
+    how: object
+
+    def fill_folder(self, folder):
+        if self.how == "full":
+            raise DiskFull(self.lab.folder.parent)
+        raise Unreadable("rows: damaged")
+
+    def rows(self):
+        return {}, []
+
+
 def test_an_ensemble_goes_on_while_a_run_is_written(tmp_path, together, monkeypatch):
     beats, entered, went_on = [0], [], []
-    advance, finish = Ensemble.advance, DischargeJob.finish
+    advance, kept = Ensemble.advance, DischargeJob.kept
 
     def counted(self, *given):
         beats[0] += 1
@@ -55,10 +118,10 @@ def test_an_ensemble_goes_on_while_a_run_is_written(tmp_path, together, monkeypa
             while beats[0] < before + 2 and time.monotonic() < until:
                 time.sleep(0.001)
             went_on.append(beats[0] >= before + 2)
-        finish(self, verdict, left)
+        return kept(self, verdict, left)
 
     monkeypatch.setattr(Ensemble, "advance", counted)
-    monkeypatch.setattr(DischargeJob, "finish", slow)
+    monkeypatch.setattr(DischargeJob, "kept", slow)
     summary = carry_out(study(tmp_path, orifices="[18, 36]"), tmp_path / "lab", lanes=1)
     assert went_on == [True]
     assert outcomes(summary) == ["finished"] * 4
@@ -68,6 +131,7 @@ def test_a_disk_that_is_full_ends_all_and_the_next_command_goes_on(tmp_path, tog
     asked = study(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr("labbook.run.discharge.PICTURE", "/dev/full")
+        patch.setattr(closing, "Aside", unable)
         with pytest.raises(DiskFull):
             carry_out(asked, tmp_path / "lab", lanes=1)
     assert not list((tmp_path / "lab").glob("runs/*"))
@@ -79,22 +143,27 @@ def test_a_disk_that_is_full_ends_all_and_the_next_command_goes_on(tmp_path, tog
             assert not thread.is_alive()
 
 
+def unable():
+    raise Gone("no process can be begun")
+
+
 def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monkeypatch):
     monkeypatch.setattr(closing, "_HELD", 250)  # one job of 200 grains, and no second one
     at_once, most = [0], [0]
-    finish = DischargeJob.finish
+    put = closing.Closer._put
     lock = threading.Lock()
 
-    def counted(self, verdict, left):
+    def counted(self, kept):
         with lock:
             at_once[0] += 1
             most[0] = max(most[0], at_once[0])
         time.sleep(0.02)
-        finish(self, verdict, left)
+        found = put(self, kept)
         with lock:
             at_once[0] -= 1
+        return found
 
-    monkeypatch.setattr(DischargeJob, "finish", counted)
+    monkeypatch.setattr(closing.Closer, "_put", counted)
     assert carry_out(study(tmp_path, replicates=4), tmp_path / "lab", lanes=1).complete
     assert most == [1]
 
@@ -102,8 +171,8 @@ def test_jobs_that_hold_too_many_grains_are_waited_for(tmp_path, together, monke
 def test_a_run_that_is_written_is_told(tmp_path, together, monkeypatch):
     monkeypatch.setattr(runner, "_LOOK", 0.0)
     monkeypatch.setattr(runner, "_TELLING", float("inf"))
-    finish = DischargeJob.finish
-    monkeypatch.setattr(DischargeJob, "finish", lambda *given: (time.sleep(0.05), finish(*given))[1])
+    put = closing.Closer._put
+    monkeypatch.setattr(closing.Closer, "_put", lambda *given: (time.sleep(0.05), put(*given))[1])
     seen = set()
 
     class Watch(Unwatched):

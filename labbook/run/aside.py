@@ -1,0 +1,91 @@
+"""A process that puts what jobs keep into the lab, and measures it, while the one that steps them goes on.
+
+Threads would do, were it not for Python's interpreter, which only one of them has at a time: where hundreds of small
+beds end together, the threads that write and measure them would keep the GPU waiting. The process is one of its own
+program, not a copy of its parent: so it takes nothing over from a GPU, and a script that runs a study needs no guard.
+It ends with its parent.
+"""
+
+import logging
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from typing import Any
+
+from labbook.lab.index import RunRows
+from labbook.run.job import Kept
+
+_LOG = logging.getLogger("labbook")
+
+
+class Gone(Exception):
+    """The process has ended, or cannot take over what it was given; the message says why."""
+
+
+class Aside:
+    """The process, begun at once. Raises Gone if it cannot be."""
+
+    def __init__(self) -> None:
+        paths = os.pathsep.join(dict.fromkeys(sys.path))
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", "from labbook.run.aside import serve; serve()"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, "PYTHONPATH": paths},
+            )
+        except OSError as problem:
+            raise Gone(f"it cannot be begun: {problem}") from problem
+
+    def put(self, kept: Kept) -> RunRows:
+        """Put `kept` into the lab; its rows for the index. Raises what `Kept.put` does, and Gone."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            pickle.dump(kept, self._process.stdin)
+            self._process.stdin.flush()
+            answer: Any = pickle.load(self._process.stdout)
+        except (OSError, EOFError, pickle.PickleError, AttributeError, TypeError) as problem:
+            self.end()
+            raise Gone(f"{type(problem).__name__}: {problem}") from problem
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    def end(self) -> None:
+        """End it, once it has done what it was given."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with suppress(OSError):  # of one that has ended already
+            self._process.stdin.close()
+        self._process.wait()
+        self._process.stdout.close()
+
+
+def serve() -> None:
+    """Put what comes by standard input into labs until there is no more. Ctrl-C is for the parent alone."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what anything prints is no answer
+    while True:
+        try:
+            kept = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        except Exception as problem:  # of a package that is not found here
+            answer: object = Gone(f"{type(problem).__name__}: {problem}")
+        else:
+            try:
+                kept.put()
+                answer = kept.rows()
+            except Exception as problem:
+                answer = problem
+        try:
+            pickle.dump(answer, answers)
+        except Exception:  # an error that cannot be told as it is
+            pickle.dump(Gone(repr(answer)), answers)
+        answers.flush()
