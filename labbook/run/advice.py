@@ -76,7 +76,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
         yield _told(file, "replicates", "with one run a point no number has an error between replicates", remedy)
     if seconds > _LONG:
-        yield from _stiff(file, points)
+        yield from _stiff(plan.study, points)
 
 
 def too_large(plan: Plan, lanes: int, available: float) -> str | None:
@@ -229,12 +229,14 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
         yield _told(plan.study.path, "fit", reason, f"sweep {needed} or more values of container.orifice")
 
 
-def _stiff(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
+def _stiff(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
     """Grains much stiffer than their bed needs, which costs steps."""
     found = []
+    by_youngs = "youngs_modulus" in study.stated.get("contact", {})
     for shared, one in points:
         scale = shared.numerics.stiffness_scale
-        told = softer(shared.scene.stiffened(scale), one.height) if one.height else None
+        youngs = by_youngs or "contact.youngs_modulus" in shared.point.at
+        told = softer(shared.scene.stiffened(scale), one.height, youngs) if one.height else None
         if told:
             key, soft, unit, times = told
             found.append((key, soft / scale, unit, times))  # the study states stiffness before it is scaled
@@ -242,38 +244,45 @@ def _stiff(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterato
         key, soft, unit, times = max(found, key=lambda one: one[-1])
         reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed asks for"
         remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {SOFT:.1%} of d"
-        yield _told(file, key, reason, remedy)
+        yield _told(study.path, key, reason, remedy)
 
 
-def softer(scene: Scene, height: float) -> tuple[str, float, str, float] | None:
+def softer(scene: Scene, height: float, youngs: bool = False) -> tuple[str, float, str, float] | None:
     """A stiffness at which grains overlap by SOFT d below a bed of the height [m]: key, value, unit, and how many times
     fewer steps it takes; None where that is less than a few. Where stiffness differs: of the stiffest.
 
-    The pressure p = phi rho g H presses grains with p d^2 together. A step goes as one over the root of the stiffness.
+    youngs: whether the study states E in `contact`; the scene has G. The pressure p = phi rho g H presses grains with
+    p d^2 together. A step goes as one over the root of the stiffness.
     """
     grains = scene.grains
     pressure = PACKED * grains.mean_density * scene.gravity * height
-    found = [(where, law.softer(pressure, SOFT, grains.diameter)) for where, law in _stiffnesses(scene)]
-    told = [(where, one) for where, one in found if one is not None and one.enough > 0]
+    found = [
+        (where, by_e, law.softer(pressure, SOFT, grains.diameter)) for where, by_e, law in _stiffnesses(scene, youngs)
+    ]
+    told = [(where, by_e, one) for where, by_e, one in found if one is not None and one.enough > 0]
     if not told:
         return None
-    where, (key, unit, stated, soft) = max(told, key=lambda one: one[1].stated / one[1].enough)
-    times = math.sqrt(stated / soft)
-    return (f"{where}.{key}", soft, unit, times) if times > _SLOWER else None
+    where, by_e, one = max(told, key=lambda each: each[2].stated / each[2].enough)
+    key, ratio = one.other if by_e and one.other else (one.key, 1.0)
+    times = math.sqrt(one.stated / one.enough)
+    return (f"{where}.{key}", one.enough * ratio, one.unit, times) if times > _SLOWER else None
 
 
-def _stiffnesses(scene: Scene) -> Iterator[tuple[str, ContactLaw]]:
-    """Sections that state how stiff grains are, with the law of their contacts. Walls of another material are left out:
-    contacts with them are at most twice as stiff as those of grains."""
+def _stiffnesses(scene: Scene, youngs: bool) -> Iterator[tuple[str, bool, ContactLaw]]:
+    """Sections that state how stiff grains are, whether by Young's modulus, and the law of their contacts. Walls of
+    another material are left out: contacts with them are at most twice as stiff as those of grains."""
     kinds = range(len(scene.grains.species))
     own = "contact.between[]" if scene.contact.material is None else "grains.kinds[]"
     for one in kinds:
+        by_e = bool(scene.grains.kinds) and scene.grains.kinds[one].youngs_modulus is not None
         for other in kinds[: one + 1] if scene.contact.material is None else (one,):
             law = scene.law_between(one, other)
-            yield "contact" if law == scene.contact else own, law
+            yield ("contact", youngs, law) if law == scene.contact else (own, by_e, law)
         for wall in scene.container.walls() if scene.contact.material is None else ():
             if (law := scene.law(wall, one)) != scene.law_between(one, one):
-                yield f"walls.{wall.name}", law
+                here = scene.walls.get(wall.name)
+                stated = wall.name if here is not None and here.normal_stiffness is not None else "all"
+                yield f"walls.{stated}", False, law
 
 
 def _rounded(value: float) -> str:

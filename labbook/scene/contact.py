@@ -107,6 +107,8 @@ class Softer(NamedTuple):
     unit: str
     stated: float
     enough: float
+    other: tuple[str, float] | None = None
+    """Another key that a study may state instead, and its value over that of `key`."""
 
 
 class ContactLaw(Model, ABC):
@@ -296,7 +298,8 @@ class Hertz(ContactLaw, ABC):
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
         """From the overlap now, which goes as G^{-2/3}."""
         enough = self.shear_modulus * (self.overlap(pressure, diameter) / overlap) ** 1.5
-        return Softer("shear_modulus", "Pa", self.shear_modulus, enough)
+        other = "youngs_modulus", 2 * (1 + self.poisson_ratio)
+        return Softer("shear_modulus", "Pa", self.shear_modulus, enough, other)
 
 
 class HertzMindlin(Hertz):

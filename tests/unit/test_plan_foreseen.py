@@ -288,6 +288,33 @@ def test_the_stiffness_that_a_study_scales_is_what_counts(tmp_path):
     assert "1e+09 Pa" in told
 
 
+@pytest.mark.parametrize("swept", [False, True])
+def test_the_modulus_that_a_study_states_is_named(tmp_path, swept):
+    """E = 2 G (1 + nu): the same grains, told by the key that the study has."""
+    path = tmp_path / "stiff.yaml"
+    path.write_text(
+        "name: stiff\ngrains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 1000}\n"
+        f"contact: {{law: hertz-printed, youngs_modulus: {1 if swept else 60} GPa, poisson_ratio: 0.2}}\n"
+        "container: {kind: wedge-hopper, width: 60 mm, height: 300 mm, thickness: 1.01 d, orifice: 24 mm}\n"
+        f"{'sweep: {contact.youngs_modulus: [60 GPa]}' if swept else ''}\n"
+        "numerics: {dt: 0.1 us}\nfill: {contact: {law: linear, normal_stiffness: 1000 N/m}}\n"
+        "measure: [flow_rate]\nreplicates: 2\n"
+    )
+    study = load(path)
+    (told,) = advice(Planner(study, Catalogue(tmp_path / "lab"), labbook_toy.Backend().capabilities).plan(), 1e4)
+    assert "contact.youngs_modulus: grains this stiff" in told
+    (scene,) = (point.scene for point in study.points)
+    height = outline(PointDemand(study, study.points[0])).height
+    assert height is not None
+    by_g, by_e = softer(scene, height), softer(scene, height, youngs=True)
+    assert by_g is not None
+    assert by_e is not None
+    assert (by_g[0], by_e[0]) == ("contact.shear_modulus", "contact.youngs_modulus")
+    assert by_e[1] == pytest.approx(2 * 1.2 * by_g[1])
+    assert by_e[2:] == by_g[2:]
+    assert f"with {float(f'{by_e[1]:.1g}'):g} Pa grains" in told
+
+
 def test_runs_that_nothing_ends_are_told_of(tmp_path):
     path = tmp_path / "box.yaml"
     path.write_text(
