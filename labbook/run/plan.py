@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Literal
 
 from labbook.accuracy.groups import has_groups
-from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported
+from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, absent
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import stamp
 from labbook.lab.identity import Keys
@@ -370,12 +370,9 @@ def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
     """Whether `backend` can do all that is planned, on `device`. Raises Unsupported."""
     can = backend.capabilities
     if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
-        raise Unsupported("--device", f"the backend {can.name} has no {device} here; it has {', '.join(can.devices)}")
-    if isinstance(backend, Surveys):
-        there = [found.alias for found in backend.survey().devices]
-        if device not in there:
-            remedy = f"there is no device {device} here; there is {', '.join(there) or 'none'}"
-            raise Unsupported("--device", remedy)
+        raise absent(backend, device)
+    if isinstance(backend, Surveys) and device not in {found.alias for found in backend.survey().devices}:
+        raise absent(backend, device)
     for point in points:
         shared = point.shared
         if shared.scene.feed is not None and not can.feeds:

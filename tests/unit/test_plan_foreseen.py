@@ -363,11 +363,20 @@ def test_grains_that_memory_cannot_hold_are_refused(tmp_path):
 
 def test_a_device_that_is_not_there_is_said_by_plan(tmp_path):
     made, _, _ = planned(tmp_path)
-    backend = backend_of("toy", survey=lambda self: Survey({}, (Device("cpu", "a processor"),)))
+    cpu, gpu = Device("cpu", "a processor"), Device("cuda:0", "a card")
+    backend = backend_of("toy", survey=lambda self: Survey({}, (cpu,)))
+    plain = "use --device cpu or leave --device out"
+    with pytest.raises(Unsupported, match=f"toy has no cuda:0 here; it has cpu; {plain}, or use another backend"):
+        check(backend, "cuda:0", made.points)
     backend.capabilities = type(backend.capabilities)(**{**vars(backend.capabilities), "devices": ("cpu", "cuda:0")})
     check(backend, "cpu", made.points)
-    with pytest.raises(Unsupported, match="there is no device cuda:0 here; there is cpu"):
+    with pytest.raises(Unsupported, match=f"it has cpu; {plain}, or install the driver for cuda devices"):
         check(backend, "cuda:0", made.points)
+    both = backend_of("toy", survey=lambda self: Survey({}, (cpu, gpu)))
+    both.capabilities, backend = backend.capabilities, both
+    check(backend, "cuda:0", made.points)
+    with pytest.raises(Unsupported, match=f"no cuda:1 here; it has cpu, cuda:0; use --device cuda:0, or {plain}$"):
+        check(backend, "cuda:1", made.points)
 
 
 def test_an_backend_that_cannot_be_imported_is_told_by_plan(tmp_path, monkeypatch):
