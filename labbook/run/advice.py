@@ -22,6 +22,7 @@ from labbook.run.lane import slots
 from labbook.run.plan import Item, Plan, Planner, check
 from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
+from labbook.scene.quantities import told_apart
 from labbook.study import Study
 from labbook.study.window import HIGH, high_until
 
@@ -89,10 +90,8 @@ def too_large(plan: Plan, lanes: int, available: float) -> str | None:
     if needed <= available:
         return None
     count, several = largest.scene.grains.count, f"{runs} runs at once of " if runs > 1 else ""
-    reason = (
-        f"{several}{count} grains take about {needed / 1e9:.3g} GB of memory, and this machine has "
-        f"{available / 1e9:.3g} GB"
-    )
+    takes, has = told_apart(needed / 1e9, available / 1e9, of_limit=3)
+    reason = f"{several}{count} grains take about {takes} GB of memory, and this machine has {has} GB"
     fits = available / needed * count
     step = 10 ** math.floor(math.log10(fits))
     remedy = f"use at most {fits // step * step:.0f} grains, or a larger machine"
@@ -159,9 +158,8 @@ def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
         rods = shared.scene.grains.half_length > 0
         what = "lengths of a rod" if rods else "diameters of a grain"
         least = NARROW[shared.scene.grains.shape]
-        reason = (
-            f"the outlet is {one.ratio:.2g} {what} wide ({one.extent * 1e3:.3g} mm), and below {least:g} it often clogs"
-        )
+        ratio, bound = told_apart(one.ratio or 0.0, least, digits=2)
+        reason = f"the outlet is {ratio} {what} wide ({one.extent * 1e3:.3g} mm), and below {bound} it often clogs"
         enough = math.ceil(least * one.extent * 1e4 * (1 - 1e-9)) / 10  # mm
         yield _told(file, "container.orifice", reason, f"use {enough:g} mm or more", few, points)
 
@@ -175,10 +173,9 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
     if over:
         shared, one = max(over, key=lambda pair: pair[1].height or 0)
         height, top = one.height or 0.0, float(getattr(shared.scene.container, "height", math.inf))
-        reason = (
-            f"the grains will stand about {height * 1e3:.3g} mm high, at a packing fraction of {PACKED}, "
-            f"above the walls ({top * 1e3:.3g} mm)"
-        )
+        high, walls = told_apart(height * 1e3, top * 1e3)
+        stand = f"the grains will stand about {high} mm high, at a packing fraction of {PACKED}"
+        reason = f"{stand}, above the walls ({walls} mm)"
         remedy = f"make the container {1.1 * height * 1e3:.3g} mm high or more, or lower grains.count"
         yield _told(file, "container.height", reason, remedy, over, points)
 

@@ -267,6 +267,12 @@ def test_each_warning(tmp_path, old, new, key, message, remedy):
     assert remedy in told.splitlines()[told.splitlines().index(line) + 1]
 
 
+def test_an_outlet_that_is_hardly_too_narrow_is_not_said_to_be_as_wide_as_it_should(tmp_path):
+    path = study_file(tmp_path, orifices="[14.99]")
+    told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
+    assert "the outlet is 4.997 diameters of a grain wide (3 mm), and below 5 it often clogs" in told
+
+
 def test_the_outlet_that_a_warning_names_is_wide_enough(tmp_path):
     """Five diameters of 3.01 mm are 15.05 mm: 15 mm would be warned of again."""
     path = study_file(tmp_path, orifices="[12]")
