@@ -22,7 +22,7 @@ from labbook.run.lane import slots
 from labbook.run.plan import Item, Plan, Planner, check
 from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
-from labbook.scene.quantities import told_apart
+from labbook.scene.quantities import percent, told_apart
 from labbook.study import Study
 from labbook.study.window import HIGH, high_until
 
@@ -140,9 +140,10 @@ def _too_low(file: Path, end: float, lowest: dict[PointDemand, tuple[float, floa
     start = shared.study.window.start
     earlier = f" a window.end below {there:.2f}," if there > start + 0.01 else ""
     how = "is" if height else f"will be, at a packing fraction of {PACKED},"
+    fallen, _ = told_apart(100 * there, 100 * end, digits=2)
     reason = (
-        f"the bed {how} {tall * 1e3:.3g} mm high and has fallen to {stop * 1e3:.4g} mm with {there:.0%} discharged, "
-        f"before the window ends (window.end, {end:g}), at {_named(lowest)}"
+        f"the bed {how} {tall * 1e3:.3g} mm high and has fallen to {stop * 1e3:.4g} mm "
+        f"with {fallen} % discharged, before the window ends (window.end, {end:g}), at {_named(lowest)}"
     )
     remedy = f"use a stop.fill_height below {(1 - end) * tall * 1e3:.3g} mm,{earlier} or more grains"
     return _told(file, "stop.fill_height", reason, remedy)
@@ -193,8 +194,8 @@ def _low(plan: Plan) -> Iterator[str]:
         enough = count * (1 - until) / (1 - study.window.end)
         step = 10 ** max(0, math.floor(math.log10(enough)) - 1)
         reason = (
-            f"the bed is less than {HIGH:g} widths high before the window ends, at {study.window.end:.0%} discharged: "
-            "W may fall with it"
+            f"the bed is less than {HIGH:g} widths high before the window ends, at {percent(study.window.end)} "
+            "discharged: W may fall with it"
         )
         remedy = f"use {math.ceil(enough / step) * step:.0f} grains or more, or state window.end"
         yield _told(study.path, "grains.count", reason, remedy)
@@ -240,7 +241,7 @@ def _stiff(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Itera
     if found:
         key, soft, unit, times = max(found, key=lambda one: one[-1])
         reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed asks for"
-        remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {SOFT:.1%} of d"
+        remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {percent(SOFT)} of d"
         yield _told(study.path, key, reason, remedy)
 
 

@@ -72,6 +72,15 @@ def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -
     return shown, bound
 
 
+def percent(part: float, how: str = ".3g") -> str:
+    """`2 %`, `0.25 %`, `110 %` of a part of one. `how`: to format the number of percent; where that gives an exponent
+    (1.1e+02), the digits are written out."""
+    number = f"{100 * part:{how}}"
+    if "e" in number:
+        number = f"{float(number):{'+' if how.startswith('+') else ''}.6g}"
+    return f"{number} %"
+
+
 _RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 

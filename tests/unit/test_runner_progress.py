@@ -121,7 +121,7 @@ def test_an_outlet_that_may_have_clogged_is_told_before_it_counts_as_clogged(tmp
     asked = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[8]", replicates=1)
     carry_out(asked, tmp_path / "lab", backend=Backend(delay=0.005), watcher=Watch())
     assert any(re.fullmatch(r"no grain for 0\.\d\d s, clogged after 0\.5 s", part) for part in said), said
-    assert "33% discharged, ends at 65%" in said
+    assert "33 % discharged, ends at 65 %" in said
 
 
 @pytest.mark.parametrize(("energy", "shown"), [(12.3, "12"), (0.034, "0.034"), (3.4e-5, "3e-5"), (1e-12, "1e-12")])

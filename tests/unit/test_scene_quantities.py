@@ -1,12 +1,14 @@
 """Quantities: numbers with units, and what is refused."""
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labbook.scene.quantities import parse, told_apart
+from labbook.scene.quantities import parse, percent, told_apart
 
 
 @pytest.mark.parametrize(
@@ -102,3 +104,29 @@ def test_what_is_told_of_a_value_beyond_a_limit_has_their_order(limit, more):
     value = limit * (1 + more)
     shown, bound = map(float, told_apart(value, limit))
     assert (shown > bound, shown < bound) == (value > limit, value < limit)
+
+
+@pytest.mark.parametrize(
+    ("part", "how", "shown"),
+    [
+        (0.02, ".3g", "2 %"),
+        (0.0025, ".3g", "0.25 %"),
+        (1.1, ".2g", "110 %"),
+        (1e-4, ".2g", "0.01 %"),
+        (99.96, ".2g", "10000 %"),
+        (-1.234, "+.2g", "-120 %"),
+        (1.234, "+.2g", "+120 %"),
+        (0.123, "+.2f", "+12.30 %"),
+        (0.655, ".0f", "66 %"),
+    ],
+)
+def test_percentages_have_a_space_and_no_exponent(part, how, shown):
+    assert percent(part, how) == shown
+
+
+def test_all_percentages_are_written_so():
+    """Python's own format has no space before the sign."""
+    root = Path(__file__).parents[2]
+    sources = [path for folder in ("labbook", "web", "backends") for path in (root / folder).rglob("*.py")]
+    assert len(sources) > 200
+    assert not [path for path in sources if re.search(r":[^{}\s]*%\}", path.read_text(encoding="utf-8"))]
