@@ -67,14 +67,21 @@ class Budget:
 
     @property
     def line(self) -> str:
-        """`W = 108.5 ± 0.8 (seeds) ± 0.3 (numerics) ± 0.6 (window) g/s; not measured: filling, bed`."""
+        """`Bounds: W = 108.5 ± 0.8 (seeds, 95 %) ± 0.3 (numerics) ± 0.6 (window) g/s; not measured: filling, bed`.
+
+        These are half-widths and largest differences, no standard errors.
+        """
         shown = display.quantity(self.quantity)
         known = [(share.source, abs(self.value) * share.part) for share in self.shares if share.part is not None]
         finest = min((error for _, error in known if error > 0 and math.isfinite(error)), default=math.nan)
-        parts = [f"± {display.number(error, finest, shown.scale)} ({source})" for source, error in known]
+        parts = [
+            f"± {display.number(error, finest, shown.scale)} ({source}{', 95 %' if source == 'seeds' else ''})"
+            for source, error in known
+        ]
         value = display.number(self.value, finest, shown.scale)
         lacking = f"; {NOT_MEASURED}: {', '.join(self.unknown)}" if self.unknown else ""
-        return f"{self.name} = {' '.join([value, *parts])} {shown.unit}".rstrip() + lacking
+        before = "Bounds: " if parts else ""
+        return before + f"{self.name} = {' '.join([value, *parts])} {shown.unit}".rstrip() + lacking
 
 
 def budgets(results: Results) -> tuple[Budget, ...]:
