@@ -14,6 +14,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
+from labbook.scene.quantities import told_apart
 from labbook_dem.features import covers, finest, specialise
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.reading import Readable, read
@@ -237,13 +238,15 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
     """
     where = f"grain {grain} at step {step} ({span(step * numerics.dt)}, dt = {span(numerics.dt)})"
     if guard == "overlap":
+        overlap, limit = told_apart(value / finest(scene), numerics.overlap_limit)
         return (
-            f"{where} overlaps by {value / finest(scene):.3g} d, more than numerics.overlap_limit "
-            f"({numerics.overlap_limit:g}); use a smaller numerics.dt or stiffer grains, or raise the limit"
+            f"{where} overlaps by {overlap} d, more than numerics.overlap_limit "
+            f"({limit}); use a smaller numerics.dt or stiffer grains, or raise the limit"
         )
     if guard == "speed":
+        speed, limit = told_apart(value, numerics.speed_limit)
         return (
-            f"{where} moves at {value:.3g} m/s, faster than numerics.speed_limit ({numerics.speed_limit:g} m/s); "
+            f"{where} moves at {speed} m/s, faster than numerics.speed_limit ({limit} m/s); "
             "use a smaller numerics.dt, or raise the limit if grains may be this fast"
         )
     what = "its spin is NaN" if guard == "spin" else "its velocity or a force on it is NaN or too large"

@@ -14,6 +14,7 @@ from labbook.accuracy.calibration import Bias, Calibration, OutOfRange, shipped
 from labbook.accuracy.groups import Groups, groups
 from labbook.backend.numerics import Numerics, Precision
 from labbook.scene import Scene
+from labbook.scene.quantities import percent
 from labbook.scene.timescales import collision, largest_stable_step
 
 SCALES = (1.0, 0.7, 0.5, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.015, 0.01)
@@ -111,8 +112,8 @@ def choose(
             total = bias if one == "double" or rounding is None else bias + rounding
             found = Choice(step, scale, one, total, tolerance, alike.scatter, alike.source, usual)
             if found.left <= 0:
-                said = f"dt/t_c = {made.step:.3g} moves W by up to {total.bound:.2%}, and {tolerance:.2%} is asked"
-                reasons.append(said)
+                moves = f"dt/t_c = {made.step:.3g} moves W by up to {percent(total.bound, '.2f')}"
+                reasons.append(f"{moves}, and {percent(tolerance)} is asked")
             elif best is None or found.time < best.time:
                 best = found
     if best is None:

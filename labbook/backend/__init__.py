@@ -24,7 +24,7 @@ from labbook.backend.contract import (
     Verifies,
     Weighed,
 )
-from labbook.backend.registry import GROUP, BackendMissing, installed, load
+from labbook.backend.registry import GROUP, BackendMissing, absent, installed, load
 
 __all__ = [
     "GROUP",
@@ -51,6 +51,7 @@ __all__ = [
     "Unsupported",
     "Verifies",
     "Weighed",
+    "absent",
     "installed",
     "load",
 ]

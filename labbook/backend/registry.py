@@ -3,7 +3,7 @@
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 
-from labbook.backend.contract import Backend
+from labbook.backend.contract import Backend, Surveys, Unsupported
 
 
 class BackendMissing(Exception):
@@ -40,3 +40,19 @@ def load(name: str) -> Backend:
             return backend
     known = ", ".join(sorted(installed())) or "none"
     raise BackendMissing(f"no backend is called {name}; there are: {known}")
+
+
+def absent(backend: Backend, device: str) -> Unsupported:
+    """That `backend` has no `device` (`cuda:0`, `cuda:all`) on this machine, with the devices that it has and what to
+    do."""
+    kind, known = device.partition(":")[0], backend.capabilities.devices
+    there = [found.alias for found in backend.survey().devices] if isinstance(backend, Surveys) else known
+    said = f"the backend {backend.capabilities.name} has no {device} here; it has {', '.join(there) or 'no device'}"
+    ways = [f"use --device {alias}" for alias in there if alias != "cpu"][:1]
+    if "cpu" in there:
+        ways.append("use --device cpu or leave --device out")
+    if kind not in {one.partition(":")[0] for one in known}:
+        ways.append("use another backend (labbook doctor shows all with their devices)")
+    elif kind not in {one.partition(":")[0] for one in there}:
+        ways.append(f"install the driver for {kind} devices (labbook doctor shows what is found)")
+    return Unsupported("--device", f"{said}; {', or '.join(ways)}")

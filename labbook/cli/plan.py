@@ -148,6 +148,7 @@ def _physics(plan: "Plan") -> "Table":
     from rich.table import Table
 
     from labbook.run.forecast import outline
+    from labbook.scene.quantities import percent
 
     rods = any(point.shared.scene.grains.half_length > 0 for point in plan.points)
     ratio = "D/L" if rods else "D/d"
@@ -159,7 +160,7 @@ def _physics(plan: "Plan") -> "Table":
         one = outline(point.shared)
         row = (
             f"{one.dt * 1e6:.3g} µs",
-            f"{one.dt / one.limit:.0%}".replace("%", " %"),
+            percent(one.dt / one.limit, ".0f"),
             _count(one.fill_steps),
             _count(one.steps),
             "–" if one.ratio is None else f"{one.ratio:.3g}",

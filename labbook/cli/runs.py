@@ -82,6 +82,8 @@ def _show(found) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from labbook.scene.quantities import percent
+
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("run", "study", "point", "seed", "backend", "outcome", "left", "t [s]", "M/s"):
         right = heading in ("seed", "left", "t [s]", "M/s")
@@ -100,7 +102,7 @@ def _show(found) -> None:
             str(int(row.seed)),
             f"{escape(row.backend)} {int(row.cache_version)}",
             f"{row.outcome}, suspect" if row.suspect else row.outcome,
-            f"{row.discharged:.0%}",
+            percent(row.discharged, ".0f"),
             f"{row.duration:.3g}",
             rate,
             style="yellow" if row.outcome == "diverged" or row.suspect else None,

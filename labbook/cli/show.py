@@ -82,6 +82,7 @@ def _show(record, folder, picture, measured) -> None:
     from rich.table import Table
 
     from labbook.run.progress import duration
+    from labbook.scene.quantities import percent
 
     coverage, provenance = record.coverage, record.provenance
     lines = {
@@ -90,7 +91,7 @@ def _show(record, folder, picture, measured) -> None:
         "outcome": record.outcome + (f": {record.failure.message}" if record.failure else ""),
         "ledger": _ledger(record.ledger),
         "covered": f"{coverage.duration:.4g} s, {coverage.crossed} of {coverage.grains} grains discharged "
-        f"({coverage.discharged:.1%} of the mass), the last one {coverage.waiting:.3g} s before the end",
+        f"({percent(coverage.discharged, '.1f')} of the mass), the last one {coverage.waiting:.3g} s before the end",
         "backend": f"{record.backend} version {record.cache_version} on {record.device}, {record.numerics.precision}, "
         f"dt {record.numerics.dt:.4g} s",
         "restitution": ", ".join(f"{key} {value:.4g}" for key, value in record.physics.items()),

@@ -5,10 +5,10 @@ import json
 import typer
 
 from labbook.cli.options import LAB, AsJson, Lab, existing
-from labbook.cli.screen import say
+from labbook.cli.screen import say, screen
 
 _MOST = 10
-"""Damaged runs that are listed one by one."""
+"""Damaged files that are listed one by one."""
 
 
 def register(app: typer.Typer) -> None:
@@ -25,12 +25,13 @@ def register(app: typer.Typer) -> None:
         catalogue = existing(lab)
         counts, suspect, packings = catalogue.counts(), catalogue.suspect_count(), catalogue.packing_count()
         works, live = unfinished(catalogue.lab), running(catalogue.lab)
-        lost = [entry.problem for entry in catalogue.damaged()]
+        lost = catalogue.unreadable()
         if as_json:
             found = {
                 "runs": counts,
                 "suspect": suspect,
                 "packings": packings,
+                "damaged": lost,
                 "unfinished": [vars(work) for work in works],
                 "running": [one.plain() for one in live],
             }
@@ -42,10 +43,11 @@ def register(app: typer.Typer) -> None:
         if suspect:
             verb = "run is" if suspect == 1 else "runs are"
             say(f"  {suspect} {verb} suspect: labbook runs --outcome suspect --lab {lab} says why")
+        console = screen(highlight=False)
         for problem in lost[:_MOST]:
-            say(f"  cannot be read: {problem}")
+            console.print(f"  cannot be read: {problem}", style="red", markup=False, soft_wrap=True)
         if len(lost) > _MOST:
-            say(f"  and {len(lost) - _MOST} more, which labbook runs --lab {lab} lists")
+            say(f"  and {len(lost) - _MOST} more, which labbook status --json --lab {lab} lists")
         for one in live:
             where = f"{one.backend} on {one.device}, process {one.pid} on {one.host}"
             say(f"  {one.study}: {'; '.join(filter(None, (runs_done(one), remaining(one), where)))}")

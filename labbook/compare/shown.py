@@ -8,6 +8,7 @@ from labbook.compare.verdict import Contrast, PointVerdict, Verdict
 from labbook.report.style import COLOURS, FAINT, INK, MILLIMETRE, PAGE, house, look
 from labbook.report.tables import Table
 from labbook.results import display
+from labbook.scene.quantities import percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +24,7 @@ def summary(verdict: Verdict) -> list[str]:
     """What came of it, in a few sentences."""
     every = [one for _, one in _tests(verdict)]
     shown, apart = (sum(one.finding == found for one in every) for found in ("equivalent", "different"))
-    margin, n = f"{100 * verdict.margin:.3g} %", len(every)
+    margin, n = percent(verdict.margin), len(every)
     words = {
         "equivalent": f"equivalent within {margin} in all {n} tests",
         "different": f"DIFFERENT by more than {margin} in {apart} of {n} tests",
@@ -43,8 +44,8 @@ def contrast_table(verdict: Verdict) -> Table:
     first, second = (entrant.called for entrant in verdict.entrants)
     rows, marked = [], set()
     notes = [
-        f"Two one-sided tests at {verdict.alpha:.0%} with a margin of ±{100 * verdict.margin:.3g} % of {first}’s mean: "
-        "equivalent if the interval lies within the margin. Power: the chance to show that if there is none."
+        f"Two one-sided tests at {percent(verdict.alpha)} with a margin of ±{percent(verdict.margin)} of {first}’s "
+        "mean: equivalent if the interval lies within the margin. Power: the chance to show that if there is none."
     ]
     for point, one in _tests(verdict):
         shown = display.quantity(one.quantity)
@@ -52,7 +53,8 @@ def contrast_table(verdict: Verdict) -> Table:
         n = "/".join(dict.fromkeys(str(len(values)) for values in samples))
         means = (f"{fmean(values) * shown.scale:.5g}" if values else _DASH for values in samples)
         interval = _DASH if one.low is None else f"{_percent(one.low)} to {_percent(one.high)}"
-        test = _percent(one.difference), interval, _told(one.p, ".2g"), _told(one.power, ".0%")
+        power = _DASH if one.power is None else percent(one.power, ".0f")
+        test = _percent(one.difference), interval, _told(one.p, ".2g"), power
         if one.finding == "different":
             marked.add(len(rows))
         packings = "shared" if one.paired else "own"
@@ -107,7 +109,7 @@ def _told(value: float | None, form: str) -> str:
 
 
 def _percent(part: float | None) -> str:
-    return _DASH if part is None else f"{100 * part:+.2f} %".replace("-", "−")
+    return _DASH if part is None else percent(part, "+.2f").replace("-", "−")
 
 
 def figure(verdict: Verdict) -> "Figure":
@@ -141,9 +143,9 @@ def _apart(ax: "Axes", verdict: Verdict) -> None:
 
 
 def _means(ax: "Axes", verdict: Verdict) -> None:
-    percent, labels = 100 * verdict.margin, []
+    margin, labels = 100 * verdict.margin, []
     first, second = (entrant.called for entrant in verdict.entrants)
-    ax.axvspan(-percent, percent, color=FAINT, alpha=0.18, linewidth=0)
+    ax.axvspan(-margin, margin, color=FAINT, alpha=0.18, linewidth=0)
     ax.axvline(0, color=FAINT, linewidth=0.6)
     for row, (point, one) in enumerate(_tests(verdict)):
         labels.append(f"{display.quantity(one.quantity).name}, {point.label}" if point.label else one.quantity)
@@ -154,4 +156,4 @@ def _means(ax: "Axes", verdict: Verdict) -> None:
         ax.errorbar([100 * one.difference], [row], xerr=reach, fmt="o" if one.paired else "s", color=colour)
     ax.set_yticks(range(len(labels)), labels)
     ax.set(ylim=(len(labels) - 0.5, -0.5), xlabel=f"{second} less {first} [% of {first}]")
-    ax.set_title(f"90 % intervals; grey: the margin, ±{percent:.3g} %")
+    ax.set_title(f"90 % intervals; grey: the margin, ±{percent(verdict.margin)}")

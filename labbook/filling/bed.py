@@ -12,13 +12,13 @@ from labbook.scene.container import Container
 from labbook.scene.packing import Packing
 
 ROLLING = 0.01
-"""Fraction of grains that may go on moving where nothing brakes rolling."""
+"""Fraction of rods, or of spheres without rolling friction, that may go on moving."""
 PACKED = 0.55
 """Packing fraction that is assumed of a bed before there is one."""
 
 
 def unbraked(scene: Scene) -> bool:
-    """Whether a grain of the scene may roll for ever: rods, and spheres without rolling friction."""
+    """Whether grains are taken to roll for ever: spheres without rolling friction, and rods, whatever theirs is."""
     return isinstance(scene.grains, Spherocylinders) or scene.contact.rolling_friction == 0
 
 

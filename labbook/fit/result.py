@@ -9,6 +9,7 @@ import numpy as np
 from labbook.fit.band import half_width, law_error
 from labbook.fit.law import Context, Law
 from labbook.fit.profile import Minimum, derivative
+from labbook.scene.quantities import percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,7 +74,7 @@ class FitResult:
     def __repr__(self) -> str:
         lines = [f"<{self.law.name}: {self.law.formula}>"]
         for name, one in self.parameters.items():
-            within = f"{100 * self.confidence:g} %: {one.low:.4g} to {one.high:.4g}"
+            within = f"{percent(self.confidence)}: {one.low:.4g} to {one.high:.4g}"
             lines.append(f"  {name} = {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() + f"  ({within})")
         lines.append(f"  χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}")
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])

@@ -29,6 +29,7 @@ from labbook.lab.database import (
 from labbook.lab.folder import Lab, LabError, stamp
 from labbook.lab.packings import read_packing
 from labbook.lab.records import Coverage, RunRecord, Unreadable
+from labbook.lab.runs import open_run
 from labbook.lab.suspect import suspicion
 from labbook.measure import Window
 
@@ -235,6 +236,22 @@ class Catalogue:
         with self._asking() as connection:
             return [_entry(row) for row in connection.execute(query)]
 
+    def unreadable(self) -> list[str]:
+        """Files of runs and of their packings that cannot be read, and why, each once. What is not as it was indexed is
+        read now; a folder that is gone is no damage."""
+        query = select(runs.c.run_key, runs.c.stamp, runs.c.packing_key, runs.c.problem).order_by(runs.c.run_key)
+        with self._asking() as connection:
+            rows = connection.execute(query).fetchall()
+        found: dict[str, None] = {}
+        for row in rows:
+            folder = self.lab.run(row.run_key)
+            problem = row.problem if stamp(folder) == row.stamp else _problem_of_run(folder)
+            if problem is None and row.packing_key:
+                problem = self.packing_problem(row.packing_key)
+            if problem is not None:
+                found[problem] = None
+        return list(found)
+
     def versions(self, backend: str) -> list[int]:
         """Versions of `backend` of which there are runs."""
         query = select(runs.c.cache_version).where(runs.c.backend == backend).distinct()
@@ -340,6 +357,15 @@ def _entry(row: Row) -> Entry:
     said: dict[str, Any] = {name: getattr(row, name) or ("" if name != "cache_version" else 0) for name in _SAID}
     coverage = Coverage.model_validate_json(row.coverage) if row.coverage else None
     return Entry(coverage=coverage, problem=row.problem, stamp=row.stamp, suspect=row.suspect, **said)
+
+
+def _problem_of_run(folder: Path) -> str | None:
+    try:
+        if folder.is_dir():
+            open_run(folder)
+    except Unreadable as problem:
+        return str(problem)
+    return None
 
 
 def _problem(folder: Path) -> str | None:

@@ -7,6 +7,7 @@ A suspect run is kept and shown with the reason. It takes part in no mean and no
 import math
 
 from labbook.lab.records import Ledger
+from labbook.scene.quantities import told_apart
 
 DEEPEST = 0.1
 """Largest overlap, in diameters, of a run that is not suspect.
@@ -34,7 +35,8 @@ def suspicion(ledger: Ledger | None) -> str:
         return ""
     reasons = []
     if ledger.overlap is not None and ledger.overlap > DEEPEST:
-        reasons.append(f"grains overlap by {ledger.overlap:.3g} d, more than {DEEPEST:g} d")
+        overlap, most = told_apart(ledger.overlap, DEEPEST)
+        reasons.append(f"grains overlap by {overlap} d, more than {most} d")
     limit = FASTEST * (ledger.expected_speed or math.inf)
     if ledger.speed is not None and ledger.speed > limit:
         reasons.append(f"a grain moves at {ledger.speed:.3g} m/s, more than {FASTEST:g} times as fast as by its fall")

@@ -16,6 +16,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table, columns
 from labbook.lab.folder import open_file, write_bytes
 from labbook.scene import Scene, Spheres
+from labbook.scene.quantities import told_apart
 
 MOST = 2.0**34
 """Bytes that a file may unpack to, whatever it is said to hold: it is read into memory."""
@@ -51,7 +52,8 @@ class Stored(Mapping[str, np.ndarray]):
                 self._entries = {entry.filename.removesuffix(".npy"): entry for entry in self._archive.infolist()}
                 declared = sum(entry.file_size for entry in self._archive.infolist())
                 if declared > most:
-                    raise ValueError(f"it declares {declared:.3g} bytes, more than the {most:.3g} that it may hold")
+                    size, limit = told_apart(declared, most, of_limit=3)
+                    raise ValueError(f"it declares {size} bytes, more than the {limit} that it may hold")
         except BaseException:
             self._file.close()
             raise

@@ -9,6 +9,7 @@ from labbook.fit import FitResult, Parameter
 from labbook.report.tables import Table, in_errors
 from labbook.results import display
 from labbook.results.reference import CLOSE, Comparison
+from labbook.scene.quantities import percent
 
 NOT_DETERMINED = "not determined"
 """What is shown of a parameter that the data do not determine."""
@@ -43,7 +44,7 @@ def _together(law: str, fit: FitResult, known: Mapping[str, Comparison], source:
         except ValueError:
             continue
         said = " and ".join(display.quantity(f"{law}.{name}", fit.parameters[name].unit).name for name in group)
-        where = f"{'within' if p >= 1 - fit.confidence else 'outside'} our joint {100 * fit.confidence:g} % region"
+        where = f"{'within' if p >= 1 - fit.confidence else 'outside'} our joint {percent(fit.confidence)} region"
         yield f"{said} of {source} together: {where} (p = {p:.2g}, F test)."
 
 

@@ -18,6 +18,7 @@ from labbook.results.reference import agreement
 from labbook.results.series import PACKING_FRACTION, Series
 from labbook.results.statements import summed_up
 from labbook.results.study import Results
+from labbook.scene.quantities import percent
 
 ATTENTION = "Attention"
 _NAMED = 5
@@ -96,7 +97,7 @@ def _flow_rates(results: Results) -> list[Row]:
             rows.append((called, _range(known, quantity)))
     asked = results.study.accuracy.flow_rate
     if asked is not None and results.points and all(result.precise for result in results.points):
-        said = f"The flow rate of every point is known to the asked {100 * asked:g} % (95 % interval)."
+        said = f"The flow rate of every point is known to the asked {percent(asked)} (95 % interval)."
         rows.append(("Accuracy", said))
     return rows
 
@@ -222,7 +223,7 @@ def concerns(results: Results) -> list[str]:
 def _imprecise(results: Results) -> list[str]:
     if results.study.accuracy.flow_rate is None or not results.points:
         return []
-    asked = f"{100 * results.study.accuracy.flow_rate:g} %"
+    asked = percent(results.study.accuracy.flow_rate)
     if short := _labels(results.points, lambda one: one.precise is False):
         return [f"The asked error of {asked} on the flow rate is not met at {'; '.join(short)}."]
     return []

@@ -14,6 +14,7 @@ from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import CLOSE, Comparison
 from labbook.results.series import Series
 from labbook.results.study import Results
+from labbook.scene.quantities import percent
 from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
 
@@ -103,7 +104,7 @@ def _remarks(result: PointResult) -> list[str]:
     remarks = [result.remark] if result.remark else []
     remarks += [f"{note} ({n})" for note, n in result.notes.items() if note != "trending"]
     if result.precise is False:
-        remarks.append(f"misses the asked {100 * (result.tolerance or 0):g} %")
+        remarks.append(f"misses the asked {percent(result.tolerance or 0)}")
     return remarks
 
 
@@ -135,7 +136,7 @@ def _once(rows: Sequence[tuple[str, tuple[str, ...], tuple[str, ...]]]) -> Itera
 
 
 def _parts(part: float) -> str:
-    return f"{100 * part:.2f} %"
+    return percent(part, ".2f")
 
 
 _BUDGET = (
@@ -161,8 +162,8 @@ def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
     for quantity, group in groups.items():
         close = sum(abs(one.in_errors) <= CLOSE for one in group)
         sizes = sorted(abs(one.relative) for one in group if math.isfinite(one.relative))
-        middle = f"{100 * statistics.median(sizes):.3g} %" if sizes else "–"
-        largest = f"{100 * sizes[-1]:.3g} %" if sizes else "–"
+        middle = percent(statistics.median(sizes)) if sizes else "–"
+        largest = percent(sizes[-1]) if sizes else "–"
         rows.append((display.quantity(quantity).name, str(len(group)), str(close), middle, largest))
     headings = ("quantity", "numbers", f"within {CLOSE:g} standard errors", "median difference", "largest")
     return Table(headings, tuple(rows))
@@ -185,8 +186,8 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
             continue
         interval = f"{display.number(c.low, c.error, shown.scale)} to {display.number(c.high, c.error, shown.scale)}"
         ours = display.with_error(c.ours, c.error, shown.scale)
-        percent = "–" if math.isnan(c.relative) else f"{100 * c.relative:+.1f} %".replace("-", "−")
-        rows.append((shown.heading, c.label, reference, ours, interval, percent, in_errors(c)))
+        part = "–" if math.isnan(c.relative) else percent(c.relative, "+.1f").replace("-", "−")
+        rows.append((shown.heading, c.label, reference, ours, interval, part, in_errors(c)))
         if abs(c.in_errors) > CLOSE:
             marked.add(place)
     headings = ("quantity", "at", "reference", "ours", "95 % interval", "difference", "in standard errors")
@@ -285,7 +286,7 @@ def numerical_table(found: Sequence[Numerical]) -> Table:
     if margin is None:
         notes.append("No margin is stated (accuracy.numerics), so that equivalence is not tested.")
     else:
-        notes.insert(1, _NUMERICS_TESTED.format(margin=100 * margin))
+        notes.insert(1, _NUMERICS_TESTED.format(margin=percent(margin)))
     headings = ("changed", "at", "runs", f"first {shown.heading}", f"other {shown.heading}", "difference")
     return Table(
         (*headings, "90 % interval", "p", "power", "finding"),
@@ -304,7 +305,7 @@ def _numerical_cells(one: Numerical) -> tuple[str, ...]:
     difference = f"{display.with_error(test.difference, test.error, 100)} %"
     if not one.finding:
         return (difference, f"{low} to {high} %", "–", "–", "–")
-    return (difference, f"{low} to {high} %", f"{test.p:.2g}", f"{test.power:.0%}".replace("%", " %"), one.finding)
+    return (difference, f"{low} to {high} %", f"{test.p:.2g}", percent(test.power, ".0f"), one.finding)
 
 
 _OF_NUMERICS = (
@@ -314,7 +315,7 @@ _OF_NUMERICS = (
 
 
 _NUMERICS_TESTED = (
-    "Two one-sided tests at 5 % with a margin of ±{margin:.3g} %: equivalent if the interval lies within the margin, "
+    "Two one-sided tests at 5 % with a margin of ±{margin}: equivalent if the interval lies within the margin, "
     "different if it lies beyond, undecided otherwise. Power: the chance to show equivalence, were W the same."
 )
 

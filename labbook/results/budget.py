@@ -11,6 +11,7 @@ from labbook.results import display
 from labbook.results.points import DRIFT, FLOW_RATE, PointResult
 from labbook.results.series import PACKING_FRACTION, Series
 from labbook.results.study import Results
+from labbook.scene.quantities import percent
 from labbook.stats import Pooled
 
 Source = Literal["seeds", "numerics", "window", "filling", "bed"]
@@ -66,14 +67,21 @@ class Budget:
 
     @property
     def line(self) -> str:
-        """`W = 108.5 ± 0.8 (seeds) ± 0.3 (numerics) ± 0.6 (window) g/s; not measured: filling, bed`."""
+        """`Bounds: W = 108.5 ± 0.8 (seeds, 95 %) ± 0.3 (numerics) ± 0.6 (window) g/s; not measured: filling, bed`.
+
+        These are half-widths and largest differences, no standard errors.
+        """
         shown = display.quantity(self.quantity)
         known = [(share.source, abs(self.value) * share.part) for share in self.shares if share.part is not None]
         finest = min((error for _, error in known if error > 0 and math.isfinite(error)), default=math.nan)
-        parts = [f"± {display.number(error, finest, shown.scale)} ({source})" for source, error in known]
+        parts = [
+            f"± {display.number(error, finest, shown.scale)} ({source}{', 95 %' if source == 'seeds' else ''})"
+            for source, error in known
+        ]
         value = display.number(self.value, finest, shown.scale)
         lacking = f"; {NOT_MEASURED}: {', '.join(self.unknown)}" if self.unknown else ""
-        return f"{self.name} = {' '.join([value, *parts])} {shown.unit}".rstrip() + lacking
+        before = "Bounds: " if parts else ""
+        return before + f"{self.name} = {' '.join([value, *parts])} {shown.unit}".rstrip() + lacking
 
 
 def budgets(results: Results) -> tuple[Budget, ...]:
@@ -139,7 +147,8 @@ def _numerics(result: PointResult, values: Values, known: Calibration | None) ->
         bias = bias_of(point.scene, point.numerics, point.fill.numerics or point.numerics, known)
     except OutOfRange as reason:
         return Share("numerics", None, f"{NOT_MEASURED}; beyond the calibration ({reason})")
-    return Share("numerics", bias.bound, f"calibration: bias {_percent(bias.value)} ± {bias.half_width:.2%}")
+    error = f"{percent(bias.value, '+.2f')} ± {percent(bias.half_width, '.2f')}"
+    return Share("numerics", bias.bound, f"calibration: bias {error}")
 
 
 def _window(result: PointResult) -> Share:
@@ -147,8 +156,8 @@ def _window(result: PointResult) -> Share:
     drift = result.pooled.get(DRIFT)
     if drift is None:
         return Share("window", None, NOT_MEASURED)
-    error = f" ± {drift.half_width:.1%}" if math.isfinite(drift.half_width) else ""
-    return Share("window", abs(drift.value) / 2, f"half of the drift, {_percent(drift.value)}{error}")
+    error = f" ± {percent(drift.half_width, '.1f')}" if math.isfinite(drift.half_width) else ""
+    return Share("window", abs(drift.value) / 2, f"half of the drift, {percent(drift.value, '+.2f')}{error}")
 
 
 def _swept(source: Source, at: Mapping[str, float | str], value: float, values: Values) -> Share:
@@ -167,10 +176,6 @@ def _without(at: Mapping[str, float | str], source: Source) -> dict[str, float |
     return {key: value for key, value in at.items() if not key.startswith(_SWEPT[source])}
 
 
-def _percent(part: float) -> str:
-    return f"{part:+.2%}"
-
-
 def summed_up(found: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
     """The budget of a quantity in a sentence: that of its only point, or the largest part of every source and where."""
     found = [one for one in found if one.quantity == quantity]
@@ -181,7 +186,7 @@ def summed_up(found: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
         known = [(share.part, one) for one in found for share in one.shares if share.source == source]
         largest = max(((part, one) for part, one in known if part is not None), key=lambda pair: pair[0], default=None)
         if largest is not None:
-            parts.append(f"{source} up to {100 * largest[0]:.2g} % ({largest[1].of.label})")
+            parts.append(f"{source} up to {percent(largest[0], '.2g')} ({largest[1].of.label})")
     lacking = [source for source in SOURCES if any(s.source == source for one in found for s in one.shares)]
     lacking = [source for source in lacking if all(source in one.unknown for one in found)]
     told = "; ".join(parts) + (f"; {NOT_MEASURED}: {', '.join(lacking)}" if lacking else "")

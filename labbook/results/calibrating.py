@@ -12,6 +12,7 @@ from labbook.accuracy.calibration import Effects
 from labbook.accuracy.groups import Groups, groups
 from labbook.accuracy.regression import Observed, Slopes, regress
 from labbook.results.points import FLOW_RATE, PointResult, by_seed
+from labbook.scene.quantities import percent
 from labbook.study import Point
 
 
@@ -43,8 +44,8 @@ class Change:
         """In words."""
         return (
             f"{self.label}: overlap {self.flow.overlap:.2g} d (filled {self.filled.overlap:.2g}), "
-            f"dt/t_c {self.flow.step:.3g}: W {self.change:+.2%} +- {self.error:.2%} ({self.seeds} seeds), "
-            f"by the fit {self.fitted:+.2%}"
+            f"dt/t_c {self.flow.step:.3g}: W {percent(self.change, '+.2f')} +- {percent(self.error, '.2f')} "
+            f"({self.seeds} seeds), by the fit {percent(self.fitted, '+.2f')}"
         )
 
 
@@ -67,14 +68,18 @@ class Calibrated:
             if math.isfinite(e)
         )
         mixed = self.slopes.mixed
-        rounded = () if mixed is None else (f"mixed precision: W {mixed[0]:+.2%} +- {math.sqrt(mixed[1]):.2%}",)
+        rounded = ()
+        if mixed is not None:
+            error = percent(math.sqrt(mixed[1]), ".2f")
+            rounded = (f"mixed precision: W {percent(mixed[0], '+.2f')} +- {error}",)
         return [
             f"{here.law}, D/d = {here.ratio:.3g}, friction {here.friction:g}, restitution {here.restitution:g}, "
             f"rolling friction {here.rolling:g}: {self.slopes.runs} runs from {self.slopes.beds} beds",
             *(one.line() for one in self.changes),
             *found,
             *rounded,
-            f"scatter between seeds {self.slopes.between:.2%}, between settings in one bed {self.slopes.within:.2%}",
+            f"scatter between seeds {percent(self.slopes.between, '.2f')}, "
+            f"between settings in one bed {percent(self.slopes.within, '.2f')}",
         ]
 
 

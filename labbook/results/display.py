@@ -8,6 +8,7 @@ from functools import cache
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.measure.recorded import FlowPattern
+from labbook.scene.quantities import percent
 from labbook.study.paper import PAPERS
 
 
@@ -104,7 +105,7 @@ def percentage(part: float) -> str:
     """`±2.4 %` of a relative half-width, to two digits; `unknown` where it has no end."""
     if not math.isfinite(part):
         return "unknown"
-    return f"±{100 * part:.2g} %" if 100 * part < 99.5 else f"±{100 * part:.0f} %"
+    return f"±{percent(part, '.2g' if part < 0.995 else '.0f')}"
 
 
 def amount(name: str, value: float | str) -> str:

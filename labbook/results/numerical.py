@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from labbook.results import display
 from labbook.results.points import FLOW_RATE, PointResult, by_seed
+from labbook.scene.quantities import percent
 from labbook.stats.equivalence import Equivalence, tost
 from labbook.study import Point
 
@@ -86,4 +87,4 @@ def summed_up(found: Sequence[Numerical]) -> str:
     same, beyond = (sum(one.finding == finding for one in tested) for finding in ("equivalent", "different"))
     more = f", a larger difference in {beyond}" if beyond else ""
     of = f"{len(tested)} comparison{'' if len(tested) == 1 else 's'}"
-    return f"Numerics: the same flow rate within ±{100 * margins[0]:.3g} % is shown in {same} of {of}{more}."
+    return f"Numerics: the same flow rate within ±{percent(margins[0])} is shown in {same} of {of}{more}."

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from labbook.results import display
 from labbook.results.points import ORIFICE, PointResult
 from labbook.results.series import Series
+from labbook.scene.quantities import percent
 from labbook.study import Point, Reference
 from labbook.study.paper import of_fit
 
@@ -85,14 +86,14 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
         return f"Nothing can be compared with {source} yet."
     apart = [c for c in known if abs(c.in_errors) > CLOSE]
     near = sum(abs(c.relative) <= NEAR for c in apart)
-    more = f", and {near} more lie within {100 * NEAR:g} %" if near else ""
+    more = f", and {near} more lie within {percent(NEAR)}" if near else ""
     farthest = max(known, key=lambda c: abs(c.in_errors))
     name = display.quantity(farthest.quantity).name
     where = f" at {farthest.label}" if farthest.label else ""
     agree = len(known) - len(apart)
     text = f"Of {len(known)} numbers of {source}, {agree} agree with ours within {CLOSE:g} standard errors{more}."
     return (
-        f"{text} Farthest apart is {name}{where}: ours is {100 * farthest.relative:+.1f} %, "
+        f"{text} Farthest apart is {name}{where}: ours is {percent(farthest.relative, '+.1f')}, "
         f"or {farthest.in_errors:+.1f} standard errors, away.".replace("-", "−")
     )
 

@@ -22,6 +22,7 @@ from labbook.run.lane import slots
 from labbook.run.plan import Item, Plan, Planner, check
 from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
+from labbook.scene.quantities import percent, told_apart
 from labbook.study import Study
 from labbook.study.window import HIGH, high_until
 
@@ -76,7 +77,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
         yield _told(file, "replicates", "with one run a point no number has an error between replicates", remedy)
     if seconds > _LONG:
-        yield from _stiff(file, points)
+        yield from _stiff(plan.study, points)
 
 
 def too_large(plan: Plan, lanes: int, available: float) -> str | None:
@@ -89,10 +90,8 @@ def too_large(plan: Plan, lanes: int, available: float) -> str | None:
     if needed <= available:
         return None
     count, several = largest.scene.grains.count, f"{runs} runs at once of " if runs > 1 else ""
-    reason = (
-        f"{several}{count} grains take about {needed / 1e9:.3g} GB of memory, and this machine has "
-        f"{available / 1e9:.3g} GB"
-    )
+    takes, has = told_apart(needed / 1e9, available / 1e9, of_limit=3)
+    reason = f"{several}{count} grains take about {takes} GB of memory, and this machine has {has} GB"
     fits = available / needed * count
     step = 10 ** math.floor(math.log10(fits))
     remedy = f"use at most {fits // step * step:.0f} grains, or a larger machine"
@@ -141,9 +140,10 @@ def _too_low(file: Path, end: float, lowest: dict[PointDemand, tuple[float, floa
     start = shared.study.window.start
     earlier = f" a window.end below {there:.2f}," if there > start + 0.01 else ""
     how = "is" if height else f"will be, at a packing fraction of {PACKED},"
+    fallen, _ = told_apart(100 * there, 100 * end, digits=2)
     reason = (
-        f"the bed {how} {tall * 1e3:.3g} mm high and has fallen to {stop * 1e3:.4g} mm with {there:.0%} discharged, "
-        f"before the window ends (window.end, {end:g}), at {_named(lowest)}"
+        f"the bed {how} {tall * 1e3:.3g} mm high and has fallen to {stop * 1e3:.4g} mm "
+        f"with {fallen} % discharged, before the window ends (window.end, {end:g}), at {_named(lowest)}"
     )
     remedy = f"use a stop.fill_height below {(1 - end) * tall * 1e3:.3g} mm,{earlier} or more grains"
     return _told(file, "stop.fill_height", reason, remedy)
@@ -159,9 +159,8 @@ def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
         rods = shared.scene.grains.half_length > 0
         what = "lengths of a rod" if rods else "diameters of a grain"
         least = NARROW[shared.scene.grains.shape]
-        reason = (
-            f"the outlet is {one.ratio:.2g} {what} wide ({one.extent * 1e3:.3g} mm), and below {least:g} it often clogs"
-        )
+        ratio, bound = told_apart(one.ratio or 0.0, least, digits=2)
+        reason = f"the outlet is {ratio} {what} wide ({one.extent * 1e3:.3g} mm), and below {bound} it often clogs"
         enough = math.ceil(least * one.extent * 1e4 * (1 - 1e-9)) / 10  # mm
         yield _told(file, "container.orifice", reason, f"use {enough:g} mm or more", few, points)
 
@@ -175,10 +174,9 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
     if over:
         shared, one = max(over, key=lambda pair: pair[1].height or 0)
         height, top = one.height or 0.0, float(getattr(shared.scene.container, "height", math.inf))
-        reason = (
-            f"the grains will stand about {height * 1e3:.3g} mm high, at a packing fraction of {PACKED}, "
-            f"above the walls ({top * 1e3:.3g} mm)"
-        )
+        high, walls = told_apart(height * 1e3, top * 1e3)
+        stand = f"the grains will stand about {high} mm high, at a packing fraction of {PACKED}"
+        reason = f"{stand}, above the walls ({walls} mm)"
         remedy = f"make the container {1.1 * height * 1e3:.3g} mm high or more, or lower grains.count"
         yield _told(file, "container.height", reason, remedy, over, points)
 
@@ -196,8 +194,8 @@ def _low(plan: Plan) -> Iterator[str]:
         enough = count * (1 - until) / (1 - study.window.end)
         step = 10 ** max(0, math.floor(math.log10(enough)) - 1)
         reason = (
-            f"the bed is less than {HIGH:g} widths high before the window ends, at {study.window.end:.0%} discharged: "
-            "W may fall with it"
+            f"the bed is less than {HIGH:g} widths high before the window ends, at {percent(study.window.end)} "
+            "discharged: W may fall with it"
         )
         remedy = f"use {math.ceil(enough / step) * step:.0f} grains or more, or state window.end"
         yield _told(study.path, "grains.count", reason, remedy)
@@ -229,51 +227,60 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
         yield _told(plan.study.path, "fit", reason, f"sweep {needed} or more values of container.orifice")
 
 
-def _stiff(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
+def _stiff(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
     """Grains much stiffer than their bed needs, which costs steps."""
     found = []
+    by_youngs = "youngs_modulus" in study.stated.get("contact", {})
     for shared, one in points:
         scale = shared.numerics.stiffness_scale
-        told = softer(shared.scene.stiffened(scale), one.height) if one.height else None
+        youngs = by_youngs or "contact.youngs_modulus" in shared.point.at
+        told = softer(shared.scene.stiffened(scale), one.height, youngs) if one.height else None
         if told:
             key, soft, unit, times = told
             found.append((key, soft / scale, unit, times))  # the study states stiffness before it is scaled
     if found:
         key, soft, unit, times = max(found, key=lambda one: one[-1])
         reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed asks for"
-        remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {SOFT:.1%} of d"
-        yield _told(file, key, reason, remedy)
+        remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {percent(SOFT)} of d"
+        yield _told(study.path, key, reason, remedy)
 
 
-def softer(scene: Scene, height: float) -> tuple[str, float, str, float] | None:
+def softer(scene: Scene, height: float, youngs: bool = False) -> tuple[str, float, str, float] | None:
     """A stiffness at which grains overlap by SOFT d below a bed of the height [m]: key, value, unit, and how many times
     fewer steps it takes; None where that is less than a few. Where stiffness differs: of the stiffest.
 
-    The pressure p = phi rho g H presses grains with p d^2 together. A step goes as one over the root of the stiffness.
+    youngs: whether the study states E in `contact`; the scene has G. The pressure p = phi rho g H presses grains with
+    p d^2 together. A step goes as one over the root of the stiffness.
     """
     grains = scene.grains
     pressure = PACKED * grains.mean_density * scene.gravity * height
-    found = [(where, law.softer(pressure, SOFT, grains.diameter)) for where, law in _stiffnesses(scene)]
-    told = [(where, one) for where, one in found if one is not None and one.enough > 0]
+    found = [
+        (where, by_e, law.softer(pressure, SOFT, grains.diameter)) for where, by_e, law in _stiffnesses(scene, youngs)
+    ]
+    told = [(where, by_e, one) for where, by_e, one in found if one is not None and one.enough > 0]
     if not told:
         return None
-    where, (key, unit, stated, soft) = max(told, key=lambda one: one[1].stated / one[1].enough)
-    times = math.sqrt(stated / soft)
-    return (f"{where}.{key}", soft, unit, times) if times > _SLOWER else None
+    where, by_e, one = max(told, key=lambda each: each[2].stated / each[2].enough)
+    key, ratio = one.other if by_e and one.other else (one.key, 1.0)
+    times = math.sqrt(one.stated / one.enough)
+    return (f"{where}.{key}", one.enough * ratio, one.unit, times) if times > _SLOWER else None
 
 
-def _stiffnesses(scene: Scene) -> Iterator[tuple[str, ContactLaw]]:
-    """Sections that state how stiff grains are, with the law of their contacts. Walls of another material are left out:
-    contacts with them are at most twice as stiff as those of grains."""
+def _stiffnesses(scene: Scene, youngs: bool) -> Iterator[tuple[str, bool, ContactLaw]]:
+    """Sections that state how stiff grains are, whether by Young's modulus, and the law of their contacts. Walls of
+    another material are left out: contacts with them are at most twice as stiff as those of grains."""
     kinds = range(len(scene.grains.species))
     own = "contact.between[]" if scene.contact.material is None else "grains.kinds[]"
     for one in kinds:
+        by_e = bool(scene.grains.kinds) and scene.grains.kinds[one].youngs_modulus is not None
         for other in kinds[: one + 1] if scene.contact.material is None else (one,):
             law = scene.law_between(one, other)
-            yield "contact" if law == scene.contact else own, law
+            yield ("contact", youngs, law) if law == scene.contact else (own, by_e, law)
         for wall in scene.container.walls() if scene.contact.material is None else ():
             if (law := scene.law(wall, one)) != scene.law_between(one, one):
-                yield f"walls.{wall.name}", law
+                here = scene.walls.get(wall.name)
+                stated = wall.name if here is not None and here.normal_stiffness is not None else "all"
+                yield f"walls.{stated}", False, law
 
 
 def _rounded(value: float) -> str:

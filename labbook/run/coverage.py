@@ -7,6 +7,7 @@ from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
 from labbook.lab.records import Coverage, StopRule
 from labbook.run.demand import Demand, demands, stopping_rule
+from labbook.scene.quantities import percent
 from labbook.study import Study
 
 
@@ -41,12 +42,12 @@ def shortfall(
     if outcome == "precise" and had.stop.as_precise(stop):
         return ""
     if stop.fed:
-        asked = "" if stop.precise is None else f" or a flow rate to {stop.precise.flow_rate:.2%}"
+        asked = "" if stop.precise is None else f" or a flow rate to {percent(stop.precise.flow_rate)}"
         return f"{outcome} after {had.duration:.4g} s; asked: {stop.max_time:.4g} s{asked}, stall {stop.stall:.4g} s"
     ended = "out of time" if outcome in ("time-limit", "interrupted") else outcome  # the latter in older indexes
     return (
-        f"{ended} after {had.duration:.4g} s with {had.discharged:.1%} discharged; "
-        f"asked: {stop.discharged:.1%}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s"
+        f"{ended} after {had.duration:.4g} s with {percent(had.discharged, '.1f')} discharged; "
+        f"asked: {percent(stop.discharged)}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s"
     )
 
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from tempfile import TemporaryFile
 from typing import IO, Any
 
-from labbook.backend import Backend, Surveys, Unsupported, load
+from labbook.backend import Backend, Surveys, Unsupported, absent, load
 from labbook.backend.machine import cores
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.folder import DiskFull, Lab, LabError
@@ -53,8 +53,7 @@ def named(devices: str, backend: Backend) -> tuple[str, ...]:
         there = [one.alias for one in backend.survey().devices] if isinstance(backend, Surveys) else []
         there = [one for one in there or backend.capabilities.devices if one.partition(":")[0] == kind]
         if not there:
-            known = ", ".join(backend.capabilities.devices)
-            raise Unsupported("--device", f"the backend {backend.capabilities.name} has no {kind} here; it has {known}")
+            raise absent(backend, name)
         found += there
     if twice := [name for name, times in Counter(found).items() if times > 1]:
         raise Unsupported("--device", f"{twice[0]} is named twice; name each device once")

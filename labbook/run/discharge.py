@@ -41,6 +41,7 @@ from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
 from labbook.run.provenance import now
 from labbook.scene import Packing, Silo
+from labbook.scene.quantities import percent
 from labbook.stats.stopping import looks
 
 _LOG = logging.getLogger("labbook")
@@ -291,11 +292,11 @@ class DischargeJob(Job):
         time; without an outlet, the simulated time and the longest."""
         if self._plane is None:
             return (f"{self.status.time:.2f} of {self.demand.shared.stop.max_time:g} s",)
-        discharged = f"{self._discharged:.0%} discharged, ends at {self._enough:.0%}"
+        discharged = f"{percent(self._discharged, '.0f')} discharged, ends at {percent(self._enough, '.0f')}"
         if (stop := self.demand.shared.stop).fed:
-            known = f", W to {self._precision:.2%}" if math.isfinite(self._precision) else ""
-            asked = f", ends at {stop.precise.flow_rate:.2%}" if stop.precise else f", ends at {stop.max_time:g} s"
-            discharged = f"{self._discharged:.0%} of the bed has passed{known}{asked}"
+            known = f", W to {percent(self._precision, '.2f')}" if math.isfinite(self._precision) else ""
+            asked = f", ends at {percent(stop.precise.flow_rate)}" if stop.precise else f", ends at {stop.max_time:g} s"
+            discharged = f"{percent(self._discharged, '.0f')} of the bed has passed{known}{asked}"
         still, stall = self.status.time - self._last, self.demand.shared.stop.stall
         waiting = (f"no grain for {still:.2f} s, clogged after {stall:g} s",) if still > _STILL * stall else ()
         return discharged, *waiting, f"{self.status.time:.2f} s"

@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Literal
 
 from labbook.accuracy.groups import has_groups
-from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported
+from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, absent
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import stamp
 from labbook.lab.identity import Keys
@@ -20,6 +20,7 @@ from labbook.measure.measure import window_in_words
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
 from labbook.run.progress import duration, size
+from labbook.scene.quantities import percent
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Point, Study
 
@@ -152,7 +153,7 @@ class Plan:
         counts = self.counts()
         ahead, lines = self.forecast, [", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])]
         if self.rule.sequential:
-            known = f"{self.rule.tolerance:.2%}"
+            known = percent(self.rule.tolerance or 0.0)
             lines.append(f"Up to {self.rule.cap} replicates a point, until the flow rate is known to {known}")
             lines += self._chosen()
         if "flow_rate" in self.study.measure:
@@ -176,18 +177,19 @@ class Plan:
             if choice is not None:
                 needed = stopping_rule(self.study, point).forecast(choice.scatter)
                 cap = f" (accuracy.max_replicates is {self.rule.cap})" if needed == self.rule.cap else ""
-                bias = f"{choice.bias.value:+.2%} +- {choice.bias.half_width:.2%}"
+                bias = f"{percent(choice.bias.value, '+.2f')} +- {percent(choice.bias.half_width, '.2f')}"
                 said = (
                     f"dt = {choice.dt * 1e6:.3g} us, stiffness_scale = {choice.stiffness_scale:g}, precision = "
                     f"{choice.precision}: they move the flow "
                 )
                 said += (
-                    f"rate by {bias}, which leaves {choice.left:.2%} to the scatter; {needed} replicates foreseen{cap}"
+                    f"rate by {bias}, which leaves {percent(choice.left, '.2f')} to the scatter; "
+                    f"{needed} replicates foreseen{cap}"
                 )
                 if choice.usual is not None:
-                    part = f"{choice.over_usual:.0%}".replace("%", " %")
+                    part = percent(choice.over_usual, ".0f")
                     said += f"; {part} of the steps that {choice.usual * 1e6:.3g} us would take, were that without bias"
-                groups.setdefault(f"Chosen for {choice.tolerance:.2%}: {said} ({choice.source})", []).append(
+                groups.setdefault(f"Chosen for {percent(choice.tolerance)}: {said} ({choice.source})", []).append(
                     point.label
                 )
             elif point.unchosen:
@@ -370,12 +372,9 @@ def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
     """Whether `backend` can do all that is planned, on `device`. Raises Unsupported."""
     can = backend.capabilities
     if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
-        raise Unsupported("--device", f"the backend {can.name} has no {device} here; it has {', '.join(can.devices)}")
-    if isinstance(backend, Surveys):
-        there = [found.alias for found in backend.survey().devices]
-        if device not in there:
-            remedy = f"there is no device {device} here; there is {', '.join(there) or 'none'}"
-            raise Unsupported("--device", remedy)
+        raise absent(backend, device)
+    if isinstance(backend, Surveys) and device not in {found.alias for found in backend.survey().devices}:
+        raise absent(backend, device)
     for point in points:
         shared = point.shared
         if shared.scene.feed is not None and not can.feeds:

@@ -131,20 +131,21 @@ def lines(view: View, width: int) -> list[str]:
 
 
 def _together(going: Iterable[Going], width: int) -> list[str]:
-    """Jobs that wait for the same in one line: what for, and as many of their names as there is room for."""
+    """Jobs that wait for the same in one line: what for, some first names as there is room, and how many more there
+    are."""
     found = []
     for phase in _TOGETHER:
         waiting = [one for one in going if one.phase == phase]
         if waiting:
             names = [one.label for one in waiting]
-            options = [_list(names[:shown], len(names) - shown) for shown in range(len(names), 0, -1)]
+            options = [_list(names[:shown], len(names) - shown) for shown in range(min(len(names), _JOBS), 0, -1)]
             said = "; ".join(waiting[0].says)
             found.append(next((f"{said}: {n}" for n in options if len(said) + 2 + len(n) <= width), said))
     return found
 
 
 def _list(names: Sequence[str], more: int) -> str:
-    return "; ".join(names) + (f"; {more} more" if more else "")
+    return "; ".join(names) + (f" and {more} more" if more else "")
 
 
 def fitted(label: str, says: Sequence[str], width: int) -> str:

@@ -28,6 +28,7 @@ from labbook.run.progress import duration
 from labbook.run.shard import WHOLE, Seat, Shard, everything, part_of, shard_of
 from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
+from labbook.scene.quantities import percent
 from labbook.study import Study
 
 CHECKPOINT_EVERY = 20.0
@@ -122,7 +123,7 @@ class Summary:
                     else ": the tolerance is not met, and accuracy.max_replicates allows no more"
                 )
                 lines.append(
-                    f"{point.shared.point.label}: flow rate to {decision.pooled.relative:.2%} "
+                    f"{point.shared.point.label}: flow rate to {percent(decision.pooled.relative, '.2f')} "
                     f"with {decision.pooled.n} replicates{_foreseen(point, decision.pooled.n)}{short}"
                 )
         for label, seeds in self.diverged.items():
@@ -147,7 +148,7 @@ def _foreseen(point: PointPlan, needed: int) -> str:
         return ""
     foreseen = stopping_rule(shared.study, shared.point).forecast(choice.scatter)
     wrong = max(needed, foreseen) > _WRONG * min(needed, foreseen)
-    return f" ({foreseen} were foreseen, from a scatter of {choice.scatter:.2%})" if wrong else ""
+    return f" ({foreseen} were foreseen, from a scatter of {percent(choice.scatter, '.2f')})" if wrong else ""
 
 
 Turns = dict[Future[Turn], tuple[Lane, list[Started]]]

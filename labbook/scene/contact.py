@@ -107,6 +107,8 @@ class Softer(NamedTuple):
     unit: str
     stated: float
     enough: float
+    other: tuple[str, float] | None = None
+    """Another key that a study may state instead, and its value over that of `key`."""
 
 
 class ContactLaw(Model, ABC):
@@ -187,8 +189,9 @@ class ContactLaw(Model, ABC):
         """A and B of `labbook.scene.timescales.largest_stable_step`, measured in beds of spheres or of rods."""
 
     def rayleigh_time(self, radius: float, density: float) -> float:
-        """Rayleigh time [s] of a grain of this radius [m] and density [kg/m^3]. Raises ValueError if it has none."""
-        raise ValueError("the Rayleigh time needs a shear modulus: it belongs to the law hertz-mindlin")
+        """Rayleigh time [s] of a grain of this radius [m] and density [kg/m^3]. Raises ValueError for a law without a
+        shear modulus; laws by Hertz have one."""
+        raise ValueError("the Rayleigh time needs a shear modulus: it belongs to laws by Hertz")
 
     def overlap(self, pressure: float, diameter: float) -> float | None:
         """Overlap, in parts of the diameter d [m], of two equal grains that p d^2 presses together, p the pressure
@@ -296,7 +299,8 @@ class Hertz(ContactLaw, ABC):
     def softer(self, pressure: float, overlap: float, diameter: float) -> Softer:
         """From the overlap now, which goes as G^{-2/3}."""
         enough = self.shear_modulus * (self.overlap(pressure, diameter) / overlap) ** 1.5
-        return Softer("shear_modulus", "Pa", self.shear_modulus, enough)
+        other = "youngs_modulus", 2 * (1 + self.poisson_ratio)
+        return Softer("shear_modulus", "Pa", self.shear_modulus, enough, other)
 
 
 class HertzMindlin(Hertz):

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, StrictBool, model_validator
 
 from labbook.scene.model import Fault, InternalFlag, Model, refuse
-from labbook.scene.quantities import Angle, Coordinate, Distance, Frequency, Length
+from labbook.scene.quantities import Angle, Coordinate, Distance, Frequency, Length, told_apart
 from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
 
 KEPT = 2048
@@ -60,7 +60,8 @@ class WedgeHopper(Model):
             yield Fault("orifice", reason, "make the orifice smaller or the hopper wider")
             return
         if self.gap is not None and self.gap > limit * (1 + 1e-12):
-            reason = f"a gap of {self.gap * 1e3:g} mm is beyond (L - D)/2 = {limit * 1e3:g} mm"
+            gap, most = told_apart(self.gap * 1e3, limit * 1e3, digits=6)
+            reason = f"a gap of {gap} mm is beyond (L - D)/2 = {most} mm"
             mirrored = 2 * limit - self.gap
             mirror = f", or {mirrored * 1e3:g} mm, of which it is the mirror image" if mirrored >= 0 else ""
             yield Fault("gap", reason, f"use at most {limit * 1e3:g} mm{mirror}")

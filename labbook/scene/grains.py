@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from labbook.scene.material import OwnMaterial, OwnModulus, OwnRatio
 from labbook.scene.model import Fault, Model, refuse
-from labbook.scene.quantities import Density, GrainLength, Length, Ratio
+from labbook.scene.quantities import Density, GrainLength, Length, Ratio, percent
 from labbook.scene.sizes import SMALLEST_PART, Equal, Sizes
 
 Count = Annotated[int, Field(ge=1, le=100_000_000, strict=True)]
@@ -79,7 +79,7 @@ class Spheres(Model):
             yield Fault("kinds", "two kinds have the same name", "name each kind differently")
         total = math.fsum(kind.share for kind in self.kinds)
         if abs(total - 1) > 1e-6:
-            yield Fault("kinds", f"the shares add up to {total * 100:g} %", "let them add up to 100 %")
+            yield Fault("kinds", f"the shares add up to {percent(total, 'g')}", "let them add up to 100 %")
         for kind in self.kinds:
             if kind.diameter is not None and not smallest <= kind.diameter <= d:
                 reason = f"the diameter of {kind.name} ({kind.diameter * 1e3:g} mm) is not between d/10 and d"

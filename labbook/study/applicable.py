@@ -7,6 +7,7 @@ from labbook.filling.placing import STARTS
 from labbook.fit import LAWS
 from labbook.measure import MEASURES, MeasureError
 from labbook.scene.container import CylinderSilo, WedgeHopper, outlet_shape
+from labbook.scene.quantities import told_apart
 from labbook.scene.scene import Scene
 from labbook.study.paper import PAPERS, Asked, Wrong, none_such
 from labbook.study.point import Point
@@ -112,7 +113,8 @@ def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]
         return
     highest = scene.grains.count * scene.grains.volume / (LOOSEST * area)
     if stop >= highest:
-        reason = f"{stop * 1e3:g} mm is above any bed of these grains ({highest * 1e3:.3g} mm even if it were loose)"
+        height, most = told_apart(stop * 1e3, highest * 1e3, digits=6, of_limit=3)
+        reason = f"{height} mm is above any bed of these grains ({most} mm even if it were loose)"
         yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
 
 

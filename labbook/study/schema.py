@@ -49,7 +49,7 @@ class Fill(Model):
     """Kinetic energy per grain, in units of m g d, below which the bed is at rest."""
     moving: Fraction | None = None
     """Fraction of the grains that may still move in a bed at rest: the slow ones each have less than `settled_below`.
-    None: 1 % where nothing brakes rolling (rods, spheres without rolling friction), 0 elsewhere and where
+    None: 1 % of rods, and of spheres without rolling friction, which may roll for ever; 0 elsewhere and where
     `settled_below` is stated."""
     max_time: Duration = 60.0
     """A bed that has not settled by this time is an error."""

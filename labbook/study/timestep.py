@@ -7,7 +7,7 @@ from typing import Any
 
 from labbook.accuracy.choosing import WITHIN
 from labbook.backend.numerics import Numerics
-from labbook.scene.quantities import parse
+from labbook.scene.quantities import parse, told_apart
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import TIME_SCALES, collision, largest_stable_step
 from labbook.study.problems import instead
@@ -51,7 +51,8 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float, closed: Scene 
             raise TimeStepError(str(error), remedy) from None
     if not 0 < step <= limit:
         part = limit / collision(scaled)
-        reason = f"a step of {step:.3g} s is not between 0 and {limit:.3g} s, beyond which beds do not come to rest"
+        shown, most = told_apart(step, limit, of_limit=3)
+        reason = f"a step of {shown} s is not between 0 and {most} s, beyond which beds do not come to rest"
         remedy = f"use at most {_rounded_down(part):g} collision, or leave numerics.dt out"
         raise TimeStepError(reason, remedy, clash=True)
     return step

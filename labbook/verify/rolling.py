@@ -1,8 +1,8 @@
 """A sphere on a plane: rolling, rest, sliding.
 
-Contacts act at the lever l = R - delta, at the bottom of the overlap. With it the textbook formulas (in which l = R)
-become exact, and the cases compare with these: for example the acceleration of a rolling sphere on a slope,
-(5/7) g (sin t - mu_r cos t), is (g sin t - mu_r g cos t R/l) / (1 + (2/5) R^2/l^2).
+Contacts with walls act at the lever l = R - delta, at the bottom of the overlap. With it the textbook formulas (in
+which l = R) become exact, and the cases compare with these: for example the acceleration of a rolling sphere on a
+slope, (5/7) g (sin t - mu_r cos t), is (g sin t - mu_r g cos t R/l) / (1 + (2/5) R^2/l^2).
 """
 
 import math

@@ -71,14 +71,18 @@ APP = build()
 testing._get_command = cache(typer.main.get_command)  # pyright: ignore[reportPrivateImportUsage]
 
 
-def start(*words: object, delay: float = 0.0, terminal: int | None = None, **environment: str) -> subprocess.Popen:
-    """`labbook WORDS` in a process of its own, going; on a terminal if one is given, else with pipes."""
+def start(
+    *words: object, delay: float = 0.0, terminal: int | None = None, together: bool = False, **environment: str
+) -> subprocess.Popen:
+    """`labbook WORDS` in a process of its own, going; on a terminal if one is given, else with pipes: one for both
+    streams if they are to be `together`."""
     folders = [str(ROOT), str(ROOT / "backends"), str(ROOT / "tests/toy"), os.environ.get("PYTHONPATH", "")]
     path = os.pathsep.join(filter(None, folders))
     given = {**os.environ, "PYTHONPATH": path, "LABBOOK_TOY_DELAY": str(delay), **environment}
     command = [sys.executable, "-c", "from labbook.cli import main; main()", *map(str, words)]
     out = subprocess.PIPE if terminal is None else terminal
-    return subprocess.Popen(command, env=given, stdin=terminal, stdout=out, stderr=out, text=True)
+    err = subprocess.STDOUT if together else out
+    return subprocess.Popen(command, env=given, stdin=terminal, stdout=out, stderr=err, text=True)
 
 
 def arrays(folder: Path) -> dict[str, bytes]:

@@ -284,7 +284,7 @@ def test_beyond_what_was_measured_nothing_is_chosen(change, said):
 
 def test_an_error_smaller_than_what_is_known_is_refused_with_the_reason():
     covariance = ((0.0, 0.0, 0.0), (0.0, 100.0, 0.0), (0.0, 0.0, 0.0))
-    with pytest.raises(OutOfRange, match=r"moves W by up to .* and 0\.01% is asked"):
+    with pytest.raises(OutOfRange, match=r"moves W by up to .* and 0\.01 % is asked"):
         chosen(0.0001, known(covariance=covariance))
 
 

@@ -102,7 +102,7 @@ def test_the_verb_writes_a_file_that_the_study_can_name(tmp_path):
     point = load(path).points[0]
     assert point.choice is not None
     assert "toy-study-pilot" in point.choice.source
-    assert "Chosen for 10.00%" in labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
+    assert "Chosen for 10 %" in labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
 
 
 @pytest.mark.parametrize(("text", "said"), [(None, "No such file"), ("{}", "it is no calibration"), ("{", "Expecting")])
@@ -124,4 +124,4 @@ def test_a_forecast_of_replicates_that_was_wrong_is_told(tmp_path):
         file.write("accuracy: {flow_rate: 30 %, calibration: toy.calibration.json}\n")
     path.write_text(path.read_text().replace("numerics: {dt: 10 us, steps_per_beat: 200}\n", ""))
     said = labbook("run", path, "--lab", tmp_path / "lab", "--backend", "toy").output
-    assert "were foreseen, from a scatter of 50.00%" in " ".join(said.split())
+    assert "were foreseen, from a scatter of 50.00 %" in " ".join(said.split())

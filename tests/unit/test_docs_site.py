@@ -59,6 +59,12 @@ def test_nothing_is_loaded_from_elsewhere(site):
         assert not [address for address in loaded if "canonical" not in address], page.name
 
 
+def test_no_asterisk_of_a_symbol_is_taken_for_emphasis(site):
+    """E*, s*, D/d*: two in a line without a blank make what is between them slanted, and are lost."""
+    for page in site.rglob("*.html"):
+        assert not re.findall(r"\w<em>[^<]*", page.read_text(encoding="utf-8")), page.name
+
+
 def test_a_link_that_leads_nowhere_fails_the_build(tmp_path):
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs/index.md").write_text("# Start\n\n[nowhere](no-such-page.md)\n")

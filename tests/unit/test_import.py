@@ -162,6 +162,19 @@ def test_a_harmful_run_is_named_and_left_out_and_ours_stays(labs, harm):
     assert not [path for path in ours.rglob("*") if path.is_symlink()]
 
 
+def test_what_is_said_stands_in_lines_also_where_both_streams_are_one(labs):
+    ours, theirs = labs
+    victim, _ = sorted((theirs / "runs").iterdir())
+    (victim / "run.json").write_bytes(b"")
+    process = start("import", theirs, "--lab", ours.with_name("new"), together=True)
+    said, _ = process.communicate(timeout=60)
+    first, second, *others = said.splitlines()
+    assert first == "3 runs and packings imported"
+    assert second == "Study files imported: toy-study"
+    assert others
+    assert all(line.startswith("Not imported: ") for line in others)
+
+
 def test_what_other_programs_put_there_is_not_copied(labs):
     ours, theirs = labs
     victim = sorted((theirs / "runs").iterdir())[0]

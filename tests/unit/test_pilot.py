@@ -79,7 +79,7 @@ def test_run_measures_first_and_then_runs_what_that_allows(tmp_path, few):
     assert "toy-study-pilot, 26 runs" in choice.source
     assert choice.stiffness_scale == 1.0, "what softness does was not measured"
     planned = labbook("plan", path, "--lab", lab, "--backend", "toy").output
-    assert "Chosen for 40.00%" in planned
+    assert "Chosen for 40 %" in planned
     assert "missing" not in planned
     again = labbook("run", path, "--lab", lab, "--backend", "toy").output
     assert "pilot" not in again.partition("Next:")[0]

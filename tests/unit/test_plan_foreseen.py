@@ -267,6 +267,12 @@ def test_each_warning(tmp_path, old, new, key, message, remedy):
     assert remedy in told.splitlines()[told.splitlines().index(line) + 1]
 
 
+def test_an_outlet_that_is_hardly_too_narrow_is_not_said_to_be_as_wide_as_it_should(tmp_path):
+    path = study_file(tmp_path, orifices="[14.99]")
+    told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
+    assert "the outlet is 4.997 diameters of a grain wide (3 mm), and below 5 it often clogs" in told
+
+
 def test_the_outlet_that_a_warning_names_is_wide_enough(tmp_path):
     """Five diameters of 3.01 mm are 15.05 mm: 15 mm would be warned of again."""
     path = study_file(tmp_path, orifices="[12]")
@@ -286,6 +292,33 @@ def test_the_stiffness_that_a_study_scales_is_what_counts(tmp_path):
     (told,) = (line for line in advice(scaled, 1e4) if "shear_modulus" in line)
     assert "1e+07 Pa" in stiff
     assert "1e+09 Pa" in told
+
+
+@pytest.mark.parametrize("swept", [False, True])
+def test_the_modulus_that_a_study_states_is_named(tmp_path, swept):
+    """E = 2 G (1 + nu): the same grains, told by the key that the study has."""
+    path = tmp_path / "stiff.yaml"
+    path.write_text(
+        "name: stiff\ngrains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 1000}\n"
+        f"contact: {{law: hertz-printed, youngs_modulus: {1 if swept else 60} GPa, poisson_ratio: 0.2}}\n"
+        "container: {kind: wedge-hopper, width: 60 mm, height: 300 mm, thickness: 1.01 d, orifice: 24 mm}\n"
+        f"{'sweep: {contact.youngs_modulus: [60 GPa]}' if swept else ''}\n"
+        "numerics: {dt: 0.1 us}\nfill: {contact: {law: linear, normal_stiffness: 1000 N/m}}\n"
+        "measure: [flow_rate]\nreplicates: 2\n"
+    )
+    study = load(path)
+    (told,) = advice(Planner(study, Catalogue(tmp_path / "lab"), labbook_toy.Backend().capabilities).plan(), 1e4)
+    assert "contact.youngs_modulus: grains this stiff" in told
+    (scene,) = (point.scene for point in study.points)
+    height = outline(PointDemand(study, study.points[0])).height
+    assert height is not None
+    by_g, by_e = softer(scene, height), softer(scene, height, youngs=True)
+    assert by_g is not None
+    assert by_e is not None
+    assert (by_g[0], by_e[0]) == ("contact.shear_modulus", "contact.youngs_modulus")
+    assert by_e[1] == pytest.approx(2 * 1.2 * by_g[1])
+    assert by_e[2:] == by_g[2:]
+    assert f"with {float(f'{by_e[1]:.1g}'):g} Pa grains" in told
 
 
 def test_runs_that_nothing_ends_are_told_of(tmp_path):
@@ -336,11 +369,20 @@ def test_grains_that_memory_cannot_hold_are_refused(tmp_path):
 
 def test_a_device_that_is_not_there_is_said_by_plan(tmp_path):
     made, _, _ = planned(tmp_path)
-    backend = backend_of("toy", survey=lambda self: Survey({}, (Device("cpu", "a processor"),)))
+    cpu, gpu = Device("cpu", "a processor"), Device("cuda:0", "a card")
+    backend = backend_of("toy", survey=lambda self: Survey({}, (cpu,)))
+    plain = "use --device cpu or leave --device out"
+    with pytest.raises(Unsupported, match=f"toy has no cuda:0 here; it has cpu; {plain}, or use another backend"):
+        check(backend, "cuda:0", made.points)
     backend.capabilities = type(backend.capabilities)(**{**vars(backend.capabilities), "devices": ("cpu", "cuda:0")})
     check(backend, "cpu", made.points)
-    with pytest.raises(Unsupported, match="there is no device cuda:0 here; there is cpu"):
+    with pytest.raises(Unsupported, match=f"it has cpu; {plain}, or install the driver for cuda devices"):
         check(backend, "cuda:0", made.points)
+    both = backend_of("toy", survey=lambda self: Survey({}, (cpu, gpu)))
+    both.capabilities, backend = backend.capabilities, both
+    check(backend, "cuda:0", made.points)
+    with pytest.raises(Unsupported, match=f"no cuda:1 here; it has cpu, cuda:0; use --device cuda:0, or {plain}$"):
+        check(backend, "cuda:1", made.points)
 
 
 def test_an_backend_that_cannot_be_imported_is_told_by_plan(tmp_path, monkeypatch):

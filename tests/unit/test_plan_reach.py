@@ -64,7 +64,7 @@ def test_a_window_that_outlasts_the_stop_is_told_before_and_with_the_true_height
     height = min(2 * load_packing(folder).x[:, 2].mean() for folder in (lab / "packings").iterdir())
     (after,) = told(asked, lab)
     assert f"the bed is {height * 1e3:.3g} mm high" in after
-    assert f"with {1 - 0.012 / height:.0%} discharged" in after
+    assert f"with {100 - 1.2 / height:.0f} % discharged" in after
     assert f"stop.fill_height below {0.4 * height * 1e3:.3g} mm, a window.end below {1 - 0.012 / height:.2f}" in after
     lower = replace(asked, stop=asked.stop.model_copy(update={"fill_height": 0.39 * height}))
     assert told(lower, lab) == []

@@ -1,6 +1,7 @@
 """Error budgets of flow rates: what each source adds, and what was not measured."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +45,22 @@ def test_what_was_not_measured_is_said(synthetic):
     assert budget.unknown == ("numerics", "filling", "bed")
     assert "not measured: numerics, filling, bed" in budget.line
     assert budget.line in summed_up([budget])
+
+
+def test_a_line_says_that_its_bounds_are_no_standard_errors(synthetic):
+    """The seeds' is the half-width of the interval, by Student's t, not the standard error that stands beside W."""
+    results = found(synthetic, [synthetic.point(0, 0.03)])
+    (budget,) = budgets(results)
+    part = shares(budget)["seeds"].part
+    assert part is not None
+    half = 1e3 * budget.value * part
+    told = re.match(r"Bounds: W = \S+ ± (\S+) \(seeds, 95 %\) ± \S+ \(window\) g/s; not measured", budget.line)
+    assert told, budget.line
+    assert float(told[1]) == pytest.approx(half, rel=0.05)
+
+
+def test_the_summary_has_the_budget(synthetic):
+    results = found(synthetic, [synthetic.point(0, 0.03)])
     assert any("Error budget" in line or "not measured" in line for line in summary(results))
 
 

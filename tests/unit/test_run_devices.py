@@ -36,7 +36,7 @@ def test_devices_are_named_by_lists_and_by_kind(monkeypatch):
     assert named("cpu", toy) == ("cpu",)
     assert named("toy:1, toy:0", toy) == ("toy:1", "toy:0")
     assert named("toy:all,cpu", toy) == ("toy:0", "toy:1", "cpu")
-    with pytest.raises(Unsupported, match="toy has no cuda here; it has cpu, toy:0, toy:1"):
+    with pytest.raises(Unsupported, match="toy has no cuda:all here; it has cpu, toy:0, toy:1; use --device toy:0, or"):
         named("cuda:all", toy)
     with pytest.raises(Unsupported, match="toy:0 is named twice"):
         named("toy:all,toy:0", toy)

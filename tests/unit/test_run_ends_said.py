@@ -5,6 +5,7 @@ import sys
 
 import labbook_toy
 import pytest
+from labbook_dem.ensemble import explain
 from toy_lab import carry_out, labbook, study, study_file, unsealed
 from toy_records import records
 
@@ -23,6 +24,18 @@ def test_a_study_that_is_complete_ends_with_what_to_do_next(tmp_path):
     *_, report, view = labbook("run", path, "--lab", lab, *BACKEND).stdout.splitlines()
     assert report.startswith("Next: labbook report")
     assert view.strip() == f"labbook view {path} --lab '{lab}' --backend toy"
+
+
+def test_a_guard_says_by_how_much_it_failed_however_little(tmp_path):
+    point = study(tmp_path).points[0]
+    numerics = point.numerics.model_copy(update={"overlap_limit": 0.004, "speed_limit": 5.0})
+    d = point.scene.grains.diameter
+    assert "overlaps by 0.0040001 d, more than numerics.overlap_limit (0.004);" in explain(
+        "overlap", 3, 100, 0.0040001 * d, point.scene, numerics
+    )
+    assert "moves at 5.002 m/s, faster than numerics.speed_limit (5 m/s);" in explain(
+        "speed", 3, 100, 5.002, point.scene, numerics
+    )
 
 
 def test_a_run_that_diverged_is_named_each_time_with_exit_status_one(tmp_path):

@@ -16,7 +16,7 @@ from labbook.backend.numerics import Numerics
 from labbook.run import progress
 from labbook.run.fill import FillJob, short
 from labbook.run.forecast import fill_time
-from labbook.run.progress import Bar, fitted, remaining
+from labbook.run.progress import Bar, fitted, remaining, spoken
 from labbook.run.watch import Going, Unwatched, View
 from labbook.study import load as read
 from labbook.verify.symmetry import hopper
@@ -77,8 +77,17 @@ def test_what_there_is_no_room_for_goes_from_its_end():
 
 def test_jobs_that_compile_are_named_in_one_line():
     view = replace(VIEW, rate=0.0, going=tuple(Going(f"packing, seed {k}", "compiling", COMPILING) for k in (1, 2, 3)))
-    assert drawn(view, 80)[1:] == ["  compiling, once for this kind of scene: packing, seed 1; 2 more"]
+    assert drawn(view, 80)[1:] == ["  compiling, once for this kind of scene: packing, seed 1 and 2 more"]
     assert "left" not in drawn(view, 80)[0]
+
+
+@pytest.mark.parametrize("phase", ["compiling", "preparing", "settling"])
+def test_a_line_without_a_terminal_names_three_jobs_of_many(phase):
+    going = tuple(Going(f"packing of orifice {k} mm, seed 1", phase, ("kernels",)) for k in range(240))
+    said = spoken(replace(VIEW, going=going))
+    assert said.count("orifice") == 3
+    more = "and 237 settling" if phase == "settling" else "orifice 2 mm, seed 1 and 237 more"
+    assert said.endswith(more)
 
 
 def test_what_nobody_knows_is_not_forecast():
@@ -121,7 +130,7 @@ def test_an_outlet_that_may_have_clogged_is_told_before_it_counts_as_clogged(tmp
     asked = study(tmp_path, "stop: {stall: 0.5 s}", orifices="[8]", replicates=1)
     carry_out(asked, tmp_path / "lab", backend=Backend(delay=0.005), watcher=Watch())
     assert any(re.fullmatch(r"no grain for 0\.\d\d s, clogged after 0\.5 s", part) for part in said), said
-    assert "33% discharged, ends at 65%" in said
+    assert "33 % discharged, ends at 65 %" in said
 
 
 @pytest.mark.parametrize(("energy", "shown"), [(12.3, "12"), (0.034, "0.034"), (3.4e-5, "3e-5"), (1e-12, "1e-12")])

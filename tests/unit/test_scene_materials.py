@@ -195,6 +195,17 @@ def test_the_stiffest_grains_are_told_to_be_softer():
     assert told[0] == "grains.kinds[].shear_modulus"
     assert alone[0] == "contact.shear_modulus"
     assert told[1:] == alone[1:]
+    young = softer(scene(HERTZ.model_copy(update=own(A)), (kind("a"), kind("b", youngs_modulus=2.9e11))), 0.2)
+    assert young is not None
+    assert young[:2] == ("grains.kinds[].youngs_modulus", pytest.approx(2 * (1 + A.poisson_ratio) * told[1]))
+    assert young[2:] == pytest.approx(told[2:])
+
+
+def test_stiff_walls_are_named_as_stated():
+    for name in ("all", "left"):
+        told = softer(scene(LINEAR, **{name: SurfaceChange(normal_stiffness=1e8)}), 0.2)
+        assert told is not None
+        assert told[0] == f"walls.{name}.normal_stiffness"
 
 
 def test_a_study_may_state_young_s_modulus(tmp_path):

@@ -1,12 +1,14 @@
 """Quantities: numbers with units, and what is refused."""
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labbook.scene.quantities import parse
+from labbook.scene.quantities import parse, percent, told_apart
 
 
 @pytest.mark.parametrize(
@@ -87,3 +89,44 @@ def test_any_text_is_a_number_or_refused(text, unit):
 def test_numbers_survive(number):
     assert parse(repr(number), "") == pytest.approx(number, rel=1e-15)
     assert parse(f"{number!r} mm", "m") == pytest.approx(number / 1000, rel=1e-14)
+
+
+def test_a_value_beyond_a_limit_is_told_apart_from_it():
+    assert told_apart(0.0123456, 0.004) == ("0.0123", "0.004")
+    assert told_apart(0.00400049, 0.004) == ("0.0040005", "0.004")
+    assert told_apart(4.996, 5, digits=2) == ("4.996", "5")
+    assert told_apart(33.64, 33.6, of_limit=3) == ("33.64", "33.6")
+    assert told_apart(0.004, 0.004) == ("0.004", "0.004")
+
+
+@given(st.floats(1e-12, 1e12), st.floats(-1e-6, 1e-6))
+def test_what_is_told_of_a_value_beyond_a_limit_has_their_order(limit, more):
+    value = limit * (1 + more)
+    shown, bound = map(float, told_apart(value, limit))
+    assert (shown > bound, shown < bound) == (value > limit, value < limit)
+
+
+@pytest.mark.parametrize(
+    ("part", "how", "shown"),
+    [
+        (0.02, ".3g", "2 %"),
+        (0.0025, ".3g", "0.25 %"),
+        (1.1, ".2g", "110 %"),
+        (1e-4, ".2g", "0.01 %"),
+        (99.96, ".2g", "10000 %"),
+        (-1.234, "+.2g", "-120 %"),
+        (1.234, "+.2g", "+120 %"),
+        (0.123, "+.2f", "+12.30 %"),
+        (0.655, ".0f", "66 %"),
+    ],
+)
+def test_percentages_have_a_space_and_no_exponent(part, how, shown):
+    assert percent(part, how) == shown
+
+
+def test_all_percentages_are_written_so():
+    """Python's own format has no space before the sign."""
+    root = Path(__file__).parents[2]
+    sources = [path for folder in ("labbook", "web", "backends") for path in (root / folder).rglob("*.py")]
+    assert len(sources) > 200
+    assert not [path for path in sources if re.search(r":[^{}\s]*%\}", path.read_text(encoding="utf-8"))]

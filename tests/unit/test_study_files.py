@@ -6,10 +6,14 @@ from pathlib import Path
 
 import pytest
 import typer
+from labbook_toy import Backend
+from toy_lab import labbook
 from typer.testing import CliRunner
 
 from labbook.cli import new
-from labbook.lab import identity
+from labbook.lab import Catalogue, identity
+from labbook.run.advice import advice
+from labbook.run.plan import Planner
 from labbook.scene import ConicalSilo, CylinderSilo, LinearSpringDashpot, Spherocylinders
 from labbook.scene.contact import Hertz
 from labbook.scene.timescales import collision
@@ -211,6 +215,7 @@ def uncommented(text: str) -> str:
 
 def test_what_the_template_shows_is_right_too(tmp_path):
     path = write("mine", tmp_path)
+    plain = load(path)
     text = uncommented(path.read_text())
     text = re.sub(r"^points:\n(  - .*\n)+", "", text, flags=re.MULTILINE)  # the sweep has the same key
     path.write_text(text)
@@ -218,7 +223,17 @@ def test_what_the_template_shows_is_right_too(tmp_path):
     assert study.accuracy.flow_rate == 0.01
     assert study.points[0].scene.walls["all"].friction == 0.1
     assert study.reference is not None
-    assert study.stop.discharged == 0.65
+    assert study.window == plain.window
+    assert study.stop == plain.stop
+
+
+def test_a_plan_of_the_template_warns_of_nothing(tmp_path):
+    """Not even of what is worth a hint in long plans only."""
+    path, lab = write("mine", tmp_path), tmp_path / "lab"
+    shown = labbook("plan", path, "--lab", lab, "--backend", "toy").output
+    assert "18 missing" in shown
+    assert "Warning" not in shown
+    assert not list(advice(Planner(load(path), Catalogue(lab), Backend().capabilities).plan()))
 
 
 def test_the_page_has_exactly_the_keys_that_there_are():

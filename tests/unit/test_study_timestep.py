@@ -58,7 +58,7 @@ def test_softer_grains_take_longer_steps():
     ("stated", "scene", "reason"),
     [
         ("0.1 raleigh", HERTZ, "no time scale is called raleigh"),
-        ("0.1 rayleigh", LINEAR, "hertz-mindlin"),
+        ("0.1 rayleigh", LINEAR, "laws by Hertz"),
         ("0.1 mm", HERTZ, "a quantity in s"),
         ("x collision", HERTZ, "not a quantity"),
         ("1 collision", HERTZ, "do not come to rest"),

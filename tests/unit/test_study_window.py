@@ -76,7 +76,7 @@ def test_a_low_bed_is_warned_of_unless_the_window_is_stated(tmp_path):
     asked(tmp_path, count=400)
     said = labbook("plan", tmp_path / "toy.yaml", "--lab", tmp_path / "lab", "--backend", "toy").output
     assert "Flow rates from 0.15 to 0.3 of the mass discharged" in said
-    assert "the bed is less than 1.2 widths high before the window ends, at 30% discharged" in " ".join(said.split())
+    assert "the bed is less than 1.2 widths high before the window ends, at 30 % discharged" in " ".join(said.split())
     assert "remedy: use 730 grains or more" in said
     enough = asked(tmp_path, count=730)
     assert enough.window.end == 0.3

@@ -16,6 +16,7 @@ from labbook.results import display
 from labbook.results.reference import Comparison, at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
+from labbook.scene.quantities import percent
 
 
 def profile_section(
@@ -91,10 +92,8 @@ def farthest(ratios: list[Ratio]) -> str:
     for law in angle_laws(inclined[0].result):
         worst = max(inclined, key=lambda one: abs(one.value / law.factor(one.at) - 1))
         apart = worst.value - law.factor(worst.at)
-        percent, errors = 100 * apart / law.factor(worst.at), apart / worst.error
-        said.append(
-            f"{law.name.partition(',')[0]} by {percent:+.1f} % or {errors:+.1f} standard errors at {worst.result.label}"
-        )
+        part, errors = percent(apart / law.factor(worst.at), "+.1f"), apart / worst.error
+        said.append(f"{law.name.partition(',')[0]} by {part} or {errors:+.1f} standard errors at {worst.result.label}")
     return f"Farthest from {'; from '.join(said)}.".replace("-", "−")
 
 
@@ -135,8 +134,8 @@ def _apart(one: Ratio, law: float) -> tuple[str, str, str]:
     if not (one.error > 0 and np.isfinite(one.error)):
         return f"{law:.3f}", "–", "–"
     apart = one.value - law
-    percent, errors = f"{100 * apart / law:+.1f} %", f"{apart / one.error:+.1f}"
-    return f"{law:.3f}", percent.replace("-", "−"), errors.replace("-", "−")
+    part, errors = percent(apart / law, "+.1f"), f"{apart / one.error:+.1f}"
+    return f"{law:.3f}", part.replace("-", "−"), errors.replace("-", "−")
 
 
 _ANGLES = (

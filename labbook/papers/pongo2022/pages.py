@@ -16,6 +16,7 @@ from labbook.results.points import PointResult
 from labbook.results.recorded import Flowing, acceleration, flow_patterns, moments
 from labbook.results.series import Series
 from labbook.results.study import Results
+from labbook.scene.quantities import percent
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
 
@@ -105,7 +106,7 @@ def sentence(curve: Rotation) -> str:
 
 def _percent(ratio) -> str:
     if not math.isfinite(ratio.error):
-        return f"{100 * ratio.value:.0f} %"
+        return percent(ratio.value, ".0f")
     digits = 0 if 100 * ratio.error >= 1 else 1
     return f"{100 * ratio.value:.{digits}f} ± {100 * ratio.error:.{digits}f} %"
 

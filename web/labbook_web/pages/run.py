@@ -19,6 +19,7 @@ from labbook.report.blocks import Facts
 from labbook.report.setting import common
 from labbook.results import display
 from labbook.scene import drawing
+from labbook.scene.quantities import percent
 from labbook.study import Point
 from labbook.study.schema import Fill
 from labbook_web.page import Page, records
@@ -165,7 +166,7 @@ def _known(shelf: Shelf, record: RunRecord) -> bool:
 def _facts(record: RunRecord) -> Facts:
     coverage = record.coverage
     ended = record.outcome + (f": {record.failure.message}" if record.failure else "")
-    left = f"{coverage.crossed} of {coverage.grains} grains ({coverage.discharged:.1%})"
+    left = f"{coverage.crossed} of {coverage.grains} grains ({percent(coverage.discharged, '.1f')})"
     rows = [
         ("Outcome", ended),
         ("Ledger", said(record.ledger)),
