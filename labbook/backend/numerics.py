@@ -16,7 +16,8 @@ class Numerics(Model):
     dt: Duration
     """Time step [s]."""
     precision: Precision = "double"
-    """`mixed`: positions and their update in double, contact law in single."""
+    """`mixed`: positions and their update in double, contact law in single. With `accuracy.flow_rate`, chosen if left
+    out."""
     integrator: Literal["leapfrog"] = "leapfrog"
     skin: Annotated[Ratio, Field(gt=0, le=1)] = 0.15
     """Thickness of the shell of near neighbours, in grain diameters."""
