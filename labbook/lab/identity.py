@@ -5,16 +5,17 @@ a study spells them: two containers that amount to the same walls are one scene.
 threads, slots and devices are no part of any key; they are coverage or provenance.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
 from labbook.scene import ContactLaw, Scene, Surface, Wall
-from labbook.scene.container import KEPT
 from labbook.scene.material import OwnMaterial
-from labbook.scene.model import digest, plain
+from labbook.scene.model import Model, Text, canonical, digest, once
+from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, WallShape
 
 _GUARDS = ("speed_limit", "overlap_limit")
 
@@ -26,25 +27,27 @@ def scene_key(scene: Scene) -> str:
 
 def scene_identity(scene: Scene) -> dict[str, Any]:
     """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
-    grains."""
-    container = scene.container
-    dumped = _dumped(container.walls())
-    walls = [
-        {**entry, "surface": _surface(scene.surface(wall))}
-        for wall, entry in zip(container.walls(), dumped, strict=True)
-    ]
-    contact = scene.contact.model_dump(mode="json", exclude={"between"})
-    grains = scene.grains.model_dump(mode="json")
-    kinds = range(len(scene.grains.kinds))
+    grains. Parts that many scenes have in common are canonical JSON already."""
+    container, kinds = scene.container, range(len(scene.grains.kinds))
+    grains: Any = _text(scene.grains)
+    contact: dict[str, Any] = {}
     if kinds:  # what acts between them, however it is spelled
-        contact["surfaces"] = [[_surface(scene.surface_between(a, b)) for b in kinds] for a in kinds]
-        for entry, wall in zip(walls, container.walls(), strict=True):
-            entry["surface"] = [_surface(scene.surface(wall, kind)) for kind in kinds]
-        grains["kinds"] = [kind.model_dump(mode="json", exclude=set(OwnMaterial.KEYS)) for kind in scene.grains.kinds]
-    _add_stiffness(scene, contact, walls)
+        contact["surfaces"] = [[_text(scene.surface_between(a, b)) for b in kinds] for a in kinds]
+        stated = [kind.model_dump(mode="json", exclude=set(OwnMaterial.KEYS)) for kind in scene.grains.kinds]
+        grains = {**scene.grains.model_dump(mode="json"), "kinds": stated}
+    as_grains = None if scene.walls else _surfaces(scene, None)
+    walls: list[Any] = [_wall(wall, as_grains or _surfaces(scene, wall), bool(kinds)) for wall in container.walls()]
+    if scene.has_own_stiffness:
+        sorts = range(len(scene.grains.species))
+        pairs = [[_stiffness(scene.law_between(a, b), scene.contact) for b in sorts] for a in sorts]
+        contact |= {"stiffness": pairs} if any(map(any, pairs)) else {}
+        for place, wall in enumerate(container.walls()):
+            if any(own := [_stiffness(scene.law(wall, kind), scene.contact) for kind in sorts]):
+                shape, surfaces = wall.shape.model_dump(mode="json"), _surfaces(scene, wall)
+                walls[place] = _entry(wall.name, shape, wall.motion, surfaces, bool(kinds)) | {"stiffness": own}
     return {
         "grains": grains,
-        "contact": contact,
+        "contact": {**_dumped(scene.contact), **contact} if contact else _law(scene.contact),
         "walls": walls,
         "outlet_plane": None if getattr(container, "closed", False) else container.outlet_plane,
         "gravity": scene.gravity,
@@ -52,24 +55,63 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
     }
 
 
-@lru_cache(maxsize=KEPT)
-def _dumped(walls: tuple[Wall, ...]) -> tuple[dict[str, Any], ...]:
-    """Walls as plain values, which nobody changes."""
-    dumped = (wall.model_dump(mode="json") for wall in walls)
-    return tuple({key: plain(one) if isinstance(one, dict) else one for key, one in wall.items()} for wall in dumped)
+def _surfaces(scene: Scene, wall: Wall | None) -> tuple[Surface, ...]:
+    """The surface of a wall for each kind of grains (equal grains are of one); None: of a wall like the grains."""
+    kinds = range(len(scene.grains.kinds) or 1)
+    return tuple([scene.surface_between(kind, kind) if wall is None else scene.surface(wall, kind) for kind in kinds])
 
 
-def _add_stiffness(scene: Scene, contact: dict[str, Any], walls: list[dict[str, Any]]) -> None:
-    """To `contact` and to `walls` the stiffness of their contacts, kind by kind, where it is not the law's."""
-    if not scene.has_own_stiffness:
-        return
-    kinds = range(len(scene.grains.species))
-    pairs = [[_stiffness(scene.law_between(a, b), scene.contact) for b in kinds] for a in kinds]
-    if any(map(any, pairs)):
-        contact["stiffness"] = pairs
-    for entry, wall in zip(walls, scene.container.walls(), strict=True):
-        if any(own := [_stiffness(scene.law(wall, kind), scene.contact) for kind in kinds]):
-            entry["stiffness"] = own
+_PLACES: dict[type[WallShape], Callable[[Any], tuple[tuple[float, ...], ...]]] = {
+    Plane: attrgetter("normal", "point"),
+    Strip: attrgetter("end", "start"),
+    Frustum: attrgetter("lower", "upper"),
+}
+"""What shapes have besides their kind, in the order of canonical JSON."""
+_SLOT = Text("\0")  # JSON has no such character
+
+
+def _wall(wall: Wall, surfaces: tuple[Surface, ...], by_kind: bool) -> Text:
+    """`_entry` as canonical JSON. Walls of different containers differ in numbers only: the text around these is made
+    once."""
+    shape = type(wall.shape)
+    if shape not in _PLACES:  # one of another package
+        return canonical(_entry(wall.name, wall.shape.model_dump(mode="json"), wall.motion, surfaces, by_kind))
+    numbers = [number + 0.0 for place in _PLACES[shape](wall.shape) for number in place]
+    return Text(_around(wall.name, shape, wall.motion, surfaces, by_kind) % tuple(numbers))
+
+
+@once(256)
+def _around(
+    name: str, shape: type[WallShape], motion: SurfaceMotion, surfaces: tuple[Surface, ...], by_kind: bool
+) -> str:
+    """The text of a wall with %r in place of the numbers of its shape."""
+    size = 3 if shape is Plane else 2
+    blank = {key: field.default if key == "kind" else [_SLOT] * size for key, field in shape.model_fields.items()}
+    return canonical(_entry(name, blank, motion, surfaces, by_kind)).replace("%", "%%").replace(_SLOT, "%r")
+
+
+def _entry(
+    name: str, shape: dict[str, Any], motion: SurfaceMotion, surfaces: tuple[Surface, ...], by_kind: bool
+) -> dict[str, Any]:
+    """A wall with its surfaces; `by_kind`: they are listed, also if there is one."""
+    found = list(map(_text, surfaces))
+    return {"name": name, "shape": shape, "motion": _text(motion), "surface": found if by_kind else found[0]}
+
+
+@once(512)
+def _text(part: Model) -> Text:
+    """Canonical JSON of a part that many scenes of a study have in common."""
+    return canonical(part.model_dump(mode="json"))
+
+
+@once(256)
+def _law(contact: ContactLaw) -> Text:
+    return canonical(_dumped(contact))
+
+
+def _dumped(contact: ContactLaw) -> dict[str, Any]:
+    """A law without the pairs that it states, which count as what they come to."""
+    return contact.model_dump(mode="json", exclude={"between"})
 
 
 def _stiffness(law: ContactLaw, contact: ContactLaw) -> dict[str, Any]:
@@ -77,13 +119,11 @@ def _stiffness(law: ContactLaw, contact: ContactLaw) -> dict[str, Any]:
     return {key: value for key, value in law if value != getattr(contact, key)} if law is not contact else {}
 
 
-def _surface(surface: Surface) -> dict[str, Any]:
-    return surface.model_dump(mode="json")
-
-
-def numerics_identity(numerics: Numerics) -> dict[str, Any]:
-    """The resolved numbers that decide a trajectory: all but the guards, which only say when to give up."""
-    return numerics.model_dump(mode="json", exclude=set(_GUARDS))
+@once(1024)
+def numerics_identity(numerics: Numerics) -> Text:
+    """The resolved numbers that decide a trajectory, as canonical JSON: all but the guards, which only say when to give
+    up."""
+    return canonical(numerics.model_dump(mode="json", exclude=set(_GUARDS)))
 
 
 def guards(numerics: Numerics) -> dict[str, float]:
@@ -106,7 +146,7 @@ class Filling:
     """Fraction of the grains that may still move; part of the key where there is one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Keys:
     """All identities of one run."""
 
@@ -185,7 +225,12 @@ def _how(numerics: Numerics, backend: str) -> dict[str, Any]:
 def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:
     return {
         "scene": closed,
-        "filling": {name: value for name, value in vars(filling).items() if name != "moving" or value},
+        "filling": _filling(filling),
         "numerics": numerics_identity(numerics),
         "maker": maker,
     }
+
+
+@once(256)
+def _filling(filling: Filling) -> Text:
+    return canonical({name: value for name, value in vars(filling).items() if name != "moving" or value})
