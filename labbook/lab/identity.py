@@ -35,16 +35,16 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
         contact["surfaces"] = [[_text(scene.surface_between(a, b)) for b in kinds] for a in kinds]
         stated = [kind.model_dump(mode="json", exclude=set(OwnMaterial.KEYS)) for kind in scene.grains.kinds]
         grains = {**scene.grains.model_dump(mode="json"), "kinds": stated}
-    as_grains = None if scene.walls else _surfaces(scene, None)
-    walls: list[Any] = [_wall(wall, as_grains or _surfaces(scene, wall), bool(kinds)) for wall in container.walls()]
+    walls: Any
     if scene.has_own_stiffness:
-        sorts = range(len(scene.grains.species))
+        walls, sorts = _walls(scene), range(len(scene.grains.species))
         pairs = [[_stiffness(scene.law_between(a, b), scene.contact) for b in sorts] for a in sorts]
         contact |= {"stiffness": pairs} if any(map(any, pairs)) else {}
-        for place, wall in enumerate(container.walls()):
+        for entry, wall in zip(walls, container.walls(), strict=True):
             if any(own := [_stiffness(scene.law(wall, kind), scene.contact) for kind in sorts]):
-                shape, surfaces = wall.shape.model_dump(mode="json"), _surfaces(scene, wall)
-                walls[place] = _entry(wall.name, shape, wall.motion, surfaces, bool(kinds)) | {"stiffness": own}
+                entry["stiffness"] = own
+    else:
+        walls = _written_walls(scene)
     return {
         "grains": grains,
         "contact": {**_dumped(scene.contact), **contact} if contact else _law(scene.contact),
@@ -55,10 +55,26 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _surfaces(scene: Scene, wall: Wall | None) -> tuple[Surface, ...]:
-    """The surface of a wall for each kind of grains (equal grains are of one); None: of a wall like the grains."""
-    kinds = range(len(scene.grains.kinds) or 1)
-    return tuple([scene.surface_between(kind, kind) if wall is None else scene.surface(wall, kind) for kind in kinds])
+def _walls(scene: Scene) -> list[dict[str, Any]]:
+    """The walls of a scene, each with its surface."""
+    by_kind = bool(scene.grains.kinds)
+    return [
+        _wall(wall.name, wall.shape.model_dump(mode="json"), wall.motion, _surfaces(scene, wall), by_kind)
+        for wall in scene.container.walls()
+    ]
+
+
+def _wall(
+    name: str, shape: dict[str, Any], motion: SurfaceMotion, surfaces: tuple[Surface, ...], by_kind: bool
+) -> dict[str, Any]:
+    """`by_kind`: the surface of each kind of grains is listed, also if there is one kind."""
+    found = list(map(_text, surfaces))
+    return {"name": name, "shape": shape, "motion": _text(motion), "surface": found if by_kind else found[0]}
+
+
+def _surfaces(scene: Scene, wall: Wall) -> tuple[Surface, ...]:
+    """The surface of a wall for each kind of grains; equal grains are of one."""
+    return tuple([scene.surface(wall, kind) for kind in range(len(scene.grains.kinds) or 1)])
 
 
 _PLACES: dict[type[WallShape], Callable[[Any], tuple[tuple[float, ...], ...]]] = {
@@ -70,32 +86,36 @@ _PLACES: dict[type[WallShape], Callable[[Any], tuple[tuple[float, ...], ...]]] =
 _SLOT = Text("\0")  # JSON has no such character
 
 
-def _wall(wall: Wall, surfaces: tuple[Surface, ...], by_kind: bool) -> Text:
-    """`_entry` as canonical JSON. Walls of different containers differ in numbers only: the text around these is made
-    once."""
-    shape = type(wall.shape)
-    if shape not in _PLACES:  # one of another package
-        return canonical(_entry(wall.name, wall.shape.model_dump(mode="json"), wall.motion, surfaces, by_kind))
-    numbers = [number + 0.0 for place in _PLACES[shape](wall.shape) for number in place]
-    return Text(_around(wall.name, shape, wall.motion, surfaces, by_kind) % tuple(numbers))
+def _written_walls(scene: Scene) -> Text:
+    """`_walls` as canonical JSON. Of the containers of a study only the numbers of walls differ: the text around these
+    is made once."""
+    walls = scene.container.walls()
+    if not all([type(wall.shape) in _PLACES for wall in walls]):  # of another package
+        return canonical(_walls(scene))
+    blank = tuple([(wall.name, type(wall.shape), wall.motion) for wall in walls])
+    if scene.walls:
+        surfaces = tuple([_surfaces(scene, wall) for wall in walls])
+    else:  # all walls are like the grains
+        surfaces = tuple([_surfaces(scene, wall) for wall in walls[:1]])
+    places = [place for wall in walls for place in _PLACES[type(wall.shape)](wall.shape)]
+    numbers = [number + 0.0 for place in places for number in place]
+    return Text(_around(blank, surfaces, bool(scene.grains.kinds)) % tuple(numbers))
 
 
 @once(256)
 def _around(
-    name: str, shape: type[WallShape], motion: SurfaceMotion, surfaces: tuple[Surface, ...], by_kind: bool
+    walls: tuple[tuple[str, type[WallShape], SurfaceMotion], ...],
+    surfaces: tuple[tuple[Surface, ...], ...],
+    by_kind: bool,
 ) -> str:
-    """The text of a wall with %r in place of the numbers of its shape."""
-    size = 3 if shape is Plane else 2
-    blank = {key: field.default if key == "kind" else [_SLOT] * size for key, field in shape.model_fields.items()}
-    return canonical(_entry(name, blank, motion, surfaces, by_kind)).replace("%", "%%").replace(_SLOT, "%r")
-
-
-def _entry(
-    name: str, shape: dict[str, Any], motion: SurfaceMotion, surfaces: tuple[Surface, ...], by_kind: bool
-) -> dict[str, Any]:
-    """A wall with its surfaces; `by_kind`: they are listed, also if there is one."""
-    found = list(map(_text, surfaces))
-    return {"name": name, "shape": shape, "motion": _text(motion), "surface": found if by_kind else found[0]}
+    """The text of walls, by their names, shapes and motions, with %r in place of the numbers of their shapes.
+    `surfaces`: those of each wall, or of all of them."""
+    entries = list[dict[str, Any]]()
+    for place, (name, shape, motion) in enumerate(walls):
+        size = 3 if shape is Plane else 2
+        blank = {key: field.default if key == "kind" else [_SLOT] * size for key, field in shape.model_fields.items()}
+        entries.append(_wall(name, blank, motion, surfaces[place % len(surfaces)], by_kind))
+    return canonical(entries).replace("%", "%%").replace(_SLOT, "%r")
 
 
 @once(512)
