@@ -78,16 +78,20 @@ class PointDemand:
     @property
     def scene_key(self) -> str:
         """Key of the open scene."""
-        if not self._scene_key:
-            self._scene_key = identity.scene_key(self.scene)
+        self.identify()
         return self._scene_key
 
     @property
     def closed_key(self) -> str:
         """Key of the closed scene."""
-        if not self._closed_key:
-            self._closed_key = identity.scene_key(self.closed)
+        self.identify()
         return self._closed_key
+
+    def identify(self, closed: Scene | None = None) -> None:
+        """Make the keys of both scenes, if there are none yet; `closed`: the closed one, if it is at hand."""
+        if not self._scene_key:
+            self._closed_key = identity.scene_key(closed or self.closed)
+            self._scene_key = identity.scene_key(self.scene)
 
     @property
     def probes(self) -> tuple[Probe, ...]:

@@ -393,7 +393,7 @@ def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> l
 def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
     """Whether `backend` can do all that is asked, on `device`. Raises Unsupported, Conflict or MeasureError.
 
-    Before a plan it costs least: keys are made here, while the walls of a point are at hand.
+    It costs least before a plan: it makes keys, too, while the walls of a point are at hand.
     """
     can = backend.capabilities
     if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
@@ -407,14 +407,15 @@ def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
         if shared.scene.feed is not None and not can.feeds:
             raise Unsupported("feed", f"the backend {can.name} cannot put grains back; leave feed out")
         specified(backend, shared)
-        _ = shared.closed_key, shared.scene_key
 
 
 def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
     """The sets of features of the filling and the discharge of a point. Raises Unsupported."""
     found = shared.specs
     if found is None or found[0] is not backend:
-        filling = backend.specialise(shared.closed, shared.filled_by, ())
+        closed = shared.closed
+        shared.identify(closed)  # while the walls of both scenes are at hand
+        filling = backend.specialise(closed, shared.filled_by, ())
         discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
         found = shared.specs = _same(backend, filling, discharge)
     return found[1], found[2]
