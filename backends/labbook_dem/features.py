@@ -8,7 +8,9 @@ import numpy as np
 from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Zone
-from labbook.scene import Scene, SurfaceMotion
+from labbook.scene import ContactLaw, Grains, Scene, Surface
+from labbook.scene.model import once
+from labbook.scene.walls import AT_REST
 from labbook_dem.dispatch import numbers
 from labbook_dem.laws import LAWS
 from labbook_dem.shapes import SHAPES
@@ -32,27 +34,50 @@ SWITCHES = (
 FALL = 2.0  # lengths below the outlet at which a grain is dropped: nothing that is still to be counted touches it
 
 
+class Needs(NamedTuple):
+    """What decides the features of a scene: all of it but sizes and places, so that many scenes have the same."""
+
+    grains: Grains
+    contact: ContactLaw
+    surfaces: tuple[Surface, ...]
+    walls: frozenset[str]
+    """Their kinds."""
+    moving: bool
+    outlet: bool
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Needs":
+        """What `scene` needs."""
+        walls = scene.container.walls()
+        kinds = frozenset([wall.shape.kind for wall in walls])
+        moving = any([wall.motion is not AT_REST and wall.motion != AT_REST for wall in walls])
+        return cls(scene.grains, scene.contact, scene.surfaces, kinds, moving, outlet(scene) is not None)
+
+
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
     """Features by name: the law, the precision, the shape of grains, kinds of walls; in capitals switches, and the
     number of kinds of grains."""
-    walls, surfaces = scene.container.walls(), scene.surfaces
-    kinds = {wall.shape.kind for wall in walls}
-    rolling, springs = any(s.rolling_friction for s in surfaces), rolling_springs(scene)
+    return _features(Needs.of(scene), numerics.precision, probes)
+
+
+def _features(needs: Needs, precision: str, probes: Sequence[Probe]) -> dict[str, object]:
+    grains, contact, surfaces = needs.grains, needs.contact, needs.surfaces
+    rolling, springs = any(s.rolling_friction for s in surfaces), _rolling_springs(contact, surfaces)
     return {
-        "law": scene.contact.law,
-        "precision": numerics.precision,
-        "shape": scene.grains.shape,
-        "walls": tuple(kind for kind in WALLS if kind in kinds),
+        "law": contact.law,
+        "precision": precision,
+        "shape": grains.shape,
+        "walls": tuple(kind for kind in WALLS if kind in needs.walls),
         "FRICTION": rolling or any(s.friction for s in surfaces),
         "ROLLING": rolling and not springs,
         "ROLLING_SPRING": springs,
-        "VARIED": scene.grains.varied,
-        "KINDS": len(scene.grains.species),
-        "TWIST": rolling and scene.contact.rolling == "full",
-        "MOVING": any(wall.motion != SurfaceMotion() for wall in walls),
-        "ORIENTED": is_oriented(scene),
-        "ANY_WALLS": bool(walls),
-        "OUTLET": outlet(scene) is not None,
+        "VARIED": grains.varied,
+        "KINDS": len(grains.species),
+        "TWIST": rolling and contact.rolling == "full",
+        "MOVING": needs.moving,
+        "ORIENTED": SHAPES[grains.shape].oriented,
+        "ANY_WALLS": bool(needs.walls),
+        "OUTLET": needs.outlet,
         "CROSSING": any(isinstance(probe, Crossing) for probe in probes),
         "LEDGER": any(isinstance(probe, Ledger) for probe in probes),
     }
@@ -101,7 +126,11 @@ def covers(spec: Spec, needed: Spec) -> bool:
 
 def rolling_springs(scene: Scene) -> bool:
     """Whether rolling resistance acts by springs, which contacts then keep."""
-    return scene.contact.rolling_model == "epsd" and any(s.rolling_friction for s in scene.surfaces)
+    return _rolling_springs(scene.contact, scene.surfaces)
+
+
+def _rolling_springs(contact: ContactLaw, surfaces: Sequence[Surface]) -> bool:
+    return contact.rolling_model == "epsd" and any(s.rolling_friction for s in surfaces)
 
 
 def finest(scene: Scene) -> float:
@@ -137,33 +166,40 @@ def specialise(
     can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe], wide: bool = False
 ) -> Spec:
     """What a backend with these capabilities compiles in; `wide`: the `superset` of it. Raises Unsupported."""
-    check(can, scene, numerics, probes)
-    found = features(scene, numerics, probes)
+    return _specialised(can, Needs.of(scene), numerics.precision, numerics.steps_per_beat, tuple(probes), wide)
+
+
+@once(256)
+def _specialised(
+    can: Capabilities, needs: Needs, precision: str, steps_per_beat: int, probes: tuple[Probe, ...], wide: bool
+) -> Spec:
+    check(can, needs, precision, probes)
+    found = _features(needs, precision, probes)
     return Spec(
         backend=can.name,
         features=tuple(sorted((superset(found) if wide else found).items())),
         probes=tuple(dict.fromkeys(probes)),
-        steps_per_beat=numerics.steps_per_beat,
+        steps_per_beat=steps_per_beat,
     )
 
 
-def check(can: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> None:
+def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Probe]) -> None:
     """Raises Unsupported if a backend with these capabilities cannot do it."""
     wanted = [
-        ("grains.shape", scene.grains.shape, can.shapes),
-        ("contact.law", scene.contact.law, can.laws),
-        ("numerics.precision", numerics.precision, can.precisions),
-        *(("container", wall.shape.kind, can.walls) for wall in scene.container.walls()),
+        ("grains.shape", needs.grains.shape, can.shapes),
+        ("contact.law", needs.contact.law, can.laws),
+        ("numerics.precision", precision, can.precisions),
+        *(("container", kind, can.walls) for kind in sorted(needs.walls)),
     ]
     for key, value, known in wanted:
         if value not in known:
             raise Unsupported(key, f"the backend {can.name} has no {value}; it has {', '.join(sorted(known))}")
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the backend {can.name} records crossings of one plane at a time")
-    if scene.grains.varied and not can.mixtures:
+    if needs.grains.varied and not can.mixtures:
         raise Unsupported("grains", f"the backend {can.name} takes equal grains only; leave out sizes and kinds")
     for probe in probes:
-        if isinstance(probe, Sample) and "q" in probe.fields and not is_oriented(scene):
+        if isinstance(probe, Sample) and "q" in probe.fields and not SHAPES[needs.grains.shape].oriented:
             raise Unsupported("measure", "only rods have an orientation q")
         if isinstance(probe, Sample | Slab | Zone | Contacts | Ledger) and probe.every < 1:
             raise Unsupported("measure", "a probe is read every beat at most")

@@ -5,6 +5,7 @@ so that `labbook --help` stays quick. Packages add verbs by such functions, whic
 `labbook.verbs`.
 """
 
+import gc
 import sys
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -14,6 +15,8 @@ from typer.core import TyperGroup
 
 from labbook.cli.options import fail, told
 
+_ALLOCATED = 10_000
+"""Objects that are made between two looks for garbage."""
 VERBS = (
     "new",
     "plan",
@@ -77,4 +80,6 @@ def build() -> typer.Typer:
 
 def main() -> None:
     """Entry point of the `labbook` command."""
+    # points and runs live as long as the process: to look through them for garbage so often takes a sixth of a plan
+    gc.set_threshold(_ALLOCATED, *gc.get_threshold()[1:])
     build()()

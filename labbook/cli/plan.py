@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -87,7 +88,7 @@ def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
             "feature_sets": ahead.sets,
         },
         "points": [
-            {"point": point.shared.point.index + 1, "label": point.shared.point.label, **vars(outline(point.shared))}
+            {"point": point.shared.point.index + 1, "label": point.shared.point.label, **asdict(outline(point.shared))}
             for point in plan.points
         ],
     }

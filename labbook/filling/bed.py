@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
-from labbook.scene import Box, ConicalSilo, CylinderSilo, Grains, Scene, Spherocylinders, WedgeHopper
+from labbook.scene import Box, ConicalSilo, ContactLaw, CylinderSilo, Grains, Scene, Spherocylinders, WedgeHopper
 from labbook.scene.bodies import Bodies
 from labbook.scene.container import Container
 from labbook.scene.packing import Packing
@@ -17,9 +16,9 @@ PACKED = 0.55
 """Packing fraction that is assumed of a bed before there is one."""
 
 
-def unbraked(scene: Scene) -> bool:
+def unbraked(grains: Grains, contact: ContactLaw) -> bool:
     """Whether grains are taken to roll for ever: spheres without rolling friction, and rods, whatever theirs is."""
-    return isinstance(scene.grains, Spherocylinders) or scene.contact.rolling_friction == 0
+    return isinstance(grains, Spherocylinders) or contact.rolling_friction == 0
 
 
 def fastest_points(grains: Grains, packing: Packing) -> np.ndarray:
@@ -52,25 +51,33 @@ def bed_height(grains: Grains, packing: Packing, floor: float) -> float:
 def bed_height_ahead(scene: Scene) -> float | None:
     """Height [m] above the outlet (or the bottom of a box) that a level bed will have at a packing fraction of PACKED;
     None where the container does not tell."""
-    if _volume_below(scene.container) is None:
+    below = _volume_below(scene.container)
+    if below is None:
         return None
-    volume = scene.grains.count * scene.grains.volume / PACKED
-    return _level(scene.container, volume, scene.grains.diameter)  # pyright: ignore[reportArgumentType]  (frozen)
+    return _level(below, scene.grains.count * scene.grains.volume / PACKED, scene.grains.diameter)
 
 
-@lru_cache(maxsize=4096)  # of a study's many points few differ in it
-def _level(container: Container, volume: float, first: float) -> float:
-    """Height [m] below which the container has this volume [m^3]; `first` [m]: a height to begin with."""
-    below = _volume_below(container)
-    assert below is not None
-    high = first
-    while below(high) < volume:
-        high *= 2
-    low = 0.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (low, middle) if below(middle) > volume else (middle, high)
-    return high
+def _level(below: Callable[[float], float], volume: float, high: float) -> float:
+    """Height [m] below which there is this volume [m^3], as `below` has it; `high` [m]: a height to begin with.
+
+    By chords (the Illinois method): above an inclined bottom, where most beds end, the first is exact.
+    """
+    low, under, over = 0.0, -volume, below(high) - volume
+    while over < 0:
+        low, under, high = high, over, 2 * high
+        over = below(high) - volume
+    level, before = high, 0.0
+    for _ in range(100):
+        level = high - over * (high - low) / (over - under)
+        off = below(level) - volume
+        if abs(off) <= 1e-14 * volume:
+            break
+        if off > 0:
+            high, over, under = level, off, under / 2 if before > 0 else under
+        else:
+            low, under, over = level, off, over / 2 if before < 0 else over
+        before = off
+    return level
 
 
 def discharged_at(scene: Scene, height: float) -> float | None:

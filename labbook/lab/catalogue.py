@@ -335,10 +335,11 @@ class Catalogue:
         with self._asking() as connection:
             return [(key, grains, rate) for key, grains, rate in connection.execute(query)]
 
-    def settling(self, closed_key: str) -> float | None:
-        """Mean simulated time [s] that fillings of this closed scene took to settle, or None."""
+    def settling(self) -> dict[str, float]:
+        """Mean simulated time [s] that fillings of a closed scene took to settle, by its key."""
+        query = select(packings.c.closed_key, func.avg(packings.c.duration)).group_by(packings.c.closed_key)
         with self._asking() as connection:
-            return connection.scalar(select(func.avg(packings.c.duration)).where(packings.c.closed_key == closed_key))
+            return {key: mean for key, mean in connection.execute(query) if mean is not None}
 
     def close(self) -> None:
         """Let go of the file."""

@@ -29,6 +29,8 @@ from sqlalchemy import (
     Text,
     create_engine,
     event,
+    func,
+    select,
     text,
 )
 from sqlalchemy.dialects import postgresql, sqlite
@@ -282,6 +284,8 @@ def empty() -> Engine:
 def among(connection: Connection, query: Select, column: Column, keys: Iterable[str]) -> list[Row]:
     """The rows of `query` whose `column` is one of `keys`, however many these are."""
     keys, found = list(keys), []
+    if len(keys) > _CHUNK and (connection.scalar(select(func.count()).select_from(column.table)) or 0) <= len(keys):
+        keys = sorted({*keys} & {*connection.scalars(select(column))})
     for at in range(0, len(keys), _CHUNK):
         found += connection.execute(query.where(column.in_(keys[at : at + _CHUNK])))
     return found

@@ -26,8 +26,9 @@ import re
 import shutil
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -289,6 +290,20 @@ class Lab:
     def clear(self, key: str) -> None:
         """Remove the unfinished work on `key`, whose claim is held."""
         remove(self.work(key))
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Keys of all finished runs and packings, and of unfinished work, as they lay in a lab at one moment."""
+
+    runs: Set[str]
+    packings: Set[str]
+    work: Set[str]
+
+    @classmethod
+    def of(cls, lab: Lab) -> "Listed":
+        """What lies in `lab` now."""
+        return cls(*({*folders(place)} for place in (lab.runs, lab.packings, lab.works)))
 
 
 def folders(parent: Path) -> list[str]:

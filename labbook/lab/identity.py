@@ -5,16 +5,17 @@ a study spells them: two containers that amount to the same walls are one scene.
 threads, slots and devices are no part of any key; they are coverage or provenance.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
 from labbook.scene import ContactLaw, Scene, Surface, Wall
-from labbook.scene.container import KEPT
 from labbook.scene.material import OwnMaterial
-from labbook.scene.model import digest, plain
+from labbook.scene.model import Model, Text, canonical, digest, once
+from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, WallShape
 
 _GUARDS = ("speed_limit", "overlap_limit")
 
@@ -26,25 +27,27 @@ def scene_key(scene: Scene) -> str:
 
 def scene_identity(scene: Scene) -> dict[str, Any]:
     """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
-    grains."""
-    container = scene.container
-    dumped = _dumped(container.walls())
-    walls = [
-        {**entry, "surface": _surface(scene.surface(wall))}
-        for wall, entry in zip(container.walls(), dumped, strict=True)
-    ]
-    contact = scene.contact.model_dump(mode="json", exclude={"between"})
-    grains = scene.grains.model_dump(mode="json")
-    kinds = range(len(scene.grains.kinds))
+    grains. Parts that many scenes have in common are canonical JSON already."""
+    container, kinds = scene.container, range(len(scene.grains.kinds))
+    grains: Any = _text(scene.grains)
+    contact: dict[str, Any] = {}
     if kinds:  # what acts between them, however it is spelled
-        contact["surfaces"] = [[_surface(scene.surface_between(a, b)) for b in kinds] for a in kinds]
+        contact["surfaces"] = [[_text(scene.surface_between(a, b)) for b in kinds] for a in kinds]
+        stated = [kind.model_dump(mode="json", exclude=set(OwnMaterial.KEYS)) for kind in scene.grains.kinds]
+        grains = {**scene.grains.model_dump(mode="json"), "kinds": stated}
+    walls: Any
+    if scene.has_own_stiffness:
+        walls, sorts = _walls(scene), range(len(scene.grains.species))
+        pairs = [[_stiffness(scene.law_between(a, b), scene.contact) for b in sorts] for a in sorts]
+        contact |= {"stiffness": pairs} if any(map(any, pairs)) else {}
         for entry, wall in zip(walls, container.walls(), strict=True):
-            entry["surface"] = [_surface(scene.surface(wall, kind)) for kind in kinds]
-        grains["kinds"] = [kind.model_dump(mode="json", exclude=set(OwnMaterial.KEYS)) for kind in scene.grains.kinds]
-    _add_stiffness(scene, contact, walls)
+            if any(own := [_stiffness(scene.law(wall, kind), scene.contact) for kind in sorts]):
+                entry["stiffness"] = own
+    else:
+        walls = _written_walls(scene)
     return {
         "grains": grains,
-        "contact": contact,
+        "contact": {**_dumped(scene.contact), **contact} if contact else _law(scene.contact),
         "walls": walls,
         "outlet_plane": None if getattr(container, "closed", False) else container.outlet_plane,
         "gravity": scene.gravity,
@@ -52,24 +55,83 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
     }
 
 
-@lru_cache(maxsize=KEPT)
-def _dumped(walls: tuple[Wall, ...]) -> tuple[dict[str, Any], ...]:
-    """Walls as plain values, which nobody changes."""
-    dumped = (wall.model_dump(mode="json") for wall in walls)
-    return tuple({key: plain(one) if isinstance(one, dict) else one for key, one in wall.items()} for wall in dumped)
+def _walls(scene: Scene) -> list[dict[str, Any]]:
+    """The walls of a scene, each with its surface."""
+    by_kind = bool(scene.grains.kinds)
+    return [
+        _wall(wall.name, wall.shape.model_dump(mode="json"), wall.motion, _surfaces(scene, wall), by_kind)
+        for wall in scene.container.walls()
+    ]
 
 
-def _add_stiffness(scene: Scene, contact: dict[str, Any], walls: list[dict[str, Any]]) -> None:
-    """To `contact` and to `walls` the stiffness of their contacts, kind by kind, where it is not the law's."""
-    if not scene.has_own_stiffness:
-        return
-    kinds = range(len(scene.grains.species))
-    pairs = [[_stiffness(scene.law_between(a, b), scene.contact) for b in kinds] for a in kinds]
-    if any(map(any, pairs)):
-        contact["stiffness"] = pairs
-    for entry, wall in zip(walls, scene.container.walls(), strict=True):
-        if any(own := [_stiffness(scene.law(wall, kind), scene.contact) for kind in kinds]):
-            entry["stiffness"] = own
+def _wall(
+    name: str, shape: dict[str, Any], motion: SurfaceMotion, surfaces: tuple[Surface, ...], by_kind: bool
+) -> dict[str, Any]:
+    """`by_kind`: the surface of each kind of grains is listed, also if there is one kind."""
+    found = list(map(_text, surfaces))
+    return {"name": name, "shape": shape, "motion": _text(motion), "surface": found if by_kind else found[0]}
+
+
+def _surfaces(scene: Scene, wall: Wall) -> tuple[Surface, ...]:
+    """The surface of a wall for each kind of grains; equal grains are of one."""
+    return tuple([scene.surface(wall, kind) for kind in range(len(scene.grains.kinds) or 1)])
+
+
+_PLACES: dict[type[WallShape], Callable[[Any], tuple[tuple[float, ...], ...]]] = {
+    Plane: attrgetter("normal", "point"),
+    Strip: attrgetter("end", "start"),
+    Frustum: attrgetter("lower", "upper"),
+}
+"""What shapes have besides their kind, in the order of canonical JSON."""
+_SLOT = Text("\0")  # JSON has no such character
+
+
+def _written_walls(scene: Scene) -> Text:
+    """`_walls` as canonical JSON. Of the containers of a study only the numbers of walls differ: the text around these
+    is made once."""
+    walls = scene.container.walls()
+    if not all([type(wall.shape) in _PLACES for wall in walls]):  # of another package
+        return canonical(_walls(scene))
+    blank = tuple([(wall.name, type(wall.shape), wall.motion) for wall in walls])
+    if scene.walls:
+        surfaces = tuple([_surfaces(scene, wall) for wall in walls])
+    else:  # all walls are like the grains
+        surfaces = tuple([_surfaces(scene, wall) for wall in walls[:1]])
+    places = [place for wall in walls for place in _PLACES[type(wall.shape)](wall.shape)]
+    numbers = [number + 0.0 for place in places for number in place]
+    return Text(_around(blank, surfaces, bool(scene.grains.kinds)) % tuple(numbers))
+
+
+@once(256)
+def _around(
+    walls: tuple[tuple[str, type[WallShape], SurfaceMotion], ...],
+    surfaces: tuple[tuple[Surface, ...], ...],
+    by_kind: bool,
+) -> str:
+    """The text of walls, by their names, shapes and motions, with %r in place of the numbers of their shapes.
+    `surfaces`: those of each wall, or of all of them."""
+    entries = list[dict[str, Any]]()
+    for place, (name, shape, motion) in enumerate(walls):
+        size = 3 if shape is Plane else 2
+        blank = {key: field.default if key == "kind" else [_SLOT] * size for key, field in shape.model_fields.items()}
+        entries.append(_wall(name, blank, motion, surfaces[place % len(surfaces)], by_kind))
+    return canonical(entries).replace("%", "%%").replace(_SLOT, "%r")
+
+
+@once(512)
+def _text(part: Model) -> Text:
+    """Canonical JSON of a part that many scenes of a study have in common."""
+    return canonical(part.model_dump(mode="json"))
+
+
+@once(256)
+def _law(contact: ContactLaw) -> Text:
+    return canonical(_dumped(contact))
+
+
+def _dumped(contact: ContactLaw) -> dict[str, Any]:
+    """A law without the pairs that it states, which count as what they come to."""
+    return contact.model_dump(mode="json", exclude={"between"})
 
 
 def _stiffness(law: ContactLaw, contact: ContactLaw) -> dict[str, Any]:
@@ -77,13 +139,11 @@ def _stiffness(law: ContactLaw, contact: ContactLaw) -> dict[str, Any]:
     return {key: value for key, value in law if value != getattr(contact, key)} if law is not contact else {}
 
 
-def _surface(surface: Surface) -> dict[str, Any]:
-    return surface.model_dump(mode="json")
-
-
-def numerics_identity(numerics: Numerics) -> dict[str, Any]:
-    """The resolved numbers that decide a trajectory: all but the guards, which only say when to give up."""
-    return numerics.model_dump(mode="json", exclude=set(_GUARDS))
+@once(1024)
+def numerics_identity(numerics: Numerics) -> Text:
+    """The resolved numbers that decide a trajectory, as canonical JSON: all but the guards, which only say when to give
+    up."""
+    return canonical(numerics.model_dump(mode="json", exclude=set(_GUARDS)))
 
 
 def guards(numerics: Numerics) -> dict[str, float]:
@@ -106,7 +166,7 @@ class Filling:
     """Fraction of the grains that may still move; part of the key where there is one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Keys:
     """All identities of one run."""
 
@@ -185,7 +245,12 @@ def _how(numerics: Numerics, backend: str) -> dict[str, Any]:
 def _packing(closed: str, filling: Filling, numerics: Numerics, maker: str) -> dict[str, Any]:
     return {
         "scene": closed,
-        "filling": {name: value for name, value in vars(filling).items() if name != "moving" or value},
+        "filling": _filling(filling),
         "numerics": numerics_identity(numerics),
         "maker": maker,
     }
+
+
+@once(256)
+def _filling(filling: Filling) -> Text:
+    return canonical({name: value for name, value in vars(filling).items() if name != "moving" or value})

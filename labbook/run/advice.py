@@ -45,11 +45,12 @@ def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -
     Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, ImportError where a package of the
     backend is missing.
     """
-    plan = Planner(study, catalogue, backend.capabilities).plan()
+    planner = Planner(study, catalogue, backend.capabilities)
     device, *others = named(device, backend)
     for one in others:
-        check(backend, one, plan.points[:1])
-    check(backend, device, plan.points)
+        check(backend, one, planner.points[:1])
+    check(backend, device, planner.points)
+    plan = planner.plan()
     lanes = cores() if device == "cpu" else 1
     machine = provenance(device)["machine"]
     ahead = forecast(plan, catalogue, machine, device, lanes, backend, slots(backend, device, plan.points))

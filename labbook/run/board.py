@@ -2,9 +2,10 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from labbook.backend import Checkpoint, Spec
 from labbook.lab.folder import Claim
@@ -92,6 +93,11 @@ class Board:
         self._next_look = 0.0
         self.beginning: Callable[[Job], None] = lambda job: None
         """Called before a job is begun: placing many grains takes a while."""
+
+    @cached_property
+    def _settled(self) -> Mapping[str, float]:
+        """How long fillings took before this process made any."""
+        return self._planner.catalogue.settling()
 
     def pin(self, plan: Plan) -> None:
         """Take up a plan."""
@@ -329,6 +335,5 @@ class Board:
 
     def _estimate(self, key: str, demand: Demand, *, filling: bool) -> float:
         if key not in self._work:
-            catalogue = self._planner.catalogue
-            self._work[key] = fill_work(demand, catalogue) if filling else discharge_work(demand.shared)
+            self._work[key] = fill_work(demand, self._settled) if filling else discharge_work(demand.shared)
         return self._work[key]

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
-from labbook.backend import Capabilities
+from labbook.backend import Backend, Capabilities, Spec
 from labbook.backend.numerics import Numerics, Precision
 from labbook.backend.probes import Crossing, Probe, Sample, describe_probe, film_probe, table_name
 from labbook.filling import bed, placing
@@ -15,9 +15,11 @@ from labbook.lab.identity import Filling, Keys, Maker
 from labbook.lab.records import Precise, StopRule
 from labbook.measure import MEASURES
 from labbook.scene import Scene
+from labbook.scene.model import once
 from labbook.stats import StoppingRule
 from labbook.study import Point, Study
 from labbook.study.applicable import flat_area
+from labbook.study.schema import Stop
 
 
 class Conflict(Exception):
@@ -32,7 +34,7 @@ class PackingsOf:
     precision: Precision
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class PointDemand:
     """All that the runs of one point have in common."""
 
@@ -40,20 +42,22 @@ class PointDemand:
     point: Point
     packings_of: PackingsOf | None = None
     """Whose packings its runs start from; None: each backend makes its own."""
-
-    @cached_property
-    def kept(self) -> dict[Any, Any]:
-        """What was found out about it, kept by those who ask for it again and again."""
-        return {}
+    specs: tuple[Backend, Spec, Spec] | None = field(default=None, init=False, repr=False)
+    """The backend that was asked last, and its sets of features for filling and discharge (`labbook.run.plan`)."""
+    outline: Any = field(default=None, init=False, repr=False)
+    """What is foreseen of its runs (`labbook.run.forecast`), once that was asked for."""
+    _scene_key: str = field(default="", init=False, repr=False)
+    _closed_key: str = field(default="", init=False, repr=False)
+    _probes: tuple[Probe, ...] | None = field(default=None, init=False, repr=False)
 
     @property
     def scene(self) -> Scene:
         """The open scene."""
         return self.point.scene
 
-    @cached_property
+    @property
     def closed(self) -> Scene:
-        """The scene of its filling."""
+        """The scene of its filling; made when it is asked for, since keeping it takes more memory than all the rest."""
         return self.scene.close(self.point.fill.friction, self.point.fill.contact)
 
     @property
@@ -61,32 +65,42 @@ class PointDemand:
         """How the discharge is computed."""
         return self.point.numerics
 
-    @cached_property
+    @property
     def filled_by(self) -> Numerics:
         """How the filling is computed."""
         numerics = self.point.fill.numerics or self.numerics
-        if self.packings_of is None:
-            return numerics
-        return numerics.model_copy(update={"precision": self.packings_of.precision})
+        return numerics if self.packings_of is None else _in_precision(numerics, self.packings_of.precision)
 
     def maker(self, backend: Capabilities) -> Maker:
         """What makes the packings of runs on `backend`."""
         return Maker(backend if self.packings_of is None else self.packings_of.backend, self.filled_by)
 
-    @cached_property
+    @property
     def scene_key(self) -> str:
         """Key of the open scene."""
-        return identity.scene_key(self.scene)
+        self.identify()
+        return self._scene_key
 
-    @cached_property
+    @property
     def closed_key(self) -> str:
         """Key of the closed scene."""
-        return identity.scene_key(self.closed)
+        self.identify()
+        return self._closed_key
 
-    @cached_property
+    def identify(self, closed: Scene | None = None) -> None:
+        """Make the keys of both scenes, if there are none yet; `closed`: the closed one, if it is at hand."""
+        if not self._scene_key:
+            self._closed_key = identity.scene_key(closed or self.closed)
+            self._scene_key = identity.scene_key(self.scene)
+
+    @property
     def probes(self) -> tuple[Probe, ...]:
         """What every run observes: grains leaving, and what the study's measures need. Raises Conflict."""
+        if self._probes is None:
+            self._probes = _same(self._asked_probes())
+        return self._probes
 
+    def _asked_probes(self) -> tuple[Probe, ...]:
         plane = self.scene.container.outlet_plane
         leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
         asked = (probe for name in self.study.measure for probe in MEASURES[name].probes(self.scene, self.numerics))
@@ -100,7 +114,7 @@ class PointDemand:
                 )
         return probes
 
-    @cached_property
+    @property
     def film(self) -> Sample | None:
         """The probe by which runs are recorded; at least one beat lies between two frames."""
         record = self.study.record
@@ -108,21 +122,20 @@ class PointDemand:
             return None
         return film_probe(record.every, self.numerics, self.scene.grains)
 
-    @cached_property
+    @property
     def declared(self) -> tuple[Probe, ...]:
         """The probes of an ensemble that takes runs of this point, recorded or not."""
-        return tuple(dict.fromkeys((*self.probes, *((self.film,) if self.film else ()))))
+        return self.probes if self.film is None else _same(tuple(dict.fromkeys((*self.probes, self.film))))
 
-    @cached_property
+    @property
     def stop(self) -> StopRule:
         """When a run ends."""
-        stop, asked = StopRule.model_validate(self.study.stop.model_dump()), tolerance(self.study, self.point)
         if not self.study.fed:
-            return stop
-        precise = None if asked is None else Precise(flow_rate=asked, start=self.study.window.start)
-        return stop.model_copy(update={"discharged": math.inf, "precise": precise})
+            return _stop_rule(self.study.stop)
+        asked = tolerance(self.study, self.point)
+        return _stop_rule(self.study.stop, None if asked is None else (asked, self.study.window.start), fed=True)
 
-    @cached_property
+    @property
     def height_ahead(self) -> float | None:
         """Height [m] that the bed of a flat-bottomed silo will have at a packing fraction of PACKED; None of other
         containers."""
@@ -131,15 +144,15 @@ class PointDemand:
     def reach(self, height: float | None = None) -> float:
         """Discharged fraction at which the stop rule ends a run whose bed is `height` [m] high (None: as foreseen);
         infinite for one that is fed."""
-        stop, height = self.stop, height or self.height_ahead
-        if stop.fill_height is None or height is None:
+        stop = self.stop
+        if stop.fill_height is None or (height := height or self.height_ahead) is None:
             return stop.discharged
         return min(stop.discharged, max(0.0, 1 - stop.fill_height / height))
 
-    @cached_property
+    @property
     def probe_names(self) -> frozenset[str]:
         """What every run observes, as coverage compares it."""
-        return frozenset(map(describe_probe, self.probes))
+        return _names(self.probes)
 
     def run(self, seed: int) -> "Demand":
         """The run with this seed."""
@@ -147,7 +160,34 @@ class PointDemand:
         return Demand(self, seed, recorded=record is not None and seed <= record.replicates)
 
 
-@dataclass(frozen=True, eq=False)
+@lru_cache(maxsize=1024)
+def _same(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
+    """The same object for all that are equal: 100 000 points need few."""
+    return probes
+
+
+@lru_cache(maxsize=1024)
+def _names(probes: tuple[Probe, ...]) -> frozenset[str]:
+    return frozenset(map(describe_probe, probes))
+
+
+@once(64)
+def _in_precision(numerics: Numerics, precision: Precision) -> Numerics:
+    return numerics.model_copy(update={"precision": precision})
+
+
+@once(256)
+def _stop_rule(stated: Stop, precise: tuple[float, float] | None = None, *, fed: bool = False) -> StopRule:
+    """The rule that a study states; of beds that are fed, with the error and the start of the window where the flow
+    rate is to be known."""
+    stop = StopRule.model_validate(stated.model_dump())
+    if not fed:
+        return stop
+    until = None if precise is None else Precise(flow_rate=precise[0], start=precise[1])
+    return stop.model_copy(update={"discharged": math.inf, "precise": until})
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Demand:
     """One run that a study asks for."""
 
@@ -160,13 +200,15 @@ class Demand:
         """The point of the study."""
         return self.shared.point
 
-    @cached_property
+    @property
     def filling(self) -> Filling:
         """How its packing is made."""
-        fill = self.point.fill
+        fill, scene = self.point.fill, self.shared.scene
         moving = fill.moving
         if moving is None:
-            rolls = "settled_below" not in fill.model_fields_set and bed.unbraked(self.shared.closed)
+            rolls = "settled_below" not in fill.model_fields_set and bed.unbraked(
+                scene.grains, fill.contact or scene.contact
+            )
             moving = bed.ROLLING if rolls else 0.0
         return Filling(fill.kind, self.seed, fill.settled_below, placing.STARTS[fill.kind].version, moving)
 
@@ -187,12 +229,8 @@ class Demand:
 
     def keys(self, backend: Capabilities) -> Keys:
         """Identities of this run on `backend`."""
-        found = self._keys.get((backend.name, backend.cache_version))
-        if found is None:
-            s = self.shared
-            found = identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker(backend))
-            self._keys[backend.name, backend.cache_version] = found
-        return found
+        s = self.shared
+        return identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker(backend))
 
     def run_key(self, backend: str, version: int) -> str:
         """Key of this run on one version of the backend called `backend`."""
@@ -202,10 +240,6 @@ class Demand:
             made = (s.packings_of.backend.name, s.packings_of.backend.cache_version)
         packing = identity.packing_key(s.closed_key, self.filling, s.filled_by, *made)
         return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, backend, version)
-
-    @cached_property
-    def _keys(self) -> dict[tuple[str, int], Keys]:
-        return {}
 
     def lineage(self, backend: str) -> str:
         """Identity of this run on any version of the backend called `backend`."""

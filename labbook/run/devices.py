@@ -138,12 +138,12 @@ class Crew:
     def _check(self, backend: Backend) -> None:
         catalogue = Catalogue(self.lab)
         try:
-            plan = Planner(self.study, catalogue, backend.capabilities).plan()
+            points = Planner(self.study, catalogue, backend.capabilities).points
         finally:
             catalogue.close()
         for device in self.devices:
-            check(backend, device, plan.points[:1])
-        check(backend, self.devices[0], plan.points)
+            check(backend, device, points[:1])
+        check(backend, self.devices[0], points)
 
     def _start(self, device: str, seat: Seat) -> _Process:
         said = TemporaryFile()  # noqa: SIM115  (closed when the process is forgotten)

@@ -2,6 +2,7 @@
 
 import math
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import median
 
@@ -77,6 +78,7 @@ def rate_of(backend: str, device: str, shape: str, precision: str) -> Rate:
     return MEASURED.get((backend, kind, shape, precision, wide)) or Rate(0, 1 / DEFAULT_SPEED, 0, "")
 
 
+_NEVER: Mapping[str, float] = {}
 SETTLING = 2.0
 """Time that a filling takes to rest, in falls from the top of its start."""
 HOLE = 0.6
@@ -119,19 +121,19 @@ def forecast(
     `backend` tells) go on side by side, `members` of them at once, and a step costs what starting it does beside what
     grains do. Compiling comes first, one set after another.
     """
-    speeds = _Speeds(catalogue, plan.backend.name, machine, device)
+    speeds, settled = _Speeds(catalogue, plan.backend.name, machine, device), catalogue.settling()
     specs = _Specs(backend)
     batches: dict[object, _Batch] = defaultdict(_Batch)
     chains: dict[str, float] = {}
     for item in plan.fillings.values():
         shared = item.demand.shared
-        work = fill_work(item.demand, catalogue)
+        work = fill_work(item.demand, settled)
         steps = work / shared.scene.grains.count
         chains[item.keys.packing] = _add(batches[specs.filling(shared)], speeds.of(shared), work, steps, shared)
     longest = 0.0
     for item in plan.todo:
         shared = item.demand.shared
-        work, steps = discharge_work(shared), discharge_time(shared) / shared.numerics.dt
+        work, steps = discharge_work(shared), outline(shared).steps
         probes = len(shared.probes) + item.demand.recorded
         cost = _add(batches[specs.discharge(shared)], speeds.of(shared), work, steps, shared, probes)
         longest = max(longest, cost + chains.get(item.keys.packing, 0.0))
@@ -271,22 +273,23 @@ def _inside(shared: PointDemand) -> float:
 
 def discharge_work(shared: PointDemand) -> float:
     """Grain-steps of a discharge; grains that left cost nothing."""
-    return _inside(shared) * discharge_time(shared) / shared.numerics.dt
+    return _inside(shared) * outline(shared).steps
 
 
-def fill_work(demand: Demand, catalogue: Catalogue | None = None) -> float:
-    """Grain-steps of a filling, by the mean of recorded fillings of the same container if there are any."""
-    known = catalogue.settling(demand.shared.closed_key) if catalogue else None
-    return demand.shared.scene.grains.count * (known or fill_time(demand)) / demand.shared.filled_by.dt
+def fill_work(demand: Demand, settled: Mapping[str, float] = _NEVER) -> float:
+    """Grain-steps of a filling; by the time that fillings of the same container took, where `settled` has it
+    (`Catalogue.settling`)."""
+    shared, known = demand.shared, settled.get(demand.shared.closed_key)
+    return shared.scene.grains.count * (known / shared.filled_by.dt if known else outline(shared).fill_steps)
 
 
 def fill_time(demand: Demand) -> float:
     """Expected simulated time [s] of a filling: a few falls from the height of its start."""
     scene, grains = demand.shared.scene, demand.shared.scene.grains
-    container = scene.container
-    wide = getattr(container, "width", getattr(container, "diameter", 10 * grains.diameter))
-    deep = getattr(container, "thickness", getattr(container, "depth", wide))
-    top = placing.STARTS[demand.filling.kind].volume(scene) / (wide * deep)
+    sizes = vars(scene.container)
+    wide = sizes.get("width") or sizes.get("diameter") or 10 * grains.diameter
+    deep = sizes.get("thickness") or sizes.get("depth") or wide
+    top = placing.STARTS[demand.point.fill.kind].volume(scene) / (wide * deep)
     fall = math.sqrt(2 * top / scene.gravity) if scene.gravity > 0 else math.inf
     return min(demand.point.fill.max_time, SETTLING * fall)
 
@@ -312,7 +315,7 @@ def _bytes_of(probe: Probe, shared: PointDemand) -> float:
     return _inside(shared) * frames * (_NEAR if isinstance(probe, Sample) else _CONTACTS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Outline:
     """`dt` [s]; `limit` [s]: the largest step with which the beds of its flow and filling come to rest, as measured
     (`labbook.scene.timescales.largest_stable_step`); `fill_steps` and `steps`: of a filling and a discharge, as
@@ -337,20 +340,19 @@ and contacts. Measured: 435 with 200 000 spheres, 1800 with 50 000 rods; lists a
 
 def outline(shared: PointDemand) -> Outline:
     """What is foreseen of the runs of a point."""
-    found = shared.kept.get(Outline)
-    if found is None:
-        found = shared.kept[Outline] = _outlined(shared)
-    return found
+    if shared.outline is None:
+        shared.outline = _outlined(shared)
+    return shared.outline
 
 
 def _outlined(shared: PointDemand) -> Outline:
     scene, dt = shared.scene, shared.numerics.dt
     grains = scene.grains
     extent = grains.diameter + 2 * grains.half_length
-    orifice = getattr(scene.container, "orifice", None)
-    closed, filled = shared.closed.stiffened(shared.filled_by.stiffness_scale), shared.filled_by
-    own = largest_stable_step(scene.stiffened(shared.numerics.stiffness_scale))
-    limit = min(own, largest_stable_step(closed)) if filled == shared.numerics else own
+    orifice = vars(scene.container).get("orifice")
+    limit = largest_stable_step(scene.stiffened(shared.numerics.stiffness_scale))
+    if shared.filled_by == shared.numerics:
+        limit = min(limit, largest_stable_step(shared.closed.stiffened(shared.numerics.stiffness_scale)))
     return Outline(
         dt,
         limit,

@@ -3,14 +3,14 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from html import escape
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from labbook.accuracy.groups import has_groups
 from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, absent
 from labbook.lab.catalogue import Catalogue, Entry
-from labbook.lab.folder import stamp
+from labbook.lab.folder import Listed, stamp
 from labbook.lab.identity import Keys
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
@@ -31,7 +31,7 @@ State = Literal["done", "missing", "partial", "stale"]
 """`partial`: begun, or covers less than is asked. `stale`: made by another version of the backend."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Item:
     """One run of a study: how it stands, and why."""
 
@@ -51,7 +51,7 @@ class Item:
         return counts(self.outcome or "", self.suspect, self.demand.shared.study.accuracy.count_suspect)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class PointPlan:
     """The runs of one point that are asked for so far. `decision`: None until all of them are done."""
 
@@ -90,13 +90,13 @@ class Plan:
     warnings: tuple[str, ...] = ()
     """With file, key and remedy."""
 
-    @property
+    @cached_property
     def items(self) -> list[Item]:
         """All runs: the first seed of every point, then the second, and so on."""
         every = [item for point in self.points for item in point.items]
         return sorted(every, key=lambda item: (item.demand.seed, item.demand.point.index))
 
-    @property
+    @cached_property
     def todo(self) -> list[Item]:
         """Runs that are not done; one that several points share comes once."""
         waiting: dict[str, Item] = {}
@@ -105,7 +105,7 @@ class Plan:
                 waiting.setdefault(item.keys.run, item)
         return list(waiting.values())
 
-    @property
+    @cached_property
     def fillings(self) -> dict[str, Item]:
         """One run for each packing that is still to be made, by packing key."""
         return {item.keys.packing: item for item in reversed(self.todo) if not item.packed}
@@ -208,6 +208,8 @@ class Plan:
 
 
 _STATES: tuple[State, ...] = ("done", "missing", "partial", "stale")
+_FEW = 100
+"""Runs that are looked for one by one: a listing of a large lab takes longer."""
 _SHOWN = 30
 """Points that are shown one by one."""
 
@@ -236,11 +238,10 @@ class Planner:
 
     def plan(self) -> Plan:
         """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
-        points = [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
-        first = {point: self._first(point) for point in points}
-        self._look_up(demand for demands in first.values() for demand in demands)
+        first = {shared: self._keyed(self._first(shared)) for shared in self.points}
+        listed = self._look_up(pair for pairs in first.values() for pair in pairs)
         planned = tuple(
-            self._extended(point, [self._item(demand) for demand in demands]) for point, demands in first.items()
+            self._extended(shared, [self._item(*pair, listed) for pair in pairs]) for shared, pairs in first.items()
         )
         return Plan(self.study, self.backend, planned, self.rule)
 
@@ -248,17 +249,24 @@ class Planner:
         """What another lab lacks, as it stands here: what is done there stays done, and replicates are added by whoever
         has all of them."""
         self._extends = False
-        self._look_up(item.demand for item in base.todo)
-        points = tuple(self.point(point) for point in base.points)
+        listed = self._look_up((item.demand, item.keys) for item in base.todo)
+        points = tuple(
+            self._anew(point, [item for item in point.items if item.state != "done"], listed) for point in base.points
+        )
         return replace(base, points=points)
 
     def these(self, seeds: Mapping[int, Iterable[int]]) -> Plan:
         """These runs alone, by index of their point and seed, and none that follow from them."""
         self._extends = False
-        points = [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
-        asked = {point: [point.run(seed) for seed in seeds.get(point.point.index, ())] for point in points}
-        self._look_up(demand for demands in asked.values() for demand in demands)
-        planned = (PointPlan(point, tuple(map(self._item, demands)), None) for point, demands in asked.items())
+        asked = {
+            shared: self._keyed(shared.run(seed) for seed in seeds.get(shared.point.index, ()))
+            for shared in self.points
+        }
+        listed = self._look_up(pair for pairs in asked.values() for pair in pairs)
+        planned = (
+            PointPlan(shared, tuple(self._item(*pair, listed) for pair in pairs), None)
+            for shared, pairs in asked.items()
+        )
         return Plan(self.study, self.backend, tuple(planned), self.rule)
 
     def point(self, before: PointPlan, done: str | None = None) -> PointPlan:
@@ -268,9 +276,17 @@ class Planner:
         the square of their number.
         """
         asked = [item for item in before.items if (item.state != "done" if done is None else item.keys.run == done)]
-        self._look_up(item.demand for item in asked)
-        now = {item.keys.run: self._item(item.demand) for item in asked}
+        return self._anew(before, asked, self._look_up((item.demand, item.keys) for item in asked))
+
+    def _anew(self, before: PointPlan, asked: Iterable[Item], listed: Listed | None) -> PointPlan:
+        """A point with the runs that are `asked` for as they are now."""
+        now = {item.keys.run: self._item(item.demand, item.keys, listed) for item in asked}
         return self._extended(before.shared, [now.get(item.keys.run, item) for item in before.items])
+
+    @cached_property
+    def points(self) -> list[PointDemand]:
+        """All points of the study."""
+        return [PointDemand(self.study, point, self.packings_of) for point in self.study.points]
 
     def refresh(self, demand: Demand) -> Item:
         """One run as its folder has it now, whatever the catalogue says."""
@@ -287,9 +303,9 @@ class Planner:
             more = min(decision.more, self.rule.cap - len(items))
             if more <= 0:
                 return PointPlan(shared, tuple(items), decision)
-            added = [shared.run(seed) for seed in range(len(items) + 1, len(items) + more + 1)]
-            self._look_up(added)
-            items += [self._item(demand) for demand in added]
+            added = self._keyed(shared.run(seed) for seed in range(len(items) + 1, len(items) + more + 1))
+            listed = self._look_up(added)
+            items += [self._item(*pair, listed) for pair in added]
         return PointPlan(shared, tuple(items), None)
 
     def _decide(self, point: Point, run_keys: list[str]) -> Decision:
@@ -301,33 +317,41 @@ class Planner:
             return Decision(decision.pooled, 0, "cap")
         return decision
 
-    def _look_up(self, demands: Iterable[Demand]) -> None:
-        asked = list(demands)
-        run_keys = [demand.keys(self.backend).run for demand in asked]
-        lineages = [demand.keys(self.backend).lineage for demand in asked]
-        for entry in self.catalogue.entries(run_keys, lineages):
+    def _keyed(self, demands: Iterable[Demand]) -> list[tuple[Demand, Keys]]:
+        return [(demand, demand.keys(self.backend)) for demand in demands]
+
+    def _look_up(self, asked: Iterable[tuple[Demand, Keys]]) -> Listed | None:
+        """Ask the catalogue for runs. What the lab has besides is listed where they are many, and looked for one by one
+        (None) where they are few."""
+        keys = [keys for _, keys in asked]
+        for entry in self.catalogue.entries([one.run for one in keys], [one.lineage for one in keys]):
             self._there[entry.run_key] = entry
             if entry.coverage is not None and entry.cache_version != self.backend.cache_version:
                 self._older[entry.lineage_key] = entry
+        return Listed.of(self.catalogue.lab) if len(keys) > _FEW else None
 
-    def _item(self, demand: Demand) -> Item:
-        keys = demand.keys(self.backend)
+    def _item(self, demand: Demand, keys: Keys, listed: Listed | None) -> Item:
         entry = self._there.get(keys.run)
+        if entry is None and listed is not None and keys.run not in listed.runs:
+            return self._judged(demand, keys, None, listed)
         if entry is None or entry.stamp != stamp(self.catalogue.lab.run(keys.run)):
             entry = self._looked_at(keys.run)
-        return self._judged(demand, keys, entry)
+        return self._judged(demand, keys, entry, listed)
 
-    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None) -> Item:
-        state, reason = self._compare(demand, keys, entry)
+    def _judged(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None = None) -> Item:
+        state, reason = self._compare(demand, keys, entry, listed)
         outcome = entry.outcome if entry else None
-        problem = self.catalogue.packing_problem(keys.packing)
+        problem: str | None = "is not there"
+        if listed is None or keys.packing in listed.packings or state == "done":
+            problem = self.catalogue.packing_problem(keys.packing)
         if problem and state == "done":
             state, reason = "missing", f"its packing cannot be read: {problem}"
         return Item(demand, keys, state, reason, outcome, problem is None, entry.suspect if entry else "")
 
-    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None) -> tuple[State, str]:
-        begun = (self.catalogue.lab.work(keys.run) / "progress.json").exists()
+    def _compare(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None) -> tuple[State, str]:
         if entry is None:
+            begun = listed is None or keys.run in listed.work
+            begun = begun and (self.catalogue.lab.work(keys.run) / "progress.json").exists()
             older = self._older.get(keys.lineage)
             if begun:
                 return "partial", "begun, goes on from its checkpoint"
@@ -368,15 +392,17 @@ def flow_rates(study: Study, catalogue: Catalogue, run_keys: Sequence[str]) -> l
     return [found[key] for key in run_keys if key in found]
 
 
-def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
-    """Whether `backend` can do all that is planned, on `device`. Raises Unsupported."""
+def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
+    """Whether `backend` can do all that is asked, on `device`. Raises Unsupported, Conflict or MeasureError.
+
+    It costs least before a plan: it makes keys, too, while the walls of a point are at hand.
+    """
     can = backend.capabilities
     if device.split(":")[0] not in {known.split(":")[0] for known in can.devices}:
         raise absent(backend, device)
     if isinstance(backend, Surveys) and device not in {found.alias for found in backend.survey().devices}:
         raise absent(backend, device)
-    for point in points:
-        shared = point.shared
+    for shared in points:
         if shared.scene.feed is not None and not can.feeds:
             raise Unsupported("feed", f"the backend {can.name} cannot put grains back; leave feed out")
         specified(backend, shared)
@@ -384,15 +410,17 @@ def check(backend: Backend, device: str, points: Iterable[PointPlan]) -> None:
 
 def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:
     """The sets of features of the filling and the discharge of a point. Raises Unsupported."""
-    found = shared.kept.get(backend)
-    if found is None:
-        filling = backend.specialise(shared.closed, shared.filled_by, ())
+    found = shared.specs
+    if found is None or found[0] is not backend:
+        closed = shared.closed
+        shared.identify(closed)  # while the walls of both scenes are at hand
+        filling = backend.specialise(closed, shared.filled_by, ())
         discharge = backend.specialise(shared.scene, shared.numerics, shared.declared)
-        found = shared.kept[backend] = _same(filling), _same(discharge)
-    return found
+        found = shared.specs = _same(backend, filling, discharge)
+    return found[1], found[2]
 
 
 @lru_cache(maxsize=1024)
-def _same(spec: Spec) -> Spec:
+def _same(*specs: Any) -> tuple[Any, ...]:
     """The same object for all that are equal: 100 000 points need few."""
-    return spec
+    return specs

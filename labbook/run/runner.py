@@ -203,11 +203,12 @@ class Runner:
         catalogue = Catalogue(self.lab)
         try:
             planner = Planner(self.study, catalogue, self.backend.capabilities, self.packings_of)
-            if self.base is not None:
-                plan = planner.of_base(self._brought(index, self.base))
+            base = None if self.base is None else self._brought(index, self.base)
+            check(self.backend, self.device, planner.points if base is None else [one.shared for one in base.points])
+            if base is not None:
+                plan = planner.of_base(base)
             else:
                 plan = planner.plan() if self.seeds is None else planner.these(self.seeds)
-            check(self.backend, self.device, plan.points)
             self._keep_study()
             done = [item.keys.run for item in plan.items if item.state == "done"]
             if index.derive(done, observe) and self.base is None and self.seeds is None:

@@ -15,11 +15,27 @@ from pydantic import Field, StrictBool, model_validator
 
 from labbook.scene.model import Fault, InternalFlag, Model, refuse
 from labbook.scene.quantities import Angle, Coordinate, Distance, Frequency, Length, told_apart
-from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, Wall
+from labbook.scene.walls import AT_REST, Frustum, Plane, Strip, SurfaceMotion, Wall
 
-KEPT = 2048
-"""Containers whose walls are kept: of a study's many points few are different, and are asked again and again."""
+Pair = tuple[float, float]
+Vector = tuple[float, float, float]
+KEPT = 256
+"""Containers whose walls are kept: each is asked for them again and again, one after another."""
 _FLAT = 1e-12  # rad: an angle this close to 90 deg is a flat bottom
+
+
+# what a container of validated sizes is made of needs no validation: 100 000 points have more than a million walls
+@lru_cache(maxsize=KEPT)  # many containers have these in common
+def _plane(name: str, point: Vector, normal: Vector) -> Wall:
+    return Wall.of(name=name, shape=Plane.of(kind="plane", point=point, normal=normal), motion=AT_REST)
+
+
+def _strip(name: str, start: Pair, end: Pair) -> Wall:
+    return Wall.of(name=name, shape=Strip.of(kind="strip", start=start, end=end), motion=AT_REST)
+
+
+def _frustum(name: str, lower: Pair, upper: Pair, motion: SurfaceMotion = AT_REST) -> Wall:
+    return Wall.of(name=name, shape=Frustum.of(kind="frustum", lower=lower, upper=upper), motion=motion)
 
 
 class WedgeHopper(Model):
@@ -129,18 +145,18 @@ class WedgeHopper(Model):
         half, depth = self.width / 2, self.thickness / 2
         (left, right), (rise_left, rise_right), top = self.outlet, self._rises, self.top
         walls = [
-            Wall(name="front", shape=Plane(point=(0, -depth, 0), normal=(0, 1, 0))),
-            Wall(name="back", shape=Plane(point=(0, depth, 0), normal=(0, -1, 0))),
-            Wall(name="left", shape=Strip(start=(-half, rise_left), end=(-half, top))),
-            Wall(name="right", shape=Strip(start=(half, rise_right), end=(half, top))),
+            _plane("front", (0.0, -depth, 0.0), (0.0, 1.0, 0.0)),
+            _plane("back", (0.0, depth, 0.0), (0.0, -1.0, 0.0)),
+            _strip("left", (-half, rise_left), (-half, top)),
+            _strip("right", (half, rise_right), (half, top)),
         ]
         if self.closed and self.flat:
-            return (*walls, Wall(name="bottom", shape=Strip(start=(-half, 0), end=(half, 0))))
+            return (*walls, _strip("bottom", (-half, 0.0), (half, 0.0)))
         if left > -half * (1 - 1e-12):  # a gap of 0 has no left plate
-            walls.append(Wall(name="bottom-left", shape=Strip(start=(-half, rise_left), end=(left, 0))))
-        walls.append(Wall(name="bottom-right", shape=Strip(start=(right, 0), end=(half, rise_right))))
+            walls.append(_strip("bottom-left", (-half, rise_left), (left, 0.0)))
+        walls.append(_strip("bottom-right", (right, 0.0), (half, rise_right)))
         if self.closed:
-            walls.append(Wall(name="lid", shape=Strip(start=(left, 0), end=(right, 0))))
+            walls.append(_strip("lid", (left, 0.0), (right, 0.0)))
         return tuple(walls)
 
 
@@ -187,8 +203,8 @@ class CylinderSilo(Model):
         top = 2000 * self.diameter if self.closed else self.height
         turning = SurfaceMotion(spin=2 * math.pi * self.rotation)
         return (
-            Wall(name="side", shape=Frustum(lower=(radius, 0), upper=(radius, top))),
-            Wall(name="bottom", shape=Frustum(lower=(hole, 0), upper=(radius, 0)), motion=turning),
+            _frustum("side", (radius, 0.0), (radius, top)),
+            _frustum("bottom", (hole, 0.0), (radius, 0.0), turning),
         )
 
 
@@ -251,10 +267,10 @@ class ConicalSilo(Model):
         radius, hole, rise = self.diameter / 2, self.orifice / 2, self.rise
         top = 2000 * self.diameter if self.closed else self.height
         walls = (
-            Wall(name="side", shape=Frustum(lower=(radius, rise), upper=(radius, top))),
-            Wall(name="bottom", shape=Frustum(lower=(hole, 0), upper=(radius, rise))),
+            _frustum("side", (radius, rise), (radius, top)),
+            _frustum("bottom", (hole, 0.0), (radius, rise)),
         )
-        return (*walls, Wall(name="lid", shape=Frustum(lower=(0, 0), upper=(hole, 0)))) if self.closed else walls
+        return (*walls, _frustum("lid", (0.0, 0.0), (hole, 0.0))) if self.closed else walls
 
 
 def _orifice_faults(orifice: float, diameter: float) -> Iterator[Fault]:
@@ -300,15 +316,15 @@ class Box(Model):
         """Wall primitives: left, right, front, back, bottom and, if asked for, top."""
         w, d = self.width / 2, self.depth / 2
         sides = {
-            "left": ((-w, 0, 0), (1, 0, 0)),
-            "right": ((w, 0, 0), (-1, 0, 0)),
-            "front": ((0, -d, 0), (0, 1, 0)),
-            "back": ((0, d, 0), (0, -1, 0)),
-            "bottom": ((0, 0, 0), (0, 0, 1)),
+            "left": ((-w, 0.0, 0.0), (1.0, 0.0, 0.0)),
+            "right": ((w, 0.0, 0.0), (-1.0, 0.0, 0.0)),
+            "front": ((0.0, -d, 0.0), (0.0, 1.0, 0.0)),
+            "back": ((0.0, d, 0.0), (0.0, -1.0, 0.0)),
+            "bottom": ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
         }
         if self.lid:
-            sides["top"] = ((0, 0, self.height), (0, 0, -1))
-        return tuple(Wall(name=k, shape=Plane(point=p, normal=n)) for k, (p, n) in sides.items())
+            sides["top"] = ((0.0, 0.0, self.height), (0.0, 0.0, -1.0))
+        return tuple(_plane(name, point, normal) for name, (point, normal) in sides.items())
 
 
 class Primitives(Model):

@@ -160,8 +160,11 @@ class Scene(Model):
 
         kind: a place in `grains.kinds`; 0 where there are none.
         """
+        surface = self.surface_between(kind, kind)
+        if not self.walls:
+            return surface
         everywhere, here = self._stated(wall)
-        return self.surface_between(kind, kind).changed(everywhere).changed(here)
+        return surface.changed(everywhere).changed(here)
 
     def _stated(self, wall: Wall) -> tuple[SurfaceChange, SurfaceChange]:
         """What is stated of all walls, and of this one."""
@@ -208,6 +211,8 @@ class Scene(Model):
 
     def stiffened(self, factor: float) -> "Scene":
         """The scene with the stiffness of its contacts times `factor`."""
+        if factor == 1.0:
+            return self
         pairs = tuple(_stiffer(pair, factor) for pair in self.contact.between)
         contact = self.contact.stiffened(factor).model_copy(update={"between": pairs})
         walls = {name: _stiffer(wall, factor) for name, wall in self.walls.items()}
@@ -220,9 +225,10 @@ class Scene(Model):
     def close(self, friction: float | None = None, contact: ContactLaw | None = None) -> "Scene":
         """The scene in which its packing is made, by the law `contact` if that is given; `friction` replaces that of
         grains and of walls."""
-        container = self.container.close()
-        names = {"all", *(wall.name for wall in container.walls())}
-        walls = {name: surface for name, surface in self.walls.items() if name in names}
+        container, walls = self.container.close(), self.walls
+        if walls:
+            names = {"all", *(wall.name for wall in container.walls())}
+            walls = {name: surface for name, surface in walls.items() if name in names}
         contact = contact or self.contact
         if friction is not None:
             pairs = tuple(pair.model_copy(update={"friction": None}) for pair in contact.between)

@@ -1,13 +1,34 @@
 """Time scales that a time step can be stated as a fraction of, and the largest step with which a bed comes to rest."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import wraps
 
 from labbook.scene.contact import ContactLaw
-from labbook.scene.grains import Spherocylinders
+from labbook.scene.container import Primitives
+from labbook.scene.grains import Grains, Spherocylinders
+from labbook.scene.model import once
 from labbook.scene.scene import Scene
 
 
+def _anywhere(time: Callable[[Scene], float]) -> Callable[[Scene], float]:
+    """A decorator of times that do not hang on the container where walls are like the grains: they are worked out once
+    for all containers."""
+
+    @once(256)
+    def of(grains: Grains, contact: ContactLaw, gravity: float) -> float:
+        nowhere = {"container": Primitives(), "walls": {}, "feed": None}
+        return time(Scene.of(grains=grains, contact=contact, gravity=gravity, **nowhere))
+
+    @wraps(time)
+    def asked(scene: Scene) -> float:
+        own = scene.walls or scene.has_own_stiffness
+        return time(scene) if own else of(scene.grains, scene.contact, scene.gravity)
+
+    return asked
+
+
+@_anywhere
 def rayleigh(scene: Scene) -> float:
     """Rayleigh time [s], the shortest of any grain of its own material (`ContactLaw.rayleigh_time`).
 
@@ -17,6 +38,7 @@ def rayleigh(scene: Scene) -> float:
     return min(scene.law_between(kind, kind).rayleigh_time(one.radius, one.density) for kind, one in each)
 
 
+@_anywhere
 def collision(scene: Scene) -> float:
     """Duration [s] of an undamped head-on collision of two grains.
 
@@ -48,6 +70,7 @@ def _reduced(one: float, other: float) -> float:
     return one * other / (one + other)
 
 
+@_anywhere
 def largest_stable_step(scene: Scene) -> float:
     """The step [s] beyond which deep beds never come to rest, or explode.
 

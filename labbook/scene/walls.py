@@ -156,10 +156,14 @@ class SurfaceMotion(Model):
     """About the vertical axis x = y = 0."""
 
 
+AT_REST = SurfaceMotion()
+"""Of walls that do not move."""
+
+
 class Wall(Model):
     """One wall: a name that springs and observations are keyed by, a shape, its surface's motion."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
     """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""
     shape: AnyShape
-    motion: SurfaceMotion = SurfaceMotion()
+    motion: SurfaceMotion = AT_REST

@@ -12,9 +12,8 @@ from labbook.scene.scene import Scene
 from labbook.study.paper import PAPERS, Asked, Wrong, none_such
 from labbook.study.point import Point
 from labbook.study.problems import Problem
-from labbook.study.schema import Settings
+from labbook.study.schema import Settings, Window
 from labbook.study.source import Source
-from labbook.study.window import resolved
 
 
 def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
@@ -71,13 +70,11 @@ def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> I
                         break
 
 
-def unfed(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
-    """What a study says of beds that fall, where they are fed; and a window without end, where they are not."""
+def unfed(source: Source, settings: Settings, points: Sequence[Point], window: Window) -> Iterator[Problem]:
+    """What a study says of beds that fall, where they are fed; and a `window` without end, where they are not."""
     fed = [point for point in points if point.scene.feed is not None]
-    if not points:
-        return
     if not fed:
-        start, end = settings.window.start, resolved(settings, points)[0].end
+        start, end = settings.window.start, window.end
         if end <= start:
             reason = f"the window starts at {start:g}, and ends at {end:g} unless that is stated"
             yield Problem(source.path, source.line(("window",)), "window.end", reason, f"state an end above {start:g}")
@@ -85,12 +82,12 @@ def unfed(source: Source, settings: Settings, points: Sequence[Point]) -> Iterat
     if len(fed) < len(points):
         reason = "some points are fed and others are not: their windows and stop rules differ"
         yield Problem(source.path, source.line(("feed",)), "feed", reason, "put them into two studies")
-    stop, window = settings.stop.model_fields_set, settings.window.model_fields_set
+    stop, stated = settings.stop.model_fields_set, settings.window.model_fields_set
     never = "a bed that is fed never falls"
     for key in sorted(stop & {"discharged", "fill_height"}):
         remedy = "leave it out: runs end by accuracy.flow_rate, or at stop.max_time"
         yield Problem(source.path, source.line(("stop", key)), f"stop.{key}", never, remedy)
-    for key in sorted(window & {"end", "after", "until"}):
+    for key in sorted(stated & {"end", "after", "until"}):
         reason = f"{never}: the window opens after the start-up, by mass, and closes when the run ends"
         remedy = "leave it out, or state window.start alone"
         yield Problem(source.path, source.line(("window", key)), f"window.{key}", reason, remedy)
@@ -99,9 +96,9 @@ def unfed(source: Source, settings: Settings, points: Sequence[Point]) -> Iterat
 def _obstacles(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if scene.gravity == 0:
         yield "gravity", "without gravity no grain settles, and no packing is made", "use a gravity above 0 m/s^2"
-    d = scene.grains.diameter
+    d, sizes = scene.grains.diameter, vars(scene.container)
     for name in ("thickness", "width", "depth", "diameter"):
-        size = getattr(scene.container, name, math.inf)
+        size = sizes.get(name, math.inf)
         if d <= size < d * (1 + PLAY):
             reason = f"the {name} is that of a grain, which leaves no play to place grains in"
             yield f"container.{name}", reason, "use 1.01 d or more"

@@ -169,11 +169,12 @@ def _resolved(source: Source, calibration_file: Path | None = None) -> Study:
         problems += unmeasurable(source, settings, points)
         problems += unfittable(source, settings, points)
         problems += unfillable(source, settings, points)
-        problems += unfed(source, settings, points)
+    window, stop = resolved(settings, points) if settings is not None and points else (None, None)
+    if settings is not None and window is not None:
+        problems += unfed(source, settings, points, window)
     if problems or settings is None:
         raise StudyError(problems)
-    stated = {name: getattr(settings, name) for name in SETTING_KEYS}
-    stated["window"], stated["stop"] = resolved(settings, points)
+    stated = {name: getattr(settings, name) for name in SETTING_KEYS} | {"window": window, "stop": stop}
     return Study(
         path=source.path,
         points=points,

@@ -10,7 +10,7 @@ from labbook.scene.scene import Scene
 from labbook.study.schema import Fill
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Point:
     """One point of a study: a scene with its filling and numerics.
 
@@ -33,13 +33,18 @@ class Point:
 
     def value(self, key: str) -> float | str | None:
         """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none."""
-        first, *rest = key.split(".")
-        found: Any = getattr(self, first) if first in ("fill", "numerics") else getattr(self.scene, first, None)
-        for part in rest:
-            found = found.get(part) if isinstance(found, Mapping) else getattr(found, part, None)
-        if isinstance(found, bool):
-            return str(found).lower()
-        return float(found) if isinstance(found, int | float) else found if isinstance(found, str) else None
+        return value_of(key, self.scene, self.fill, self.numerics)
 
     def __repr__(self) -> str:
         return f"<Point {self.index + 1}: {self.label}>"
+
+
+def value_of(key: str, scene: Scene, fill: Fill, numerics: Numerics) -> float | str | None:
+    """As `Point.value`."""
+    first, *rest = key.split(".")
+    found: Any = {"fill": fill, "numerics": numerics}.get(first) or getattr(scene, first, None)
+    for part in rest:
+        found = found.get(part) if isinstance(found, Mapping) else getattr(found, part, None)
+    if isinstance(found, bool):
+        return str(found).lower()
+    return float(found) if isinstance(found, int | float) else found if isinstance(found, str) else None

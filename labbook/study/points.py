@@ -1,6 +1,6 @@
 """From the sections of a study, with one point's values put in, to that point: scene, filling and numerics."""
 
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from dataclasses import replace
 from hashlib import blake2b
 from typing import Any, TypeVar
@@ -10,18 +10,21 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from labbook.accuracy import Calibration, Choice, NotMeasured, OutOfRange, choose
 from labbook.backend.numerics import Numerics
 from labbook.scene.grains import Grains, Spheres
+from labbook.scene.model import Model, once
 from labbook.scene.scene import Scene
 from labbook.study.explain import Complaint, complaints
-from labbook.study.point import Point
+from labbook.study.point import Point, value_of
 from labbook.study.problems import Problem, shown
 from labbook.study.schema import SCENE_KEYS, Fill, Settings
 from labbook.study.source import Location, Source, dotted
-from labbook.study.sweep import Assignment
+from labbook.study.sweep import Assignment, Value
 from labbook.study.timestep import TimeStepError, numerics_for
 
 MAX_WRONG = 500
 """After this many points that are wrong, the rest are not looked at: they repeat the same mistakes."""
 
+_PARTS = ("container", "contact", "feed")
+"""Sections of a scene that are models of their own."""
 _OWN = ("walls.", "fill.")
 _NUMERICS, _FILLING = ("numerics",), ("fill", "numerics")
 _STEPS = ((*_NUMERICS, "dt"), (*_FILLING, "dt"))
@@ -30,7 +33,7 @@ _SOFTENED = {"flow_rate", "packing"}
 _GRAINS = TypeAdapter(Grains)
 _PLACEHOLDER = Spheres(diameter=1e-3, density=1e3, count=1)  # stands in for grains that are wrong
 
-_P = TypeVar("_P", bound=BaseModel)
+_P = TypeVar("_P", bound=Model)
 
 
 class PointReader:
@@ -49,10 +52,10 @@ class PointReader:
         self._source, self._settings, self._calibration = source, settings, calibration
         self._wrong_already = wrong_already
         self._found: dict[Problem, list[str]] = {}
-        self._same: dict[str, Grains] = {}
-        """Grains by what their section says: most points share theirs."""
-        self._parts: dict[Any, Any] = {}
-        """Parts of points by what they are."""
+        self._ready: dict[Any, Any] = {}
+        """Parts of points that are right, by the values that were put into their sections: most points share theirs."""
+        self._parts: dict[frozenset[str], tuple[set[str], dict[Model, Model]]] = {}
+        """The same by the keys that are stated: these keys, and parts by what they are."""
 
     @property
     def problems(self) -> Iterator[Problem]:
@@ -66,17 +69,18 @@ class PointReader:
         """All points that are right. A point that repeats another is a problem."""
         wrong, points = 0, list[Point]()
         seen: dict[bytes, str] = {}
-        names: dict[tuple[str, ...], dict[str, str]] = {}
+        by_keys: dict[tuple[str, ...], _Keys] = {}
         for assignment in assignments:
-            short = names.setdefault(tuple(assignment), _short_names(assignment))
-            label = ", ".join(f"{short[key]} {shown(value.raw)}" for key, value in assignment.items())
-            point = self._point(len(points), assignment, label)
+            swept = tuple(assignment)
+            keys = by_keys.get(swept) or by_keys.setdefault(swept, _Keys(swept))
+            label = keys.label(assignment)
+            point = self._point(len(points), assignment, keys, label)
             if point is None:
                 wrong += 1
                 if wrong == MAX_WRONG:
                     break
                 continue
-            stated = "\n".join(part.model_dump_json() for part in (point.scene, point.fill, point.numerics))
+            stated = "\n".join((point.scene.model_dump_json(), _json(point.fill), _json(point.numerics)))
             identity = blake2b(stated.encode(), digest_size=16).digest()
             if identity in seen:
                 key, value = next(iter(assignment.items()), ("points", None))
@@ -88,15 +92,18 @@ class PointReader:
             points.append(point)
         return tuple(points)
 
-    def _point(self, index: int, assignment: Assignment, label: str) -> Point | None:
+    def _point(self, index: int, assignment: Assignment, keys: "_Keys", label: str) -> Point | None:
         found: list[Complaint] = []
         raw = _assign(self._source.data, assignment)
-        grains = self._grains(raw, found)
+        of = keys.sections(assignment)
+        grains = self._once(("grains", of.get("grains")), lambda: self._grains(raw, found))
         diameter = (grains or _PLACEHOLDER).diameter
         context = {"units": "required", "d": diameter}
-        scene, near = self._scene(raw, grains, context, found)
+        scene, near = self._scene(raw, of, grains, context, found)
         stated, filling = _apart(raw.get("fill", {}), "numerics")
-        fill: Fill | None = _validated(Fill, stated, context, ("fill",), found)
+        fill: Fill | None = self._once(
+            ("fill", of.get("fill"), diameter), lambda: _validated(Fill, stated, context, ("fill",), found)
+        )
         closed = None
         if near is not None and fill is not None and fill.contact is not None:
             faults = tuple(near.faults_of_law(fill.contact))
@@ -104,7 +111,13 @@ class PointReader:
             closed = None if faults else near.close(fill.friction, fill.contact)
         general = raw.get("numerics", {})
         flowing = closed if filling is None else None  # a step of its own is for the filling alone
-        numerics = self._numerics({}, general, near, flowing, context, found, _NUMERICS)
+        # the step hangs on a container only where its walls differ from the grains, by their names
+        walls = tuple(wall.name for one in (near, flowing) if one and one.walls for wall in one.container.walls())
+        sections = tuple([of.get(name) for name in ("numerics", "fill", "grains", "contact", "walls", "gravity")])
+        numerics = self._once(
+            (sections, walls) if scene is not None else None,
+            lambda: self._numerics({}, general, near, flowing, context, found, _NUMERICS),
+        )
         choice, unmet = None, None
         if numerics is not None and scene is not None and fill is not None and filling is None:
             choice, unmet = self._chosen(scene, fill, general, numerics)
@@ -127,18 +140,30 @@ class PointReader:
         named = self._settings is not None and self._settings.accuracy.calibration is not None
         piloted = isinstance(unmet, NotMeasured) and "dt" not in general and not named
         why = "" if unmet is None else str(unmet)
-        parts = {name: self._shared(getattr(scene, name)) for name in ("container", "contact")}
-        scene, fill, numerics = scene.model_copy(update=parts), self._shared(fill), self._shared(numerics)
-        point = Point(index, scene, fill, numerics, {}, label or "the only point", choice, why, piloted)
-        at = {key: value for key in assignment if (value := point.value(key)) is not None}
-        return replace(point, at=at)
+        fill, numerics = self._shared(fill), self._shared(numerics)
+        at = {key: value for key in assignment if (value := value_of(key, scene, fill, numerics)) is not None}
+        return Point(index, scene, fill, numerics, at, label or "the only point", choice, why, piloted)
+
+    def _once(self, of: tuple | None, read: Callable[[], _P | None]) -> _P | None:
+        """A part of a point: the one that was read `of` the same values, if it was right; None as `of`: read anew."""
+        if of not in self._ready:
+            part = read()
+            if part is None or of is None:
+                return part
+            self._ready[of] = self._shared(part)
+        return self._ready[of]
 
     def _shared(self, part: _P) -> _P:
         """A part that is the same for all points that state the same: of 100 000 points, few are different."""
+        stated, parts = self._stated(part)
         try:
-            return self._parts.setdefault((part, frozenset(part.model_fields_set)), part)
+            return parts.setdefault(part.sharing(stated), part)  # pyright: ignore[reportReturnType]
         except TypeError:  # one of another package, that has no hash
             return part
+
+    def _stated(self, part: Model) -> tuple[set[str], dict[Model, Model]]:
+        stated = part.model_fields_set
+        return self._parts.setdefault(frozenset(stated), (stated, {}))
 
     def _chosen(
         self, scene: Scene, fill: Fill, stated: Mapping[str, Any], numerics: Numerics
@@ -164,22 +189,31 @@ class PointReader:
             remedy = "add `grains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 3000}`"
             found.append(Complaint(("grains",), "this key is missing", remedy))
             return None
-        stated = repr(raw["grains"])
-        if stated in self._same:
-            return self._same[stated]
         try:
-            self._same[stated] = _GRAINS.validate_python(raw["grains"], context={"units": "required"})
-            return self._same[stated]
+            return _GRAINS.validate_python(raw["grains"], context={"units": "required"})
         except ValidationError as error:
             found += complaints(error, raw["grains"], ("grains",))
             return None
 
     def _scene(
-        self, raw: Mapping[str, Any], grains: Grains | None, context: Mapping[str, Any], found: list[Complaint]
+        self,
+        raw: Mapping[str, Any],
+        of: Mapping[str, tuple[Value, ...]],
+        grains: Grains | None,
+        context: Mapping[str, Any],
+        found: list[Complaint],
     ) -> tuple[Scene | None, Scene | None]:
         """The scene, and the nearest thing to it if it is wrong: itself without the values that are."""
         stated = {key: raw[key] for key in SCENE_KEYS if key in raw}
         stated["grains"] = grains or _PLACEHOLDER
+        if grains is not None:
+            parts = {key: (key, of.get(key), grains.diameter) for key in _PARTS if key in raw}
+            ready = {key: self._ready[part] for key, part in parts.items() if part in self._ready}
+            scene = _validated(Scene, {**stated, **ready}, context, (), [])
+            if scene is not None:
+                for key in parts.keys() - ready.keys():
+                    self._ready[parts[key]] = self._shared(getattr(scene, key))
+                return scene.sharing(self._stated(scene)[0]), scene
         first: list[Complaint] = []
         scene = _validated(Scene, stated, context, (), first)
         if scene is not None:
@@ -254,6 +288,11 @@ def _validated(
         return None
 
 
+@once(256)
+def _json(part: BaseModel) -> str:
+    return part.model_dump_json()
+
+
 def _apart(data: Any, key: str) -> tuple[Any, Any]:
     """`data` without `key`, and what is there; None if nothing is."""
     if not isinstance(data, dict) or key not in data:
@@ -287,6 +326,27 @@ def _assign(data: Mapping[str, Any], assignment: Assignment) -> dict[str, Any]:
         else:
             inner[leaf] = value.raw
     return result
+
+
+class _Keys:
+    """The keys that some points sweep: how they are called in labels, and by section."""
+
+    def __init__(self, keys: tuple[str, ...]):
+        self._short = _short_names(keys)
+        heads = [key.partition(".")[0] for key in keys]
+        self._sections = {head: [key for key, one in zip(keys, heads, strict=True) if one == head] for head in heads}
+        self._said: dict[Value, str] = {}
+
+    def label(self, assignment: Assignment) -> str:
+        """The point in the words of the study; empty for one that sweeps nothing."""
+        for key, value in assignment.items():
+            if value not in self._said:
+                self._said[value] = f"{self._short[key]} {shown(value.raw)}"
+        return ", ".join([self._said[value] for value in assignment.values()])
+
+    def sections(self, assignment: Assignment) -> dict[str, tuple[Value, ...]]:
+        """What a point puts into the sections of the study, where it does."""
+        return {section: tuple([assignment[key] for key in keys]) for section, keys in self._sections.items()}
 
 
 def _short_names(keys: Iterable[str]) -> dict[str, str]:

@@ -16,15 +16,15 @@ from labbook.study.problems import Problem, shown
 from labbook.study.source import Location, Source, dotted
 
 MAX_POINTS = 100_000
-BYTES = 9e3
+BYTES = 4e3
 """Memory that a plan takes for a point with one run, as measured."""
 
 _LIST = re.compile(r"\s*\[(.*)\]\s*(.*?)\s*", re.DOTALL)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Value:
-    """One value of a swept key, as written, and its line."""
+    """One value of one swept key, as written, and its line. Points have it in common, and it equals no other."""
 
     raw: str | int | float | bool
     line: int

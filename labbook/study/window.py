@@ -7,7 +7,7 @@ above HIGH widths as `labbook verify flow-height` measures it. Below that the fl
 import math
 from collections.abc import Iterable, Sequence
 
-from labbook.filling.bed import bed_height_ahead, discharged_at
+from labbook.filling.bed import discharged_at
 from labbook.scene import Scene
 from labbook.study.point import Point
 from labbook.study.schema import EARLIEST, LATEST, MARGIN, Settings, Stop, Window
@@ -42,8 +42,6 @@ def _end(stop: Stop, scenes: Iterable[Scene]) -> float:
 def high_until(scene: Scene) -> float | None:
     """Discharged fraction up to which the bed of a scene is HIGH widths of its container high; 0 or less if it never
     is, None where the container does not tell."""
-    across = [getattr(scene.container, key) for key in ("width", "diameter") if hasattr(scene.container, key)]
-    height = bed_height_ahead(scene)
-    if height is None or not across:
-        return None
-    return discharged_at(scene, HIGH * max(across))
+    sizes = vars(scene.container)
+    across = [sizes[key] for key in ("width", "diameter") if key in sizes]
+    return discharged_at(scene, HIGH * max(across)) if across else None

@@ -129,7 +129,9 @@ def test_a_part_that_there_is_not_is_refused(text, tmp_path):
 def test_a_run_that_is_done_is_looked_at_alone(tmp_path, monkeypatch):
     looked = []
     item = Planner._item
-    monkeypatch.setattr(Planner, "_item", lambda self, demand: looked.append(demand.seed) or item(self, demand))
+    monkeypatch.setattr(
+        Planner, "_item", lambda self, demand, *more: looked.append(demand.seed) or item(self, demand, *more)
+    )
     summary = carry_out(study(tmp_path, replicates=6), tmp_path / "lab", backend=Backend(), lanes=1)
     assert summary.complete
     assert len(looked) <= 2 * summary.asked
