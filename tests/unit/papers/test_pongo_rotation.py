@@ -242,7 +242,7 @@ def test_figures_show_every_curve(analysis):
 def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
     assert "Against the rotation of the bottom" in text
-    assert "What Pongó et al. 2022 state" in text
+    assert "Statements of Pongó et al. 2022" in text
     assert "does not hold" in text
     for lacking in ("add `record:", "need `orifice` among the measures", "Q against D needs several outlets"):
         assert lacking in text

@@ -300,7 +300,7 @@ def test_a_packing_fraction_that_could_not_be_measured_is_said(synthetic):
     runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
     study = synthetic.study_of(points, measure=("packing",))
     (said,) = (one for one in summary(analyse(study, runs)) if "packing fraction" in one)
-    assert said.startswith("No packing fraction of 2 of 4 runs: the bulk is smaller than 4 d: fill in more grains")
+    assert said.startswith("No packing fraction of 2 of 4 runs: the bulk is smaller than 4 d: use more grains")
     assert not any("packing fraction" in one for one in summary(analyse(study, runs[2:])))
 
 
