@@ -84,7 +84,7 @@ def _overview(results: Results, folder: Path) -> list[Section]:
         pictures.append(picture(figure, folder / "overview", "a power of W against orifice, all series", _OVERVIEW))
     sections = [Section("Flow rate against orifice, all series", tuple(pictures))] if pictures else []
     if trends := _trends(results, folder):
-        sections.append(Section("Fitted parameters against what was swept", tuple(trends)))
+        sections.append(Section("Fitted parameters against swept keys", tuple(trends)))
     return sections
 
 
