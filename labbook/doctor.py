@@ -154,9 +154,9 @@ def kernel(backend: Backend, study: Study, point: int) -> str:
     Raises NoKernel, Unsupported and Conflict.
     """
     if not isinstance(backend, Generates):
-        told = f"the backend {backend.capabilities.name} writes no module of kernels"
+        told = f"the backend {backend.capabilities.name} has no module of kernels to print"
         raise NoKernel(f"--backend: {told}; docs/kernels.md says how a debugger steps through it")
     if point > len(study.points):
-        raise NoKernel(f"--point: {study.name} has {len(study.points)} points, and no point {point}")
+        raise NoKernel(f"--point: {study.name} has {len(study.points)} points, not a point {point}")
     shared = PointDemand(study, study.points[point - 1])
     return backend.generated(backend.specialise(shared.scene, shared.numerics, shared.probes))

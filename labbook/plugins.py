@@ -37,7 +37,7 @@ class Registry(Mapping[str, _T], Generic[_T]):
         for entry in sorted(entry_points(group=self._group), key=lambda entry: entry.name):
             one = self._load(entry)
             if (name := self._name(one)) in found:
-                raise BrokenPlugin(f"{self._said(entry)}: {name} is there already; uninstall one of the two")
+                raise BrokenPlugin(f"{self._said(entry)}: another package provides {name}; uninstall one of the two")
             found[name] = one
         return found
 
@@ -54,9 +54,9 @@ class Registry(Mapping[str, _T], Generic[_T]):
             made = self._made(entry.load())
         except Exception as error:  # whatever a package does when it is imported
             why = f"it cannot be loaded ({type(error).__name__}: {error})"
-            raise BrokenPlugin(f"{self._said(entry)}: {why}; mend or uninstall the package") from error
+            raise BrokenPlugin(f"{self._said(entry)}: {why}; fix or uninstall the package") from error
         if made is None:
-            raise BrokenPlugin(f"{self._said(entry)}: it is no {self._kind.__name__}; mend or uninstall the package")
+            raise BrokenPlugin(f"{self._said(entry)}: it is not a {self._kind.__name__}; fix or uninstall the package")
         return made
 
     def _said(self, entry: Any) -> str:

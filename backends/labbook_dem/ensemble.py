@@ -126,9 +126,9 @@ class Ensemble(ABC, Generic[R]):
         read_by = self._spec.probes if probes is None else tuple(probes)
         check_read_by(self._spec, read_by)
         if isinstance(start, Packing) and not len(start):
-            raise ValueError("packing: it has no grains, so that nothing could move; start from one grain or more")
+            raise ValueError("packing: it has no grains; start from one grain or more")
         if not covers(self._spec, self._specialise(scene, numerics)):
-            raise ValueError("this member needs another specialisation than the ensemble's")
+            raise ValueError("this member needs kernels that the ensemble's Spec does not have")
         run = self._begin(scene, numerics, start)
         run.probes = read_by
         member = Member(self._next)
@@ -161,7 +161,7 @@ class Ensemble(ABC, Generic[R]):
         there = run.present()
         assert grains.ids is not None
         if len(np.unique([*there, *grains.ids])) < len(there) + len(grains):
-            raise ValueError("put_back: some of these grains have not left")
+            raise ValueError("put_back: some of these grains are still in the scene")
         if len(grains) and not (grains.ids.min() >= 0 and grains.ids.max() < run.scene.grains.count):
             raise ValueError(f"put_back: ids are not those of {run.scene.grains.count} grains")
         # nothing touches them, so that only gravity has acted; the first kick of a run starts at the whole step
@@ -207,9 +207,9 @@ class Ensemble(ABC, Generic[R]):
 def check_read_by(spec: Spec, probes: Sequence[Probe]) -> None:
     """Raises ValueError unless members of `spec` can be read by these probes and no others."""
     if other := {*probes} - {*spec.probes}:
-        raise ValueError(f"probes: the ensemble's Spec has none such: {', '.join(map(repr, other))}")
+        raise ValueError(f"probes: the ensemble's Spec lacks {', '.join(map(repr, other))}")
     if left_out := [one for one in {*spec.probes} - {*probes} if isinstance(one, Crossing | Ledger)]:
-        raise ValueError(f"probes: kernels are compiled for {left_out[0]!r}, which all members are read by")
+        raise ValueError(f"probes: the kernels are compiled for {left_out[0]!r}, so every member must be read by it")
 
 
 def _joined(tables: list[Table]) -> Table:

@@ -200,11 +200,11 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
         raise Unsupported("grains", f"the backend {can.name} takes equal grains only; leave out sizes and kinds")
     for probe in probes:
         if isinstance(probe, Sample) and "q" in probe.fields and not SHAPES[needs.grains.shape].oriented:
-            raise Unsupported("measure", "only rods have an orientation q")
+            raise Unsupported("measure", "only rods have an orientation q; leave q out")
         if isinstance(probe, Sample | Slab | Zone | Contacts | Ledger) and probe.every < 1:
-            raise Unsupported("measure", "a probe is read every beat at most")
+            raise Unsupported("measure", "a probe is read once per beat at most; use every >= 1")
         if isinstance(probe, Zone) and not 0 <= probe.again < probe.every:
-            raise Unsupported("measure", "a zone is read again before its next frame is due")
+            raise Unsupported("measure", "a zone must be read again before its next frame; use 0 <= again < every")
 
 
 def pair_table(scene: Scene, numerics: Numerics) -> np.ndarray:

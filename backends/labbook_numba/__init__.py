@@ -43,7 +43,8 @@ class Backend:
         from labbook_numba.ensemble import Ensemble
 
         if device != "cpu":
-            raise Unsupported("device", f"the backend numba runs on cpu, not on {device}")
+            remedy = "leave --device out, or use --backend warp on a GPU"
+            raise Unsupported("device", f"the backend numba runs on cpu, not on {device}; {remedy}")
         compiling.watch()
         module = kernels(spec)
         many = cores()

@@ -57,7 +57,7 @@ def _check_counters(arrays: Mapping[str, np.ndarray], rows: int, pairs: int, nea
         if not 0 <= count[counter] <= limit:
             raise ValueError(f"count[{counter}] is {count[counter]}, not within 0 to {limit}")
     if not 0 <= count[S.STEP] < LONGEST:
-        raise ValueError(f"it is of step {count[S.STEP]}")
+        raise ValueError(f"it was saved at step {count[S.STEP]}")
     if first[0] != 0 or (np.diff(first) < 0).any() or first[-1] > near:
         raise ValueError("wall_first is not ascending within the list")
 
@@ -101,4 +101,4 @@ def _check_grains(arrays: Mapping[str, np.ndarray], scene: Scene) -> None:
         radius, mass, inertia, kind = arrays["body"][:n].T
         sound = (radius > 0) & (radius <= scene.grains.radius) & (mass > 0) & (inertia > 0)
         if not (sound & np.isin(kind, np.arange(len(scene.grains.species)))).all():
-            raise ValueError("body holds grains that the scene has not")
+            raise ValueError("body holds grains that the scene does not have")

@@ -33,7 +33,7 @@ class Backend:
         from labbook_reference.ensemble import Ensemble
 
         if device != "cpu":
-            raise Unsupported("device", f"the backend reference runs on cpu, not on {device}")
+            raise Unsupported("device", f"the backend reference runs on cpu, not on {device}; leave --device out")
         return Ensemble(self.capabilities, spec)
 
     def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:

@@ -551,20 +551,20 @@ def check_checkpoint(can: Capabilities, scene: Scene, stored: Checkpoint) -> Non
     if ids.max() >= scene.grains.count:
         raise ValueError(f"ids are not those of {scene.grains.count} grains")
     if not 0 <= int(arrays["step"]) < LONGEST:
-        raise ValueError(f"it is of step {int(arrays['step'])}")
+        raise ValueError(f"it was saved at step {int(arrays['step'])}")
     most = n * (n + PARTS * len(scene.container.walls()))
     if not 0 <= int(arrays["touching"]) <= most:
         raise ValueError(f"{int(arrays['touching'])} contacts are more than {n} grains can have")
     radius, kind = arrays["radius"], arrays["kind"]
     if not ((radius > 0) & (radius <= scene.grains.radius) & (arrays["mass"] > 0) & (arrays["inertia"] > 0)).all():
-        raise ValueError("it holds grains that the scene has not")
+        raise ValueError("it holds grains that the scene does not have")
     if not ((kind >= 0) & (kind < kinds)).all():
         raise ValueError(f"kinds of grains are not from 0 to {kinds - 1}")
     wall, part = arrays["wall_key"][:, 1], arrays["wall_key"][:, 2]
     if not (np.isin(arrays["pair_key"], ids).all() and np.isin(arrays["wall_key"][:, 0], ids).all()):
-        raise ValueError("springs are of grains that are not there")
+        raise ValueError("springs belong to grains that do not exist")
     if not ((wall >= 0) & (wall < len(scene.container.walls())) & (part >= 0) & (part < PARTS)).all():
-        raise ValueError("springs are at walls that are not there")
+        raise ValueError("springs are at walls that do not exist")
 
 
 def _three(v: vec3) -> tuple[float, float, float]:

@@ -27,9 +27,9 @@ def _instead(name: str, here: Sequence[str]) -> str:
     if "cpu" not in here and name == "cpu":
         found = f"this build of Warp has no CPU device; {found}"
     elif not any(device.startswith("cuda") for device in here):
-        found = "no CUDA device is here"
-    device = f"--device {here[0]}, or " if here else ""
-    return f"there is no device {name} ({found}); use {device}--backend numba, which is faster on a CPU"
+        found = "no CUDA device was found"
+    device = f", or --device {here[0]}" if here else ""
+    return f"there is no device {name} ({found}); use --backend numba, which is faster on a CPU{device}"
 
 
 def free(device: wp.Device) -> int | None:

@@ -207,7 +207,9 @@ class Stage:
         try:
             self._arrays = Arrays(module, sizes, self.device, room.records_crossings(spec))
         except RuntimeError as error:
-            raise MemoryError(f"{self.device.alias} has no memory for {sizes.slots} members: {error}") from error
+            raise MemoryError(
+                f"{self.device.alias} has no memory for {sizes.slots} members: {error}; use fewer grains"
+            ) from error
         self._beats = Beat(self._arrays, spec.steps_per_beat, self._every)
         for run, checkpoint in stored.items():
             self._parameters(run)

@@ -78,9 +78,9 @@ def _check_lists(arrays: Mapping[str, np.ndarray], scene: Scene, n: int, near: i
         if (arrays[name].astype(np.uint64) >> np.uint64(most)).any():
             raise ValueError(f"{name} has bits beyond {most}")
     if not 0 <= arrays["step"] < LONGEST or arrays["rebuilds"] < 0:
-        raise ValueError(f"it is of step {arrays['step']}")
+        raise ValueError(f"it was saved at step {arrays['step']}")
     if "body" in arrays and n:
         radius, mass, inertia, kind = arrays["body"].T
         sound = (radius > 0) & (radius <= scene.grains.radius) & (mass > 0) & (inertia > 0)
         if not (sound & np.isin(kind, np.arange(len(scene.grains.species)))).all():
-            raise ValueError("body holds grains that the scene has not")
+            raise ValueError("body holds grains that the scene does not have")

@@ -275,7 +275,7 @@ def load(path: Path) -> Calibration:
     try:
         own = read(json.loads(path.read_text(encoding="utf-8")))
     except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"it is no calibration: {error!r}") from error
+        raise ValueError(f"not a calibration file: {error!r}") from error
     return Calibration((*own.known, *shipped().known))
 
 

@@ -117,7 +117,7 @@ def choose(
             elif best is None or found.time < best.time:
                 best = found
     if best is None:
-        raise OutOfRange(reasons[-1] if reasons else "no step is stable")
+        raise OutOfRange(reasons[-1] if reasons else "no time step is stable")
     return best
 
 
@@ -136,7 +136,7 @@ def bias_of(scene: Scene, flow: Numerics, filled: Numerics, calibration: Calibra
 def _grouped(scene: Scene, dt: float, scale: float) -> Groups:
     found = groups(scene, dt, scale)
     if found is None:
-        raise OutOfRange("scenes of its outlet, bed or materials were not calibrated")
+        raise OutOfRange("no scene with such an outlet, bed or materials was calibrated")
     return found
 
 

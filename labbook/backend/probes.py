@@ -186,7 +186,7 @@ def parse_probe(text: str) -> Probe:
             return probe
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
-    raise ValueError(f"no probe: {text[:80]}")
+    raise ValueError(f"not a probe: {text[:80]}")
 
 
 @cache

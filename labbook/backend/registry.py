@@ -29,7 +29,7 @@ def load(name: str) -> Backend:
                 backend = entry.load()()
             except ImportError as error:
                 raise BackendMissing(
-                    f"the backend {name} is there but cannot be loaded ({error}); try: pip install 'labbook[{name}]'"
+                    f"the backend {name} cannot be loaded ({error}); try: pip install 'labbook[{name}]'"
                 ) from error
             for module in getattr(backend, "requires", ()):
                 if find_spec(module) is None:
@@ -52,7 +52,9 @@ def absent(backend: Backend, device: str) -> Unsupported:
     if "cpu" in there:
         ways.append("use --device cpu or leave --device out")
     if kind not in {one.partition(":")[0] for one in known}:
-        ways.append("use another backend (labbook doctor shows all with their devices)")
+        ways.append("use another backend (labbook doctor lists backends and devices)")
     elif kind not in {one.partition(":")[0] for one in there}:
-        ways.append(f"install the driver for {kind} devices (labbook doctor shows what is found)")
+        if backend.capabilities.name != "numba":
+            ways.insert(0, "use --backend numba, which is faster on a CPU")
+        ways.append(f"install the driver for {kind} devices (labbook doctor shows the devices found)")
     return Unsupported("--device", f"{said}; {', or '.join(ways)}")

@@ -73,7 +73,7 @@ def build() -> typer.Typer:
         try:
             entry.load()(app)
         except Exception as error:  # whatever a package does when it is imported: other verbs stay
-            told = f"{entry.value} ({type(error).__name__}: {error}); mend or uninstall the package"
+            told = f"{entry.value} ({type(error).__name__}: {error}); fix or uninstall the package"
             print(f"Warning: the verb {entry.name} cannot be loaded: {told}", file=sys.stderr)
     return app
 

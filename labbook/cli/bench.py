@@ -16,11 +16,11 @@ def register(app: typer.Typer) -> None:
     def bench(
         what: Annotated[
             Literal["speed", "accuracy", "skips"],
-            typer.Argument(help="speed: grain-steps per second; accuracy: errors by dt; skips: what they save."),
+            typer.Argument(help="speed: grain-steps per second; accuracy: errors by dt; skips: time saved."),
         ] = "speed",
         backend: Annotated[str, typer.Option(help="Backend to measure.")] = "numba",
         repeats: Annotated[
-            int | None, typer.Option(min=1, help="speed, skips: times that each is measured.  [default: 5]")
+            int | None, typer.Option(min=1, help="speed, skips: repeats of each measurement.  [default: 5]")
         ] = None,
         quick: Annotated[
             bool, typer.Option("--quick", help="speed: only Fan's hopper; accuracy: only spheres, two laws, no bed.")
@@ -28,29 +28,29 @@ def register(app: typer.Typer) -> None:
         full: Annotated[bool, typer.Option("--full", help="speed: also rods in every precision.")] = False,
         precision: Annotated[
             str | None,
-            typer.Option(help="accuracy, skips: precision to measure in.  [default: every one; skips: double]"),
+            typer.Option(help="accuracy, skips: precision to measure in.  [default: all; skips: double]"),
         ] = None,
         device: Annotated[
             str | None, typer.Option(help="accuracy, skips: device to measure on.  [default: cpu]")
         ] = None,
-        out: Annotated[Path | None, typer.Option(help="Also write the figures to this JSON file.")] = None,
+        out: Annotated[Path | None, typer.Option(help="Also write the numbers to this JSON file.")] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     ) -> None:
-        """Measure the speed of a backend, what its skips save, or how its errors depend on the time step.
+        """Measure the speed of a backend, the time saved by leaving out unused features, or errors by time step.
 
-        Speed: grain-steps per second on Fan's hopper, in three dimensions and of rods. One member runs on one core.
+        Speed: grain-steps per second in Fan's hopper, in three dimensions and for rods. One member runs on one core.
         Takes some five minutes on a slow machine, most of them compiling.
 
         Accuracy: velocities and spins after impacts against SciPy, by contact law and precision, and dense beds of
         spheres and rods against a step 32 times as small. Takes some ten minutes, and one with --quick.
 
-        Skips: what a scene does not need and the backend leaves out is put back, one thing after another: time that it
-        costs, and whether the state comes out the same. Takes some five minutes, most of them compiling.
+        Skips: features that the scene does not need and the backend leaves out are put back one by one: the time each
+        costs, and whether the final state is the same. Takes some five minutes, most of them compiling.
         """
         from labbook.backend import BackendMissing, Unsupported
 
         if quick and full:
-            raise typer.BadParameter("--quick and --full: one at a time")
+            raise typer.BadParameter("--quick and --full exclude each other; give one of them")
         of_others = {
             "speed": {"--precision": precision, "--device": device},
             "accuracy": {"--repeats": repeats, "--full": full or None},
@@ -58,7 +58,7 @@ def register(app: typer.Typer) -> None:
         }
         for name, given in of_others[what].items():
             if given is not None:
-                raise typer.BadParameter(f"it does not belong to {what}; leave it out", param_hint=name)
+                raise typer.BadParameter(f"it does not apply to {what}; leave it out", param_hint=name)
         try:
             with saying("preparing") as say:
                 if what == "speed":
@@ -100,9 +100,9 @@ def _show_speed(result) -> None:
     console = Console()
     console.print(f"backend {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
     console.print(table)
-    large = f"one large scene on all cores: {result.large:.2f} times one thread; " if result.large else ""
+    large = f"one large scene on all cores: {result.large:.2f} times the speed of one thread; " if result.large else ""
     console.print(
-        f"{result.members} members side by side: {result.speed_up:.2f} times one; {large}"
+        f"{result.members} members side by side: {result.speed_up:.2f} times the speed of one; {large}"
         f"peak memory {result.memory:.0f} MB"
     )
 
@@ -111,9 +111,9 @@ def _show_skips(result) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("put back", "times the time", "range", "state")
+    table = Table("put back", "relative time", "range", "state")
     for one in result.saved:
-        state = "the same bits" if one.same else f"within {one.difference:.0e} d"
+        state = "bitwise equal" if one.same else f"within {one.difference:.0e} d"
         table.add_row(one.name, f"{one.times:.2f}", f"{one.low:.2f}-{one.high:.2f}", state)
     console = Console()
     console.print(
@@ -128,7 +128,7 @@ def _show_accuracy(result) -> None:
     from rich.table import Table
 
     console = Console()
-    console.print(f"backend {result.backend} on {result.hardware['processor']}; errors in parts of the speed of impact")
+    console.print(f"backend {result.backend} on {result.hardware['processor']}; errors relative to the impact speed")
     at = [n for n in (20, 40, 160) if n in result.contacts[0].steps]
     table = Table("impact", "law", "precision", *(f"t_c/{n}" for n in at), "order")
     for one in result.contacts:
@@ -143,7 +143,7 @@ def _show_accuracy(result) -> None:
         orders = _order(one.order), _order(one.order_velocity)
         table.add_row(one.bed, one.precision, *errors, *orders, f"{one.growth:.1f}")
     console.print(table)
-    console.print("beds: median error of positions (largest); growth of a small change of the start meanwhile")
+    console.print("beds: median (largest) error of positions; growth of a small change of the initial state")
 
 
 def _order(order) -> str:

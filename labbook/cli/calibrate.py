@@ -9,7 +9,7 @@ from labbook.cli.options import BACKEND, LAB, Device, Lab, RunsOn, fail, read_st
 from labbook.cli.screen import screen
 
 Studies = Annotated[list[Path], typer.Argument(help="Study files (YAML).", metavar="STUDY...", show_default=False)]
-Seeds = Annotated[int, typer.Option(help="Runs of each setting.", min=3)]
+Seeds = Annotated[int, typer.Option(help="Replicates of each setting.", min=3)]
 Out = Annotated[
     Path | None,
     typer.Option(help="Calibration file to write.", show_default="STUDY.calibration.json beside the first study"),
@@ -28,12 +28,12 @@ def register(app: typer.Typer) -> None:
         seeds: Seeds = 8,
         out: Out = None,
     ) -> None:
-        """Measure what time step and stiffness do to the flow rate of studies.
+        """Measure the effect of time step and stiffness on the flow rate of studies.
 
-        Runs a pilot: seven settings of its numerics at its first and last point, from shared packings, and writes one
-        file for all. By that labbook then chooses numerics for accuracy.flow_rate: a study finds the file of its own
-        name, and names others as accuracy.calibration. A study that sweeps numerics itself is run as it is. Ctrl-C
-        leaves everything resumable.
+        Runs a pilot of each study: seven settings of numerics at its first and last point, from shared packings.
+        Writes one calibration file for all. From it labbook chooses the numerics for accuracy.flow_rate. A study
+        uses the file with its own name, or the one named as accuracy.calibration. A study that sweeps numerics is
+        run as it is. After Ctrl-C the same command goes on.
         """
         from labbook.accuracy import BESIDE, write
         from labbook.api import Lab as Place

@@ -5,11 +5,11 @@ from typing import Annotated, Any
 
 import typer
 
-Names = Annotated[list[str] | None, typer.Argument(help="Cases, or how their names begin; none: all.")]
-Tried = Annotated[str, typer.Option("--backend", help="Backend to try.")]
-Precision = Annotated[str, typer.Option("--precision", help="Precision to try it in.")]
-On = Annotated[str, typer.Option("--device", help="Device to try it on.")]
-Listed = Annotated[bool, typer.Option("--list", help="Say what the cases do; run nothing.")]
+Names = Annotated[list[str] | None, typer.Argument(help="Names of cases, or how they begin; none: all cases.")]
+Tried = Annotated[str, typer.Option("--backend", help="Backend to test.")]
+Precision = Annotated[str, typer.Option("--precision", help="Precision to test.")]
+On = Annotated[str, typer.Option("--device", help="Device to test on.")]
+Listed = Annotated[bool, typer.Option("--list", help="List the cases and what they check; run nothing.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 

@@ -36,7 +36,7 @@ def register(app: typer.Typer) -> None:
         else:
             _show(asked.name, found)
         if found.unstated and not as_json:
-            say(f"No source stated: {', '.join(found.unstated)}. See the packages that add them.", err=True)
+            say(f"No source is stated for {', '.join(found.unstated)}. See the packages that add them.", err=True)
 
 
 def _show(name: str, found: "Bibliography") -> None:

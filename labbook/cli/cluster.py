@@ -10,20 +10,20 @@ from labbook.cli.options import fail
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-Workers = Annotated[int, typer.Option("--workers", help="Workers: one a GPU, or one a core.", min=1)]
-Gpus = Annotated[int, typer.Option("--gpus", help="GPUs of a worker.", min=0, max=1)]
-Port = Annotated[int, typer.Option("--port", help="Port of the scheduler; 0: any that is free.", min=0, max=65535)]
+Workers = Annotated[int, typer.Option("--workers", help="Number of workers: one per GPU, or one per core.", min=1)]
+Gpus = Annotated[int, typer.Option("--gpus", help="GPUs per worker.", min=0, max=1)]
+Port = Annotated[int, typer.Option("--port", help="Port of the scheduler; 0: any free port.", min=0, max=65535)]
 Time = Annotated[str, typer.Option("--time", help="Time limit of a worker's job.", metavar="HH:MM:SS")]
-Memory = Annotated[str, typer.Option("--memory", help="Memory of a worker.")]
+Memory = Annotated[str, typer.Option("--memory", help="Memory per worker.")]
 Interface = Annotated[
     str | None, typer.Option("--interface", help="Network interface of the nodes, such as ib0.", show_default=False)
 ]
 Hosts = Annotated[
-    list[str], typer.Argument(help="Hosts: the first has the scheduler.", metavar="HOST...", show_default=False)
+    list[str], typer.Argument(help="Hosts; the scheduler runs on the first.", metavar="HOST...", show_default=False)
 ]
 Options = Annotated[
     list[str] | None,
-    typer.Argument(help="Further options of sbatch, after --.", metavar="[-- OPTION...]", show_default=False),
+    typer.Argument(help="Further options for sbatch, after --.", metavar="[-- OPTION...]", show_default=False),
 ]
 
 
@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
 
     @group.command()
     def local(workers: Workers = 2, gpus: Gpus = 0, port: Port = 0) -> None:
-        """Start a cluster of processes on this machine, which only this machine reaches; Ctrl-C ends it."""
+        """Start a cluster of processes that only this machine can reach; Ctrl-C ends it."""
 
         def made():
             from distributed import LocalCluster  # pyright: ignore[reportMissingImports]
@@ -63,7 +63,7 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Start workers as jobs of Slurm, and a scheduler here; Ctrl-C ends them.
 
-        A worker ends by itself some minutes before its time is over, and gives its work to others.
+        A worker ends some minutes before its time limit and hands its work to other workers.
         """
         from labbook.run.slurm import seconds
 
@@ -116,7 +116,7 @@ def _serve(made: "Callable[[], Any]") -> None:
         fail(f"Dask is not installed ({missing}); try: pip install 'labbook[cluster]'")
     try:
         typer.echo(f"Scheduler: {cluster.scheduler_address}")
-        typer.echo(f"On another terminal: labbook run STUDY --cluster {cluster.scheduler_address}")
+        typer.echo(f"In another terminal: labbook run STUDY --cluster {cluster.scheduler_address}")
         while True:
             time.sleep(1)
     except KeyboardInterrupt:

@@ -23,22 +23,27 @@ def register(app: typer.Typer) -> None:
         backends: Annotated[
             str, typer.Option(help="Two backends; the first one makes the shared packings.")
         ] = "numba,warp",
-        devices: Annotated[str, typer.Option(help="Their devices, such as cpu,cuda:0.")] = "cpu,cpu",
+        devices: Annotated[str, typer.Option(help="Devices of the two, such as cpu,cuda:0.")] = "cpu,cpu",
         precisions: Annotated[
-            str | None, typer.Option(help="Theirs, such as double,mixed, instead of the study's.", show_default=False)
+            str | None,
+            typer.Option(help="Precisions of the two, such as double,mixed; default: the study's.", show_default=False),
         ] = None,
         margin: Annotated[
-            float, typer.Option(min=1e-6, max=1, help="Difference of means that counts as none, as a part of them.")
+            float,
+            typer.Option(
+                min=1e-6, max=1, help="Margin of equivalence: relative difference of means that counts as none."
+            ),
         ] = 0.03,
         replicates: Annotated[
-            int | None, typer.Option(min=2, help="Replicates a point, instead of the study's.", show_default=False)
+            int | None,
+            typer.Option(min=2, help="Replicates per point; default: the study's number.", show_default=False),
         ] = None,
         point: Annotated[
             list[int] | None,
             typer.Option(min=1, help="Only this point, counted from 1; may be repeated.", show_default=False),
         ] = None,
         show: Annotated[
-            bool, typer.Option("--show", help="Only show the stored verdict, and whether it is stale.")
+            bool, typer.Option("--show", help="Only show the stored verdict and whether it is stale.")
         ] = False,
         record: Annotated[
             float | None,
@@ -51,9 +56,9 @@ def register(app: typer.Typer) -> None:
         lab: Lab = LAB,
         as_json: AsJson = False,
     ) -> None:
-        """Compare two backends: how long they agree, whether they measure the same, and what each costs.
+        """Compare two backends: how long their motions agree, whether their measurements agree, and their cost.
 
-        Runs that are missing are made first. Exit status 1 if a difference beyond the margin is found.
+        Missing runs are made first. Exit status 1 if a difference beyond the margin is found.
         """
         from labbook.compare.sides import CannotCompare, names_of
         from labbook.compare.verdict import NoVerdict, Verdict, path_of
@@ -111,7 +116,7 @@ def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: flo
         raise typer.Exit(STOPPED) from None
     except KeyboardInterrupt:
         with suppress(OSError):
-            typer.echo(f"Left at once; what was saved last is kept: {GO_ON}", err=True)
+            typer.echo(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
         leave(STOPPED)
     return verdict, failed
 

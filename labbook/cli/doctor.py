@@ -23,27 +23,24 @@ def register(app: typer.Typer) -> None:
         kernel: Annotated[
             Path | None,
             typer.Option(
-                metavar="STUDY", help="Print the module of kernels that this study needs instead.", show_default=False
+                metavar="STUDY", help="Only print the module of kernels that this study needs.", show_default=False
             ),
         ] = None,
-        point: Annotated[int, typer.Option(min=1, help="With --kernel: of this point, counted from 1.")] = 1,
+        point: Annotated[int, typer.Option(min=1, help="With --kernel: point of the study, counted from 1.")] = 1,
         backend: Backend = BACKEND,
         lab: Annotated[
             Path | None,
-            typer.Option(
-                help="Try out whether this folder can hold a lab instead.", metavar="PATH", show_default=False
-            ),
+            typer.Option(help="Only test whether this folder can hold a lab.", metavar="PATH", show_default=False),
         ] = None,
         peer: Annotated[
-            bool, typer.Option("--peer", help="With --lab: also between this host and another one.")
+            bool, typer.Option("--peer", help="With --lab: also test between this host and another one.")
         ] = False,
     ) -> None:
-        """Tell what is installed, and let every backend work a little on each device. Exit status 1 if none works.
+        """List what is installed, and test every backend shortly on each device. Exit status 1 if none works.
 
-        With --lab the file system of a folder is tried out: free space, locks between two processes, atomic rename,
-        fsync, its clock, and the index. With --lab and --peer the same command on another host, with the same folder,
-        is waited for; then locks, rename, clocks and index are tried out between the two. Exit status 1 if anything
-        fails.
+        With --lab, test the file system of a folder: free space, locks between two processes, atomic rename, fsync,
+        its clock, and the index. With --lab and --peer, wait for the same command with the same folder on another
+        host, then test locks, rename, clocks and index between the two. Exit status 1 if a test fails.
         """
         from labbook.doctor import examine
 
@@ -51,7 +48,7 @@ def register(app: typer.Typer) -> None:
             _examine_lab(lab, peer, as_json)
             return
         if peer:
-            fail("--peer needs --lab PATH: the folder that both hosts have")
+            fail("--peer needs --lab PATH: the folder that both hosts share")
         if kernel is not None:
             typer.echo(_kernel(kernel, point, backend), nl=False)
             return
@@ -69,7 +66,7 @@ def _examine_lab(lab: Path, peer: bool, as_json: bool) -> None:
     from labbook.lab import disk
 
     if not lab.is_dir():
-        fail(f"{lab}: there is no such folder; make it first, where the lab is to be")
+        fail(f"{lab}: no such folder; create it first")
     with saying("free space") as say:
         checks = disk.examine(lab, say)
         if peer:
@@ -88,7 +85,7 @@ def _show_checks(lab: Path, checks: "list[Check]") -> None:
 
     from labbook.cli.screen import screen
 
-    shown = Table("what", "works", "note", title=escape(str(lab)), title_justify="left")
+    shown = Table("test", "works", "note", title=escape(str(lab)), title_justify="left")
     for check in checks:
         style = None if check.works else "bold red"
         shown.add_row(check.name, "yes" if check.works else "no", escape(check.note), style=style)
@@ -121,7 +118,7 @@ def _show(found) -> None:
     for package in found.packages:
         packages.add_row(package.name, package.version or "not installed", package.purpose)
     console.print(packages)
-    backends = Table("backend", "device", "what it is", "works", "precisions", "laws", "note")
+    backends = Table("backend", "device", "description", "works", "precisions", "laws", "note")
     for backend in found.backends:
         backends.add_row(
             backend.name,

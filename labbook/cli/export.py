@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
         out: Annotated[
             Path | None, typer.Option(help="Folder of the files; if not given, LAB/exports/NAME.", show_default=False)
         ] = None,
-        kind: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Of the tables.")] = "csv",
+        kind: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Format of the tables.")] = "csv",
         vtk: Annotated[
             bool, typer.Option("--vtk", help="Also write recorded frames and mean fields as VTK files.")
         ] = False,
@@ -51,12 +51,14 @@ def register(app: typer.Typer) -> None:
                 written = write_packings(found, found.lab.place, folder / "packings")
             except NotSpheres as rods:
                 raise typer.BadParameter(str(rods), param_hint="--packings") from None
-            where = f"{len(written)} files in {folder / 'packings'}" if written else "no run of this study is there yet"
+            where = (
+                f"{len(written)} files in {folder / 'packings'}" if written else "this study has no finished run yet"
+            )
             typer.echo(f"packings: {where}")
         if vtk:
             with Console(stderr=True).status("writing VTK") as status:
                 recorded = write_recordings(found, folder / "vtk", status.update)
-            where = f"{len(recorded)} files in {folder / 'vtk'}" if recorded else "no run of this study was recorded"
+            where = f"{len(recorded)} files in {folder / 'vtk'}" if recorded else "no run of this study kept frames"
             typer.echo(f"VTK: {where}")
 
 

@@ -59,10 +59,10 @@ def _show(found) -> None:
         if series.verdict:
             console.print(series.verdict, markup=False)
     if digest := statement_digest(found.judged):
-        print_table(console, digest, f"What {found.source} state")
+        print_table(console, digest, f"Statements of {found.source}")
         if open_ones := [one for one in found.judged if one.verdict != "holds"]:
-            print_table(console, statement_table(open_ones), "Where that does not hold, or is undecided")
+            print_table(console, statement_table(open_ones), "Statements that do not hold or are undecided")
     elif found.judged:
-        print_table(console, statement_table(found.judged), f"What {found.source} state")
+        print_table(console, statement_table(found.judged), f"Statements of {found.source}")
     if found.comparisons:
         print_table(console, tables.comparison_table(found.comparisons), f"Beside {found.source}")

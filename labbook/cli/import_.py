@@ -18,10 +18,10 @@ def register(app: typer.Typer) -> None:
     def import_(folders: Sources, lab: Lab = LAB) -> None:
         """Copy runs, packings, study files and notes from other labs, and index them.
 
-        Everything is looked at before it is taken; what is damaged or does not belong is named, and left out. Exit
-        status 1 if anything was left out. Runners may work in either lab meanwhile: unfinished work is not imported,
-        and a longer run is never replaced by a shorter one. A study file or note of this lab stays as it is; if
-        another lab has a different one under the same name, that is said.
+        Every file is checked first; damaged or foreign files are named and left out. Exit status 1 if any was left
+        out. Both labs may be in use meanwhile: unfinished runs are not imported, and a longer run is never replaced
+        by a shorter one. Study files and notes of this lab are never replaced; if another lab has a different one
+        under the same name, a message says so.
         """
         from labbook.lab.folder import Lab as Folder
         from labbook.lab.folder import room
@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
 
         for folder in folders:
             if not Folder(folder).exists:
-                fail(f"{folder}: no lab: it has neither runs/ nor packings/")
+                fail(f"{folder} is not a lab: it has neither runs/ nor packings/; give a lab folder")
         merged = Merged()
         with room(lab):
             with ticking("indexing") as tick:
@@ -38,7 +38,7 @@ def register(app: typer.Typer) -> None:
             for folder in folders:
                 merged += merge(index, folder)
             index.close()
-        say(f"{len(merged.copied)} runs and packings imported")
+        say(f"Runs and packings imported: {len(merged.copied)}")
         if merged.studies:
             say(f"Study files imported: {', '.join(merged.studies)}")
         if merged.notes:

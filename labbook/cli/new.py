@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
         name: Annotated[str, typer.Argument(help="Name of the study; the file is called NAME.yaml.")],
         folder: Annotated[Path, typer.Option(help="Folder to write it to.")] = Path("."),
     ) -> None:
-        """Write a commented study to begin with. An existing file is never overwritten."""
+        """Write a commented example study. An existing file is never overwritten."""
         from labbook.study.template import NotWritten, write
 
         try:

@@ -21,7 +21,7 @@ StudyFile = Annotated[Path, typer.Argument(help="Study file (YAML).", metavar="S
 Lab = Annotated[Path, typer.Option("--lab", envvar="LABBOOK_LAB", help="Lab folder.")]
 Backend = Annotated[str, typer.Option("--backend", help="Backend that made the runs: numba or warp.")]
 RunsOn = Annotated[str, typer.Option("--backend", help="Backend to run on: numba (CPU) or warp (GPU).")]
-Device = Annotated[str, typer.Option("--device", help="Device to run on, as the backend names it; several: cuda:all.")]
+Device = Annotated[str, typer.Option("--device", help="Device to run on, such as cpu or cuda:0; several: cuda:all.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 LAB = Path("lab")
@@ -56,26 +56,26 @@ def told(error: Exception) -> str | None:
     from labbook.lab import LabError, Unreadable
 
     if isinstance(error, Unreadable):
-        return f"{error}; it is made again by labbook run, and labbook reindex lists all that is damaged"
+        return f"{error}; labbook run makes it again, and labbook reindex lists all damaged files"
     return str(error) if isinstance(error, LabError) else None
 
 
 _REMEDIES = {
-    errno.ENOSPC: "make room on the disk and give the same command again; what was finished is safe",
-    errno.EDQUOT: "make room on the disk and give the same command again; what was finished is safe",
-    errno.EACCES: "see to it that you may read and write it, or use another folder (--lab, --out)",
-    errno.EPERM: "see to it that you may read and write it, or use another folder (--lab, --out)",
-    errno.EROFS: "nothing can be written there: use a copy of the lab, or another folder (--lab, --out)",
+    errno.ENOSPC: "free some disk space and give the same command again; finished runs are safe",
+    errno.EDQUOT: "free some disk space and give the same command again; finished runs are safe",
+    errno.EACCES: "get permission to read and write it, or use another folder (--lab, --out)",
+    errno.EPERM: "get permission to read and write it, or use another folder (--lab, --out)",
+    errno.EROFS: "it cannot be written: use a copy of the lab, or another folder (--lab, --out)",
     errno.ENOTDIR: "there is a file where a folder is needed: use another folder (--lab, --out), or move the file",
     errno.EEXIST: "there is a file where a folder is needed: use another folder (--lab, --out), or move the file",
-    errno.EISDIR: "there is a folder where a file is needed: move it away",
+    errno.EISDIR: "there is a folder where a file is needed: move the folder away",
 }
 
 
 def _of_files(error: OSError) -> str:
     where = " and ".join(str(path) for path in (error.filename, error.filename2) if path is not None)
     what = f"{where}: {error.strerror}" if where else str(error.strerror)
-    remedy = _REMEDIES.get(error.errno or 0, "see to the disk and the folder, and give the same command again")
+    remedy = _REMEDIES.get(error.errno or 0, "check the disk and the folder, and give the same command again")
     return f"{what[0].lower() if not where else what[0]}{what[1:]}; {remedy}"
 
 
@@ -97,7 +97,7 @@ def existing(lab: Path) -> "Catalogue":
     if not lab.exists():
         fail(f"there is no lab {lab}; give its folder with --lab, or make one: labbook run STUDY --lab {lab}")
     if lab.is_dir() and not Folder(lab).exists:
-        fail(f"{lab} is no lab: it has neither runs nor packings; give another folder with --lab")
+        fail(f"{lab} is not a lab: it has neither runs nor packings; give another folder with --lab")
     return Catalogue(lab)
 
 

@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
     def plan(
         study: StudyFile, lab: Lab = LAB, backend: RunsOn = BACKEND, device: Device = "cpu", as_json: AsJson = False
     ) -> None:
-        """Show what is done, missing, partial or stale and why, with a forecast of time and disk."""
+        """Show which runs are done, missing, partial or stale and why, and forecast time and disk space."""
         from labbook.api import Lab as Place
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
@@ -134,7 +134,7 @@ def _show(plan: "Plan") -> None:
         console.print(line, markup=False, soft_wrap=True)
     largest = max(outline(point.shared).memory for point in plan.points)
     if plan.todo and largest > _LARGE:
-        console.print(f"A run takes about {size(largest)} of memory", markup=False)
+        console.print(f"A run needs about {size(largest)} of memory", markup=False)
 
 
 def _count(number: float) -> str:

@@ -19,11 +19,11 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--index",
                 metavar="<url|file>",
-                help="Where to keep the index from now on: postgresql://HOST/DATABASE, or file: in the lab's folder.",
+                help="New place of the index: postgresql://HOST/DATABASE, or file (in the lab's folder).",
             ),
         ] = None,
     ) -> None:
-        """Make the index again from run and packing folders, and measure again.
+        """Rebuild the index from the folders of runs and packings, and evaluate every run again.
 
         A lab that several people share may keep its index on a PostgreSQL server.
         """

@@ -21,14 +21,20 @@ Part = Annotated[
 ]
 Base = Annotated[
     Path | None,
-    typer.Option("--base", help="Lab whose runs are not made again, and whose packings are taken.", show_default=False),
+    typer.Option(
+        "--base", help="Lab whose finished runs are not repeated and whose packings are used.", show_default=False
+    ),
 ]
 On = Annotated[
     str | None,
-    typer.Option("--cluster", help="Address of a Dask scheduler, whose workers run it.", show_default=False),
+    typer.Option("--cluster", help="Address of a Dask scheduler; its workers run the study.", show_default=False),
 ]
-Expect = Annotated[str | None, typer.Option("--expect", help="Refuse other versions than these.", hidden=True)]
-Pilot = Annotated[bool, typer.Option("--pilot/--no-pilot", help="Measure first what the time step does, if needed.")]
+Expect = Annotated[
+    str | None, typer.Option("--expect", help="Refuse to run with other versions than these.", hidden=True)
+]
+Pilot = Annotated[
+    bool, typer.Option("--pilot/--no-pilot", help="Measure the effect of the time step first, if needed.")
+]
 Every = Annotated[float, typer.Option("--checkpoint-every", help="Seconds between two checkpoints of a run.", min=0)]
 
 
@@ -50,19 +56,18 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Run what a study still needs. Ctrl-C leaves everything resumable: give the same command again.
 
-        Several processes may run one study in one lab, and share the work. With --shard each knows its part beforehand:
-        one process a part, in one lab or in several. Parts are even in the work that is foreseen, and runs from one
-        packing are in one part.
+        Several processes may run one study in one lab, and share the work. With --shard each process runs a fixed part,
+        in one lab or in several. Parts have about the same forecast cost, and runs from one packing are in one part.
 
         Several devices of this machine (--device cuda:all, or cuda:0,cuda:1) get a process each, and share the work.
 
-        With --cluster the workers of a Dask cluster run it, and give their runs back (labbook cluster).
+        With --cluster the workers of a Dask cluster (see labbook cluster) run the study and send back the runs.
 
-        A study that asks for an error (accuracy.flow_rate) of scenes that were not calibrated gets a pilot first, which
-        measures what the time step does, and writes STUDY.calibration.json beside it. --no-pilot leaves that out: the
-        usual step is taken, and the error budget says that its bias is not known.
+        If a study asks for an error (accuracy.flow_rate) and its scenes are not calibrated, a pilot comes first. It
+        measures the effect of the time step, and writes STUDY.calibration.json beside the study. --no-pilot skips it:
+        the default step is used, and the error budget says that its bias is not known.
 
-        A second Ctrl-C leaves at once; what was saved last is kept. Exit status: 0 if all runs of the study are there,
+        A second Ctrl-C stops at once and keeps the last checkpoints. Exit status: 0 if all runs of the study are done,
         1 if some failed, diverged or are suspect, 130 if it was stopped.
         """
         from labbook.api import Lab as Place
@@ -83,9 +88,9 @@ def register(app: typer.Typer) -> None:
             except ValueError as problem:
                 fail(f"--shard: {problem}")
         if cluster is not None and (shard is not None or base is not None):
-            fail("--cluster: the workers share the whole study out; leave out --shard and --base")
+            fail("--cluster: the workers share the whole study; leave out --shard and --base")
         if expect is not None and (told_apart := unexpected(expect, asked, backend)):
-            fail(f"{told_apart} since the script was written: write it again by labbook slurm")
+            fail(f"{told_apart} since the script was written: write the script again with labbook slurm")
         console, place = screen(highlight=False, markup=False), Place(lab, backend, device)
         try:
             with Bar(screen(stderr=True)) as bar:
@@ -100,7 +105,7 @@ def register(app: typer.Typer) -> None:
             fail(problem)
         except KeyboardInterrupt:
             with suppress(OSError):
-                typer.echo(f"Left at once; what was saved last is kept: {GO_ON}", err=True)
+                typer.echo(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
             leave(STOPPED)
         with suppress(OSError):  # the terminal is gone: all is saved, and nobody reads it
             for line in told(summary):
@@ -124,20 +129,20 @@ def piloted(place: "Place", study: "Study", watcher: "Watcher", shard: str | Non
     if needed is None:
         return study
     if shard is not None:
-        fail(f"{study.name} needs a pilot, which all parts share: labbook calibrate {study.path} first, or --no-pilot")
+        fail(f"{study.name} needs a pilot for all parts: run labbook calibrate {study.path} first, or give --no-pilot")
     runs = len(needed.points) * needed.replicates
-    watcher.tell(f"Nothing was measured of such scenes: first a pilot of {runs} runs (--no-pilot leaves it out)")
+    watcher.tell(f"Such scenes are not calibrated: a pilot of {runs} runs comes first (--no-pilot skips it)")
     try:
         study = place.pilot(study, watcher)
     except PilotStopped:
         raise
     except NotCalibrated as problem:
-        watcher.tell(f"The pilot tells nothing: {problem}. The usual step is taken, whose bias is not known")
+        watcher.tell(f"The pilot gave no calibration: {problem}. The default step is used; its bias is unknown")
         return study
     except PermissionError as problem:
-        fail(f"{problem.filename}: {problem.strerror}; labbook calibrate {study.path} --out FILE, and name FILE as "
-             "accuracy.calibration; or --no-pilot")  # fmt: skip
-    watcher.tell(f"Written by the pilot: {study.calibration_file}; what was chosen: labbook plan {study.path}")
+        fail(f"{problem.filename}: {problem.strerror}; run labbook calibrate {study.path} --out FILE and name FILE as "
+             "accuracy.calibration, or give --no-pilot")  # fmt: skip
+    watcher.tell(f"The pilot wrote {study.calibration_file}. To see the chosen numerics: labbook plan {study.path}")
     return study
 
 

@@ -11,12 +11,12 @@ from labbook.cli.screen import say, screen
 if TYPE_CHECKING:
     from labbook.lab import Lab as Folder
 
-OfStudy = Annotated[str | None, typer.Option("--study", help="Only runs first made for the study of this name.")]
+OfStudy = Annotated[str | None, typer.Option("--study", help="Only runs that were first made for this study.")]
 OfOutcome = Annotated[
-    str | None, typer.Option("--outcome", help="Only runs that ended so, or `unreadable`, or `suspect`.")
+    str | None, typer.Option("--outcome", help="Only runs with this outcome, or `unreadable`, or `suspect`.")
 ]
 OfTag = Annotated[str | None, typer.Option("--tag", help="Only runs with this tag in their note.")]
-Limit = Annotated[int, typer.Option("--limit", help="How many, the latest first; 0: all.", min=0)]
+Limit = Annotated[int, typer.Option("--limit", help="Number of runs to list, the latest first; 0: all.", min=0)]
 
 
 def register(app: typer.Typer) -> None:
@@ -31,7 +31,7 @@ def register(app: typer.Typer) -> None:
         limit: Limit = 50,
         as_json: AsJson = False,
     ) -> None:
-        """List runs, the latest first, with outcome, how far they went and how fast."""
+        """List runs, the latest first, with outcome, progress and speed."""
         from typing import get_args
 
         from labbook.lab.catalogue import SUSPECT
@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
 
         catalogue = existing(lab)
         if outcome is not None and outcome not in (known := (*get_args(Ending), UNREADABLE, SUSPECT)):
-            fail(f"--outcome {outcome}: no run ends so; use one of: {', '.join(known)}")
+            fail(f"--outcome {outcome}: no such outcome; use one of: {', '.join(known)}")
         if tag is None:
             found = catalogue.runs(study, outcome, limit or None)
         else:
@@ -57,7 +57,7 @@ def register(app: typer.Typer) -> None:
             typer.echo(f"{len(found)} of {total} runs shown")
         if changed:
             say(
-                f"{len(changed)} of these changed since they were indexed, {sorted(changed)[0]} first; look at them "
+                f"{len(changed)} of these changed since they were indexed, such as {sorted(changed)[0]}; index them "
                 f"again: labbook reindex --lab {lab}",
                 err=True,
             )

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from labbook.lab import Lab as Folder
     from labbook.lab.notes import Note
 
-Key = Annotated[str, typer.Argument(help="Key of the run, or how it begins.", metavar="RUN", show_default=False)]
+Key = Annotated[
+    str, typer.Argument(help="Key of the run, or the first digits of it.", metavar="RUN", show_default=False)
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -20,7 +22,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def show(run: Key, lab: Lab = LAB, as_json: AsJson = False) -> None:
-        """Show one run: how it ended, its numbers and where they come from, and its note.
+        """Show one run: its outcome, its numbers and their provenance, and its note.
 
         Notes are text files that you write: LAB/notes/runs/KEY.md for a run, LAB/notes/studies/NAME.md for a study.
         Their first line may list tags: `tags: slow, for-the-paper`.

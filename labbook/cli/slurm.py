@@ -7,13 +7,17 @@ import typer
 
 from labbook.cli.options import BACKEND, LAB, Lab, RunsOn, StudyFile, fail, read_study
 
-Tasks = Annotated[int, typer.Option("--tasks", help="Tasks of the array: parts of the study.", min=1)]
-Time = Annotated[str, typer.Option("--time", help="Time limit of a task, as Slurm writes it.", metavar="HH:MM:SS")]
-Gpus = Annotated[int | None, typer.Option("--gpus", help="GPUs of a task; 1 on warp.", min=0, show_default=False)]
-Cpus = Annotated[int | None, typer.Option("--cpus", help="Cores of a task.", min=1, show_default=False)]
+Tasks = Annotated[
+    int, typer.Option("--tasks", help="Number of tasks of the array; each runs a part of the study.", min=1)
+]
+Time = Annotated[str, typer.Option("--time", help="Time limit of a task, in Slurm's format.", metavar="HH:MM:SS")]
+Gpus = Annotated[
+    int | None, typer.Option("--gpus", help="GPUs per task; default with warp: 1.", min=0, show_default=False)
+]
+Cpus = Annotated[int | None, typer.Option("--cpus", help="Cores per task.", min=1, show_default=False)]
 Labs = Annotated[
     Path | None,
-    typer.Option("--labs", help="Folder of the labs of the parts; LAB-parts by default.", show_default=False),
+    typer.Option("--labs", help="Folder for the labs of the parts; default: LAB-parts.", show_default=False),
 ]
 Site = Annotated[
     Path | None,
@@ -25,13 +29,13 @@ Site = Annotated[
         show_default=False,
     ),
 ]
-Submit = Annotated[bool, typer.Option("--submit", help="Hand it to sbatch, with the import that follows.")]
+Submit = Annotated[bool, typer.Option("--submit", help="Submit the script with sbatch, followed by the import.")]
 Device = Annotated[
-    str | None, typer.Option("--device", help="Device; cuda:all with GPUs, else cpu.", show_default=False)
+    str | None, typer.Option("--device", help="Device; default: cuda:all with GPUs, else cpu.", show_default=False)
 ]
 Options = Annotated[
     list[str] | None,
-    typer.Argument(help="Further options of sbatch, after --.", metavar="[-- OPTION...]", show_default=False),
+    typer.Argument(help="Further options for sbatch, after --.", metavar="[-- OPTION...]", show_default=False),
 ]
 
 
@@ -53,12 +57,12 @@ def register(app: typer.Typer) -> None:
         site: Site = None,
         submit: Submit = False,
     ) -> None:
-        """Print a script that runs a study as a job array of Slurm, or hand it to sbatch.
+        """Print a script that runs a study as a job array of Slurm, or submit it with sbatch.
 
-        Every task runs a part of what LAB lacks, in a lab of its own below LAB-parts, and task 0, which waits for all,
-        imports them into LAB. A task whose time is nearly over saves what is going on and goes back into the queue. To
-        submit the same again goes on from there. A task refuses to run if labbook, the backend or the study changed
-        since the script was written.
+        Every task runs a part of the runs that LAB lacks, in its own lab below LAB-parts. Task 0 waits for all tasks
+        and imports their labs into LAB. A task saves its runs before its time limit and is queued again. Submit the
+        same script again to go on. A task refuses to run if labbook, the backend or the study changed since the script
+        was written.
         """
         from labbook.backend import BackendMissing, load
         from labbook.run.slurm import Array, SlurmFailed
@@ -67,7 +71,7 @@ def register(app: typer.Typer) -> None:
 
         asked = read_study(study)
         if first_needed(asked) is not None:
-            fail(f"{asked.name} needs a pilot, which all parts share: labbook calibrate {study} first")
+            fail(f"{asked.name} needs a pilot for all parts: run labbook calibrate {study} first")
         try:
             capabilities = load(backend).capabilities
             many = gpus if gpus is not None else int(backend == "warp" and device in (None, "cuda:0"))

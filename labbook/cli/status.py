@@ -16,7 +16,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def status(lab: Lab = LAB, as_json: AsJson = False) -> None:
-        """Count runs by outcome and packings, and list running processes and unfinished work."""
+        """Count runs (by outcome) and packings, and list running processes and unfinished work."""
         from labbook.lab.journal import unfinished
         from labbook.run.live import running
         from labbook.run.progress import counts as runs_done
@@ -47,10 +47,12 @@ def register(app: typer.Typer) -> None:
         for problem in lost[:_MOST]:
             console.print(f"  cannot be read: {problem}", style="red", markup=False, soft_wrap=True)
         if len(lost) > _MOST:
-            say(f"  and {len(lost) - _MOST} more, which labbook status --json --lab {lab} lists")
+            say(f"  and {len(lost) - _MOST} more; labbook status --json --lab {lab} lists all")
         for one in live:
             where = f"{one.backend} on {one.device}, process {one.pid} on {one.host}"
             say(f"  {one.study}: {'; '.join(filter(None, (runs_done(one), remaining(one), where)))}")
         for work in works:
-            state = "being worked on" if work.held else "left, resumable" if work.saved else "left, starts afresh"
+            state = (
+                "in progress" if work.held else "stopped, resumable" if work.saved else "stopped, starts from step 0"
+            )
             say(f"  {work.key}  step {work.step}  {state}{f' ({work.problem})' if work.problem else ''}")

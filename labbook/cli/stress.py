@@ -22,7 +22,7 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Try to break a backend: extreme time steps, stiffnesses, speeds, sizes and geometries.
 
-        Every case ends right or with a named error; exit status 1 if one does not.
+        Every case must give a correct result or a clear error; exit status 1 if one does not.
         """
         from labbook.stress.bounded import Bench
         from labbook.stress.cases import chosen

@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
         list_: Listed = False,
         json: AsJson = False,
     ) -> None:
-        """Check a backend against analysis, conservation laws, symmetries and independent integration.
+        """Check a backend against analytical solutions, conservation laws, symmetries and independent integration.
 
         Exit status 1 if a check fails.
         """

@@ -61,7 +61,11 @@ def _recordings(target: str, point: int | None, lab: Path, backend: str) -> list
     if not Path(target).is_file():
         keys = catalogue.matching(target)
         if len(keys) != 1:
-            known = f"{len(keys)} runs begin so" if keys else f"no such file, and no run of {lab} begins so"
+            known = (
+                f"the keys of {len(keys)} runs begin so"
+                if keys
+                else f"no such file, and no key of a run in {lab} begins so"
+            )
             fail(f"{target}: {known}; `labbook runs --lab {lab}` lists them")
         return [of_run(catalogue.lab.run(keys[0]), lab)]
     study = read_study(Path(target))
@@ -79,11 +83,11 @@ def _recordings(target: str, point: int | None, lab: Path, backend: str) -> list
     for problem in lost:
         say(f"Left out: {problem}", err=True)
     if not runs:
-        fail(
-            f"{lab} has no such finished run of {study.name} on {backend}; make some: labbook run {target} --lab {lab}"
-        )
+        fail(f"{lab} has no such finished run of {study.name} on {backend}; make one: labbook run {target} --lab {lab}")
     if not made and not lost:
-        raise NotRecorded(f"none of these runs kept frames: add `record: {{every: 10 ms}}` to {target} and run it")
+        raise NotRecorded(
+            f"none of these runs kept frames: add `record: {{every: 10 ms}}` to {target} and run it again"
+        )
     if not made:
         fail(f"no recorded run of {study.name} can be read; make them again: labbook run {target} --lab {lab}")
     return made

@@ -42,7 +42,7 @@ def narrowed(study: Study, points: Sequence[int] = (), replicates: int | None = 
         raise CannotCompare(f"--point {wrong[0] + 1}: {study.name} has the points 1 to {len(study.points)}")
     number = replicates or study.replicates
     if number < 2:
-        raise CannotCompare(f"{study.name} has 1 replicate a point and a test needs 2 at least; use --replicates")
+        raise CannotCompare(f"{study.name} has 1 replicate per point; a test needs 2: use --replicates 2 or more")
     chosen = tuple(point for point in study.points if not points or point.index in points)
     return replace(
         study, points=chosen, replicates=number, accuracy=Accuracy(count_suspect=study.accuracy.count_suspect)
@@ -73,7 +73,7 @@ def compare(
     if before and before.entrants != entrants:  # other versions, or on other devices
         before = None
     known = {point.divergence.key: point.divergence for point in before.points if point.divergence} if before else {}
-    say("running what is missing")
+    say("making missing runs")
     sessions = _run(study, lab, pair, watcher or Unwatched())
     measures = tuple(name for name in COMPARED if name in ("flow_rate", *study.measure))
     points = []
@@ -131,8 +131,8 @@ def stale(verdict: Verdict, study: Study) -> list[str]:
             sides.insert(0, Side(load(entrant.name), entrant.device, entrant.precision))
             versions.insert(0, (entrant.name, entrant.cache_version, sides[0].can.cache_version))
         except BackendMissing as problem:
-            reasons.insert(0, f"whether {entrant.name} has changed cannot be told: {problem}")
-    reasons += [f"{name} was at version {was} and is at {now}" for name, was, now in versions if was != now]
+            reasons.insert(0, f"cannot check whether {entrant.name} has changed: {problem}")
+    reasons += [f"{name} was at version {was} and is now at {now}" for name, was, now in versions if was != now]
     if reasons:
         return reasons
     seeds, now = range(1, verdict.replicates + 1), set()

@@ -45,7 +45,7 @@ def contrast_table(verdict: Verdict) -> Table:
     rows, marked = [], set()
     notes = [
         f"Two one-sided tests at {percent(verdict.alpha)} with a margin of ±{percent(verdict.margin)} of {first}’s "
-        "mean: equivalent if the interval lies within the margin. Power: the chance to show that if there is none."
+        "mean: equivalent if the interval lies within the margin. Power: probability of that without a difference."
     ]
     for point, one in _tests(verdict):
         shown = display.quantity(one.quantity)
@@ -68,7 +68,7 @@ def contrast_table(verdict: Verdict) -> Table:
 def divergence_table(verdict: Verdict) -> Table:
     """Every point: how long both backends agree on where the grains are."""
     rows = []
-    notes = [f"From the same packing; they agree as long as no grain is more than {AGREE:g} d apart."]
+    notes = [f"From the same packing; the motions agree as long as no grain is more than {AGREE:g} d apart."]
     for point in verdict.points:
         cells = (_DASH,) * 4
         if found := point.divergence:
@@ -90,11 +90,11 @@ def cost_table(verdict: Verdict) -> Table:
         rates = [_DASH if rate is None else f"{rate / 1e6:.2f}" for rate in (cost.rate, cost.session_rate, alone)]
         made, session = ", ".join(cost.devices) or _DASH, _told(cost.session_wall, ".4g")
         rows.append((cost.backend, made, str(cost.runs), f"{cost.wall_time:.4g}", *rates[:2], session, rates[2]))
-    headings = ("backend", "runs made on", "runs", "their wall time [s]", "a run [M/s]", "session, all runs [M/s]")
+    headings = ("backend", "runs made on", "runs", "wall time of runs [s]", "per run [M/s]", "session, all runs [M/s]")
     note = (
-        "M/s: million grain-steps per second of wall time. A run’s wall time counts that of its neighbours in the same "
-        "ensemble; the last session that ran anything has compiling, filling and saving in it; alone: followed frame "
-        "by frame beside the other backend, compiling left out."
+        "M/s: million grain-steps per second of wall time. A run’s wall time includes that of the other runs in its "
+        "ensemble. A session is the last one that made runs, with compiling, filling and saving. One scene alone is "
+        "followed frame by frame beside the other backend, without compiling."
     )
     headings = (*headings, "session [s]", "one scene alone [M/s]")
     return Table(headings, tuple(rows), frozenset({0, 1}), notes=(note,))

@@ -82,13 +82,13 @@ def _precisions(text: str | None) -> tuple[Precision | None, Precision | None]:
     known: dict[str, Precision] = {word: word for word in get_args(Precision)}
     words = _two(text, "--precisions", "double,mixed")
     if unknown := [word for word in words if word not in known]:
-        raise CannotCompare(f"--precisions: there is no {unknown[0]}; there are {', '.join(known)}")
+        raise CannotCompare(f"--precisions: no precision is called {unknown[0]}; use two of {', '.join(known)}")
     return known[words[0]], known[words[1]]
 
 
 def _two(text: str, option: str, example: str) -> tuple[str, str]:
     words = [word.strip() for word in text.split(",")]
     if len(words) != 2 or not all(words):
-        wanted = f"two words with a comma between them are needed, such as {example}"
+        wanted = f"two names separated by a comma are needed, such as {example}"
         raise CannotCompare(f"{option}: {wanted}, not {text!r}")
     return words[0], words[1]

@@ -134,7 +134,7 @@ class Verdict(Part):
         try:
             return cls.model_validate_json(path.read_bytes())
         except FileNotFoundError:
-            raise NoVerdict(f"{path} is not there: these backends were not compared on this study yet") from None
+            raise NoVerdict(f"{path} does not exist: these backends were not compared on this study yet") from None
         except (OSError, ValidationError) as error:
             raise NoVerdict(f"{path} cannot be read ({type(error).__name__}): compare the backends again") from error
 

@@ -30,7 +30,7 @@ def data_file(packing: Packing, scene: Scene, title: str) -> str:
     """
     grains = scene.grains
     if not isinstance(grains, Spheres):
-        raise NotSpheres(f"data files are for spheres, and the grains are of the shape {grains.shape}")
+        raise NotSpheres(f"data files hold spheres only, but the grains have the shape {grains.shape}")
     bodies = Bodies.of(grains, packing)
     densities = np.array([one.density for one in grains.species])[bodies.kind]
     low, high = packing.x.min(axis=0) - MARGIN * grains.diameter, packing.x.max(axis=0) + MARGIN * grains.diameter

@@ -73,7 +73,7 @@ def _photograph(
     answered = time.monotonic()
     opened = client.open(str(recording))
     if not opened.store_ids and not opened.loading:
-        raise RuntimeError(f"{recording} is no recording that it can read")
+        raise RuntimeError(f"{recording} is not a recording that the viewer can read")
     deadline = answered + _PATIENCE
     state = client.get_state()
     while state.loading or not state.recordings or not state.recordings[0].timelines:

@@ -38,7 +38,7 @@ class Feeder:
         if self._roof - self.level < _ROOM * self._length:
             raise PlacingError(
                 f"the bed reaches up to {self.level * 1e3:.4g} mm, and the side walls to {self._roof * 1e3:.4g} mm: no "
-                f"room for grains that are fed; raise container.height by {_ROOM:g} grains or more, or use fewer grains"
+                f"room for fed grains; raise container.height by {_ROOM:g} grains or more, or use fewer grains"
             )
 
     def returning(self, there: Packing, beat: int) -> Packing | None:

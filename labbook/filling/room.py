@@ -27,7 +27,7 @@ class Room:
         strips = [(shape.start, shape.end) for shape in self.shapes if isinstance(shape, Strip)]
         frustums = [(shape.lower, shape.upper) for shape in self.shapes if isinstance(shape, Frustum)]
         if strips and frustums:
-            raise PlacingError("strips and frustums in one container: only one kind of plate can be filled")
+            raise PlacingError("a container with both strips and frustums cannot be filled; use one kind of plate")
         self.round = bool(frustums)
         self.plates = np.array([*strips, *frustums]).reshape(-1, 2, 2)
         floor = [p.point[2] for p in self.planes if _axis(p) == (2, 1)]

@@ -136,7 +136,7 @@ class Catalogue:
     def _open(self) -> Engine:
         path, folder = self.lab.catalogue, self.lab.folder
         if folder.exists() and not folder.is_dir():
-            raise LabError(f"{folder} is a file, and no lab folder; give another one with --lab")
+            raise LabError(f"{folder} is a file, not a lab folder; give another one with --lab")
         there = path.exists() or server.address(self.lab) is not None
         if not there:
             if self.lab.runs.is_dir() and any(self.lab.runs.iterdir()):

@@ -232,7 +232,7 @@ def unusable(lab: Lab, error: DatabaseError) -> LabError:
     why, path = str(error.orig), lab.catalogue
     if place := server.address(lab):
         return LabError(
-            f"{place.shown}: {server.why(error)}; see to it that the server can be reached, or take the index home: "
+            f"{place.shown}: {server.why(error)}; check that the server can be reached, or move the index back: "
             f"labbook reindex --lab {lab.folder} --index file"
         )
     if damaged(error):
@@ -242,7 +242,7 @@ def unusable(lab: Lab, error: DatabaseError) -> LabError:
     if "locked" in why:
         return LabError(f"{path}: another labbook has been writing to it for {BUSY:g} s; give the same command again")
     return LabError(
-        f"{path}: {why}; see to it that you may read and write the files in {lab.folder}, or use a copy of the folder"
+        f"{path}: {why}; get permission to read and write the files in {lab.folder}, or use a copy of the folder"
     )
 
 

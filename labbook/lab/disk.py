@@ -91,18 +91,18 @@ def _room(folder: Path) -> str:
 def _locks(folder: Path) -> str:
     path, ready = folder / "held.lock", folder / "ready"
     with _process(_hold, path, ready) as holder:
-        _until(ready.exists, "a second process did not come to lock a file")
+        _until(ready.exists, "a second process did not lock a file in time")
         claim = lock(path, _ALONE)
         if claim is not None:
             claim.release()
             raise Unfit("two processes held one lock at once: run one labbook at a time in this folder")
         if not is_locked(path):
-            raise Unfit("a lock that another process holds is not seen")
+            raise Unfit("the lock of another process is not seen")
         holder.kill()
         holder.join()
     began = time.monotonic()
-    _until(lambda: not is_locked(path), "the lock of a process that was killed is never free again")
-    return f"one holder at a time; the lock of a killed process is free after {time.monotonic() - began:.2f} s"
+    _until(lambda: not is_locked(path), "the lock of a killed process is never released")
+    return f"one holder at a time; the lock of a killed process is released after {time.monotonic() - began:.2f} s"
 
 
 def _hold(path: Path, ready: Path) -> None:
@@ -142,7 +142,7 @@ def _read_while(path: Path, going: Callable[[], bool]) -> str:
         read += 1
         contents.add(content[0])
     if len(contents) < 2:
-        raise Unfit(f"a file that another process replaces is not seen to change, in {read} looks")
+        raise Unfit(f"a file that another process replaced looked unchanged, in {read} looks")
     return f"{read} looks at a file that is replaced all the time found it whole"
 
 
@@ -160,7 +160,7 @@ def _clock(folder: Path) -> str:
     skew = clock_skew(folder / "clock")
     said = f"the file system's clock is {abs(skew):.3g} s {'ahead' if skew > 0 else 'behind'}"
     if abs(skew) > _SKEW:
-        raise Unfit(f"{said}; set the clocks (NTP): times of runs are in no order else")
+        raise Unfit(f"{said}; set the clocks (NTP), or times of runs are out of order")
     return said
 
 
@@ -278,7 +278,10 @@ class Meeting:
         self._swaps += 1
         mine, theirs = (self.place / f"{self._step}-{self._swaps}-{name}" for name in (self._own, self.other))
         write_bytes(mine, json.dumps(told).encode())
-        _until(lambda: theirs.name in os.listdir(self.place), f"{self.other} was not heard of any more")
+        _until(
+            lambda: theirs.name in os.listdir(self.place),
+            f"{self.other} stopped answering; start both again",
+        )
         return json.loads(theirs.read_bytes())
 
     def leave(self) -> None:
@@ -295,7 +298,7 @@ class Meeting:
 def _hosts(meeting: Meeting) -> str:
     other = meeting.swap(node())
     if other == node():
-        return f"both on {node()}: two processes, and nothing is proved of two hosts"
+        return f"both on {node()}: this tests two processes, not two hosts"
     return f"{node()} and {other}"
 
 
@@ -304,11 +307,11 @@ def _shared_locks(meeting: Meeting) -> str:
     for holds in (meeting.first, not meeting.first):
         claim = lock(path, _ALONE) if holds else None
         if holds and claim is None:
-            wrong = "a lock that nobody holds cannot be had"
+            wrong = "a free lock cannot be taken"
         meeting.swap()
         if not holds:
             if not is_locked(path):
-                wrong = "a lock that the other host holds is not seen"
+                wrong = "the lock of the other host is not seen"
             elif (second := lock(path, _ALONE)) is not None:
                 second.release()
                 wrong = "two hosts held one lock at once"
@@ -318,7 +321,7 @@ def _shared_locks(meeting: Meeting) -> str:
         meeting.swap()
     theirs = meeting.swap(wrong)
     if wrong or theirs:
-        raise Unfit(f"{wrong or theirs}: let only one host work in this lab, and bring others' runs by labbook import")
+        raise Unfit(f"{wrong or theirs}: use this lab on one host only, and copy runs of others with labbook import")
     return "one holder at a time, on two hosts"
 
 

@@ -47,7 +47,7 @@ class NotEvaluated(LookupError):
     """A measure was not evaluated of a run yet, and who asks for it evaluates nothing."""
 
     def __init__(self, measure: str, run_key: str):
-        super().__init__(f"{measure} was not evaluated of the run {run_key}")
+        super().__init__(f"{measure} was not evaluated for the run {run_key}")
         self.run_key = run_key
 
 

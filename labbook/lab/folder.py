@@ -59,7 +59,7 @@ class DiskFull(LabError):
     def __init__(self, path: Path):
         super().__init__(
             f"no room is left on the disk of {path}: finished runs and the last checkpoints are safe; "
-            "make room and give the same command again"
+            "free some space and give the same command again"
         )
         self.path = path
 
@@ -73,7 +73,7 @@ class NoLocks(LabError):
     def __init__(self, folder: Path, error: OSError):
         super().__init__(
             f"{folder}: files there cannot be locked ({error.strerror}), and nothing would keep two processes from the "
-            "same work; use a lab on a local disk and bring it there by labbook import, or have the file system "
+            "same work; use a lab on a local disk and copy runs there with labbook import, or have the file system "
             "mounted with locks (NFS: with its lock service, Lustre: with the option flock)"
         )
 

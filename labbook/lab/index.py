@@ -72,7 +72,7 @@ class Index:
     def __init__(self, lab: Lab, *, again: bool = False, tick: Tick | None = None):
         self.lab = lab
         if lab.folder.exists() and not lab.folder.is_dir():
-            raise LabError(f"{lab.folder} is a file, and no lab folder; give another one with --lab")
+            raise LabError(f"{lab.folder} is a file, not a lab folder; give another one with --lab")
         make_folder(lab.folder)
         self.found = Indexed()
         if not self._open(again):

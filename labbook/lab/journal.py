@@ -56,7 +56,7 @@ class Progress(Part):
         except ValidationError as error:
             raise Unreadable(f"{path}: {error.errors()[0]['msg']}") from error
         if type(found.state.get("step")) is not int or not 0 <= found.step < 2**63:
-            raise Unreadable(f"{path}: state.step: it says no step")
+            raise Unreadable(f"{path}: state.step: the step is missing")
         if missing := [name for name in found.files if not (folder / name).is_file()]:
             raise Unreadable(f"{folder / missing[0]} is missing")
         return found

@@ -60,7 +60,7 @@ def merge(index: Index, source: Path) -> Merged:
     """
     lab, other = index.lab, Lab(source)
     if not other.exists:
-        raise FileNotFoundError(errno.ENOENT, "no lab: it has neither runs/ nor packings/", str(source))
+        raise FileNotFoundError(errno.ENOENT, "not a lab: it has neither runs/ nor packings/", str(source))
     merged = Merged()
     runs = _entries(other.runs)  # before the packings: whoever works there makes a packing before the runs from it
     for names, theirs, take in (
@@ -176,7 +176,7 @@ def _take_study(lab: Lab, name: str, theirs: Path, merged: Merged) -> None:
     if before is None:
         merged.studies.append(name)
     elif before != text:
-        merged.stayed.append(f"the file of the study {name} is another one here, and stays: {studies.place(lab, name)}")
+        merged.stayed.append(f"the study file {name} of this lab differs and is kept: {studies.place(lab, name)}")
 
 
 def _take_note(lab: Lab, kind: notes.Kind, name: str, theirs: Path, merged: Merged) -> None:
@@ -186,14 +186,14 @@ def _take_note(lab: Lab, kind: notes.Kind, name: str, theirs: Path, merged: Merg
     except ValueError as problem:
         raise Unreadable(f"{theirs}: {problem}") from problem
     except LabError as problem:
-        merged.stayed.append(f"the note here cannot be read, and stays: {problem}")
+        merged.stayed.append(f"the note of this lab cannot be read and is kept: {problem}")
         return
     if not before and note:
         with _in_the_way(theirs, mine):
             notes.write(lab, kind, name, note)
         merged.notes += 1
     elif note not in (before, notes.Note()):
-        merged.stayed.append(f"the note of the {kind} {name} is another one here, and stays: {mine}")
+        merged.stayed.append(f"the note of the {kind} {name} in this lab differs and is kept: {mine}")
 
 
 @contextmanager
@@ -242,7 +242,7 @@ def _seen(folder: Path) -> tuple[int, int]:
             if entry.is_symlink():
                 raise Unreadable(f"{entry.path}: it is a link; import copies no links")
             if not entry.is_file(follow_symlinks=False) and not entry.name.startswith("."):
-                raise Unreadable(f"{entry.path}: it is no ordinary file, and does not belong there")
+                raise Unreadable(f"{entry.path}: not an ordinary file; it does not belong in a lab")
         return status.st_ino, stamp(folder)
 
 
@@ -328,8 +328,8 @@ def _opened(theirs: Path, most: float) -> Iterator[tuple[BinaryIO, os.stat_resul
     status = os.fstat(handle)
     if not stat.S_ISREG(status.st_mode):
         os.close(handle)
-        raise Unreadable(f"{theirs}: it is no ordinary file")
+        raise Unreadable(f"{theirs}: not an ordinary file")
     with os.fdopen(handle, "rb") as source:
         if status.st_size > most:
-            raise Unreadable(f"{theirs}: it has {status.st_size} bytes, more than the {most:.0f} that it may have")
+            raise Unreadable(f"{theirs}: it has {status.st_size} bytes, more than the allowed {most:.0f}")
         yield source, status

@@ -95,7 +95,7 @@ def write(lab: Lab, kind: Kind, name: str, note: Note) -> None:
     try:
         content = _written(tags, text).encode()
     except UnicodeEncodeError as error:
-        raise ValueError(f"character {error.start + 1} of the note is half of another one; leave it out") from error
+        raise ValueError(f"character {error.start + 1} of the note is half of a surrogate pair; remove it") from error
     if len(content) > MOST_BYTES:
         raise ValueError(f"the note has {len(content)} bytes with its tags, and {MOST_BYTES} are allowed; shorten it")
     with lab.alone(f"note-{kind}-{name}"):

@@ -55,12 +55,12 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
     record = PackingRecord.read(folder, key)
     path = folder / PackingRecord.FILE
     if identity.scene_key(record.scene) != record.closed_key:
-        raise Unreadable(f"{path}: closed_key: it is not that of the scene")
+        raise Unreadable(f"{path}: closed_key: it does not match the scene")
     whose = identity.packing_key(
         record.closed_key, record.filling, record.numerics, record.backend, record.cache_version
     )  # fmt: skip
     if whose != record.packing_key:
-        raise Unreadable(f"{path}: packing_key: it is not that of the scene, the filling and the numerics, {whose}")
+        raise Unreadable(f"{path}: packing_key: it does not match the scene, the filling and the numerics ({whose})")
     path = folder / ARRAYS
     try:
         packing = Packing(**read_table(path, min(MOST, 2**20 + _BYTES * record.grains)))
@@ -85,7 +85,7 @@ def _fault(record: PackingRecord, packing: Packing) -> str | None:
         return "rods without orientations"
     names = {wall.name for wall in record.scene.container.walls()}
     if unknown := set(map(str, np.unique(packing.wall_name))) - names:
-        return f"springs at walls that are not there: {', '.join(sorted(unknown))}"
+        return f"springs at walls that do not exist: {', '.join(sorted(unknown))}"
     try:
         Bodies.of(grains, packing)
     except ValueError as error:

@@ -113,7 +113,7 @@ class Record(Part):
             where = ".".join(map(str, first["loc"])) or "the file"
             raise Unreadable(f"{path}: {where}: {first['msg']}") from error
         if record.seal is not None and record.seal != _seal(text.replace(record.seal.encode(), _UNSEALED.encode(), 1)):
-            raise Unreadable(f"{path}: it is not as it was written: its seal is broken")
+            raise Unreadable(f"{path}: it was changed after it was written (wrong checksum)")
         if getattr(record, cls.KEY) != key:
             raise Unreadable(f"{path}: it belongs to {getattr(record, cls.KEY)}: the folder was renamed or copied")
         return record

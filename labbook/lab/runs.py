@@ -86,7 +86,7 @@ def read_end(folder: Path, record: RunRecord) -> Checkpoint:
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
     if (checkpoint.backend, checkpoint.cache_version) != (record.backend, record.cache_version):
-        raise Unreadable(f"{path}: it is of {checkpoint.backend} version {checkpoint.cache_version}")
+        raise Unreadable(f"{path}: it was made by {checkpoint.backend} version {checkpoint.cache_version}")
     return checkpoint
 
 
@@ -143,11 +143,11 @@ def fault_of_crossings(table: Mapping[str, np.ndarray], crossed: int, last: floa
     """Why these cannot be the rows of `crossed` grains of which the last left the container at `last` [s]; `again`:
     whether a grain may have left several times."""
     if len(table["id"]) != crossed:
-        return f"{len(table['id'])} grains have crossed the outlet, and not {crossed} as recorded"
+        return f"{len(table['id'])} grains have crossed the outlet, but {crossed} are recorded"
     if not again and len(np.unique(table["id"])) != crossed:
         return "a grain has crossed the outlet twice"
     if float(np.max(table["time"], initial=0.0)) != last:
-        return f"the last grain has not left at {last:g} s, as recorded"
+        return f"the last grain did not leave at {last:g} s, as is recorded"
     return None
 
 
@@ -160,7 +160,7 @@ def check_keys(folder: Path, record: RunRecord) -> None:
     }
     for name, key in whose.items():
         if getattr(record, name) != key:
-            raise Unreadable(f"{folder / RunRecord.FILE}: {name}: it is not that of what is recorded, {key}")
+            raise Unreadable(f"{folder / RunRecord.FILE}: {name}: it does not match the record ({key})")
     if record.coverage.grains != record.scene.grains.count:
         raise Unreadable(f"{folder / RunRecord.FILE}: coverage.grains: the scene has {record.scene.grains.count}")
 
@@ -169,13 +169,13 @@ def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None
     """Whether a packing is one that the run can have started from."""
     path = folder / RunRecord.FILE
     if packed.scene.grains != record.scene.grains:
-        raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} is of other grains")
+        raise Unreadable(f"{path}: packing_key: the packing {packed.packing_key} has other grains")
     lineage = identity.lineage_from(
         record.scene_key, packed.closed_key, packed.filling, packed.numerics, packed.backend, record.numerics,
         record.backend,
     )  # fmt: skip
     if record.lineage_key != lineage:
-        raise Unreadable(f"{path}: lineage_key: it is not that of what is recorded, {lineage}")
+        raise Unreadable(f"{path}: lineage_key: it does not match the record ({lineage})")
 
 
 def _film(record: RunRecord) -> Sample:

@@ -59,7 +59,7 @@ def _read(path: Path) -> Address | None:
         return None
     except (OSError, ValueError, KeyError, TypeError) as problem:
         raise LabError(
-            f"{path} does not say where the index is ({problem}); say it again: "
+            f"{path} does not say where the index is ({problem}); state it again: "
             f"labbook reindex --lab {path.parent} --index postgresql://HOST/DATABASE (or: --index file)"
         ) from problem
     return Address(url, f"lab_{name}_{number}")
@@ -89,7 +89,7 @@ def move_to(lab: Lab, url: str) -> str | None:
 
     try:
         if make_url(url).get_backend_name() != "postgresql":
-            raise ArgumentError("it is no address of PostgreSQL")
+            raise ArgumentError("it is not an address of PostgreSQL")
     except ArgumentError as problem:
         raise LabError(f"--index {url}: {problem}; give postgresql://HOST/DATABASE, or file") from problem
     make_folder(lab.folder)
@@ -137,7 +137,7 @@ def _dropped(place: Address) -> str | None:
             connection.execute(DropSchema(place.schema, cascade=True, if_exists=True))
             connection.commit()
     except (SQLAlchemyError, LabError) as error:
-        return f"{place.shown} is left behind: {why(error)}"
+        return f"the old index could not be removed: {place.shown}: {why(error)}"
     return None
 
 

@@ -39,12 +39,12 @@ def suspicion(ledger: Ledger | None) -> str:
         reasons.append(f"grains overlap by {overlap} d, more than {most} d")
     limit = FASTEST * (ledger.expected_speed or math.inf)
     if ledger.speed is not None and ledger.speed > limit:
-        reasons.append(f"a grain moves at {ledger.speed:.3g} m/s, more than {FASTEST:g} times as fast as by its fall")
+        reasons.append(f"a grain moves at {ledger.speed:.3g} m/s, more than {FASTEST:g} times its free-fall speed")
     if ledger.outside:
-        reasons.append(f"{_grains(ledger.outside)} got behind a wall or past the outlet beside it")
+        reasons.append(f"{_grains(ledger.outside)} went through a wall or past the outlet")
     if ledger.lost:
         told = f"{ledger.started} = {ledger.inside} inside + {ledger.left} left + {ledger.outside} outside"
-        reasons.append(f"the grains do not add up: {told} fails by {ledger.lost}")
+        reasons.append(f"the number of grains is not conserved: {told} fails by {ledger.lost}")
     return "; ".join(reasons)
 
 

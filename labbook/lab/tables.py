@@ -53,7 +53,7 @@ class Stored(Mapping[str, np.ndarray]):
                 declared = sum(entry.file_size for entry in self._archive.infolist())
                 if declared > most:
                     size, limit = told_apart(declared, most, of_limit=3)
-                    raise ValueError(f"it declares {size} bytes, more than the {limit} that it may hold")
+                    raise ValueError(f"it declares {size} bytes, more than the allowed {limit}")
         except BaseException:
             self._file.close()
             raise
@@ -124,7 +124,7 @@ def fault_of_rows(table: Table, probe: Probe, scene: Scene, numerics: Numerics, 
         if name == "step":
             step = column
         elif name == "time" and count and np.abs(column / numerics.dt - step).max() > _LATE:
-            return "column time does not fit to the steps"
+            return "column time does not match the steps"
     return None
 
 

@@ -19,8 +19,8 @@ CUT_SHORT = ENDED.format("finished")
 """Note on a run that met its stop rule before the window ended."""
 _GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
 _RATES = (
-    Quantity("flow_rate", "W", "kg/s", "mass flow rate over the steady part of the discharge", "g/s", 1e3),
-    Quantity("grain_rate", "Q", "1/s", "grains per second over the same part"),
+    Quantity("flow_rate", "W", "kg/s", "mass flow rate in the window", "g/s", 1e3),
+    Quantity("grain_rate", "Q", "1/s", "grains per second in the window"),
     Quantity("flow_rate_drift", "drift of W", "", "relative change of W across the window", "%", 100),
 )
 
@@ -43,7 +43,7 @@ class FlowRate(Measure):
         *map(while_flowing, _RATES),
         Quantity("gap_time", "time without flow", "s", "sum of the times between grains longer than 1 s"),
         Quantity(
-            "waiting_time", "waiting time", "s", "time since the last grain of a clogged run, censored", pooled=False
+            "waiting_time", "waiting time", "s", "time since the last grain of a clogged run (censored)", pooled=False
         ),
     )
 

@@ -24,7 +24,7 @@ _OF_WINDOW = (
     Quantity(
         "mean_max_overlap", "⟨δ_max⟩/d", "", "mean over the window of the largest overlap of a sampled step", "%", 100
     ),
-    Quantity("contact_loss", "P_c", "W", "energy that contacts take from the grains per time", "mW", 1e3),
+    Quantity("contact_loss", "P_c", "W", "energy that contacts take from the grains per unit time", "mW", 1e3),
 )
 
 

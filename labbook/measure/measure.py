@@ -74,7 +74,7 @@ def while_flowing(quantity: Quantity) -> Quantity:
         quantity,
         name=f"{quantity.name}_flowing",
         symbol=f"{quantity.symbol} of clogged runs while flowing",
-        meaning=f"{quantity.meaning}, of runs that clogged, while they flowed",
+        meaning=f"{quantity.meaning}, of clogged runs while they flowed",
     )
 
 

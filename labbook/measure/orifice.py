@@ -42,16 +42,21 @@ _FEWEST = 8
 """Frames below which there are no means."""
 _MEANS = (
     Quantity("orifice_packing_fraction", "⟨φ⟩", "", "packing fraction of the first centimetre above the orifice"),
-    Quantity("orifice_v_z", "⟨v_z⟩", "m/s", "vertical velocity there, weighted by φ"),
-    Quantity("orifice_kinetic_pressure", "⟨p_k⟩", "Pa", "trace of the kinetic stress there"),
-    Quantity("orifice_kinetic_pressure_fine", "⟨p_k⟩ at ω/2", "Pa", "the same, seen through a kernel half as wide"),
-    Quantity("orifice_O_rr", "⟨O_rr⟩", "", "mean square of the cosine between rods and the radial direction there"),
-    Quantity("orifice_O_tt", "⟨O_tt⟩", "", "the same with the azimuthal direction"),
-    Quantity("orifice_O_zz", "⟨O_zz⟩", "", "the same with the vertical"),
-    Quantity("orifice_S", "⟨S⟩", "", "largest eigenvalue of the orientation tensor of an instant there, then its mean"),
+    Quantity("orifice_v_z", "⟨v_z⟩", "m/s", "vertical velocity in this layer, weighted by φ"),
+    Quantity("orifice_kinetic_pressure", "⟨p_k⟩", "Pa", "trace of the kinetic stress in this layer"),
+    Quantity("orifice_kinetic_pressure_fine", "⟨p_k⟩ at ω/2", "Pa", "kinetic pressure with a kernel half as wide"),
+    Quantity("orifice_O_rr", "⟨O_rr⟩", "", "mean square of the cosine between rods and the radial direction"),
+    Quantity("orifice_O_tt", "⟨O_tt⟩", "", "mean square of the cosine with the azimuthal direction"),
+    Quantity("orifice_O_zz", "⟨O_zz⟩", "", "mean square of the cosine with the vertical"),
+    Quantity("orifice_S", "⟨S⟩", "", "mean over time of the largest eigenvalue of the orientation tensor"),
     Quantity("orifice_S_of_mean", "S of ⟨O⟩", "", "largest eigenvalue of the orientation tensor averaged over time"),
     Quantity(
-        "free_fall_height", "free fall", "m", "height from which grains fall freely, as they gain speed", "mm", 1e3
+        "free_fall_height",
+        "free fall",
+        "m",
+        "height below which grains fall freely",
+        "mm",
+        1e3,
     ),
 )
 _OF_RODS = {f"orifice_{name}" for name in ("O_zz", "O_rr", "O_tt", "S", "S_of_mean")}

@@ -246,7 +246,7 @@ def _hopper(scene: Scene) -> WedgeHopper:
         reason = f"outlet_profiles needs the slot of a wedge-hopper, and the container is a {scene.container.kind}"
         raise MeasureError(reason, "take outlet_profiles out of measure, or use a wedge-hopper")
     if scene.grains.half_length > 0:
-        reason = "outlet_profiles takes grains for discs, and these are rods"
+        reason = "outlet_profiles applies to spheres only, and these grains are rods"
         raise MeasureError(reason, "take outlet_profiles out of measure, or use spheres")
     return scene.container
 

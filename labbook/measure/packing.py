@@ -63,7 +63,7 @@ class PackingStructure(Measure):
 
     def check(self, scene: Scene) -> None:
         if not has_bulk(scene):
-            reason = f"packing needs a container whose bulk is known, and this is {scene.container.kind}"
+            reason = f"packing cannot be measured in a container of the kind {scene.container.kind}"
             raise MeasureError(reason, "use a hopper, a silo or a box, or take packing out of measure")
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
@@ -96,7 +96,7 @@ class PackingStructure(Measure):
 
     def _too_small(self, scene: Scene, where: str) -> tuple[Measured, ...]:
         least = _extent(scene.grains)
-        note = f"the bulk is smaller than {least}: fill in more grains or take a wider container"
+        note = f"the bulk is smaller than {least}: use more grains or a wider container"
         none = (math.nan, math.nan, 0, where, "none", "", note)
         return tuple(Measured(one.name, *none) for one in self.quantities(scene))
 

@@ -96,8 +96,8 @@ class FlowPattern(OfRecording):
     version = 1
     declared = (
         Quantity("orifice.packing_fraction", "φ", "", "packing fraction above the orifice, of recorded frames"),
-        Quantity("orifice.v_z", "v_z", "m/s", "vertical velocity there, weighted by φ"),
-        Quantity("orifice.kinetic_pressure", "p_k", "Pa", "trace of the kinetic stress there"),
+        Quantity("orifice.v_z", "v_z", "m/s", "vertical velocity in this layer, weighted by φ"),
+        Quantity("orifice.kinetic_pressure", "p_k", "Pa", "trace of the kinetic stress in this layer"),
         Quantity(
             "orifice.stagnant_fraction", "stagnant", "", "part of the mass of the bed that stands still", "%", 100
         ),

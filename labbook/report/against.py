@@ -40,7 +40,7 @@ def _section(found: Against, results: Results, folder: Path) -> Section:
     if found.unset:
         places = "; ".join(result.label for result in found.unset[:5])
         more = f" and {len(found.unset) - 5} more" if len(found.unset) > 5 else ""
-        blocks.append(Prose(f"Without {name}, and therefore not shown here: {places}{more}.", note=True))
+        blocks.append(Prose(f"Not shown, as {name} is not set: {places}{more}.", note=True))
     return Section(title, tuple(blocks))
 
 
@@ -54,7 +54,7 @@ def changes(found: Against) -> list[str]:
     ends = [min(sizes, key=lambda one: one[0]), max(sizes, key=lambda one: one[0])]
     low, high = (f"{_percent(place)} ({_where(found, line, place)})" for _, line, place in ends)
     first = _first(found)
-    return [f"Largest changes, over {name} at {first}: {low} to {high}."]
+    return [f"Largest changes relative to {name} at {first}: {low} to {high}."]
 
 
 def _told(found: Against, line: Line, place: Place, name: str) -> str:
@@ -62,7 +62,7 @@ def _told(found: Against, line: Line, place: Place, name: str) -> str:
     assert line.first is not None
     ends = [display.number(end, place.ratio.error, 100) for end in (place.ratio.low, place.ratio.high)]
     sure = math.isfinite(place.ratio.half_width)
-    interval = f"95 %: {ends[0]} to {ends[1]} %, {_rests(place)}" if sure else "no interval from one run"
+    interval = f"95 %: {ends[0]} to {ends[1]} %, {_rests(place)}" if sure else "one run: no interval"
     open_one = "; no change is shown" if sure and place.ratio.low <= 1 <= place.ratio.high else ""
     at = f"at {display.setting(found.key, place.value)}"
     over = f"that at {_value(found, line.first.value)} {display.key(found.key).unit}".rstrip()
@@ -105,8 +105,8 @@ def against_table(found: Against) -> Table:
     last = len(headings) + 3
     ratio = figures.ratio_heading(found)
     notes = (
-        "± is one standard error; intervals are 95 %, by Student’s t. A ratio rests on pairs of runs that start from "
-        "the same packing, which divides out, or on runs that are independent of one another (Welch).",
+        "± is one standard error; intervals are 95 %, by Student’s t. Ratios are from pairs of runs that start from "
+        "the same packing, so that its effect cancels, or from independent runs (Welch).",
     )
     text = frozenset({last} | {k for k, name in enumerate(keys) if _worded(found, name)})
     headings = (*headings, ratio, "95 % interval of the ratio", "rests on", "remarks")

@@ -84,7 +84,7 @@ def _overview(results: Results, folder: Path) -> list[Section]:
         pictures.append(picture(figure, folder / "overview", "a power of W against orifice, all series", _OVERVIEW))
     sections = [Section("Flow rate against orifice, all series", tuple(pictures))] if pictures else []
     if trends := _trends(results, folder):
-        sections.append(Section("Fitted parameters against what was swept", tuple(trends)))
+        sections.append(Section("Fitted parameters against swept keys", tuple(trends)))
     return sections
 
 
@@ -120,9 +120,9 @@ def _statements(results: Results, folder: Path) -> list[Section]:
     if not results.judged:
         return []
     every, digest = statement_table(results.judged), statement_digest(results.judged)
-    folded = Folded("Every place that they speak of", (every,))
+    folded = Folded("Statements at every point", (every,))
     blocks: tuple[Block, ...] = (every,) if digest is None else (digest, folded)
-    return [Section(f"What {results.source} state", blocks)]
+    return [Section(f"Statements of {results.source}", blocks)]
 
 
 def _of_papers(results: Results, folder: Path) -> list[Section]:
@@ -148,7 +148,7 @@ def _outcomes(results: Results, folder: Path) -> list[Section]:
 
 
 def _provenance(results: Results, folder: Path) -> list[Section]:
-    blocks: list[Block] = [Folded("What made the runs", (tables.provenance_table(results),))]
+    blocks: list[Block] = [Folded("Versions and machines", (tables.provenance_table(results),))]
     blocks.append(Folded("Keys of all runs", (tables.runs_table(results),)))
     blocks.append(Folded("The study file", (Verbatim(results.study.text),)))
     return [Section("Provenance", tuple(blocks))]

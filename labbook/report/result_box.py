@@ -97,7 +97,7 @@ def _flow_rates(results: Results) -> list[Row]:
             rows.append((called, _range(known, quantity)))
     asked = results.study.accuracy.flow_rate
     if asked is not None and results.points and all(result.precise for result in results.points):
-        said = f"The flow rate of every point is known to the asked {percent(asked)} (95 % interval)."
+        said = f"The flow rate of every point has the asked error of {percent(asked)} (95 % interval)."
         rows.append(("Accuracy", said))
     return rows
 
@@ -114,11 +114,11 @@ def _range(known: Sequence[PointResult], quantity: str) -> str:
     sure = [result.pooled[quantity].relative for result in known]
     finite = sorted(one for one in sure if math.isfinite(one))
     if not finite:
-        wide = "one run each: errors are not known"
+        wide = "one run per point: no errors"
     else:
         widths = dict.fromkeys(display.percentage(one) for one in (finite[0], finite[-1]))
         wide = f"95 % intervals of {' to '.join(widths)}"
-        wide += "" if len(finite) == len(sure) else f"; none at {_count(len(sure) - len(finite), 'point')} of one run"
+        wide += "" if len(finite) == len(sure) else f"; none at {_count(len(sure) - len(finite), 'point')} with one run"
     return f"{shown.name} = {' to '.join(told)}; {wide}."
 
 
@@ -181,14 +181,14 @@ def concerns(results: Results) -> list[str]:
     if results.missing:
         extra = redundant(study.points)
         names = [display.label(point.at, extra) for point in results.missing]
-        sentences.append(f"Not finished yet: {_listed(names)}.")
+        sentences.append(f"Points without a finished run: {_listed(names)}.")
     partial = [f"{one.label} ({len(one.runs)} of {one.asked})" for one in points if one.partial]
     if partial:
-        sentences.append(f"Runs are lacking at {_listed(partial)}: the first to end are no fair sample.")
+        sentences.append(f"Missing runs at {_listed(partial)}: runs that finish first are biased to fast flow.")
     if results.unreadable:
         sentences.append(f"{_count(len(results.unreadable), 'run')} could not be read: {results.unreadable[0]}.")
     if results.unevaluated:
-        runs = f"Numbers of {_count(len(results.unevaluated), 'run')} are not evaluated yet"
+        runs = f"{_count(len(results.unevaluated), 'run')} not evaluated yet"
         sentences.append(f"{runs}: labbook fit {study.path.name} evaluates them.")
     for how in ("clogged", "diverged"):
         ended = [(one, one.outcomes[how]) for one in points if one.outcomes[how]]
@@ -205,13 +205,14 @@ def concerns(results: Results) -> list[str]:
     measured = [run.measured for result in points for run in result.runs]
     packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
     if unknown := [one for one in packings if math.isnan(one.value)]:
-        sentences.append(f"No packing fraction of {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
+        sentences.append(f"No packing fraction in {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
     if trending := _labels(points, lambda one: one.trending):
         sentences.append(f"No plateau of W within the window (trending): {_listed(trending)}.")
     if cut := _labels(points, lambda one: bool(one.notes[CUT_SHORT])):
         sentences.append(
             f"The bed fell to stop.fill_height before the window ended (window.end, {study.window.end:g}) at "
-            f"{'; '.join(cut)}, so that W is a mean over less than the window: lower one of them in {study.path.name}."
+            f"{'; '.join(cut)}, so that W is a mean over less than the window: lower stop.fill_height or window.end in "
+            f"{study.path.name}."
             if not study.window.timed
             else f"Runs met the stop rule before the window ended (window.until, {study.window.end:g} s) at "
             f"{'; '.join(cut)}, so that W is a mean over less than the window: raise stop.discharged, or lower "
@@ -225,7 +226,7 @@ def _imprecise(results: Results) -> list[str]:
         return []
     asked = percent(results.study.accuracy.flow_rate)
     if short := _labels(results.points, lambda one: one.precise is False):
-        return [f"The asked error of {asked} on the flow rate is not met at {'; '.join(short)}."]
+        return [f"The asked error of {asked} of the flow rate is not reached at {'; '.join(short)}."]
     return []
 
 

@@ -81,7 +81,7 @@ def _patterns_if_they_can_be(
     try:
         blocks += _patterns(points, folder, suffix, where)
     except ImportError as missing:
-        lacking.append(f"How the beds flow is not shown: {missing}.")
+        lacking.append(f"Flow patterns are not shown: {missing}.")
     return [*blocks, *_acceleration(points, folder, suffix, where)], lacking
 
 

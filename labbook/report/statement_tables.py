@@ -27,11 +27,11 @@ def statement_table(judged: Sequence[Judged]) -> Table:
         if one.verdict == "does not hold":
             marked.add(place)
     note = (
-        "A statement holds if our interval lies within what it says, does not hold if it lies outside (bold), and is "
-        "undecided otherwise or where nothing was measured. Intervals are 95 % where nothing else is said."
+        "A statement holds if our interval lies within its range, does not hold if it lies outside (bold), and is "
+        "undecided otherwise or where nothing was measured. Intervals are 95 % unless stated otherwise."
     )
     made = dict.fromkeys(one.how for one in judged if one.how)
-    headings = ("statement", "at", "asks for", "ours", "interval", "verdict")
+    headings = ("statement", "at", "stated", "ours", "interval", "verdict")
     return Table(headings, tuple(rows), frozenset({0, 1, 5}), frozenset(marked), (note, *made, *dict.fromkeys(reasons)))
 
 
@@ -50,10 +50,8 @@ def statement_digest(judged: Sequence[Judged]) -> Table | None:
         rows.append((stated.says, _asked(stated), " to ".join(dict.fromkeys(ours)) or "–", verdict + where))
         if verdict == "does not hold":
             marked.add(place)
-    note = "A statement holds if it does at all places that it speaks of, and does not (bold) if it fails at one."
-    return Table(
-        ("statement", "asks for", "ours", "verdict"), tuple(rows), frozenset({0, 3}), frozenset(marked), (note,)
-    )
+    note = "A statement holds if it holds at all of its points, and does not hold (bold) if it fails at one."
+    return Table(("statement", "stated", "ours", "verdict"), tuple(rows), frozenset({0, 3}), frozenset(marked), (note,))
 
 
 def _number(one: Judged) -> str:

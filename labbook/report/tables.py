@@ -22,7 +22,7 @@ CONVENTIONS = (
     "± is one standard error, from the scatter between replicates; intervals are 95 %, by Student’s t on the "
     "replicates."
 )
-ALONE = "Of points with one run that was fed: from the scatter within the run, by Student’s t on its blocks."
+ALONE = "For points with one fed run: from the scatter within the run, by Student’s t on its blocks."
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def budget_table(results: Results) -> Table:
             reasons |= dict.fromkeys(f"{share.source}: {share.basis}" for share in budget.shares)
         rows.append((budget.name, _at(budget.of, swept), tuple(cells)))
     rows = [(name, *at, *cells) for name, at, cells in _once(rows)]
-    headings = ("of", *_headings(swept, ()), *SOURCES, "sum of what is known")
+    headings = ("of", *_headings(swept, ()), *SOURCES, "sum of known parts")
     unmeasured = [reason for reason in reasons if NOT_MEASURED in reason]
     return Table(headings, tuple(rows), frozenset({0}), notes=(_BUDGET, *unmeasured))
 
@@ -140,9 +140,9 @@ def _parts(part: float) -> str:
 
 
 _BUDGET = (
-    "Parts of the number. Seeds: half width of the 95 % interval. Numerics: the largest difference in this study; of W "
-    "else the bound of the bias by calibration. Window: half of the drift of W across the window, by which W at either "
-    "end differs from its mean. Filling, bed: the largest difference in this study."
+    "Relative to the value. Seeds: half width of the 95 % interval. Numerics: the largest difference in this study, or "
+    "for W, if there is none, the calibrated bound of the bias. Window: half of the drift of W across the window, by "
+    "which W at either end differs from its mean. Filling, bed: the largest difference in this study."
 )
 
 
@@ -193,7 +193,7 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     headings = ("quantity", "at", "reference", "ours", "95 % interval", "difference", "in standard errors")
     notes = (
         "The last column is the difference over its standard error: ours and, where the reference gives one, the "
-        "reference’s. Rows more than two standard errors apart are bold.",
+        "reference’s. Rows with differences above two standard errors are bold.",
         *reasons,
     )
     return Table(headings, tuple(rows), frozenset({0, 1}), frozenset(marked), notes)
@@ -220,10 +220,10 @@ def outcomes_table(results: Results) -> Table:
     ]
     notes: tuple[str, ...] = ()
     if total["trending"]:
-        notes = ("Trending points have no plateau: W still changes within the window. They are counted as points.",)
+        notes = ("Trending points have no plateau: W still changes within the window. The number counts points.",)
     if total["suspect"]:
-        fate = "They count all the same." if results.study.accuracy.count_suspect else "They are in no mean and no fit."
-        notes += (f"Suspect runs ended as said above, but their ledger says that something is wrong. {fate}",)
+        fate = "They are counted." if results.study.accuracy.count_suspect else "They are left out."
+        notes += (f"Suspect runs ended as listed above, but their ledger shows a fault. {fate}",)
     return Table(("outcome", "runs", "points"), tuple(rows), frozenset({0, 2}), notes=notes)
 
 
@@ -281,10 +281,10 @@ def numerical_table(found: Sequence[Numerical]) -> Table:
         if one.test is not None and one.finding == "undecided":
             need = replicates_needed(one.test, min(len(one.first.runs), len(one.other.runs)))
             many = "more than 1000" if need is None else str(need)
-            notes.append(f"{one.label}: {many} replicates of each would decide with a power of 90 %, were W the same.")
+            notes.append(f"{one.label}: {many} replicates of each would decide with a power of 90 % if W is the same.")
     margin = next((one.margin for one in found if one.margin is not None), None)
     if margin is None:
-        notes.append("No margin is stated (accuracy.numerics), so that equivalence is not tested.")
+        notes.append("Equivalence is not tested: no margin is stated (accuracy.numerics).")
     else:
         notes.insert(1, _NUMERICS_TESTED.format(margin=percent(margin)))
     headings = ("changed", "at", "runs", f"first {shown.heading}", f"other {shown.heading}", "difference")
@@ -309,14 +309,14 @@ def _numerical_cells(one: Numerical) -> tuple[str, ...]:
 
 
 _OF_NUMERICS = (
-    "Differences are parts of the mean with the value that is listed first; ± is one standard error: of differences "
-    "seed by seed where both start from the same packings, else of independent means."
+    "Differences are relative to the mean at the value listed first; ± is one standard error: of differences "
+    "seed by seed if both start from the same packings, else of independent means."
 )
 
 
 _NUMERICS_TESTED = (
     "Two one-sided tests at 5 % with a margin of ±{margin}: equivalent if the interval lies within the margin, "
-    "different if it lies beyond, undecided otherwise. Power: the chance to show equivalence, were W the same."
+    "different if it lies beyond, undecided otherwise. Power: probability of equivalence if W is the same."
 )
 
 

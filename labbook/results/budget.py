@@ -19,7 +19,7 @@ SOURCES: dict[Source, str] = {
     "seeds": "scatter between replicates",
     "numerics": "time step, stiffness, precision",
     "window": "drift of W across the window",
-    "filling": "how the packing was made",
+    "filling": "filling of the packing",
     "bed": "number of grains",
 }
 _SWEPT: dict[Source, tuple[str, ...]] = {"numerics": ("numerics.",), "filling": ("fill.",), "bed": ("grains.count",)}
@@ -120,7 +120,7 @@ def _of_series(results: Results) -> Iterator[Budget]:
 def _seeds(pooled: Pooled) -> Share:
     if not math.isfinite(pooled.half_width):
         return Share("seeds", None, "one replicate")
-    of = f"{pooled.n} replicates" if pooled.n > 1 else "one long run, by its own scatter"
+    of = f"{pooled.n} replicates" if pooled.n > 1 else "one long run, from the scatter within it"
     return Share("seeds", pooled.relative, f"95 % interval of {of}")
 
 

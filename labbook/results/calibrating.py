@@ -87,7 +87,7 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
     """The calibration that the points of the study `name` give, for every scene that has enough runs. Raises
     NotCalibrated where none has."""
     if not points:
-        raise NotCalibrated("no run is there")
+        raise NotCalibrated("no run is finished")
     scenes: dict[str, list[PointResult]] = defaultdict(list)
     for one in points:
         scenes[_place(one)].append(one)
@@ -129,7 +129,7 @@ def flow_and_filling(point: Point) -> tuple[Groups, Groups]:
     own = point.fill.numerics or numerics
     flow, filled = (groups(scene, one.dt, one.stiffness_scale) for one in (numerics, own))
     if flow is None or filled is None:
-        raise NotCalibrated("scenes of its outlet, bed or materials cannot be calibrated")
+        raise NotCalibrated("scenes with such an outlet, bed or materials cannot be calibrated")
     return flow, filled
 
 

@@ -65,7 +65,7 @@ def numerical(asked: Sequence[Point], points: Sequence[PointResult], margin: flo
 
 def _against(key: str, first: PointResult, other: PointResult, margin: float | None) -> Numerical:
     if first.partial or other.partial:
-        return Numerical(key, first, other, margin, None, "runs are lacking")
+        return Numerical(key, first, other, margin, None, "runs are missing")
     one, two = (by_seed(result, FLOW_RATE) for result in (first, other))
     common = sorted(one.keys() & two.keys())
     beds = [{run.seed: run.packing_key for run in result.runs} for result in (first, other)]
@@ -73,7 +73,7 @@ def _against(key: str, first: PointResult, other: PointResult, margin: float | N
     a, b = ([values[seed] for seed in (common if paired else values)] for values in (one, two))
     mean = math.fsum(a) / len(a) if a else 0.0
     if min(len(a), len(b)) < 2 or not mean > 0:
-        return Numerical(key, first, other, margin, None, "two runs of each that flowed are needed")
+        return Numerical(key, first, other, margin, None, "at least two runs of each that flowed are needed")
     test = tost(a, b, (margin or 1.0) * mean, paired=paired).over(mean)
     return Numerical(key, first, other, margin, test, paired=paired)
 

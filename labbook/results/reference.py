@@ -83,7 +83,7 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     """A plain sentence on how ours agree with the source."""
     known = [c for c in comparisons if math.isfinite(c.in_errors)]
     if not known:
-        return f"Nothing can be compared with {source} yet."
+        return f"No numbers to compare with {source} yet."
     apart = [c for c in known if abs(c.in_errors) > CLOSE]
     near = sum(abs(c.relative) <= NEAR for c in apart)
     more = f", and {near} more lie within {percent(NEAR)}" if near else ""
@@ -93,7 +93,7 @@ def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     agree = len(known) - len(apart)
     text = f"Of {len(known)} numbers of {source}, {agree} agree with ours within {CLOSE:g} standard errors{more}."
     return (
-        f"{text} Farthest apart is {name}{where}: ours is {percent(farthest.relative, '+.1f')}, "
+        f"{text} The largest difference is in {name}{where}: ours is {percent(farthest.relative, '+.1f')}, "
         f"or {farthest.in_errors:+.1f} standard errors, away.".replace("-", "−")
     )
 
@@ -125,7 +125,7 @@ def entry_of(
     else:
         for result in (result for result in points if matches(asked, result.point)):
             found.append(_of_point(replace(base, at=result.at, label=result.label, points=(result,)), result))
-    yield from _merged(found, len(points)) or [replace(base, why="no finished point is at these values")]
+    yield from _merged(found, len(points)) or [replace(base, why="no finished point has these values")]
 
 
 def _merged(found: Sequence[Comparison], points: int) -> list[Comparison]:
@@ -159,7 +159,7 @@ def _of_point(base: Comparison, result: PointResult) -> Comparison:
     pooled = result.pooled.get(base.quantity)
     if pooled is None:
         known = ", ".join(result.pooled) or "nothing"
-        return replace(base, why=f"{base.quantity} was not measured here, but {known}")
+        return replace(base, why=f"{base.quantity} was not measured here; measured: {known}")
     unit = next(run.measured[base.quantity].unit for run in result.runs if base.quantity in run.measured)
     return replace(base, ours=pooled.value, error=pooled.error, low=pooled.low, high=pooled.high, unit=unit)
 

@@ -174,7 +174,7 @@ def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
     partial = [f"{r.orifice * 1e3:g} mm with {len(r.runs)} of {r.asked} runs" for r in points if r.partial]
     if not partial:
         return ()
-    return (f"points that lack runs are fitted as they are: {', '.join(partial)}; the first to end are no fair sample",)
+    return (f"fitted with missing runs: {', '.join(partial)}; runs that finish first are biased to fast flow",)
 
 
 def context(points: Sequence[PointResult]) -> Context:

@@ -98,4 +98,4 @@ def _judge(
             Judged(statement, one.label, one.ours, one.error, one.low, one.high, one.why, points=one.points)
             for one in every
         ]
-    yield from found or [Judged(statement, display.label(statement.at), None, why="no finished point is there")]
+    yield from found or [Judged(statement, display.label(statement.at), None, why="no finished point matches")]

@@ -76,7 +76,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     alone = plan.rule.cap < 2 and not (plan.study.fed and plan.study.accuracy.flow_rate is not None)
     if alone:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
-        yield _told(file, "replicates", "with one run a point no number has an error between replicates", remedy)
+        yield _told(file, "replicates", "with one run per point no number has an error from replicates", remedy)
     if seconds > _LONG:
         yield from _stiff(plan.study, points)
 
@@ -208,7 +208,7 @@ def _endless(plan: Plan) -> Iterator[str]:
     closed = all(point.scene.container.outlet_plane is None for point in plan.study.points)
     if not closed or "max_time" in stop.model_fields_set:
         return
-    reason = f"nothing leaves this container, so that every run goes on for {stop.max_time:g} s"
+    reason = f"this container has no outlet, so every run lasts {stop.max_time:g} s"
     remedy = "state stop.max_time; for measurements of the packing alone, 10 ms are enough"
     yield _told(plan.study.path, "stop.max_time", reason, remedy)
 
@@ -241,7 +241,7 @@ def _stiff(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Itera
             found.append((key, soft / scale, unit, times))  # the study states stiffness before it is scaled
     if found:
         key, soft, unit, times = max(found, key=lambda one: one[-1])
-        reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed asks for"
+        reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed requires"
         remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {percent(SOFT)} of d"
         yield _told(study.path, key, reason, remedy)
 

@@ -38,7 +38,7 @@ class Aside:
                 env={**os.environ, "PYTHONPATH": paths},
             )
         except OSError as problem:
-            raise Gone(f"it cannot be begun: {problem}") from problem
+            raise Gone(f"it cannot be started: {problem}") from problem
 
     def put(self, kept: Kept) -> RunRows:
         """Put `kept` into the lab; its rows for the index. Raises what `Kept.put` does, and Gone."""

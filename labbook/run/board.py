@@ -220,7 +220,7 @@ class Board:
             claim.release()
             self._done(item.demand)
             if key in self.todo:
-                self._lose(key, f"{self.todo[key].reason}, though its folder is whole: {lab.run(key)}")
+                self._lose(key, f"{self.todo[key].reason}, though its folder is complete: {lab.run(key)}")
             return None
         job = DischargeJob(self._bench, item.demand, item.keys, claim, self._observe)
         return self._begin(job, spec)

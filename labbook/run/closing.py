@@ -43,7 +43,7 @@ class Closer:
                 return self._aside.put(kept)
             except Gone as problem:
                 self._aside, self._alone = None, True
-                _LOG.warning("%s: written by this process, since the one for that is gone: %s", kept.label, problem)
+                _LOG.warning("%s: written by this process, as the writing process ended: %s", kept.label, problem)
         kept.put()
         return kept.rows()
 

@@ -277,7 +277,7 @@ class Cluster:
                     going[self._submit(client, batch)] = batch
                 if not going and not told:
                     told = True
-                    self.watcher.tell("The cluster has no workers yet")
+                    self.watcher.tell("Waiting: the cluster has no workers yet")
                 for future, batch in _ended(client, going):
                     del going[future]
                     stale |= self._take(index, future, batch, waiting)
@@ -341,10 +341,10 @@ class Cluster:
         except (KilledWorker, CancelledError) as lost:
             batch.losses += 1
             if batch.losses <= _LOSSES:
-                self.watcher.tell(f"A worker was lost: its {len(batch.items)} runs begin again")
+                self.watcher.tell(f"A worker was lost: its {len(batch.items)} runs start again")
                 waiting.append(batch)
                 return False
-            self._give_up(batch, f"{_LOSSES} workers were lost with it: {lost}")
+            self._give_up(batch, f"{_LOSSES} workers were lost while they ran it: {lost}")
             return True
         except Exception as problem:
             self._give_up(batch, f"{type(problem).__name__}: {problem}")

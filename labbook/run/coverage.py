@@ -34,7 +34,7 @@ def shortfall(
         return ""
     if outcome == "diverged":
         changed = [name for name, value in guards.items() if had.guards.get(name) != value]
-        return f"diverged under another {' and '.join(changed)}" if changed else ""
+        return f"diverged with another {' and '.join(changed)}" if changed else ""
     if had.waiting >= stop.stall:
         return ""
     if had.duration >= stop.max_time * (1 - 1e-12):

@@ -110,7 +110,7 @@ class PointDemand:
             if by_table[table_name(probe)] != probe:
                 raise Conflict(
                     f"measure: {probe} and {by_table[table_name(probe)]} cannot be observed in one run; "
-                    "put the measures that ask for them into two studies"
+                    "put the measures that need them into two studies"
                 )
         return probes
 

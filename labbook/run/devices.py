@@ -88,7 +88,7 @@ class _Process:
             return self.end.get("failed")
         self.said.seek(0)
         last = self.said.read().decode("utf-8", "replace").strip()[-_LAST:].rpartition("\n")[2]
-        return f"its process ended with {self.process.returncode}" + (f": {last}" if last else "")
+        return f"its process ended with exit status {self.process.returncode}" + (f": {last}" if last else "")
 
 
 @dataclass(eq=False)

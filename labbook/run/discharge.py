@@ -115,7 +115,7 @@ class DischargeJob(Job):
         try:
             return load_packing(self.bench.lab.packing(self.keys.packing))
         except Unreadable as problem:
-            raise JobFailed(f"{self.label}: {problem}; remove the folder, and it is made again") from problem
+            raise JobFailed(f"{self.label}: {problem}; delete the folder, and labbook run makes it again") from problem
 
     def recall(self, saved: Saved | None) -> Saved | None:
         """The later of what is in the work folder and in the run's folder, if it observes all that is
@@ -153,7 +153,7 @@ class DischargeJob(Job):
             raise Unreadable(f"{folder / PROGRESS}: state: {crossed} crossed, the last at {last} s, {left} of the mass")
         for name, table in self.journal.each():
             if name not in probes:
-                raise Unreadable(f"{folder / PROGRESS}: chunks: {name} was not asked for")
+                raise Unreadable(f"{folder / PROGRESS}: chunks: {name} is unexpected")
             if fault := fault_of_rows(table, probes[name], self.scene, self.numerics, saved.step):
                 raise Unreadable(f"{folder}: {name}: {fault}")
         tables = self.journal.tables({})
@@ -427,7 +427,7 @@ class KeptRun(Kept):
 
 
 def _no_picture(label: str, problem: Exception) -> None:
-    _LOG.warning("%s: no picture of its bed: %s: %s", label, type(problem).__name__, problem)
+    _LOG.warning("%s: the bed was not drawn: %s: %s", label, type(problem).__name__, problem)
     _LOG.debug("where that was", exc_info=True)
 
 

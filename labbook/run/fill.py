@@ -100,7 +100,7 @@ class FillJob(Job):
             return None
         self._warned = True
         return (
-            f"{self.label}: does not seem to come to rest: {self._standing()}. It goes on until fill.max_time "
+            f"{self.label}: does not seem to come to rest: {self._standing()}. The filling goes on until fill.max_time "
             f"({self._longest:g} s). {_REMEDY}"
         )
 
@@ -149,7 +149,7 @@ class FillJob(Job):
         if verdict == "late":
             raise JobFailed(
                 f"{self.label}: not at rest after {self.status.time:.3g} s: {self._standing()}. "
-                f"Raise fill.max_time (it goes on from here). {_REMEDY}"
+                f"Raise fill.max_time (the filling goes on from here). {_REMEDY}"
             )
         why = self._failure.message if self._failure else verdict
         raise JobFailed(f"{self.label}: {why} (while filling; the last good state is in {self.journal.folder})")

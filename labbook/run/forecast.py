@@ -213,10 +213,10 @@ class _Speeds:
             self._told[f"median of {len(recorded)} runs on this machine"] = None
             return Rate(0, 1 / median(recorded), rate.compiling, "")
         if rate.source:
-            self._told[f"speed of {rate.source}, as no such run was recorded on this machine yet"] = None
+            self._told[f"speed of {rate.source}, as no such run was made on this machine yet"] = None
         else:
-            assumed = f"{DEFAULT_SPEED:.0e} grain-steps/s a lane assumed"
-            self._told[f"no run recorded on this machine yet: {assumed}"] = None
+            assumed = f"{DEFAULT_SPEED:.0e} grain-steps/s per lane assumed"
+            self._told[f"no run was made on this machine yet: {assumed}"] = None
         return rate
 
     def _recorded(self) -> dict[str, list[float]]:

@@ -65,7 +65,7 @@ class Kept(ABC):
                 self.fill_folder(made)
             except Unreadable as problem:
                 raise JobFailed(
-                    f"{self.label}: {problem}; give the same command again, and it starts afresh"
+                    f"{self.label}: {problem}; give the same command again, and it starts from step 0"
                 ) from problem
             self.lab.put(made, self.place)
         self.lab.clear(self.key)
@@ -166,7 +166,7 @@ class Job(ABC):
         try:
             saved = self.recall(self.journal.restore())
         except Unreadable as problem:
-            self.damaged[self.journal.folder] = f"{problem}; it starts afresh"
+            self.damaged[self.journal.folder] = f"{problem}; it starts from step 0"
             self.start_over()
             saved = self.recall(None)
         if saved is None:
@@ -186,11 +186,11 @@ class Job(ABC):
         own = backend.capabilities.name, backend.capabilities.cache_version
         try:
             if (saved.checkpoint.backend, saved.checkpoint.cache_version) != own:
-                raise ValueError(f"of {saved.checkpoint.backend} version {saved.checkpoint.cache_version}")
+                raise ValueError(f"made by {saved.checkpoint.backend} version {saved.checkpoint.cache_version}")
             if isinstance(backend, Verifies):
                 backend.verify(self.scene, self.numerics, saved.checkpoint, saved.step)
         except ValueError as error:
-            raise Unreadable(f"{where}: the checkpoint cannot be gone on from: {error}") from error
+            raise Unreadable(f"{where}: the run cannot go on from the checkpoint: {error}") from error
 
     @property
     def resumed(self) -> bool:

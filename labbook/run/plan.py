@@ -154,13 +154,13 @@ class Plan:
         ahead, lines = self.forecast, [", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])]
         if self.rule.sequential:
             known = percent(self.rule.tolerance or 0.0)
-            lines.append(f"Up to {self.rule.cap} replicates a point, until the flow rate is known to {known}")
+            lines.append(f"Up to {self.rule.cap} replicates per point, until the flow rate is known to {known}")
             lines += self._chosen()
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
         if self.todo and ahead is not None:
             making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
-            packings = making if self.fillings else "all packings are there"
+            packings = making if self.fillings else "all packings are done"
             cost = f"about {duration(ahead.seconds)} on {ahead.lanes} lane{'' if ahead.lanes == 1 else 's'}"
             lines.append(f"{packings}; {cost} ({ahead.basis}), {size(ahead.disk)} on disk")
             if ahead.compiling:
@@ -180,15 +180,15 @@ class Plan:
                 bias = f"{percent(choice.bias.value, '+.2f')} +- {percent(choice.bias.half_width, '.2f')}"
                 said = (
                     f"dt = {choice.dt * 1e6:.3g} us, stiffness_scale = {choice.stiffness_scale:g}, precision = "
-                    f"{choice.precision}: they move the flow "
+                    f"{choice.precision}: they change the flow "
                 )
                 said += (
-                    f"rate by {bias}, which leaves {percent(choice.left, '.2f')} to the scatter; "
-                    f"{needed} replicates foreseen{cap}"
+                    f"rate by {bias}, which leaves {percent(choice.left, '.2f')} for the scatter; "
+                    f"{needed} replicates expected{cap}"
                 )
                 if choice.usual is not None:
                     part = percent(choice.over_usual, ".0f")
-                    said += f"; {part} of the steps that {choice.usual * 1e6:.3g} us would take, were that without bias"
+                    said += f"; {part} of the steps that {choice.usual * 1e6:.3g} us would take if it had no bias"
                 groups.setdefault(f"Chosen for {percent(choice.tolerance)}: {said} ({choice.source})", []).append(
                     point.label
                 )
@@ -196,7 +196,7 @@ class Plan:
                 step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
                 verb = f"labbook calibrate {self.study.path} measures it"
                 if point.wants_pilot:
-                    verb = "labbook run measures it first, by a pilot, and chooses again"
+                    verb = "labbook run first measures it by a pilot and chooses again"
                 if has_groups(point.scene):
                     why = f"Not calibrated: {point.unchosen}; {step} ({verb})"
                 else:
@@ -354,10 +354,10 @@ class Planner:
             begun = begun and (self.catalogue.lab.work(keys.run) / "progress.json").exists()
             older = self._older.get(keys.lineage)
             if begun:
-                return "partial", "begun, goes on from its checkpoint"
+                return "partial", "started, goes on from its checkpoint"
             if older:
                 was, name = older.cache_version, self.backend.name
-                return "stale", f"made by version {was} of {name}, which is at {self.backend.cache_version}"
+                return "stale", f"made by version {was} of {name}, now at version {self.backend.cache_version}"
             return "missing", "not run yet"
         if entry.coverage is None:
             return "missing", f"cannot be read: {entry.problem}"
@@ -404,7 +404,7 @@ def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
         raise absent(backend, device)
     for shared in points:
         if shared.scene.feed is not None and not can.feeds:
-            raise Unsupported("feed", f"the backend {can.name} cannot put grains back; leave feed out")
+            raise Unsupported("feed", f"the backend {can.name} cannot feed grains back; leave feed out")
         specified(backend, shared)
 
 

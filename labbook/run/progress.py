@@ -126,7 +126,7 @@ def lines(view: View, width: int) -> list[str]:
         kinds = ", ".join(f"{phases.count(phase)} {phase}" for phase in dict.fromkeys(phases))
         found.append(f"  and {kinds}")
     if view.elsewhere:
-        found.append(f"  {view.elsewhere} held by another labbook")
+        found.append(f"  {view.elsewhere} held by another process")
     return found
 
 

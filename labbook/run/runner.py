@@ -113,14 +113,14 @@ class Summary:
             lines[0] += f"; now: {what}; {made}; {duration(self.wall_time)}"
             lines[0] += f", {rate / 1e6:.2f} M grain-steps/s"
         if tally.resumed:
-            lines.append(f"{tally.resumed} went on from a checkpoint")
+            lines.append(f"{tally.resumed} continued from a checkpoint")
         for point in self.points:
             decision = point.decision
             if decision and decision.ended and decision.pooled:
                 short = (
                     ""
                     if decision.ended == "tolerance"
-                    else ": the tolerance is not met, and accuracy.max_replicates allows no more"
+                    else ": the asked error is not reached, and accuracy.max_replicates allows no more runs"
                 )
                 lines.append(
                     f"{point.shared.point.label}: flow rate to {percent(decision.pooled.relative, '.2f')} "
@@ -148,7 +148,7 @@ def _foreseen(point: PointPlan, needed: int) -> str:
         return ""
     foreseen = stopping_rule(shared.study, shared.point).forecast(choice.scatter)
     wrong = max(needed, foreseen) > _WRONG * min(needed, foreseen)
-    return f" ({foreseen} were foreseen, from a scatter of {percent(choice.scatter, '.2f')})" if wrong else ""
+    return f" ({foreseen} were expected, from a scatter of {percent(choice.scatter, '.2f')})" if wrong else ""
 
 
 Turns = dict[Future[Turn], tuple[Lane, list[Started]]]
@@ -261,7 +261,7 @@ class Runner:
             if is_full(error):
                 raise
             where = error.filename or self.lab.studies
-            self.watcher.tell(f"The study goes on, but its text is not kept in the lab: {where}: {error.strerror}")
+            self.watcher.tell(f"The study runs, but its file could not be copied to the lab: {where}: {error.strerror}")
 
     def _carry_out(self, slots: int) -> None:
         many = self.lanes or (cores() if self.device == "cpu" else 1)

@@ -26,7 +26,7 @@ class Shard:
         found = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
         number, of = map(int, found.groups()) if found else (0, 0)
         if not 1 <= number <= of <= MOST:
-            raise ValueError(f"{text!r} is no part of a whole; write i/n with i from 1 to n, such as 1/4")
+            raise ValueError(f"{text!r} is not a part of a study; write I/N with I from 1 to N, such as 1/4")
         return cls(number, of)
 
     def __str__(self) -> str:

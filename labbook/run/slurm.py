@@ -56,7 +56,7 @@ class Array:
             raise ValueError(f"--tasks: {self.tasks} is not between 1 and {MOST_TASKS}")
         limit = seconds(self.time)
         if limit <= self.warned + _RESOLUTION:
-            raise ValueError(f"--time: {self.time} is too short: {self.warned} s before its end a task begins to save")
+            raise ValueError(f"--time: {self.time} is too short: a task saves its runs {self.warned} s before the end")
         name, parts = self.study.name, self.labs.absolute()
         stated = [
             f"--job-name={name}",
@@ -99,20 +99,20 @@ _SCRIPT = """#!/bin/bash
 # {about}
 # Submit: mkdir -p {parts}; sbatch FILE
 # Import of all parts when they have ended: sbatch --dependency=afterany:JOB --array=0 FILE
-# The same again goes on from there.
+# Submit the same script again to go on.
 {site}
 labbook=({labbook})
 base={lab}
 place={place}
 
-if [ "$SLURM_ARRAY_TASK_ID" = 0 ]; then  # puts the parts together
+if [ "$SLURM_ARRAY_TASK_ID" = 0 ]; then  # imports the parts
     "${{labbook[@]}}" import "$place"*-of-{tasks}/ --lab "$base"
     imported=$?
     "${{labbook[@]}}" plan {plan} --lab "$base"
     exit $imported
 fi
 
-# bash passes on that it is asked to stop; a task whose time is over goes back into the queue
+# bash passes signals on to labbook; a task whose time is over goes back into the queue
 trap 'asked=x$asked; kill -TERM $work 2>/dev/null' TERM
 trap 'asked=x$asked; kill -INT $work 2>/dev/null' INT
 "${{labbook[@]}}" run {run} --base "$base" \\
@@ -123,7 +123,7 @@ while wait $work; status=$?; [ "$asked" != "$seen" ]; do  # a signal ends waitin
 done
 if [ -n "$asked" ] && [ $status = 130 ] && [ $SECONDS -ge {late} ] && [ "${{SLURM_RESTART_COUNT:-0}}" -lt {restarts} ]
 then
-    echo "Time is over: the task goes back into the queue, and on from its checkpoints"
+    echo "Time is over: the task goes back into the queue, then on from its checkpoints"
     scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID"
     sleep 60  # Slurm ends this
 fi
@@ -151,14 +151,14 @@ def differs(wanted: str, study: Study, backend: Capabilities) -> str | None:
     changed = [
         f"{one} is now {now}" for one, now in zip(wanted.split("/"), there.split("/"), strict=False) if one != now
     ]
-    return "; ".join(changed) or f"{wanted!r} is not what labbook slurm writes"
+    return "; ".join(changed) or f"{wanted!r} is not written by labbook slurm"
 
 
 def seconds(time: str) -> int:
     """A time as Slurm writes it (minutes, MM:SS, HH:MM:SS, D-HH, D-HH:MM, D-HH:MM:SS) in seconds. Raises ValueError."""
     found = _TIME.fullmatch(time.strip())
     if found is None:
-        raise ValueError(f"--time: {time!r} is no time; write HH:MM:SS or D-HH:MM:SS, such as 04:00:00")
+        raise ValueError(f"--time: {time!r} is not a time; write HH:MM:SS or D-HH:MM:SS, such as 04:00:00")
     days, *parts = found.groups()
     given = [int(part) for part in parts if part is not None]
     if days is not None:
@@ -185,10 +185,10 @@ def _sbatch(text: str, *options: str) -> str:
         done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=120)
     except FileNotFoundError as error:
         raise SlurmFailed(
-            "there is no sbatch here; print the script without --submit, and submit it where it is"
+            "sbatch is not installed here; leave out --submit, and submit the printed script where sbatch is"
         ) from error
     except subprocess.TimeoutExpired as error:
-        raise SlurmFailed("sbatch has not answered for 2 minutes") from error
+        raise SlurmFailed("sbatch did not answer within 2 minutes; try again later") from error
     if done.returncode:
-        raise SlurmFailed(done.stderr.strip() or f"sbatch ended with {done.returncode}")
+        raise SlurmFailed(done.stderr.strip() or f"sbatch ended with exit status {done.returncode}")
     return done.stdout.strip().partition(";")[0]

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 
-SAVING = "stopping: saving what is going on ... (Ctrl-C again to leave at once)"
+SAVING = "stopping: saving unfinished runs ... (Ctrl-C again to stop at once)"
 _TOGETHER = 5.0  # s within which SIGTERM may come several times
 
 

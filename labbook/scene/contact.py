@@ -159,7 +159,7 @@ class ContactLaw(Model, ABC):
     def _rolling_fits(self):
         stated = [key for key in ("rolling_stiffness", "rolling_damping") if getattr(self, key) is not None]
         if self.rolling_model != "epsd":
-            reason = "only the rolling model epsd has a spring and a dashpot"
+            reason = "only the rolling model epsd has a spring and a dashpot for rolling"
             refuse(Fault(key, reason, f"leave {key} out, or use rolling_model: epsd") for key in stated)
         return self
 
@@ -332,7 +332,7 @@ class Tensile(Hertz, ABC):
     @model_validator(mode="after")
     def _damping_fits(self):
         if self.tension and self.damping == "clamped" and self.normal_damping is None:
-            reason = "clamped damping is solved for a normal force that never pulls, and here it may (contact.tension)"
+            reason = "clamped damping assumes a normal force that never pulls, but contact.tension allows it to pull"
             refuse([Fault("damping", reason, "use textbook, or tension: false")])
         return self
 

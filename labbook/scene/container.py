@@ -340,7 +340,7 @@ class Primitives(Model):
     def _names_differ(self):
         names = [wall.name for wall in self.parts]
         if len(set(names)) < len(names):
-            refuse([Fault("parts", "two walls have the same name", "name each wall differently")])
+            refuse([Fault("parts", "two walls have the same name", "give each wall its own name")])
         return self
 
     def holds(self, x: np.ndarray) -> np.ndarray:

@@ -76,7 +76,7 @@ class Spheres(Model):
             return
         names = [kind.name for kind in self.kinds]
         if len(set(names)) < len(names):
-            yield Fault("kinds", "two kinds have the same name", "name each kind differently")
+            yield Fault("kinds", "two kinds have the same name", "give each kind its own name")
         total = math.fsum(kind.share for kind in self.kinds)
         if abs(total - 1) > 1e-6:
             yield Fault("kinds", f"the shares add up to {percent(total, 'g')}", "let them add up to 100 %")
@@ -86,7 +86,7 @@ class Spheres(Model):
                 yield Fault("kinds", reason, f"use {smallest * 1e3:g} to {d * 1e3:g} mm; d is grains.diameter")
         if all(kind.diameter is not None for kind in self.kinds):
             if self.sizes is not None:
-                yield Fault("sizes", "every kind states its own diameter", "leave out one or the other")
+                yield Fault("sizes", "every kind states its own diameter", "leave out sizes or the diameters of kinds")
             elif max(kind.diameter or 0.0 for kind in self.kinds) < d:
                 yield Fault("kinds", "no kind is as large as grains.diameter", "let d be the largest diameter")
 

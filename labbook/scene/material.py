@@ -16,7 +16,7 @@ OwnModulus = Annotated[Pressure | None, _unstated]
 OwnRatio = Annotated[PoissonRatio | None, _unstated]
 OwnStiffness = Annotated[Stiffness | None, _unstated]
 
-TWICE = "E and G are two ways to write one modulus", "keep one of youngs_modulus and shear_modulus"
+TWICE = "E and G are both given, but one follows from the other", "keep one of youngs_modulus and shear_modulus"
 """What is wrong with a material that states both, and the remedy."""
 
 
@@ -76,5 +76,5 @@ class OwnMaterial(Model):
         if self.youngs_modulus is not None and self.shear_modulus is not None:
             yield Fault("youngs_modulus", *TWICE)
         elif self.poisson_ratio is not None and self.youngs_modulus is None and self.shear_modulus is None:
-            reason = "a Poisson's ratio alone leaves open which modulus the material has"
+            reason = "a Poisson's ratio alone does not define the material"
             yield Fault("poisson_ratio", reason, "state youngs_modulus or shear_modulus beside it")

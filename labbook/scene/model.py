@@ -120,7 +120,7 @@ class Internal:
 
     def __call__(self, value: Any, info: ValidationInfo) -> Any:
         if (info.context or {}).get("units") == "required":
-            raise PydanticCustomError("internal", "this is not for a study to set")
+            raise PydanticCustomError("internal", "a study cannot set this")
         return value
 
 

@@ -46,7 +46,7 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     """
     expression = text.strip()
     if len(expression) > 100:
-        raise ValueError("a quantity this long cannot be meant")
+        raise ValueError("not a quantity: it is too long")
     number = _NUMBER.match(expression)
     if number is None and not re.match(r"d\b", expression):
         raise ValueError("not a quantity: it does not begin with a number")
@@ -152,7 +152,7 @@ def _one_of(name: str, diameter: float | None):
     except (pint.PintError, ArithmeticError, AttributeError, TypeError, ValueError):
         raise ValueError(f"unknown unit {name}") from None
     if zero.magnitude != 0:
-        raise ValueError(f"{name} has no zero of its own: use a unit that can be multiplied")
+        raise ValueError(f"{name} is a scale with an offset: use an absolute unit")
     return one
 
 

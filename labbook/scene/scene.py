@@ -54,7 +54,7 @@ class Scene(Model):
                 yield Fault(f"walls.{name}", reason, f"use one of: {', '.join(sorted(names))}")
         yield from self.faults_of_law(self.contact)
         if self.feed is not None and not isinstance(self.container, Silo):
-            reason = f"nothing leaves a {self.container.kind} that could be fed again"
+            reason = f"a {self.container.kind} has no outlet, so there are no grains to feed back"
             yield Fault("feed", reason, "leave feed out, or use a wedge-hopper, cylinder-silo or conical-silo")
         c, d = self.container, self.grains.diameter
         for key in _ROOM_FOR_A_GRAIN[type(c)]:
@@ -85,7 +85,7 @@ class Scene(Model):
 
     def _faults_of_stiffness(self, law: ContactLaw) -> Iterator[Fault]:
         if law.material is None:
-            reason = f"the law {law.law} knows no elastic material"
+            reason = f"the law {law.law} has no elastic moduli"
             stated = [(f"walls.{name}", wall) for name, wall in self.walls.items()]
             stated += [("grains.kinds", kind) for kind in self.grains.kinds]
             for key, body in stated:
@@ -98,7 +98,7 @@ class Scene(Model):
             pairs = ["contact.between" for pair in law.between if pair.normal_stiffness is not None]
             yield from (self._of(law, key, reason, remedy) for key in (*springs, *pairs[:1]))
         elif law.damping == "printed":
-            reason = "contact.damping printed takes the dashpot of two grains at walls, whose spring is another"
+            reason = "contact.damping printed uses the grain-grain dashpot at walls, but a wall has another stiffness"
             remedy = "leave it out, or use textbook or clamped"
             yield from (self._of(law, key, reason, remedy) for key in springs)
 

@@ -75,11 +75,11 @@ class Normal(Model):
         """What is wrong with it where the largest diameter is `largest` [m]."""
         low = (1 + SMALLEST_PART) / 2 * largest
         if not low <= self.mean < largest:
-            reason = f"a mean of {self.mean * 1e3:g} mm, cut at d and as far below, leaves no diameters from d/10 to d"
+            reason = f"a mean of {self.mean * 1e3:g} mm, cut symmetrically at d, leaves no diameters from d/10 to d"
             yield Fault("sizes.mean", reason, f"use {low * 1e3:g} mm or more, below {largest * 1e3:g} mm")
         if self.deviation > largest:
             reason = f"a deviation of {self.deviation * 1e3:g} mm is more than d"
-            yield Fault("sizes.deviation", reason, "use kind: uniform, which it comes to")
+            yield Fault("sizes.deviation", reason, "use kind: uniform, which is almost the same")
 
     def range(self, largest: float) -> tuple[float, float]:
         """Smallest and largest diameter [m]."""

@@ -65,7 +65,7 @@ class Plane(WallShape):
     @model_validator(mode="after")
     def _has_a_direction(self):
         if math.hypot(*self.normal) < 1e-6:
-            refuse([Fault("normal", "a normal of length zero has no direction", "for example [0, 0, 1]")])
+            refuse([Fault("normal", "a normal has length zero, so it has no direction", "for example [0, 0, 1]")])
         return self
 
     def distance(self, x: np.ndarray) -> np.ndarray:
@@ -126,7 +126,7 @@ class Frustum(WallShape):
         if self.lower == self.upper:
             yield Fault("upper", "the two ends of a frustum are the same", "set them apart")
         if self.lower[0] < 0:
-            yield Fault("lower", "a radius is not negative", "use 0 for a plate without a hole")
+            yield Fault("lower", "a radius cannot be negative", "use 0 for a plate without a hole")
         if self.upper[0] < self.lower[0]:
             yield Fault("upper", "it is nearer to the axis than the rim", "exchange the two ends")
 

@@ -137,8 +137,8 @@ def _few(stand: Stand) -> Iterator[Ending]:
     def described() -> Spheres:
         return Spheres(diameter=D, density=2500, count=0)
 
-    yield refused("none, in the scene", described, "count", (ValueError,))
-    yield refused("none, in the packing", admitted, "packing: it has no grains", (ValueError,))
+    yield refused("no grain in the scene", described, "count", (ValueError,))
+    yield refused("no grain in the packing", admitted, "packing: it has no grains", (ValueError,))
 
 
 CASES = [
@@ -150,14 +150,14 @@ CASES = [
     ),
     Case(
         name="crowd",
-        what="125 grains pressed into a cluster, 56 near neighbours each",
-        oracle="kinetic energy = stored energy; the guard on overlaps, or lists that are named too short",
+        what="125 grains pressed into a cluster with 56 near neighbours each",
+        oracle="kinetic energy = stored energy; the overlap guard, or an error on full lists",
         run=_crowd,
     ),
     Case(
         name="size-ratio",
-        what="a sphere beset with smaller ones, down to d/10, and one of d/20",
-        oracle="momentum; energy does not grow; sizes or lists that are named too small or short",
+        what="a sphere surrounded by smaller ones, down to d/10, and one of d/20",
+        oracle="momentum; energy does not grow; an error on small sizes or full lists",
         run=_sizes,
     ),
 ]

@@ -234,13 +234,13 @@ CASES = [
     Case(
         name="fast-grain",
         what="a grain 1 % below and above the speed limit hits one at rest, from ten diameters away",
-        oracle="elastic exchange of velocities; the guard on speeds",
+        oracle="elastic exchange of velocities; the speed guard",
         run=_fast,
     ),
     Case(
         name="deep-overlap",
         what="grains placed in one another, up to and beyond the overlap limit; a grain behind a wall",
-        oracle="kinetic energy = stored energy; the guard on overlaps",
+        oracle="kinetic energy = stored energy; the overlap guard",
         run=_deep,
     ),
     Case(

@@ -56,7 +56,7 @@ def follow(stand: Stand, start: Start, beats: int, steps_per_beat: int = 1000, p
                 _check_named(failed, status, steps_per_beat)
                 _check_kept(ensemble, member, good, status)
                 if ensemble.advance(1):
-                    raise Broken("a member that a guard has stopped goes on")
+                    raise Broken("a member runs on after a guard stopped it")
                 break
             if any(isinstance(event, Emptied) for event in new):
                 break
@@ -109,14 +109,14 @@ def _check_tables(motion: Motion) -> None:
 def sound(course: Course) -> Motion:
     """The motion of a course that no error ended. Raises Broken with the message of one that did."""
     if course.motion is None or course.guard:
-        raise Broken(f"stopped, where the motion should be right: {course.message}")
+        raise Broken(f"stopped, but the motion should be correct: {course.message}")
     return course.motion
 
 
 def named(part: str, course: Course, guards: Sequence[str] = GUARDS) -> Ending:
     """A named error if one of `guards` ended the course; failed if another did, or none."""
     if not course.guard:
-        return Ending(part, "failed", "silence: no guard has named anything")
+        return Ending(part, "failed", "silence: no guard reported anything")
     outcome = "named error" if course.guard in guards else "failed"
     return Ending(part, outcome, one_line(course.message))
 

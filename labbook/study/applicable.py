@@ -83,7 +83,7 @@ def unfed(source: Source, settings: Settings, points: Sequence[Point], window: W
         reason = "some points are fed and others are not: their windows and stop rules differ"
         yield Problem(source.path, source.line(("feed",)), "feed", reason, "put them into two studies")
     stop, stated = settings.stop.model_fields_set, settings.window.model_fields_set
-    never = "a bed that is fed never falls"
+    never = "a fed bed never falls"
     for key in sorted(stop & {"discharged", "fill_height"}):
         remedy = "leave it out: runs end by accuracy.flow_rate, or at stop.max_time"
         yield Problem(source.path, source.line(("stop", key)), f"stop.{key}", never, remedy)
@@ -95,12 +95,12 @@ def unfed(source: Source, settings: Settings, points: Sequence[Point], window: W
 
 def _obstacles(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if scene.gravity == 0:
-        yield "gravity", "without gravity no grain settles, and no packing is made", "use a gravity above 0 m/s^2"
+        yield "gravity", "without gravity grains do not settle to a packing", "use a gravity above 0 m/s^2"
     d, sizes = scene.grains.diameter, vars(scene.container)
     for name in ("thickness", "width", "depth", "diameter"):
         size = sizes.get(name, math.inf)
         if d <= size < d * (1 + PLAY):
-            reason = f"the {name} is that of a grain, which leaves no play to place grains in"
+            reason = f"the {name} is that of a grain, which leaves no room to place grains"
             yield f"container.{name}", reason, "use 1.01 d or more"
 
 

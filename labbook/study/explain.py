@@ -20,7 +20,7 @@ _SIMPLE = {
     "int_from_float": "a whole number is needed",
     "int_parsing": "a whole number is needed",
     "string_type": "text is needed",
-    "string_pattern_mismatch": "has characters that it cannot have",
+    "string_pattern_mismatch": "has characters that are not allowed",
     "string_too_long": "is too long",
     "bool_type": "true or false is needed",
     "tuple_type": "a list is needed",
@@ -106,7 +106,7 @@ def _complain(
         remedy = instead(str(location[-1]), known)
         yield Complaint(location, message, remedy, meant=(*location[:-1], close) if close else None)
     elif kind == "internal":
-        yield Complaint(location, "this key is not for a study to set", "leave it out")
+        yield Complaint(location, "a study cannot set this key", "leave it out")
     elif kind in ("union_tag_not_found", "union_tag_invalid"):
         tag = context["discriminator"].strip("'")
         inner = (*location, tag)

@@ -265,8 +265,8 @@ class PointReader:
         """The filling with the numerics that it states in `raw`, and those of the flow where it does not."""
         own = self._numerics(general, raw, closed or near, None, context, found, _FILLING)
         if own is not None and own.stiffness_scale < numerics.stiffness_scale:
-            reason = f"grains {numerics.stiffness_scale / own.stiffness_scale:.3g} times softer than those that flow"
-            remedy = f"use {numerics.stiffness_scale:g} or more: springs of a softer bed would burst when they harden"
+            reason = f"grains {numerics.stiffness_scale / own.stiffness_scale:.3g} times softer than in the discharge"
+            remedy = f"use {numerics.stiffness_scale:g} or more: a softer bed would fly apart when it is stiffened"
             found.append(Complaint((*_FILLING, "stiffness_scale"), reason, remedy, clash=True))
         return fill.model_copy(update={"numerics": own})
 

@@ -62,7 +62,7 @@ class ReferenceReader:
 
     def _names_a_quantity(self, name: str, place: Location) -> bool:
         if not _QUANTITY.fullmatch(name):
-            self._problem(place, "this does not name a quantity", "write law.parameter, for example beverloo.k")
+            self._problem(place, "this is not the name of a quantity", "write law.parameter, for example beverloo.k")
             return False
         head = name.partition(".")[0]
         if head in MEASURES or head in LAWS:
@@ -99,7 +99,7 @@ class ReferenceReader:
             return None
         error = numbers.get("error")
         if error is not None and error < 0:
-            self._problem((*place, "error"), "an error is not negative", "write the standard error")
+            self._problem((*place, "error"), "a standard error cannot be negative", "write the standard error")
             return None
         if stated:
             return self._statement(name, at, numbers, unit or "", raw, place)
@@ -117,7 +117,7 @@ class ReferenceReader:
         low, high, says = ends.get("from"), ends.get("to"), raw.get("says")
         low, high = (-math.inf if low is None else low), (math.inf if high is None else high)
         if not low < high:
-            self._problem((*place, "to"), "the statement allows no number", "use a `to` above `from`")
+            self._problem((*place, "to"), "no number satisfies this statement", "use a `to` above `from`")
         elif not isinstance(says, str) or not says.strip():
             self._problem((*place, "says"), "this key is missing", "add what the paper says, in a few words")
         else:
@@ -171,7 +171,7 @@ class ReferenceReader:
             except ValueError as error:
                 self._problem((*place, key), f"{shown(stated)}: {error}", meant[0].remedy)
         if at and len(at) == len(raw) and self._points and not any(_is_at(point, at) for point in self._points):
-            self._problem(place, "no point of this study is there", "use the values that the study has or sweeps")
+            self._problem(place, "this study has no such point", "use the values that the study has or sweeps")
         return at
 
     def _problem(self, place: Location, message: str, remedy: str) -> None:

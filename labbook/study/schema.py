@@ -186,14 +186,14 @@ class Settings(Model):
             yield Fault("accuracy.max_replicates", reason, f"use at least {self.replicates}")
         end = self.window.end
         if self.window.timed and self.stop.max_time < end:
-            reason = f"a run that stops at {self.stop.max_time:g} s never reaches the end of the window ({end:g} s)"
+            reason = f"a run that stops at {self.stop.max_time:g} s does not reach the end of the window ({end:g} s)"
             yield Fault("stop.max_time", reason, f"use at least {end:g} s, or end the window earlier")
         if self.window.timed and "discharged" not in self.stop.model_fields_set:
             reason = f"by default a run stops once {self.stop.discharged:g} of the mass has left, whatever the window"
             yield Fault("stop.discharged", reason, "state it beside a window by time, for example 1")
         stated = "end" in self.window.model_fields_set and "discharged" in self.stop.model_fields_set
         if not self.window.timed and stated and self.stop.discharged < end:
-            reason = f"a run that stops at {self.stop.discharged:g} never reaches the end of the window ({end:g})"
+            reason = f"a run that stops at {self.stop.discharged:g} does not reach the end of the window ({end:g})"
             yield Fault("stop.discharged", reason, f"use at least {end:g}, or end the window earlier")
         if self.record is not None and self.record.replicates > self.replicates:
             reason = f"{self.record.replicates} replicates cannot be recorded of {self.replicates}"

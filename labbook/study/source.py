@@ -76,8 +76,8 @@ def changed(stated: Mapping[str, Any], changes: Mapping[str, Any]) -> Source:
     varied = _varied(data)
     for key in map(str, changes):
         if key in varied:
-            said = f"it is varied under {varied[key]}, so that this changes nothing"
-            giver.problem((key,), said, f"change {varied[key]}, or leave that out by None")
+            said = f"it is varied under {varied[key]}, so this changes nothing"
+            giver.problem((key,), said, f"change {varied[key]}, or remove it with None")
     return giver.source(data)
 
 
@@ -109,7 +109,7 @@ def _put(data: dict[str, Any], key: str, value: Any, giver: "_Giver") -> None:
         below = data.get(section, {})
         if not isinstance(below, Mapping):
             known = ".".join(sections[: place + 1])
-            giver.problem((key,), f"{known} is no section with keys", f"give {known} as a whole")
+            giver.problem((key,), f"{known} is not a section with keys", f"give {known} as a whole")
             return
         data[section] = dict(below)
         data = data[section]
@@ -174,7 +174,7 @@ class _Giver:
     def _mapping(self, value: Mapping[Any, Any], location: Location) -> dict[str, Any]:
         for key in value:
             if not isinstance(key, str):
-                self.problem(location, f"{shown(key)} is no key: a key is text", "write the key in quotes")
+                self.problem(location, f"{shown(key)} is not a key: keys are text", "write the key in quotes")
         return {key: self._plain(one, (*location, key)) for key, one in value.items() if isinstance(key, str)}
 
 
@@ -236,7 +236,7 @@ def _compose(path: Path, text: str):
             [Problem(path, many.line, "", message, "write long lists as sweeps, or split the study")]
         ) from None
     except RecursionError:
-        raise StudyError([Problem(path, _deep(text), "", "nested too deeply", "a study needs few levels")]) from None
+        raise StudyError([Problem(path, _deep(text), "", "nested too deeply", "use fewer levels")]) from None
     except Exception as error:  # a parser on arbitrary text: whatever stops it, the text is not YAML
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         line = mark.line + 1 if mark is not None else text.count("\n", 0, getattr(error, "position", 0)) + 1
@@ -262,7 +262,7 @@ def _deep(text: str) -> int:
 def _yaml_remedy(text: str, line: int) -> str:
     if (strange := _CONTROL.search(text)) is not None:
         place = text.count("\n", 0, strange.start()) + 1
-        return f"remove the character {ord(strange[0]):#04x} on line {place}: no text has it"
+        return f"remove the character {ord(strange[0]):#04x} on line {place}: it is not allowed in text"
     lines = text.splitlines()
     near = lines[max(line - 2, 0) : line]
     if any("\t" in candidate for candidate in near):

@@ -124,7 +124,7 @@ class Sweep:
             self._problem(place, "a sweep needs a list of values", 'write a list, or "[15, 30] deg" in quotes')
             return []
         if not values:
-            self._problem(place, "the list is empty: nothing is swept", "list the values, or leave the key out")
+            self._problem(place, "the list is empty: nothing is swept", "list at least one value, or leave the key out")
         found: dict[str, Value] = {}
         kept: list[Value] = []
         for value in filter(None, values):

@@ -52,7 +52,7 @@ def resolve(stated: object, scene: Scene, stiffness_scale: float, closed: Scene 
     if not 0 < step <= limit:
         part = limit / collision(scaled)
         shown, most = told_apart(step, limit, of_limit=3)
-        reason = f"a step of {shown} s is not between 0 and {most} s, beyond which beds do not come to rest"
+        reason = f"a step of {shown} s is not between 0 and {most} s, above which beds do not come to rest"
         remedy = f"use at most {_rounded_down(part):g} collision, or leave numerics.dt out"
         raise TimeStepError(reason, remedy, clash=True)
     return step

@@ -130,21 +130,21 @@ def _stays(stand: Stand) -> Mapping[str, float]:
 CASES = [
     Case(
         name="static-overlap",
-        statement="a grain at rest on a floor overlaps it by as much as carries its weight, whatever the damping",
+        statement="the overlap of a grain at rest on a floor balances its weight, for any damping",
         source="contact laws at rest",
         measures={law: limited(1e-8, roundings=16) for law in LAWS},
         run=_sinks_in,
     ),
     Case(
         name="resting-bed",
-        statement="a bed comes to rest, and the forces of the walls on it add up to its weight",
+        statement="a bed comes to rest, and the wall forces add up to its weight",
         source="equilibrium",
         measures=at_rest("flat", "inclined"),
         run=_carries,
     ),
     Case(
         name="resting-pile",
-        statement="a pile whose grains lie in pockets stays at rest for a million steps; with cdt, others creep",
+        statement="a pile with grains in pockets stays at rest for a million steps; other piles creep with cdt",
         source="equilibrium",
         measures={
             "largest kinetic energy": limited(1e-9, "m g d"),

@@ -168,7 +168,7 @@ CASES = [
     *(
         Case(
             name=f"restitution-{law}",
-            statement="two grains part at the asked e times their speed: e from 0.05 to 1, three speeds, ten phases",
+            statement="two grains rebound with the stated e: e from 0.05 to 1, three speeds, ten phases",
             source=source,
             measures={
                 "mean over phases, t_c/400": limited(1e-3),
@@ -184,7 +184,7 @@ CASES = [
     ),
     Case(
         name="restitution-at-study-step",
-        statement="e = 0.2, Fan's grains at sqrt(g d), dt = 2.5e-6 s: what the step makes of e over ten phases",
+        statement="e = 0.2, Fan's grains at sqrt(g d), dt = 2.5e-6 s: effect of the step on e, ten phases",
         source="the backend's own description",
         measures={
             "mean e": Measure({}),

@@ -90,7 +90,7 @@ CASES = [
     *(
         Case(
             name=f"energy-cycle-{law}",
-            statement="kinetic + potential energy - contact work stays while load and shear come and go: order dt^2",
+            statement="kinetic + potential energy - contact work is constant during loading and shear: order dt^2",
             source="work of forces",
             measures={
                 "gap, ledger": limited(1e-3),

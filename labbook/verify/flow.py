@@ -77,7 +77,7 @@ def _with_height(stand: Stand) -> Mapping[str, float]:
 CASES = [
     Case(
         name="flow-outlet",
-        statement="W rises with the outlet",
+        statement="W increases with the outlet",
         source="Beverloo et al. 1961",
         measures={"largest W(smaller D)/W(D)": limited(0.9)},
         run=_with_outlet,
@@ -85,7 +85,7 @@ CASES = [
     ),
     Case(
         name="flow-friction",
-        statement="W falls with friction",
+        statement="W decreases with friction",
         source="Fan et al. 2023",
         measures={"largest W(larger mu)/W(mu)": limited(0.97)},
         run=_with_friction,

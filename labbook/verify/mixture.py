@@ -219,7 +219,7 @@ def _of_laws(name: str, statement: str, source: str, run, measures) -> list[Case
 CASES = [
     *_of_laws(
         "unlike-restitution",
-        "unlike spheres part at the e of their kinds; sizes 3:1, densities 1:3",
+        "unlike spheres rebound with the e of their kinds; sizes 3:1, densities 1:3",
         "clamped collision, momentum",
         _restores,
         # momenta are added up over the 1000 steps of a collision, each with a rounding
@@ -227,7 +227,7 @@ CASES = [
     ),
     *_of_laws(
         "unlike-impact",
-        "unlike spheres that graze exchange 2 m* v_n along the normal and mu times that across it",
+        "grazing unlike spheres exchange 2 m* v_n along the normal and mu times that in the tangential direction",
         "impulse of a sliding impact",
         _glances,
         # while they touch the normal turns by up to the overlap over the radius, 1e-3
@@ -243,14 +243,14 @@ CASES = [
     ),
     *_of_laws(
         "unlike-stack",
-        "a small grain at rest on a large one: each contact's overlap carries what is above it",
+        "a small grain at rest on a large one: each overlap balances the weight above it",
         "contact laws at rest, effective radius",
         _stands,
         {"below": limited(1e-8, roundings=16), "between": limited(1e-8, roundings=16)},
     ),
     Case(
         name="resting-mixture",
-        statement="a bed of two materials and all sizes comes to rest, and the walls bear its weight",
+        statement="a bed of two materials and all sizes comes to rest, and the walls carry its weight",
         source="equilibrium",
         measures=at_rest("graded"),
         run=_carries,
@@ -258,7 +258,7 @@ CASES = [
     ),
     Case(
         name="renumbering-mixture",
-        statement="grains of a mixture numbered anew move alike, but for round-off that grows in collisions",
+        statement="renumbered grains of a mixture move equally, except for round-off that grows in collisions",
         source="symmetry",
         measures={"after 4 ms": limited(1e-12, "d", roundings=0.5 * 16)},
         run=_renumbers,

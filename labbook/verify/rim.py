@@ -184,14 +184,14 @@ CASES = [
     ),
     Case(
         name="rod-on-turning-rim",
-        statement="a rod that lies across the turning open end of a tube goes round with it",
+        statement="a rod lying across the rotating open end of a tube rotates with it",
         source="friction",
         measures={"position": limited(1e-4, steps=2e4), "heading": limited(1e-6, roundings=16, steps=2e4)},
         run=_rides,
     ),
     Case(
         name="turning-rim-impact",
-        statement="grains that strike a turning plate or its rim are kicked along by mu times the normal impulse",
+        statement="grains hitting a rotating plate or its rim get mu times the normal impulse along its motion",
         source="rigid body, Coulomb friction in full slip",
         measures={
             f"{what}, {name} at {tilt:g} rad": limited(3e-4, roundings=16)

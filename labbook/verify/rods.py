@@ -250,7 +250,7 @@ CASES = [
     ),
     Case(
         name="rod-impact",
-        statement="rods that meet off their centres part with the impulse 2 m_red v_n, without friction at e = 1",
+        statement="rods colliding off their centres exchange the impulse 2 m_red v_n, without friction at e = 1",
         source="rigid bodies, m_red = 1/sum(1/m + (r x n).I^-1 (r x n))",
         measures={"velocities": limited(1e-3), "spins": limited(1e-3)},
         run=_impact,
@@ -271,7 +271,7 @@ CASES = [
     ),
     Case(
         name="rod-on-turntable",
-        statement="a rod that lies along a radius of a turntable goes round with it",
+        statement="a rod lying along a radius of a turntable rotates with it",
         source="friction",
         measures={"position": limited(1e-4, steps=2e4), "heading": limited(1e-3, steps=2e4)},
         run=_rides,

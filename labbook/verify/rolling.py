@@ -157,7 +157,7 @@ CASES = [
     ),
     Case(
         name="rest-on-incline",
-        statement="below tan t = mu_r a sphere held by cdt creeps at 30 g sin t dt, which is no rest; above, it rolls",
+        statement="below tan t = mu_r a sphere held by cdt creeps at 30 g sin t dt, and does not rest; above, it rolls",
         source="balance of torques",
         measures={
             "creep/(30 g sin t dt) - 1": limited(1e-6, roundings=400),

@@ -89,7 +89,7 @@ CASES = [
     ),
     Case(
         name="resting-bed-round",
-        statement="beds of spheres and rods come to rest, and the forces of round walls on them add up to their weight",
+        statement="beds of spheres and rods come to rest, and the forces of round walls add up to their weight",
         source="equilibrium",
         measures=at_rest("spheres in a cylinder", "spheres in a cone", "rods in a cylinder", "rods in a cone"),
         run=_carries,

@@ -134,14 +134,14 @@ CASES = [
     ),
     Case(
         name="mirror",
-        statement="the mirror image in x of a hopper with an eccentric outlet discharges as the mirror image",
+        statement="a mirrored hopper with an eccentric outlet has the mirrored discharge",
         source="symmetry",
         measures=_BITS,
         run=_mirrors,
     ),
     Case(
         name="renumbering",
-        statement="grains numbered anew move alike, but for round-off that grows in collisions",
+        statement="renumbered grains move equally, except for round-off that grows in collisions",
         source="symmetry",
         # forces differ by their roundings over a path of half a diameter, and the difference grows as in double
         measures={

@@ -65,7 +65,7 @@ def _mirrors(stand: Stand) -> Mapping[str, float]:
 CASES = [
     Case(
         name=name,
-        statement=f"rods in a round silo with a turning bottom move alike {how}, but for round-off that grows",
+        statement=f"rods in a round silo with a rotating bottom move equally {how}, except for round-off that grows",
         source="symmetry",
         # roundings of forces over a path of half a diameter, and a growth in collisions, as of `renumbering`
         measures={

@@ -222,7 +222,7 @@ CASES = [
     *(
         Case(
             name=f"unlike-materials-{law}",
-            statement="an elastic impact of unlike spheres, or of one at an unlike wall, lasts and digs in by E*, k_n",
+            statement="duration and overlap of elastic impacts of unlike spheres and walls follow from E* or k_n",
             source="Landau & Lifshitz, Theory of Elasticity, 9",
             measures={"duration": limited(1e-3), "deepest": limited(1e-4)},
             run=partial(_lasts, law=law),
@@ -232,7 +232,7 @@ CASES = [
     *(
         Case(
             name=f"unlike-materials-oblique-{law}",
-            statement="so an oblique impact, which sticks and slides, by E*/(4 G*) or k_n/k_t",
+            statement="oblique impacts with sticking and sliding follow from E*/(4 G*) or k_n/k_t",
             source="Mindlin's friction spring, integrated by SciPy",
             measures={
                 # a spring begins to grow somewhere within a step, of which a contact has 400 or more; E*/(4 G*) of one

@@ -64,7 +64,7 @@ def test_a_member_is_read_by_its_own_probes_only(silo):
 
 
 @pytest.mark.parametrize(
-    ("probes", "why"), [((), "kernels are compiled"), ((Crossing(), Ledger(), Sample(every=7)), "has none such")]
+    ("probes", "why"), [((), "kernels are compiled"), ((Crossing(), Ledger(), Sample(every=7)), "Spec lacks")]
 )
 def test_a_member_that_cannot_be_read_so_is_refused(silo, probes, why):
     with silo.ensemble() as ensemble, pytest.raises(ValueError, match=why):

@@ -93,8 +93,8 @@ def test_lists_that_are_too_short_are_named_but_no_guard():
 
 
 def test_a_guard_where_the_motion_should_be_right_and_silence_where_it_should_not_have_failed():
-    assert told(broken.runs, broken.Guarded).figure.startswith("stopped, where the motion should be right: grain 1")
-    assert told(broken.runs) == Ending("silence", "failed", "silence: no guard has named anything")
+    assert told(broken.runs, broken.Guarded).figure.startswith("stopped, but the motion should be correct: grain 1")
+    assert told(broken.runs) == Ending("silence", "failed", "silence: no guard reported anything")
 
 
 @pytest.mark.slow
@@ -157,7 +157,7 @@ def test_a_case_that_hangs_or_ends_its_process_has_failed_and_the_next_one_runs(
     (hung,), (crashed,), (ran,) = judged(cases, bench)
     assert (hung.outcome, hung.figure) == ("failed", "hung: no end after 5 s")
     assert (crashed.outcome, crashed.figure) == ("failed", "crashed: the process of the case ended")
-    assert ran.figure == "silence: no guard has named anything"
+    assert ran.figure == "silence: no guard reported anything"
 
 
 # the verb

@@ -123,7 +123,7 @@ def told(raised) -> list[tuple[str, str]]:
         ({"grains.diameter": 3}, "grains.diameter", "for example 30 mm"),
         ({"container.orifice": "20 mm"}, "container.orifice", "change sweep.container.orifice"),
         ({"name.first": "a"}, "name.first", "give name as a whole"),
-        ({"sweep.container.orifice": []}, "sweep.container.orifice", "list the values"),
+        ({"sweep.container.orifice": []}, "sweep.container.orifice", "list at least one value"),
         ({"measure": {"flow_rate"}}, "measure", "a list"),
         ({"window": {15: "start"}}, "window", "in quotes"),
         ({"colour": "red"}, "colour", "known here"),

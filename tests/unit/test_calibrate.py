@@ -105,7 +105,9 @@ def test_the_verb_writes_a_file_that_the_study_can_name(tmp_path):
     assert "Chosen for 10 %" in labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
 
 
-@pytest.mark.parametrize(("text", "said"), [(None, "No such file"), ("{}", "it is no calibration"), ("{", "Expecting")])
+@pytest.mark.parametrize(
+    ("text", "said"), [(None, "No such file"), ("{}", "not a calibration file"), ("{", "Expecting")]
+)
 def test_a_calibration_that_cannot_be_read_is_named_with_its_key(tmp_path, text, said):
     if text is not None:
         (tmp_path / "mine.json").write_text(text)
@@ -124,4 +126,4 @@ def test_a_forecast_of_replicates_that_was_wrong_is_told(tmp_path):
         file.write("accuracy: {flow_rate: 30 %, calibration: toy.calibration.json}\n")
     path.write_text(path.read_text().replace("numerics: {dt: 10 us, steps_per_beat: 200}\n", ""))
     said = labbook("run", path, "--lab", tmp_path / "lab", "--backend", "toy").output
-    assert "were foreseen, from a scatter of 50.00 %" in " ".join(said.split())
+    assert "were expected, from a scatter of 50.00 %" in " ".join(said.split())

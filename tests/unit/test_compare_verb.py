@@ -27,7 +27,7 @@ def test_the_verb_from_nothing_to_a_stale_verdict(tmp_path):
     assert "STALE" not in shown
     later = json.loads(labbook(*words, "--show", "--json", LABBOOK_TWIN_VERSION="2").stdout)
     assert later["finding"] == "equivalent"
-    assert later["stale"] == ["twin was at version 1 and is at 2"]
+    assert later["stale"] == ["twin was at version 1 and is now at 2"]
     assert "STALE: twin was at version 1" in labbook(*words, "--show", LABBOOK_TWIN_VERSION="2").stdout
     biased = labbook(*words, "--replicates", 4, LABBOOK_TWIN_VERSION="3", LABBOOK_TOY_BIAS=str(BIAS), check=False)
     assert biased.exit_code == 1
@@ -40,8 +40,8 @@ def test_the_verb_from_nothing_to_a_stale_verdict(tmp_path):
         (("--devices", "cpu,cuda:0"), "the toy backend has no cuda:0"),
         (("--backends", "toy,nobody"), "no backend is called nobody"),
         (("--point", "9"), "has the points 1 to 2"),
-        (("--precisions", "double,half"), "there is no half"),
-        (("--show", "--backends", "toy"), "two words with a comma"),
+        (("--precisions", "double,half"), "no precision is called half"),
+        (("--show", "--backends", "toy"), "two names separated by a comma"),
     ],
 )
 def test_mistakes_are_told_in_a_line(tmp_path, more, said):

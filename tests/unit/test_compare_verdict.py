@@ -132,7 +132,7 @@ def test_a_verdict_is_stale_when_what_it_rests_on_has_changed(equals, tmp_path, 
     asked, _, verdict = equals
     assert stale(verdict, asked) == []
     monkeypatch.setenv("LABBOOK_TWIN_VERSION", "2")
-    assert stale(verdict, asked) == ["twin was at version 1 and is at 2"]
+    assert stale(verdict, asked) == ["twin was at version 1 and is now at 2"]
     monkeypatch.delenv("LABBOOK_TWIN_VERSION")
     other = study(tmp_path, orifices="[18, 27]")
     assert stale(verdict, other) == ["the study has changed at orifice 24 mm"]

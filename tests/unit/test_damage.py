@@ -333,7 +333,7 @@ def test_damaged_unfinished_work_is_named_and_begun_again(right, place, which, f
     assert "2 of 2 runs done" in ended.output
     if name != "missing" or file != "progress.json":  # without it nothing was saved
         assert str(victim) in ended.output.replace("\n", ""), ended.output
-        assert "starts afresh" in " ".join(ended.output.split())
+        assert "starts from step 0" in " ".join(ended.output.split())
     assert numbers(lab) == right
     assert not list((lab / "work").iterdir())
 
@@ -345,7 +345,7 @@ def test_unfinished_work_that_is_whole_is_gone_on_with(right, place):
             "run", study_file(place, RECORDED, AT_REST, **SMALL), "--lab", place / which, "--backend", "toy"
         )
         assert "Unreadable" not in ended.output
-        assert ("went on" in ended.output) == (which == "running"), "of fillings nobody is told"
+        assert ("continued from" in ended.output) == (which == "running"), "of fillings nobody is told"
         assert numbers(place / which) == right
 
 

@@ -24,7 +24,7 @@ def test_the_cpu_backend_bounces_a_grain():
 
 def test_a_broken_backend_is_a_line_with_its_reason(monkeypatch):
     def broken(_name):
-        raise BackendMissing("the backend numba is there but cannot be loaded (no llvmlite)")
+        raise BackendMissing("the backend numba cannot be loaded (no llvmlite)")
 
     monkeypatch.setattr(doctor, "load", broken)
     monkeypatch.setattr(doctor, "installed", lambda: {"numba": "labbook_numba:Backend"})
@@ -117,8 +117,10 @@ def test_a_build_of_warp_without_a_cpu_device_is_not_told_to_use_it():
 
     said = _instead("cpu", ["cuda:0"])
     assert "this build of Warp has no CPU device" in said
-    assert "use --device cuda:0, or --backend numba" in said
-    assert "(no CUDA device is here); use --device cpu, or --backend numba" in _instead("cuda:0", ["cpu"])
+    assert "use --backend numba, which is faster on a CPU, or --device cuda:0" in said
+    assert "(no CUDA device was found); use --backend numba, which is faster on a CPU, or --device cpu" in _instead(
+        "cuda:0", ["cpu"]
+    )
     assert "--device" not in _instead("cpu", [])
 
 

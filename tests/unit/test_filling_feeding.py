@@ -135,5 +135,5 @@ def test_without_room_above_the_bed_it_is_refused():
     scene = fed(FLAT)
     start = place(scene.close(), "rain", 1)
     low = fed(FLAT.model_copy(update={"height": float(start.x[:, 2].max())}))
-    with pytest.raises(PlacingError, match=r"no room for grains that are fed; raise container\.height"):
+    with pytest.raises(PlacingError, match=r"no room for fed grains; raise container\.height"):
         Feeder(low, start, "rain", 1)

@@ -154,7 +154,7 @@ def test_a_harmful_run_is_named_and_left_out_and_ours_stays(labs, harm):
     assert ended.exit_code == 1, "the import is not whole"
     assert "Not imported" in ended.output
     assert victim.name in ended.output or "0" * 24 in ended.output
-    assert "1 runs and packings imported" in ended.output, "the other run, which is longer than ours"
+    assert "Runs and packings imported: 1" in ended.output, "the other run, which is longer than ours"
     assert arrays(ours / "runs" / victim.name) == before
     assert arrays(ours / "runs" / other.name) == arrays(other)
     assert not list((ours / "work").iterdir())
@@ -169,7 +169,7 @@ def test_what_is_said_stands_in_lines_also_where_both_streams_are_one(labs):
     process = start("import", theirs, "--lab", ours.with_name("new"), together=True)
     said, _ = process.communicate(timeout=60)
     first, second, *others = said.splitlines()
-    assert first == "3 runs and packings imported"
+    assert first == "Runs and packings imported: 3"
     assert second == "Study files imported: toy-study"
     assert others
     assert all(line.startswith("Not imported: ") for line in others)
@@ -182,7 +182,7 @@ def test_what_other_programs_put_there_is_not_copied(labs):
     (theirs / "runs" / ".ipynb_checkpoints").mkdir()
     (theirs / "runs" / "notes.txt").write_text("mine")
     (victim / "notes.txt").write_text("mine")
-    assert labbook("import", theirs, "--lab", ours).output.startswith("2 runs and packings imported\n")
+    assert labbook("import", theirs, "--lab", ours).output.startswith("Runs and packings imported: 2\n")
     taken = {path.name for path in (ours / "runs" / victim.name).iterdir()}
     assert {name for name in taken if not name.startswith(EVALUATION)} == {
         "run.json",
@@ -201,13 +201,13 @@ def test_a_damaged_packing_is_left_out_with_the_runs_that_began_from_it(labs, tm
     assert ended.exit_code == 1
     assert ended.output.count("Not imported") == 2
     assert ended.output.count(victim.name) >= 2
-    assert "2 runs and packings imported" in ended.output
+    assert "Runs and packings imported: 2" in ended.output
     assert Catalogue(tmp_path / "new").counts() == {"finished": 1}
 
 
 def test_ours_is_replaced_where_it_cannot_be_read(labs):
     ours, theirs = labs
-    assert labbook("import", ours, "--lab", theirs).output.startswith("0 runs and packings imported\n"), (
+    assert labbook("import", ours, "--lab", theirs).output.startswith("Runs and packings imported: 0\n"), (
         "theirs are longer"
     )
     for again in (False, True):
@@ -217,7 +217,7 @@ def test_ours_is_replaced_where_it_cannot_be_read(labs):
         (packing / "packing.npz").write_bytes(b"")
         if again:
             labbook("reindex", "--lab", theirs)
-        assert labbook("import", ours, "--lab", theirs).output.startswith("2 runs and packings imported\n")
+        assert labbook("import", ours, "--lab", theirs).output.startswith("Runs and packings imported: 2\n")
         assert arrays(victim) == arrays(ours / "runs" / victim.name)
         assert sorted(Catalogue(theirs).runs().outcome) == ["finished", "time-limit"]
 
@@ -226,7 +226,7 @@ def test_a_longer_run_that_saw_less_does_not_replace_ours(labs, made, tmp_path):
     _, theirs = labs
     asked = study(tmp_path, "stop: {max_time: 20 ms}", "record: {every: 2 ms, replicates: 1}", **SMALL)
     carry_out(asked, tmp_path / "recorded")
-    assert "1 runs and packings imported" in labbook("import", theirs, "--lab", tmp_path / "recorded").output
+    assert "Runs and packings imported: 1" in labbook("import", theirs, "--lab", tmp_path / "recorded").output
     kept = [folder for folder in (tmp_path / "recorded/runs").iterdir() if (folder / "recording.npz").exists()]
     assert len(kept) == 1
 
@@ -250,7 +250,7 @@ def test_what_another_process_works_on_is_left_out(labs):
     claim.release()
     assert ended.exit_code == 1
     assert "import again later" in ended.output
-    assert "1 runs and packings imported" in ended.output
+    assert "Runs and packings imported: 1" in ended.output
 
 
 def test_a_full_disk_ends_an_import_in_one_line(labs, monkeypatch):

@@ -132,7 +132,7 @@ def test_a_server_that_is_not_there_is_one_line_and_the_lab_goes_home(tmp_path):
     assert "--index file" in ended.output
     assert "secret" not in ended.output
     ended = labbook("reindex", "--lab", lab, "--index", "file")
-    assert "is left behind" in ended.output
+    assert "could not be removed" in ended.output
     assert "4 runs and" in ended.output
     assert Catalogue(lab).counts() == {"finished": 4}
 

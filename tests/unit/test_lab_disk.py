@@ -50,7 +50,7 @@ def test_a_lock_that_two_processes_get_is_found(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_lock_that_is_not_seen_or_never_freed_is_found(tmp_path, monkeypatch):
-    for seen, said in ((False, "is not seen"), (True, "never free again")):
+    for seen, said in ((False, "is not seen"), (True, "never released")):
         monkeypatch.setattr(disk, "is_locked", lambda _, seen=seen: seen)
         monkeypatch.setattr(disk, "_STARTS", 10.0)
         (tmp_path / said).mkdir()
@@ -67,7 +67,7 @@ def looks(number: int):
     (None, "missing for a moment"),
     (b"short", "half old, half new"),
     (b"\0" * 100 + b"\1" * (2**16 - 100), "half old, half new"),
-    (bytes(2**16), "not seen to change, in 5 looks"),
+    (bytes(2**16), "looked unchanged, in 5 looks"),
 ])  # fmt: skip
 def test_a_rename_that_is_not_atomic_is_found(tmp_path, content, said):
     if content is not None:
@@ -124,7 +124,7 @@ def test_locks_that_do_not_reach_another_host_are_found_by_both(tmp_path, monkey
     for checks in two(tmp_path, monkeypatch):
         found = by_name(checks)
         assert not found["locks of two hosts"].works
-        assert "only one host" in found["locks of two hosts"].note
+        assert "on one host only" in found["locks of two hosts"].note
         assert found["index of two hosts"].works, "what comes after is tried all the same"
 
 

@@ -195,13 +195,13 @@ def test_labs_merge(lab, tmp_path):
     carry_out(study(tmp_path, orifices="[24, 30]"), other)
     code, out = cli("import", other, "--lab", lab)
     first, second = out.splitlines()
-    assert (code, first) == (0, "2 runs and packings imported"), "one point is new, with both seeds"
-    assert second.startswith("Not replaced: the file of the study toy-study is another one here")
+    assert (code, first) == (0, "Runs and packings imported: 2"), "one point is new, with both seeds"
+    assert second.startswith("Not replaced: the study file toy-study of this lab differs and is kept")
     carry_out(study(tmp_path, orifices="[18, 24, 30]"), tmp_path / "both")
     names = [list(Catalogue(folder).runs().run_key.sort_values()) for folder in (lab, tmp_path / "both")]
     assert names[0] == names[1]
     assert not carry_out(study(tmp_path, orifices="[18, 24, 30]"), lab).tally.ran
-    assert cli("import", other, "--lab", lab)[1].startswith("0 runs and packings imported\n")
+    assert cli("import", other, "--lab", lab)[1].startswith("Runs and packings imported: 0\n")
     assert cli("import", tmp_path / "nothing", "--lab", lab)[0] == 1
 
 
@@ -211,7 +211,7 @@ def test_of_two_the_one_that_covers_more_is_imported(tmp_path):
     carry_out(study(tmp_path, replicates=1), long)
     merged = merge(Index(Lab(long)), short)
     (stayed,) = merged.stayed
-    assert "the study toy-study is another one here" in stayed
+    assert "the study file toy-study of this lab differs" in stayed
     assert merged == Merged(stayed=[stayed]), "nothing is copied, and nothing left out"
     merged = merge(Index(Lab(short)), long)
     assert (len(merged.copied), merged.left_out) == (2, [])

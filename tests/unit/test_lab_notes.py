@@ -108,7 +108,7 @@ def test_a_tag_that_cannot_be_kept_is_refused_and_the_old_note_stays(lab, tags, 
 
 @pytest.mark.parametrize(("text", "said"), [
     ("ä" * 32_000, "64001 bytes with its tags, and 64000 are allowed"),
-    ("half \ud800", "character 6 of the note is half of another one"),
+    ("half \ud800", "character 6 of the note is half of a surrogate pair"),
 ])  # fmt: skip
 def test_a_text_that_cannot_be_kept_is_refused(lab, text, said):
     with pytest.raises(ValueError) as problem:
@@ -267,7 +267,7 @@ def test_an_import_brings_notes_along_and_ours_stay(full, tmp_path):
     notes.write(ours, "run", key, Note("ours"))
     out = labbook("import", theirs.folder, "--lab", ours.folder).output
     assert "Notes imported: 2\n" in out
-    assert f"Not replaced: the note of the run {key} is another one here, and stays" in out
+    assert f"Not replaced: the note of the run {key} in this lab differs and is kept" in out
     assert notes.read(ours, "run", key) == Note("ours")
     assert notes.read(ours, "run", other) == Note("of the other")
     assert notes.read(ours, "run", OTHER) == Note()
@@ -291,6 +291,6 @@ def test_a_damaged_note_is_not_imported(full, tmp_path, harm):
     ended = labbook("import", theirs.folder, "--lab", ours.folder, check=False)
     assert ended.exit_code == 1
     assert f"Not imported: {path}: " in ended.output
-    assert "4 runs and packings imported\n" in ended.output
+    assert "Runs and packings imported: 4\n" in ended.output
     assert len(list(ours.runs.iterdir())) == 2
     assert notes.read(ours, "run", key) == Note()

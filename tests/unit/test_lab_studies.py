@@ -116,7 +116,7 @@ def test_a_run_goes_on_where_the_text_cannot_be_kept_and_says_so(tmp_path):
     assert carry_out(load(commented(tmp_path)), lab.folder, watcher=said).complete
     (line,) = said.lines
     assert str(lab.studies) in line
-    assert "is not kept" in line
+    assert "could not be copied" in line
     assert studies.kept(lab) == {}
 
 
@@ -129,7 +129,7 @@ def test_a_full_disk_ends_the_run_before_it_begins_and_leaves_no_half_file(tmp_p
         write(part, path)
 
     monkeypatch.setattr("labbook.lab.folder.os.replace", full)
-    with pytest.raises(DiskFull, match="make room"):
+    with pytest.raises(DiskFull, match="free some space"):
         carry_out(load(commented(tmp_path)), lab.folder)
     assert list(lab.studies.iterdir()) == []
     assert not lab.runs.exists()
@@ -194,7 +194,7 @@ def test_an_import_brings_study_files_along_and_ours_stay(labs):
     studies.keep(ours, "other", "name: ours\n")
     out = labbook("import", theirs.folder, "--lab", ours.folder).output
     assert "Study files imported: toy-study\n" in out
-    assert "Not replaced: the file of the study other is another one here" in out
+    assert "Not replaced: the study file other of this lab differs and is kept" in out
     assert studies.kept(ours)["toy-study"].read_bytes() == studies.kept(theirs)["toy-study"].read_bytes()
     assert studies.kept(ours)["other"].read_text() == "name: ours\n"
     out = labbook("import", theirs.folder, "--lab", ours.folder).output
@@ -204,10 +204,10 @@ def test_an_import_brings_study_files_along_and_ours_stay(labs):
 
 @pytest.mark.parametrize(("harm", "said"), [
     (lambda path: path.symlink_to("/etc/hostname"), "copies no links"),
-    (lambda path: os.mkfifo(path), "no ordinary file"),
-    (lambda path: path.mkdir(), "no ordinary file"),
+    (lambda path: os.mkfifo(path), "not an ordinary file"),
+    (lambda path: path.mkdir(), "not an ordinary file"),
     (lambda path: path.write_bytes(b"\xff\xfe\x00"), "not text in UTF-8"),
-    (lambda path: path.write_bytes(b" " * 2_000_001), "more than the 2000000"),
+    (lambda path: path.write_bytes(b" " * 2_000_001), "more than the allowed 2000000"),
 ])  # fmt: skip
 def test_a_harmful_study_file_is_named_and_left_out(labs, harm, said):
     ours, theirs = labs

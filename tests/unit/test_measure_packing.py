@@ -116,7 +116,7 @@ def test_the_bulk_keeps_below_the_lowest_part_of_the_surface():
 def test_too_few_grains_give_no_number_and_say_so(grains):
     found = numbers(scene_of(HOPPER), packing_of(grains))
     assert len(found) == 4
-    assert all(math.isnan(m.value) and "fill in more grains" in m.note for m in found.values())
+    assert all(math.isnan(m.value) and "use more grains" in m.note for m in found.values())
 
 
 CYLINDER = CylinderSilo(diameter=30 * D, height=1.0, orifice=10 * D)
@@ -220,7 +220,7 @@ def test_quantities_are_those_that_are_measured():
 
 
 def test_unknown_walls_are_refused():
-    with pytest.raises(MeasureError, match="this is primitives; use a hopper"):
+    with pytest.raises(MeasureError, match="container of the kind primitives; use a hopper"):
         numbers(scene_of(Primitives()), hexagonal_layer(10, 10))
 
 

@@ -69,9 +69,9 @@ def test_a_scene_that_cannot_be_calibrated_gets_none(tmp_path):
 def test_run_measures_first_and_then_runs_what_that_allows(tmp_path, few):
     path, lab = asked_file(tmp_path), tmp_path / "lab"
     planned = labbook("plan", path, "--lab", lab, "--backend", "toy").output
-    assert "labbook run measures it first, by a pilot" in " ".join(planned.split())
+    assert "labbook run first measures it by a pilot" in " ".join(planned.split())
     said = " ".join(labbook("run", path, "--lab", lab, "--backend", "toy").output.split())
-    assert "first a pilot of 26 runs" in said
+    assert "a pilot of 26 runs comes first" in said
     asked = load(path)
     choice = asked.points[0].choice
     assert asked.calibration_file == tmp_path / NAME

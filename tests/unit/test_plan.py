@@ -50,7 +50,7 @@ def coverage(**changes) -> Coverage:
         ("clogged", {"crossed": 10, "last_crossing": 1.0}, {}, ""),
         ("clogged", {"crossed": 10, "last_crossing": 1.0}, {"stall": 1.5}, "clogged after 2 s"),
         ("diverged", {"crossed": 10}, {}, ""),
-        ("diverged", {"crossed": 10, "guards": {"speed_limit": 10.0}}, {}, "diverged under another speed_limit"),
+        ("diverged", {"crossed": 10, "guards": {"speed_limit": 10.0}}, {}, "diverged with another speed_limit"),
         ("finished", {"probes": ()}, {}, "not observed"),
         ("finished", {"crossed": 50, "bed_height": 0.2}, {"fill_height": 0.1}, ""),
         ("finished", {"crossed": 50, "bed_height": 0.2}, {"fill_height": 0.09}, "finished after 2 s"),
@@ -102,7 +102,9 @@ def test_states_come_with_reasons(tmp_path):
     filmed = plan(study(tmp_path, "record: {every: 4 ms}", replicates=1), lab)
     assert {(item.state, item.reason) for item in filmed.items} == {("partial", "not recorded")}
     stale = plan(study(tmp_path, replicates=1), lab, Backend(version=2).capabilities)
-    assert {(item.state, item.reason) for item in stale.items} == {("stale", "made by version 1 of toy, which is at 2")}
+    assert {(item.state, item.reason) for item in stale.items} == {
+        ("stale", "made by version 1 of toy, now at version 2")
+    }
 
 
 @pytest.mark.slow
@@ -117,7 +119,7 @@ def test_work_that_was_cut_short_is_partial(tmp_path):
     process.kill()
     process.communicate()
     made = plan(study(tmp_path), lab)
-    assert "begun, goes on from its checkpoint" in {item.reason for item in made.items}
+    assert "started, goes on from its checkpoint" in {item.reason for item in made.items}
 
 
 def test_a_forecast_rests_on_recorded_speeds(tmp_path):

@@ -330,7 +330,7 @@ def test_runs_that_nothing_ends_are_told_of(tmp_path):
     )
     plain, lab = path.read_text(), Catalogue(tmp_path / "lab")
     (told,) = advice(Planner(load(path), lab, labbook_toy.Backend().capabilities).plan())
-    assert "stop.max_time: nothing leaves this container, so that every run goes on for 60 s" in told
+    assert "stop.max_time: this container has no outlet, so every run lasts 60 s" in told
     path.write_text(f"{plain}stop: {{max_time: 10 ms}}\n")
     assert not list(advice(Planner(load(path), lab, labbook_toy.Backend().capabilities).plan()))
 
@@ -377,7 +377,9 @@ def test_a_device_that_is_not_there_is_said_by_plan(tmp_path):
         check(backend, "cuda:0", points)
     backend.capabilities = type(backend.capabilities)(**{**vars(backend.capabilities), "devices": ("cpu", "cuda:0")})
     check(backend, "cpu", points)
-    with pytest.raises(Unsupported, match=f"it has cpu; {plain}, or install the driver for cuda devices"):
+    with pytest.raises(
+        Unsupported, match=f"it has cpu; use --backend numba, .*, or {plain}, or install the driver for cuda"
+    ):
         check(backend, "cuda:0", points)
     both = backend_of("toy", survey=lambda self: Survey({}, (cpu, gpu)))
     both.capabilities, backend = backend.capabilities, both

@@ -81,7 +81,7 @@ def test_plan_run_and_report_say_so(tmp_path):
     assert [point.remark for point in found.points] == ["stopped within the window"] * 2
     (sentence,) = (text for text in summary(found) if "stop.fill_height" in text)
     assert "D = 18 mm; D = 24 mm" in sentence
-    assert sentence.endswith("lower one of them in toy.yaml.")
+    assert sentence.endswith("lower stop.fill_height or window.end in toy.yaml.")
     whole = study(tmp_path, replicates=1)
     carry_out(whole, tmp_path / "whole")
     found = analyse(whole, finished(Catalogue(tmp_path / "whole"), whole, "toy"))

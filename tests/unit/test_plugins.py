@@ -107,8 +107,8 @@ def test_without_the_package_the_study_says_what_is_not_known(study):
     ("value", "why"),
     [
         ("silo_nothing:Law", "cannot be loaded (ModuleNotFoundError"),
-        ("labbook.fit:fit", "it is no Law"),
-        ("labbook.fit:Power", "power is there already"),
+        ("labbook.fit:fit", "it is not a Law"),
+        ("labbook.fit:Power", "another package provides power"),
     ],
 )
 def test_what_is_broken_is_named_with_a_remedy(monkeypatch, value, why):

@@ -69,7 +69,7 @@ def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, toget
     asked = study(tmp_path, replicates=4)
     assert carry_out(asked, tmp_path / "lab", lanes=1).complete
     assert len(killed) == 1
-    assert "since the one for that is gone" in caplog.text
+    assert "the writing process ended" in caplog.text
     assert carry_out(asked, tmp_path / "lab", lanes=1).tally.ran == {}, "nothing was left to do"
 
 
@@ -80,7 +80,7 @@ def test_an_error_of_another_process_comes_back_as_it_was(tmp_path):
         with pytest.raises(DiskFull) as full:
             process.put(Failing(lab, "key", lab.run("key"), "run", "full"))
         assert str(full.value) == str(DiskFull(tmp_path))
-        with pytest.raises(JobFailed, match="starts afresh"):
+        with pytest.raises(JobFailed, match="starts from step 0"):
             process.put(Failing(lab, "key", lab.run("key"), "run", "unreadable"))
         with pytest.raises(Gone, match="cannot pickle"):
             process.put(Failing(lab, "key", lab.run("key"), "run", threading.Lock()))

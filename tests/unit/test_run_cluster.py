@@ -187,7 +187,7 @@ def test_ctrl_c_brings_checkpoints_home_and_one_machine_goes_on_from_them(tmp_pa
     assert "Stopped early; everything is saved" in out
     out, err = start("run", path, "--lab", lab, "--backend", "toy").communicate(timeout=90)
     assert "4 of 4 runs done" in out, out + err
-    assert "went on from a checkpoint" in out
+    assert "continued from a checkpoint" in out
     carry_out(load(path), tmp_path / "whole")
     assert files(lab) == files(tmp_path / "whole")
 

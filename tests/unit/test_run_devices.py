@@ -112,7 +112,7 @@ def test_a_signal_to_the_first_process_ends_all_and_the_same_command_goes_on(sen
         time.sleep(0.05)
     out, _ = start(*words, LABBOOK_TOY_DEVICES=DEVICES).communicate(timeout=60)
     assert "4 of 4 runs done" in out
-    assert "went on from a checkpoint" in out
+    assert "continued from a checkpoint" in out
     labbook("run", path, "--lab", tmp_path / "whole", "--backend", "toy")
     assert files(lab) == files(tmp_path / "whole")
 

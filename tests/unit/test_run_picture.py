@@ -143,7 +143,7 @@ def test_a_run_that_cannot_be_drawn_is_done_without_a_picture(tmp_path, monkeypa
     with caplog.at_level(logging.WARNING, "labbook"):
         assert outcomes(carry_out(study(tmp_path, **ONE), tmp_path / "lab")) == ["finished"]
     (record,) = caplog.records
-    assert "no picture of its bed" in record.getMessage()
+    assert "the bed was not drawn" in record.getMessage()
     assert type(problem).__name__ in record.getMessage()
     folder = the_run(tmp_path / "lab")
     open_run(folder)

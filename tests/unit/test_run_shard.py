@@ -122,7 +122,7 @@ def test_a_part_that_there_is_not_is_refused(text, tmp_path):
     given = ["run", str(study_file(tmp_path)), "--lab", str(tmp_path / "lab"), f"--shard={text}"]
     result = CliRunner().invoke(build(), given)
     assert result.exit_code == 1
-    assert "write i/n" in result.output
+    assert "write I/N" in result.output
     assert not (tmp_path / "lab").exists()
 
 

@@ -213,7 +213,7 @@ def test_a_full_disk_loses_no_finished_run(tmp_path, monkeypatch, room, every):
 
     with monkeypatch.context() as patch:
         patch.setattr(lab_module.os, "fsync", full)
-        with pytest.raises(DiskFull, match="make room and give the same command again"):
+        with pytest.raises(DiskFull, match="free some space and give the same command again"):
             carry_out(asked, lab, checkpoint_every=every)
     assert {key: folders(lab)[key] for key in before} == before
     carry_out(asked, lab)

@@ -66,7 +66,7 @@ def test_nothing_is_wider_than_the_terminal(width):
     lines = drawn(view, width)
     assert max(map(len, lines)) < width
     assert len(lines) == 6, "three jobs, how many more, and those elsewhere"
-    assert lines[-2:] == ["  and 28 discharging", "  3 held by another labbook"]
+    assert lines[-2:] == ["  and 28 discharging", "  3 held by another process"]
 
 
 def test_what_there_is_no_room_for_goes_from_its_end():

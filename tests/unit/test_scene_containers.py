@@ -99,7 +99,7 @@ def test_a_study_may_not_close_a_container():
         "orifice": "9 mm",
         "closed": False,
     }
-    with pytest.raises(ValidationError, match="not for a study"):
+    with pytest.raises(ValidationError, match="a study cannot set this"):
         WedgeHopper.model_validate(raw, context={"units": "required"})
 
 

@@ -52,7 +52,7 @@ def test_decimal_values_keep_their_digits():
         ("3 kg", "m", "a quantity in m is needed, not one in kg"),
         ("3 mm", "", "a number without unit"),
         ("3 foo", "m", "unknown unit foo"),
-        ("3 degC", "K", "no zero of its own"),
+        ("3 degC", "K", "a scale with an offset"),
         ("mm", "m", "does not begin with a number"),
         ("", "m", "does not begin with a number"),
         ("3 mm)", "m", "a number and then its unit"),
@@ -61,7 +61,7 @@ def test_decimal_values_keep_their_digits():
         ("9^9^9^9", "", "a number and then its unit"),
         ("9 m^99999999", "m", "a number and then its unit"),
         ("__import__('os')", "m", "does not begin with a number"),
-        ("3 " + "m" * 200, "m", "this long"),
+        ("3 " + "m" * 200, "m", "too long"),
     ],
 )
 def test_refuses(text, unit, reason):

@@ -86,7 +86,7 @@ def test_a_script_asks_slurm_for_what_it_was_told(tmp_path):
     [
         (("--tasks", 20000), "--tasks: 20000 is not between 1 and 10000"),
         (("--time", "3:00"), "too short"),
-        (("--time", "soon"), "is no time"),
+        (("--time", "soon"), "is not a time"),
     ],
 )
 def test_what_cannot_be_is_refused(given, problem, tmp_path):
@@ -129,7 +129,7 @@ def test_runs_that_the_lab_has_shorter_go_on_there(tmp_path):
     labbook("run", short, "--lab", lab, "--backend", "toy")
     path = study_file(tmp_path, "stop: {discharged: 90 %}", replicates=2)
     ended = labbook("run", path, "--lab", tmp_path / "part", "--backend", "toy", "--base", lab)
-    assert "4 went on from a checkpoint" in ended.stdout
+    assert "4 continued from a checkpoint" in ended.stdout
     assert "0 packings" in ended.stdout
 
 
@@ -153,7 +153,7 @@ def test_a_task_refuses_another_study_or_version_than_the_script_was_written_for
     (stated,) = re.findall(r"--expect (\S+)", text)
     words = ("run", path, "--lab", tmp_path / "part", "--backend", "toy", "--expect", stated)
     result = labbook(*words, check=False, LABBOOK_TOY_VERSION="2")
-    assert "toy-1 is now toy-2 since the script was written: write it again by labbook slurm" in result.output
+    assert "toy-1 is now toy-2 since the script was written: write the script again with labbook slurm" in result.output
     path.write_text(path.read_text().replace("0.5", "0.6"))
     result = labbook(*words, check=False)
     assert re.search(r"study-\w+ is now study-\w+ since", result.output)
@@ -180,7 +180,7 @@ def test_a_task_that_is_asked_to_stop_saves_and_the_next_one_goes_on(all_of_it, 
     assert "everything is saved" in out
     status, out = ended(begin(text, 1))
     assert status == 0, out
-    assert "1 went on from a checkpoint" in out
+    assert "1 continued from a checkpoint" in out
 
 
 @pytest.mark.slow
@@ -347,7 +347,7 @@ def test_a_real_slurm_runs_an_array_to_its_end_through_a_kill_and_a_requeue(tmp_
 
     _wait(over, 420, told)
     assert "4 done" in (tmp_path / "lab-parts/toy-study-0-of-2.log").read_text(), told()
-    assert "went on from a checkpoint" in parts[1].with_suffix(".log").read_text(), "task 2 was asked, and saved"
+    assert "continued from a checkpoint" in parts[1].with_suffix(".log").read_text(), "task 2 was asked, and saved"
     monkeypatch.setenv("LABBOOK_TOY_DELAY", "0")
     labbook("run", path, "--lab", tmp_path / "whole", "--backend", "toy")
     assert files(lab) == files(tmp_path / "whole")

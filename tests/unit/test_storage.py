@@ -74,7 +74,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_files(place, verb, monkeypat
     with monkeypatch.context() as patched:
         patched.setattr("labbook.lab.folder.os.replace", full)
         line = one_line(labbook(*words(verb, place), "--lab", lab, check=False))
-    assert "room" in line
+    assert "space" in line
     assert not half_files(lab)
     assert labbook(*words(verb, place), "--lab", lab).exit_code == 0, "with room the same command does it"
 
@@ -124,11 +124,11 @@ def test_a_lab_that_cannot_be_written_is_one_line(place, monkeypatch):
 
 
 @pytest.mark.parametrize(("number", "remedy"), [
-    (errno.ENOSPC, "make room"),
+    (errno.ENOSPC, "free some disk space"),
     (errno.EACCES, "--lab, --out"),
     (errno.EROFS, "copy of the lab"),
     (errno.ENOTDIR, "move the file"),
-    (errno.EIO, "see to the disk"),
+    (errno.EIO, "check the disk"),
 ])  # fmt: skip
 def test_every_error_of_files_has_a_remedy(number, remedy):
     line = told(OSError(number, os.strerror(number), "/lab/runs"))

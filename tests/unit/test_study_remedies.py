@@ -126,7 +126,7 @@ def test_units_of_another_kind_get_no_such_hint():
 @pytest.mark.parametrize(
     ("old", "new", "line", "key", "message", "remedy"),
     [
-        ("name: base", "name: base\ngravity: 0 m/s^2", 2, "gravity", "no grain settles", "above 0"),
+        ("name: base", "name: base\ngravity: 0 m/s^2", 2, "gravity", "do not settle", "above 0"),
         (
             "thickness: 1.01 d\n  angle: 90 deg\n  orifice: 30 mm",
             "thickness: 2.5 d\n  orifice: 30 mm\nfill: {kind: planar}",
@@ -135,7 +135,7 @@ def test_units_of_another_kind_get_no_such_hint():
             "there is room for more (2.5 d)",
             "less than 2 d",
         ),
-        ("1.01 d", "1 d", 8, "container.thickness", "leaves no play", "1.01 d or more"),
+        ("1.01 d", "1 d", 8, "container.thickness", "leaves no room", "1.01 d or more"),
         ("30 mm", "30 mm\nstop: {fill_height: 10 m}", 11, "stop.fill_height", "10000 mm is above any bed", "less than"),
         ("30 mm", "30 mm\nreplicates: 99999", 11, "replicates", "at most 10000", "at least 1, and at most 10000"),
         ("name: base", "name: ba\0se", 1, "", "not valid YAML", "remove the character 0x00 on line 1"),

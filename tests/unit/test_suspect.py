@@ -98,13 +98,13 @@ def test_the_expected_speed_is_that_of_a_free_fall_and_of_the_walls():
         ({"overlap": DEEPEST}, ""),
         ({"overlap": 0.123}, "grains overlap by 0.123 d, more than 0.1 d"),
         ({"speed": FASTEST}, ""),
-        ({"speed": 3.2}, "a grain moves at 3.2 m/s, more than 3 times as fast as by its fall"),
+        ({"speed": 3.2}, "a grain moves at 3.2 m/s, more than 3 times its free-fall speed"),
         ({"speed": 3.2, "expected_speed": None}, ""),
         ({"overlap": None, "speed": None}, ""),
-        ({"inside": 3, "outside": 1}, "1 grain got behind a wall or past the outlet beside it"),
-        ({"left": 5}, "the grains do not add up: 10 = 4 inside + 5 left + 0 outside fails by 1"),
+        ({"inside": 3, "outside": 1}, "1 grain went through a wall or past the outlet"),
+        ({"left": 5}, "the number of grains is not conserved: 10 = 4 inside + 5 left + 0 outside fails by 1"),
         ({"overlap": 0.2, "inside": 2, "outside": 2},
-         "grains overlap by 0.2 d, more than 0.1 d; 2 grains got behind a wall or past the outlet beside it"),
+         "grains overlap by 0.2 d, more than 0.1 d; 2 grains went through a wall or past the outlet"),
     ],
 )  # fmt: skip
 def test_what_makes_a_run_suspect(change, why):
@@ -212,5 +212,5 @@ def test_grains_that_leak_through_the_bottom_are_noticed(tmp_path, monkeypatch):
     summary = carry_out(study(tmp_path, replicates=1, orifices="[24]"), tmp_path / "lab")
     (record,) = records(tmp_path / "lab").values()
     many = record.coverage.crossed
-    told = f"{many} grains got behind a wall or past the outlet beside it"
+    told = f"{many} grains went through a wall or past the outlet"
     assert summary.suspect == {"orifice 24 mm": {1: told}}

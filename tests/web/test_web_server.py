@@ -442,7 +442,7 @@ def test_what_is_not_evaluated_is_said_and_stays_so(tmp_path, monkeypatch):
     for address in everything(lab, STUDY, 2):
         assert somebody.get(address).status_code == 200, address
     page = somebody.get(f"/study/{STUDY}").text
-    assert "Numbers of 4 runs are not evaluated yet" in page
+    assert "4 runs not evaluated yet" in page
     assert "labbook fit toy-study.yaml" in page
     assert "labbook fit toy-study.yaml" in somebody.get(f"/study/{STUDY}/point/1").text
     assert "not evaluated" in somebody.get(f"/card/{STUDY}").text

@@ -138,8 +138,8 @@ class App:
 
     async def _broken(self, request: Request, error: Exception) -> Response:
         _log.error("%s could not be answered", request.url.path, exc_info=error)
-        return await anyio.to_thread.run_sync(self._said, request, 500, "Something is wrong with labbook itself; "
-                                              "the terminal in which it runs says what.")  # fmt: skip
+        return await anyio.to_thread.run_sync(self._said, request, 500, "labbook has an internal error; "
+                                              "the terminal in which labbook web runs shows it.")  # fmt: skip
 
     def _said(self, request: Request, status: int, why: str) -> Response:
         if request.url.path.endswith(".json"):
@@ -301,18 +301,16 @@ def asked(request: Request, page: str) -> dict[str, str]:
     every = parse_qsl(request.url.query, keep_blank_values=True)
     found = {name: value for name, value in every if value}
     if len(every) != len({name for name, _ in every}):
-        raise HTTPException(400, "Something is asked for twice.")
+        raise HTTPException(400, "The address states a parameter twice.")
     allowed = _ALLOWED[page]
     if unknown := set(found) - allowed:
         raise HTTPException(
             400, f"{sorted(unknown)[0][:60]} is not known here; use: {', '.join(sorted(allowed)) or 'nothing'}"
         )
     if "page" in found and not (found["page"].isascii() and found["page"].isdigit() and len(found["page"]) < 7):
-        raise HTTPException(400, "page: it is no whole number")
+        raise HTTPException(400, "page: write a whole number, such as page=2")
     if page == "runs" and found.get("sort", "finished").removeprefix("-") not in RUN_COLUMNS:
-        raise HTTPException(
-            400, f"sort: use one of {', '.join(runs.SORTED_BY)}, with - before it for the greatest first"
-        )
+        raise HTTPException(400, f"sort: use one of {', '.join(runs.SORTED_BY)}, with - in front for descending order")
     return found
 
 
@@ -320,7 +318,7 @@ def hex_of(request: Request, name: str = "key") -> str:
     """The beginning of a run's key. Raises HTTPException for what cannot be one."""
     key = request.path_params[name]
     if not 4 <= len(key) <= 64 or set(key) - set("0123456789abcdef"):
-        raise HTTPException(400, f"{key[:80]} is no key of a run: at least four of its digits 0-9 and a-f")
+        raise HTTPException(400, f"{key[:80]} is not a key of a run; give at least four of its digits 0-9 and a-f")
     return key
 
 

@@ -50,7 +50,7 @@ class Guard:
             return _say("The address is too long.", 414)
         host = headers.get("host", "")
         if self._hosts and host not in self._hosts:  # a page elsewhere may have given its own name our address
-            return _say(f"This app is not known as {host[:100]}.", 421)
+            return _say(f"The app does not answer as {host[:100]}; use the address that `labbook web` printed.", 421)
         if scope["method"] not in ("GET", "HEAD", "POST"):
             return _say("Only GET, HEAD and POST are answered.", 405)
         if scope["method"] == "POST" and (why := _foreign(headers, host)):
@@ -58,7 +58,7 @@ class Guard:
         try:
             long = int(headers.get("content-length") or 0)
         except ValueError:
-            return _say("The length of what was sent is no number.", 400)
+            return _say("The Content-Length of the request is not a number.", 400)
         if not 0 <= long <= LARGEST_BODY:
             return _say(f"More than {LARGEST_BODY} bytes were sent.", 413)
         return self._ask_for_token(scope, headers) if self._token else None
@@ -82,9 +82,9 @@ def _foreign(headers: Headers, host: str) -> str:
     """Why a POST does not come from one of our own pages; empty if it does."""
     origin = headers.get("origin")
     if headers.get("sec-fetch-site", "same-origin") != "same-origin":
-        return "This was sent from another site."
+        return "The request came from another site."
     if origin is None or urlsplit(origin).netloc != host:
-        return "This was not sent from a page of this app."
+        return "The request did not come from a page of this app."
     return ""
 
 

@@ -47,7 +47,7 @@ def serve(
     own = is_loopback(host)
     if not own and not remote:
         raise CannotServe(
-            f"{host} can be reached by other machines: add --remote, and a token is asked of whoever opens it"
+            f"{host} can be reached by other machines: add --remote to allow it; clients then need a token"
         )
     token = "" if own else secrets.token_urlsafe(24)
     listening = _listen(host, PORT if port is None else port, or_any=port is None)

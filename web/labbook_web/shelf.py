@@ -206,7 +206,7 @@ class Shelf:
             return made[0] if made else "numba"
         if wanted in made or wanted in installed():
             return wanted
-        raise NotThere(f"no backend is called {wanted}; there are: {', '.join(sorted({*made, *installed()}))}")
+        raise NotThere(f"no backend is called {wanted}; use one of: {', '.join(sorted({*made, *installed()}))}")
 
     def found(self, name: str, backend: str) -> Found:
         """What the lab holds of a study on a backend. Raises NotThere, StudyError, LabError."""

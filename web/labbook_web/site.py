@@ -48,7 +48,7 @@ def write(
     recordings: whether to take recordings along. `say` is told what is being written. Raises CannotWrite.
     """
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
-        raise CannotWrite(f"{out} is there and is no site of labbook: give a folder that is new or empty")
+        raise CannotWrite(f"{out} exists and is not a site of labbook: give a new or empty folder")
     shelf = Shelf(lab, studies, only=True)
     listed = shelf.listed()
     if wrong := [one.problem for one in listed if one.problem]:
@@ -68,7 +68,7 @@ class _Writer:
         points = [one for found in self._found.values() for one in found.results.points]
         self._runs = tuple(dict.fromkeys(run.run_key for one in points for run in one.runs))
         if len(self._runs) > _MOST:
-            raise CannotWrite(f"{len(self._runs)} runs are too many for a site; {_MOST} is the most")
+            raise CannotWrite(f"{len(self._runs)} runs are too many for a site; the limit is {_MOST}")
         places = [
             f"study/{name}/point/{one.point.index + 1}"
             for name, found in self._found.items()

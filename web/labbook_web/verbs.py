@@ -9,9 +9,7 @@ from labbook.cli.options import LAB, Lab, existing, fail
 
 Studies = Annotated[
     list[Path] | None,
-    typer.Argument(
-        metavar="[STUDY]...", help="Study files to show besides those that the lab keeps.", show_default=False
-    ),
+    typer.Argument(metavar="[STUDY]...", help="Study files to show besides those kept in the lab.", show_default=False),
 ]
 
 
@@ -25,24 +23,27 @@ def register(app: typer.Typer) -> None:
         port: Annotated[
             int | None,
             typer.Option(
-                min=0, max=65535, help="Port; if not given, 8321, or any that is free; 0: any.", show_default=False
+                min=0,
+                max=65535,
+                help="Port; default: 8321, or any free port if that is taken; 0: any free port.",
+                show_default=False,
             ),
         ] = None,
         host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
         remote: Annotated[
             bool,
             typer.Option(
-                "--remote", help="Allow an address that other machines can reach; whoever asks needs the printed token."
+                "--remote", help="Allow an address that other machines can reach; clients need the printed token."
             ),
         ] = False,
-        read_only: Annotated[bool, typer.Option("--read-only", help="Write no notes and tags either.")] = False,
+        read_only: Annotated[bool, typer.Option("--read-only", help="Do not write notes and tags.")] = False,
         open_browser: Annotated[
             bool, typer.Option("--open/--no-open", help="Open the first page in a browser.")
         ] = True,
     ) -> None:
-        """Browse a lab: its studies, their charts, and their runs while they go on.
+        """Browse a lab in a web browser: studies, charts, and runs in progress.
 
-        Nothing is evaluated and nothing but notes is written; a study that runs is not held up. Ctrl-C ends it.
+        The app evaluates nothing and writes only notes; it does not block a running study. Ctrl-C ends it.
         """
         try:
             from labbook_web.serve import CannotServe, serve
@@ -50,7 +51,7 @@ def register(app: typer.Typer) -> None:
             fail(f"{missing.name} is not installed; install it: pip install 'labbook[web]'")
         for study in studies or ():
             if not study.is_file():
-                fail(f"there is no file {study}")
+                fail(f"no such file: {study}; give the path of a study file")
         if lab.exists():
             existing(lab).close()
         try:
@@ -62,14 +63,14 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def site(
-        out: Annotated[Path, typer.Argument(help="Folder to write, which is new or empty or a site already.")],
+        out: Annotated[Path, typer.Argument(help="Folder to write: new, empty, or a site written before.")],
         studies: Annotated[list[Path], typer.Argument(metavar="STUDY...", help="Study files to show.")],
         lab: Lab = LAB,
         recordings: Annotated[
-            bool, typer.Option("--recordings", help="Take the recordings of runs along (.rrd), to download.")
+            bool, typer.Option("--recordings", help="Include the recordings of runs (.rrd) for download.")
         ] = False,
     ) -> None:
-        """Write the pages of studies as a folder that needs no server: for a paper's supplement or a project page."""
+        """Write the pages of studies as static files, for a paper's supplement or a project page."""
         try:
             from labbook_web.site import CannotWrite, write
         except ModuleNotFoundError as missing:

@@ -83,7 +83,7 @@ def _fetch(folder: Path) -> None:
             (folder / name).write_bytes(content)
         (folder / "complete").touch()
     except (OSError, urllib.error.URLError) as error:
-        raise NoViewer(f"the viewer does not hand out its files: {error}") from error
+        raise NoViewer(f"the viewer does not serve its files: {error}") from error
     finally:
         served.terminate()
         served.wait(_PATIENCE)

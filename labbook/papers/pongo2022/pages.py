@@ -78,7 +78,7 @@ def sentence(curve: Rotation) -> str:
     who = ", ".join(filter(None, (curve.shape, curve.label)))
     if curve.unfinished:
         places = ", ".join(f"{f:g}" for f in curve.unfinished)
-        return f"{who}: runs are lacking at f = {places} Hz, so that nothing is said of where Q is smallest."
+        return f"{who}: runs are missing at f = {places} Hz, so the minimum of Q is not determined."
     lowest = curve.lowest()
     if lowest is None:
         ratio = curve.ratio(FLOW, len(curve.points) - 1)
@@ -129,7 +129,7 @@ def _falls(curves: Sequence[Rotation]):
 
 _FLOW = (
     "Q and Q(f)/Q(0) (Pongó et al. 2022, Fig. 2). Above: means with one standard error, dots: seeds. Below: ratios of "
-    "the means over the seeds that both have, with 90 % intervals from their pairs. Hollow: runs are lacking."
+    "the means over the seeds that both have, with 90 % intervals from their pairs. Hollow: runs are missing."
 )
 _SHAPES_ALT = "drop and rise of the flow rate against the aspect ratio"
 _SHAPES = (
@@ -144,7 +144,7 @@ _ORIFICE = (
     "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window (Pongó et al. "
     "2022, Figs 8 and 9); p_k is the trace of the kinetic stress of the fluctuations about the mean over azimuth and "
     "window, the free-fall height the area under a_eff/g up to two widths of the outlet. Bars: one standard error over "
-    "seeds; hollow: runs are lacking."
+    "seeds; hollow: runs are missing."
 )
 _FALL = (
     f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms of grains that start at this height within D/4 "

@@ -36,7 +36,7 @@ FEATURES = ("drop", "minimum", "rise", "for_O_zz", "drop_with_length", "rise_wit
 | `drop_with_length` | drop less that of the next shorter grains, by L/d, at the same D or D/d*      |
 | `rise_with_length` | the same of the rise                                                          |
 """
-_LACKING = "runs are lacking, and the first to end are no fair sample"
+_LACKING = "runs are missing, and runs that finish first are biased to fast flow"
 _HOW = (
     "Ratios to the bottom at rest are of means over the seeds that both have, with 90 % intervals; so is the frequency "
     "of a minimum, from curves drawn from the scatter between seeds. The smallest of several means is a little too "

@@ -119,7 +119,7 @@ class Ensemble:
         if self._slots is not None and len(self._glasses) >= self._slots:
             raise ValueError(f"all {self._slots} slots are taken")
         if self._backend.specialise(scene, numerics, self._spec.probes) != self._spec:
-            raise ValueError("this member needs another specialisation than the ensemble's")
+            raise ValueError("this member needs kernels that the ensemble's Spec does not have")
         member = Member(self._next)
         self._next += 1
         self._glasses[member] = Glass(self._backend, scene, numerics, start)

@@ -150,12 +150,12 @@ def test_points_that_lack_runs_are_fitted_and_named(profiled):
     """One of three runs is missing at 24 mm: every fit that takes the point in says so, and no other does."""
     (series,) = profiled.series
     assert not any(
-        "lack runs" in note for fit in (*series.fits.values(), *series.further.values()) for note in fit.notes
+        "missing runs" in note for fit in (*series.fits.values(), *series.further.values()) for note in fit.notes
     )
     points = [replace(r, runs=r.runs[:2]) if r.orifice == 0.024 else r for r in series.points]
     (again,) = series_of(points, ("beverloo", COVERAGE), further_fits())
     for fit in (again.fits["beverloo"], again.further[COVERAGE]):
-        (said,) = [note for note in fit.notes if "lack runs" in note]
+        (said,) = [note for note in fit.notes if "missing runs" in note]
         assert "24 mm with 2 of 3 runs;" in said
 
 

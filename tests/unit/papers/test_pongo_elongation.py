@@ -79,4 +79,4 @@ def test_runs_that_are_lacking_decide_nothing(synthetic, analysis):
     ended = [Run(p, seed) for p in points for seed in range(1, 9) if p.index or seed < 8]
     found = analyse(study, ended).judged
     assert [one.ours is None for one in found] == [True, True, False, False]
-    assert "runs are lacking" in found[0].why
+    assert "runs are missing" in found[0].why

@@ -189,7 +189,7 @@ def test_points_that_lack_runs_are_shown_hollow_and_judged_by_none(synthetic):
     assert (slow.ours, slow.verdict, fast.verdict) == (None, "undecided", "holds")
     assert (drop.ours, minimum.ours) == (None, None)
     assert drop.why.endswith("(f = 0.16, 0.32 Hz)")
-    assert "lacking at f = 0.16, 0.32 Hz" in sentence(rotations_of(found)[0])
+    assert "missing at f = 0.16, 0.32 Hz" in sentence(rotations_of(found)[0])
     assert any("(3 of 4)" in text for text in page.summary(found))
     for ax in figures.flow_against_rotation(rotations_of(found)).axes:
         hollow = [line for line in ax.lines if line.get_markerfacecolor() == "white"]
@@ -242,7 +242,7 @@ def test_figures_show_every_curve(analysis):
 def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     text = page.write(analysis, tmp_path).read_text(encoding="utf-8")
     assert "Against the rotation of the bottom" in text
-    assert "What Pongó et al. 2022 state" in text
+    assert "Statements of Pongó et al. 2022" in text
     assert "does not hold" in text
     for lacking in ("add `record:", "need `orifice` among the measures", "Q against D needs several outlets"):
         assert lacking in text

@@ -243,7 +243,7 @@ def test_one_value_is_no_sweep_and_one_run_has_no_interval():
     ratio, _ = ratio_of(found)
     assert ratio.value == 2
     assert math.isnan(ratio.error)
-    assert "no interval from one run" in changes(found)[0]
+    assert "one run: no interval" in changes(found)[0]
     assert figures.against_key(found).axes
 
 

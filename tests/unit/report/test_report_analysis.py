@@ -119,7 +119,7 @@ def test_a_reference_that_nothing_answers_is_shown_with_the_reason(synthetic):
     assert "beverloo has no kk" in found[1].why
     assert "no finished point" in found[2].why
     assert "waiting_time was not measured" in found[3].why
-    assert agreement(found, "nobody") == "Nothing can be compared with nobody yet."
+    assert agreement(found, "nobody") == "No numbers to compare with nobody yet."
 
 
 def test_the_sentence_on_agreement_counts_and_names_the_farthest():

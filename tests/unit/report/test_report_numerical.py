@@ -68,7 +68,7 @@ def test_a_wider_scatter_than_the_margin_decides_nothing(synthetic):
 def test_without_a_margin_differences_are_told_but_not_tested(synthetic):
     analysis = found(synthetic, swept(synthetic), None)
     table = numerical_table(analysis.numerical)
-    assert "No margin is stated" in " ".join(table.notes)
+    assert "Equivalence is not tested: no margin is stated" in " ".join(table.notes)
     assert [row[-1] for row in table.rows] == ["–", "–"]
     assert all(row[5].endswith(" %") for row in table.rows)
     assert summed_up(analysis.numerical) == ""
@@ -95,7 +95,7 @@ def test_points_that_lack_runs_are_not_tested(synthetic):
     lacking = {(1, 8), *((2, seed) for seed in range(1, 9))}
     (told,) = found(synthetic, swept(synthetic), 0.05, lacking=lacking).numerical
     assert told.test is None
-    assert told.why == "runs are lacking"
+    assert told.why == "runs are missing"
     assert numerical_table([told]).rows[0][-1] == told.why
     assert not found(synthetic, swept(synthetic), 0.05, lacking={(0, s) for s in range(1, 9)}).numerical
 

@@ -90,7 +90,7 @@ def test_it_shows_the_numbers_of_the_analysis(analysis, written):
     assert "C (grain density)" in text
     assert "C (bulk density)" in text
     assert "in standard errors" in text
-    assert "no finished point is at these values" in text
+    assert "no finished point has these values" in text
     assert "24 runs of 8 points." in text
     assert "versions numpy" in text
     assert analysis.points[0].runs[0].run_key in text
@@ -300,7 +300,7 @@ def test_a_packing_fraction_that_could_not_be_measured_is_said(synthetic):
     runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
     study = synthetic.study_of(points, measure=("packing",))
     (said,) = (one for one in summary(analyse(study, runs)) if "packing fraction" in one)
-    assert said.startswith("No packing fraction of 2 of 4 runs: the bulk is smaller than 4 d: fill in more grains")
+    assert said.startswith("No packing fraction in 2 of 4 runs: the bulk is smaller than 4 d: use more grains")
     assert not any("packing fraction" in one for one in summary(analyse(study, runs[2:])))
 
 
@@ -309,5 +309,5 @@ def test_the_summary_says_what_is_missing_and_what_falls_short(column, synthetic
     accuracy = Accuracy(flow_rate=1e-5, max_replicates=3)
     changed = type(study)(**{**vars(study), "accuracy": accuracy, "measure": ("flow_rate",)})
     sentences = " ".join(summary(analyse(changed, [run for run in finished if run.point.index])))
-    assert "Not finished yet: D = 18 mm." in sentences
-    assert re.search(r"asked error of 0\.001 % on the flow rate is not met at D = 21 mm; ", sentences)
+    assert "Points without a finished run: D = 18 mm." in sentences
+    assert re.search(r"asked error of 0\.001 % of the flow rate is not reached at D = 21 mm; ", sentences)

@@ -52,7 +52,7 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
     Raises Malformed, NotThere.
     """
     if len(items) > MOST:
-        raise Malformed(f"{len(items)} things are too many to compare; {MOST} is the most")
+        raise Malformed(f"{len(items)} items are too many to compare; choose at most {MOST}")
     lacking: list[str] = []
     found = _told_apart([_item(shelf, text, lacking) for text in dict.fromkeys(items)])
     labels = [one.label for one in found]
@@ -89,7 +89,7 @@ def _told_apart(items: list[Item]) -> list[Item]:
 def _item(shelf: Shelf, text: str, lacking: list[str]) -> Item:
     said = _ITEM.fullmatch(text)
     if said is None or (said["kind"] == "point") != (said["number"] is not None):
-        raise Malformed(f"{text[:80]} names nothing: use run:KEY, point:STUDY:NUMBER or study:STUDY")
+        raise Malformed(f"{text[:80]} is not an item: use run:KEY, point:STUDY:NUMBER or study:STUDY")
     if said["kind"] == "run":
         return _run(shelf, text, said["name"], lacking)
     found = shelf.found(said["name"], shelf.backend_of(said["name"], said["backend"]))

@@ -48,7 +48,7 @@ def point_of(found: Found, number: int) -> PointResult:
     if 1 <= number <= len(found.study.points):
         label = found.study.points[number - 1].label
         raise NotThere(f"no run of point {number} ({label}) is finished on {found.backend}")
-    raise NotThere(f"{found.study.name} has {len(found.study.points)} points, and no point {number}")
+    raise NotThere(f"{found.study.name} has {len(found.study.points)} points, not a point {number}")
 
 
 def quantities(result: PointResult) -> list[tuple[str, str, str, int]]:

@@ -151,7 +151,7 @@ def _stale(record: RunRecord) -> str:
         return ""
     if installed == record.cache_version:
         return ""
-    return f"made by version {record.cache_version} of {record.backend}, which is at {installed}"
+    return f"made by version {record.cache_version} of {record.backend}, now at version {installed}"
 
 
 def _known(shelf: Shelf, record: RunRecord) -> bool:

@@ -101,7 +101,7 @@
     const render = () => {
       const t = theme(), traces = [], every = studies(data), several = every.length > 1;
       const X = known.keys[state.x] || { label: "point", unit: "", scale: 1, words: true, orifice: false }, Y = known.quantities[state.y];
-      if (!Y) { note.textContent = "No number of these points was evaluated yet."; holder.hidden = true; return; }
+      if (!Y) { note.textContent = "These points have no evaluated numbers yet."; holder.hidden = true; return; }
       holder.hidden = false;
       const power = state.scale === "power" ? 2 / 3 : state.scale === "power5" ? 2 / 5 : 1;
       const raised = (value) => (value === null ? null : power === 1 ? value : Math.sign(value) * Math.abs(value) ** power);
@@ -178,7 +178,7 @@
       holder.dataset.points = points;
       holder.dataset.fits = traces.filter((one) => one.meta === "fit").length;
       const bits = [`${points} point${points === 1 ? "" : "s"}; bars are 95 % intervals over runs.`];
-      if (fitted && list.length > 4 && residuals) bits.push("Bands are left out where there are more than four curves.");
+      if (fitted && list.length > 4 && residuals) bits.push("With more than four curves, bands are not drawn.");
       if (marks) bits.push("Hollow points have a remark.");
       if (lacking) bits.push(`Crosses at zero: ${lacking} without a number.`);
       bits.push("Click a point to see its runs.");
