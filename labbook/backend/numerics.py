@@ -16,15 +16,15 @@ class Numerics(Model):
     dt: Duration
     """Time step [s]."""
     precision: Precision = "double"
-    """`mixed`: positions and their update in double, contact law in single. With `accuracy.flow_rate`, chosen if left
-    out."""
+    """`mixed`: positions and their update in double, contact law in single. If left out, chosen where the
+    study states `accuracy.flow_rate`."""
     integrator: Literal["leapfrog"] = "leapfrog"
     skin: Annotated[Ratio, Field(gt=0, le=1)] = 0.15
-    """Thickness of the shell of near neighbours, in grain diameters."""
+    """Skin of the neighbour lists, in grain diameters."""
     steps_per_beat: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = 1000
-    """Steps between two visits of the host: probes are read, and runs stopped, on beats."""
+    """Steps per beat. Between beats no probe is read and no run is stopped."""
     stiffness_scale: Annotated[Ratio, Field(gt=0)] = 1.0
-    """Factor on the study's stiffness; 1 is the study's own."""
+    """Factor on all stiffnesses of the study."""
     speed_limit: Annotated[Speed, Field(gt=0)] = 100.0
     """Abort the run if any grain is faster than this."""
     overlap_limit: Annotated[Ratio, Field(gt=0, le=1)] = 0.25

@@ -70,34 +70,34 @@ class SurfaceChange(ContactChange, OwnMaterial):
     """Where a wall differs from the grains; what is not given is as between grains, its material as in `contact`."""
 
     friction: Coefficient | None = None
-    """Coulomb coefficient at this wall."""
+    """Friction coefficient at this wall."""
     rolling_friction: Coefficient | None = None
-    """μ_r at this wall."""
+    """Rolling friction coefficient μ_r at this wall."""
     restitution: Restitution | None = None
     """Coefficient of normal restitution at this wall, in (0, 1]."""
     youngs_modulus: OwnModulus = None
-    """E of this wall's material; another way to write `shear_modulus`."""
+    """Young's modulus E of this wall's material, instead of `shear_modulus`."""
     shear_modulus: OwnModulus = None
-    """G of this wall's material (laws by Hertz); none: that of `contact`."""
+    """Shear modulus G of this wall's material (laws by Hertz); none: as in `contact`."""
     poisson_ratio: OwnRatio = None
-    """ν of this wall's material, beside a modulus; none: that of `contact`."""
+    """Poisson's ratio ν of this wall's material, only with a modulus; none: as in `contact`."""
     normal_stiffness: OwnStiffness = None
-    """k_n at this wall (law linear)."""
+    """Normal stiffness k_n at this wall (law linear)."""
 
 
 class Between(ContactChange):
     """Where contacts of two kinds of grains differ from all others; one kind twice: of its grains with each other."""
 
     kinds: tuple[str, str]
-    """Names of the two kinds, of `grains.kinds`."""
+    """Names of the two kinds, from `grains.kinds`."""
     friction: Coefficient | None = None
-    """Coulomb coefficient between these kinds, and, of one kind twice, of its grains at walls that state no other."""
+    """Friction coefficient between these kinds; for one kind named twice also at walls without their own."""
     rolling_friction: Coefficient | None = None
-    """μ_r between these kinds, and likewise at walls."""
+    """Rolling friction coefficient μ_r between these kinds; at walls as for `friction`."""
     restitution: Restitution | None = None
-    """Coefficient of normal restitution between these kinds, in (0, 1], and likewise at walls."""
+    """Coefficient of normal restitution between these kinds, in (0, 1]; at walls as for `friction`."""
     normal_stiffness: OwnStiffness = None
-    """k_n between these kinds (law linear), and likewise at walls."""
+    """Normal stiffness k_n between these kinds (law linear); at walls as for `friction`."""
 
 
 class Softer(NamedTuple):
@@ -123,29 +123,29 @@ class ContactLaw(Model, ABC):
         law: str
         """Its name."""
     friction: Coefficient = 0.0
-    """Coulomb coefficient μ between grains, and at walls that state no other."""
+    """Friction coefficient μ between grains, and at walls without their own."""
     rolling_friction: Coefficient = 0.0
-    """μ_r: the resisting torque is at most μ_r R F_n; R: see `rolling_model`."""
+    """Rolling friction coefficient μ_r: the torque is at most μ_r R F_n; for R see `rolling_model`."""
     restitution: Restitution = 1.0
-    """Coefficient of normal restitution e that is asked for, in (0, 1]."""
+    """Coefficient of normal restitution e, in (0, 1]."""
     damping: Damping = "clamped"
-    """`clamped`: the damping is solved so that the never-attractive law gives back e; `textbook`: the papers'
-    formula; `printed`: that with the damping of two grains at walls too, as Pongo et al. do (law linear)."""
+    """`clamped`: damping that gives e with a normal force that never pulls; `textbook`: the papers'
+    formula; `printed`: as `textbook`, but walls use the grain-grain damping, as in Pongó et al. (law linear)."""
     rolling: Rolling = "full"
-    """`full`: rolling friction resists all relative rotation, twist too (Fan eq 8 taken literally);
-    `rolling`: its tangential part only."""
+    """`full`: rolling friction resists all relative rotation, also twist (Fan et al. 2023, eq 8, literally);
+    `rolling`: only its tangential part."""
     # what is not stated is left out of what is stored and hashed
     rolling_model: Annotated[RollingModel, Field(exclude_if=lambda model: model == "cdt")] = "cdt"
-    """`cdt`: constant directional torque (Fan et al. 2023, eq 8), with R the radius of the smaller grain; what only
-    rolling friction holds creeps. `epsd`: elastic-plastic spring-dashpot (Ai et al. 2011, model C), with the effective
-    radius R = r_i r_j/(r_i + r_j), at walls that of the grain; what it holds rests. Of spheres only."""
+    """`cdt`: constant directional torque (Fan et al. 2023, eq 8), with R the radius of the smaller grain; grains held
+    by rolling friction alone creep. `epsd`: elastic-plastic spring-dashpot (Ai et al. 2011, model C), with effective
+    radius R = r_i r_j/(r_i + r_j), at walls the grain radius; grains that it holds rest. Spheres only."""
     rolling_stiffness: Annotated[Ratio | None, Field(gt=0, exclude_if=lambda value: value is None)] = None
-    """k_r/(k_n μ_r² R²) of rolling springs, k_n = F_n/δ without damping; none: 2.25 (Ai et al. 2011)."""
+    """Stiffness of rolling springs as k_r/(k_n μ_r² R²), k_n = F_n/δ without damping; none: 2.25 (Ai et al. 2011)."""
     rolling_damping: Annotated[Coefficient | None, Field(exclude_if=lambda value: value is None)] = None
-    """Dashpot of rolling springs over the critical one, η_r; none: 0.3."""
+    """Damping ratio η_r of rolling springs; none: 0.3."""
     # where there are no kinds it is left out of what is stored and hashed
     between: Annotated[tuple[Between, ...], Field(exclude_if=lambda between: not between)] = ()
-    """Pairs of kinds whose contacts differ; contacts of all others are as stated for the law."""
+    """Pairs of kinds with their own contact parameters; all other pairs use those of the law."""
 
     @property
     def material(self) -> Material | None:
@@ -208,7 +208,7 @@ class YoungsModulus(Model):
     """A material by E, as a study may state it in `contact`; what is stored is its G."""
 
     youngs_modulus: Pressure
-    """E of the grains' material: another way to write `shear_modulus` = E/(2 (1 + ν))."""
+    """Young's modulus E of the grains' material, instead of `shear_modulus` = E/(2 (1 + ν))."""
     poisson_ratio: PoissonRatio
     """ν of the grains' material."""
 
@@ -224,14 +224,14 @@ class Hertz(ContactLaw, ABC):
     law: str
     """Its name; here, since it stands before the other keys in records."""
     shear_modulus: Pressure
-    """G of the grains' material, or `youngs_modulus` instead."""
+    """Shear modulus G of the grains' material; or state `youngs_modulus`."""
     poisson_ratio: PoissonRatio
-    """ν of the grains' material, in (-1, 1/2]."""
+    """Poisson's ratio ν of the grains' material, in (-1, 1/2]."""
     tangential_damping: Coefficient = 1.0
-    """C_t / C_n (Fan et al. do not give C_t)."""
+    """Ratio C_t/C_n of tangential to normal damping (Fan et al. do not give C_t)."""
     # what is not stated is left out of what is stored and hashed
     normal_damping: Annotated[Coefficient | None, Field(exclude_if=lambda value: value is None)] = None
-    """C_n by its value, whatever the coefficient of restitution; none: the one that `damping` makes of it."""
+    """Value of C_n, instead of one from the coefficient of restitution; none: as `damping` says."""
 
     spellings: ClassVar[type[Model] | None] = YoungsModulus
 
@@ -319,10 +319,10 @@ class Tensile(Hertz, ABC):
     """Hertz's law in which the normal force may pull, unless a study forbids it."""
 
     damping: Damping = "textbook"
-    """`textbook`: C_n = sqrt(5/6) ln(1/e)/sqrt(pi^2 + ln^2 e), which gives back e if the normal force may pull;
-    `clamped`: solved for one that may not."""
+    """`textbook`: C_n = sqrt(5/6) ln(1/e)/sqrt(pi^2 + ln^2 e), which gives e if the normal force may pull;
+    `clamped`: damping that gives e if it may not."""
     tension: bool = True
-    """Whether the normal force may pull while grains part, as in the code or paper that the law is of."""
+    """Whether the normal force may pull as grains separate, as in the paper or code of the law."""
 
     @property
     def pulls(self) -> bool:
@@ -338,7 +338,7 @@ class Tensile(Hertz, ABC):
 
 
 class HertzPrinted(Tensile):
-    """Fan et al. 2023, eqs 6 to 8, to the letter: nothing is cut.
+    """Fan et al. 2023, eqs 6 to 8, literally: no limit on the total friction force.
 
     Friction is F_t^e = mu F_n^e (1 - (1 - min(s, s_max)/s_max)^{3/2}) with a dashpot that vanishes at s_max. The spring
     goes on growing while the contact slides, so that a reversal first has to take all of that back, and pushes on its
@@ -375,18 +375,18 @@ class HertzLammps(Tensile):
 
 
 class LinearSpringDashpot(ContactLaw):
-    """Linear springs and dashpots (Pongo et al. 2022)."""
+    """Linear springs and dashpots (Pongó et al. 2022)."""
 
     physics: ClassVar[str] = "labbook_dem.laws.linear"
     usual_step: ClassVar[str] = "0.02 collision"  # the paper's: below so much
 
     law: Literal["linear"] = "linear"
     normal_stiffness: Stiffness
-    """k_n [N/m]."""
+    """Normal stiffness k_n."""
     tangential_stiffness: Annotated[Ratio, Field(gt=0, le=10)] = 2 / 7
-    """k_t / k_n."""
+    """Ratio k_t/k_n of tangential to normal stiffness."""
     tangential_damping: Coefficient = 1.0
-    """γ_t / γ_n."""
+    """Ratio γ_t/γ_n of tangential to normal damping."""
 
     def stiffened(self, factor: float) -> Self:
         """The law with `factor` times the normal stiffness."""

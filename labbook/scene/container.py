@@ -48,13 +48,13 @@ class WedgeHopper(Model):
     width: Length
     """Inner width L between the side walls."""
     height: Length
-    """Height H of the side walls above the outlet; a filling may stand higher."""
+    """Height H of the side walls above the outlet; grains may start above it."""
     thickness: Length
     """Distance Z between the front and the back wall."""
     angle: Angle = math.pi / 2
     """Angle α of the bottom from the vertical, 1 to 90 deg: 90 deg is flat, 15 deg a steep funnel."""
     orifice: Length
-    """Width D of the outlet, less than the hopper's."""
+    """Width D of the outlet, less than the width of the hopper."""
     gap: Distance | None = None
     """Gap s from the left side wall to the near edge of the outlet, at most (L - D)/2; none: centred."""
     closed: InternalFlag = False
@@ -161,17 +161,17 @@ class WedgeHopper(Model):
 
 
 class CylinderSilo(Model):
-    """Upright cylinder with a round outlet in the middle of its flat bottom, which may turn (Pongó et al. 2022)."""
+    """Upright cylinder with a round outlet in the middle of its flat bottom, which may rotate (Pongó et al. 2022)."""
 
     kind: Literal["cylinder-silo"] = "cylinder-silo"
     diameter: Length
     """Inner diameter D_c of the cylinder."""
     height: Length
-    """Height of the cylinder above the outlet; a filling may stand higher."""
+    """Height of the cylinder above the outlet; grains may start above it."""
     orifice: Length
     """Diameter D of the outlet, less than the cylinder's."""
     rotation: Frequency = 0.0
-    """Turns per second f of the bottom about the axis from the opening on; seen from above, positive is to the left."""
+    """Rotation frequency f of the bottom after the opening; positive is counter-clockwise seen from above."""
     closed: InternalFlag = False
 
     @model_validator(mode="after")
@@ -215,7 +215,7 @@ class ConicalSilo(Model):
     diameter: Length
     """Inner diameter D_c of the cylinder."""
     height: Length
-    """Height of the cylinder's upper end above the outlet; a filling may stand higher."""
+    """Height of the cylinder's upper end above the outlet; grains may start above it."""
     angle: Angle
     """Angle of the cone from the vertical, at least 1 deg and less than 90 deg."""
     orifice: Length
@@ -280,7 +280,7 @@ def _orifice_faults(orifice: float, diameter: float) -> Iterator[Fault]:
 
 
 class Box(Model):
-    """A box of inner size width x depth x height, x and y centred, bottom at z = 0; `lid` closes its top."""
+    """Box, centred in x and y, with its bottom at z = 0; `lid` closes its top."""
 
     kind: Literal["box"] = "box"
     width: Length
@@ -328,7 +328,7 @@ class Box(Model):
 
 
 class Primitives(Model):
-    """Walls given one by one; none at all is free space."""
+    """Walls listed one by one; without walls: free space."""
 
     kind: Literal["primitives"] = "primitives"
     parts: tuple[Wall, ...] = ()

@@ -12,4 +12,4 @@ class Feed(Model):
     """Part of the key of every fed run; it rises whenever a seed puts grains to other places than before."""
 
     kind: Literal["reinject"]
-    """`reinject`: grains that left fall onto the bed again, from free places above it that are drawn at random."""
+    """`reinject`: grains that left fall onto the bed again, from random free places above it."""

@@ -25,17 +25,17 @@ class Kind(OwnMaterial):
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
     """Name that `contact.between` refers to: lower-case letters, digits and hyphens."""
     share: Annotated[Ratio, Field(gt=0, le=1)]
-    """Part of the grains, by number, that is of this kind; all shares add up to 1."""
+    """Number fraction of this kind; all shares add up to 1."""
     diameter: Length | None = None
-    """Diameter of all grains of this kind, at most d; none: as `grains.sizes` says, or d."""
+    """Diameter of all grains of this kind, at most d; none: from `grains.sizes`, or d."""
     density: Density | None = None
-    """Density of this kind's material; none: that of `grains`."""
+    """Density of this kind's material; none: `grains.density`."""
     youngs_modulus: OwnModulus = None
-    """E of this kind's material; another way to write `shear_modulus`."""
+    """Young's modulus E of this kind's material, instead of `shear_modulus`."""
     shear_modulus: OwnModulus = None
-    """G of this kind's material (laws by Hertz); none: that of `contact`."""
+    """Shear modulus G of this kind's material (laws by Hertz); none: as in `contact`."""
     poisson_ratio: OwnRatio = None
-    """ν of this kind's material, beside a modulus; none: that of `contact`."""
+    """Poisson's ratio ν of this kind's material, only with a modulus; none: as in `contact`."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +52,16 @@ class Spheres(Model):
 
     shape: Literal["sphere"] = "sphere"
     diameter: Length
-    """Diameter d, that of the largest grains; `d` is a unit of length in all other keys."""
+    """Diameter d of the largest grains; `d` is a unit of length in all other keys."""
     density: Density
     """Density ρ_p of the grains' material."""
     count: Count
     """Number of grains N."""
     # what is not there is left out of what is stored and hashed: equal spheres are the same scene as ever
     sizes: Annotated[Sizes | None, Field(exclude_if=lambda sizes: sizes is None)] = None
-    """Distribution of diameters, up to d; none: all are d."""
+    """Distribution of diameters, up to d; none: all diameters are d."""
     kinds: Annotated[tuple[Kind, ...], Field(exclude_if=lambda kinds: not kinds)] = ()
-    """Kinds of grains, which differ in material or size; none: all are of one."""
+    """Kinds of grains, which differ in material or size; none: one kind."""
 
     @model_validator(mode="after")
     def _is_possible(self):

@@ -35,7 +35,7 @@ class Equal:
 
 
 class Uniform(Model):
-    """All diameters from `smallest` to d are alike in number."""
+    """Uniform number distribution of diameters from `smallest` to d."""
 
     kind: Literal["uniform"] = "uniform"
     smallest: Length
@@ -63,13 +63,13 @@ class Uniform(Model):
 
 
 class Normal(Model):
-    """Diameters are normal, cut at d and as far below the mean."""
+    """Normal number distribution of diameters, cut at d and symmetrically below the mean."""
 
     kind: Literal["normal"] = "normal"
     mean: Length
     """Mean diameter, below d."""
     deviation: Length
-    """Standard deviation of the diameters, before they are cut."""
+    """Standard deviation of the diameters before the cut."""
 
     def faults(self, largest: float) -> Iterator[Fault]:
         """What is wrong with it where the largest diameter is `largest` [m]."""

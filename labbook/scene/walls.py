@@ -52,7 +52,7 @@ def _from_segment(section: np.ndarray, start: Point2, end: Point2) -> np.ndarray
 
 
 class Plane(WallShape):
-    """The half-space behind an infinite plane. `normal` points to the grains; it is normalised on use."""
+    """The half-space behind an infinite plane; `normal` points to the grains."""
 
     physics: ClassVar[str] = "labbook_dem.walls.plane"
 
@@ -74,7 +74,7 @@ class Plane(WallShape):
 
 
 class Strip(WallShape):
-    """A thin plate: the segment from `start` to `end` in the x-z plane [m], endless along y.
+    """A thin plate: the segment from `start` to `end` in the x-z plane [m], infinite along y.
 
     Its two edges are real: a grain rolls over them. Two strips that share an end make a corner.
     """
@@ -103,7 +103,7 @@ class Strip(WallShape):
 
 
 class Frustum(WallShape):
-    """A thin plate round the vertical axis x = y = 0: a segment in the plane of radius and height, turned about it.
+    """A thin plate round the vertical axis x = y = 0: a segment in the plane of radius and height, rotated about it.
 
     Upright it is the side of a cylinder, flat a plate with a hole, inclined a cone. Its lower edge is real: a grain
     rolls over it. Two frustums that share a circle make a corner.
@@ -113,9 +113,9 @@ class Frustum(WallShape):
 
     kind: Literal["frustum"] = "frustum"
     lower: Point2
-    """Radius and z of the edge, the rim."""
+    """Radius and z of the inner edge, the rim."""
     upper: Point2
-    """Radius and z of the other end, at a radius that is not less."""
+    """Radius and z of the other edge; its radius is not smaller."""
 
     @model_validator(mode="after")
     def _is_possible(self):
@@ -151,9 +151,9 @@ class SurfaceMotion(Model):
     """Motion of a wall's surface; the wall itself stays."""
 
     velocity: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)
-    """Along x, y and z."""
+    """Velocity along x, y and z."""
     spin: AngularSpeed = 0.0
-    """About the vertical axis x = y = 0."""
+    """Angular velocity about the vertical axis x = y = 0."""
 
 
 AT_REST = SurfaceMotion()

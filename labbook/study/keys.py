@@ -157,7 +157,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         _limits(metadata),
         choices,
         _default(field, unit),
-        " ".join((field.description or ("The only choice." if len(choices) == 1 else "")).split()),
+        " ".join((field.description or ("Time integrator; the only choice." if len(choices) == 1 else "")).split()),
         of,
     )
 

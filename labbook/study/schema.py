@@ -34,25 +34,25 @@ class Fill(Model):
     """How the closed container is filled, once for all runs that share the packing."""
 
     kind: Annotated[str, Among(STARTS)] = "rain"
-    """How grains start: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a rain in
-    the middle plane between front and back walls."""
+    """Start of the grains: `rain`, a loose column of slow grains; `gas`, a denser one of fast grains; `planar`, a rain
+    in the middle plane between front and back walls."""
     friction: Coefficient | None = None
-    """Friction of grains and walls while filling; none: the study's own."""
+    """Friction coefficient of grains and walls during filling; none: as in the study."""
     # where it is not stated it is left out of what is stored
     contact: Annotated[AnyLaw | None, Field(exclude_if=lambda law: law is None)] = None
-    """Contact law while filling, with all its keys as in `contact`; none: the study's own. Studies of several laws can
-    so start from the same beds."""
+    """Contact law during filling, with the keys of `contact`; none: as in the study. So studies of several laws can
+    start from the same beds."""
     numerics: Annotated[Numerics | None, Field(exclude_if=lambda numerics: numerics is None)] = None
-    """Numerics while filling; keys that are left out are those of `numerics`. Runs with other numerics can so start
-    from the same beds, and beds be filled with a longer step than they flow with."""
+    """Numerics during filling; keys that are left out are as in `numerics`. So runs with other numerics can start
+    from the same beds, and beds can be filled with a longer step."""
     settled_below: Annotated[Ratio, Field(gt=0, le=1)] = 1e-6
     """Kinetic energy per grain, in units of m g d, below which the bed is at rest."""
     moving: Fraction | None = None
-    """Fraction of the grains that may still move in a bed at rest: the slow ones each have less than `settled_below`.
-    None: 1 % of rods, and of spheres without rolling friction, which may roll for ever; 0 elsewhere and where
-    `settled_below` is stated."""
+    """Fraction of the grains that may still move in a bed at rest: each slow grain has less than `settled_below`.
+    None: 1 % for rods and for spheres without rolling friction, which may roll for ever; else 0, and 0
+    if `settled_below` is stated."""
     max_time: Duration = 60.0
-    """A bed that has not settled by this time is an error."""
+    """Longest filling; a bed that moves after this time is an error."""
 
 
 START_UP = 0.5
@@ -73,10 +73,10 @@ class Window(Model):
     """
 
     start: Fraction = 0.15
-    """Fraction of the mass that has left when the window opens."""
+    """Discharged mass fraction at which the window opens."""
     end: Fraction = LATEST
-    """Fraction of the mass that has left when the window closes. Left out: where the lowest bed of the study is still
-    1.2 widths of its container high, between 0.3 and 0.6; 0.6 where the container does not tell."""
+    """Discharged mass fraction at which the window closes. If left out: where the lowest bed of the study is still
+    1.2 container widths high, between 0.3 and 0.6; 0.6 where that height is unknown."""
     after: Instant | None = None
     """Time after the opening of the outlet at which the window opens, instead of `start`."""
     until: Duration | None = None
@@ -122,39 +122,39 @@ class Stop(Model):
     """When a discharge is stopped."""
 
     discharged: Annotated[Ratio, Field(gt=0, le=1)] = LATEST + MARGIN
-    """Stop when this fraction of the mass has left; at least the end of the window. Left out: 0.05 after that."""
+    """Stop at this discharged mass fraction, at least `window.end`; if left out: `window.end` + 0.05."""
     max_time: Duration = 60.0
-    """Stop at this time after the opening."""
+    """Stop at this time after the opening of the outlet."""
     stall: Duration = 2.0
-    """A run from which no grain has left for this long is clogged."""
+    """Time without a leaving grain after which a run is clogged."""
     fill_height: Length | None = None
-    """Stop when the bed of a flat-bottomed silo has fallen to this height; none: it may run empty."""
+    """Stop when the bed of a flat-bottomed silo has fallen to this height; none: no such stop."""
 
 
 class Accuracy(Model):
     """The error that is tolerated in the pooled mean of each point."""
 
     flow_rate: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
-    """Error of the flow rate: bias of the numerics and half-width of the 95 % interval together, relative to it.
-    Numerics that are left out and the number of replicates are chosen for it; none: as many replicates as stated."""
+    """Relative error of the flow rate to reach: bias of the numerics plus half-width of the 95 % interval.
+    labbook then chooses numerics that are left out, and the number of replicates; none: `replicates` runs."""
     max_replicates: Annotated[int, Field(ge=2, le=10_000, strict=True)] = 100
-    """Replicates that are not exceeded, even if the error is still larger."""
+    """Largest number of replicates per point, even if the error is not reached."""
     calibration: Annotated[str, Field(min_length=1, max_length=500)] | None = None
-    """Calibration file, as `labbook calibrate` writes it; none: STUDY.calibration.json beside the study's file, if
-    there is one, and the one that ships."""
+    """Calibration file written by `labbook calibrate`; none: STUDY.calibration.json beside the study file, if
+    it exists, and the file shipped with labbook."""
     numerics: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
-    """Margin within which flow rates at other numerics of a sweep count as the same; none: that is not tested."""
+    """Relative margin of the equivalence test between swept numerics; none: no test."""
     count_suspect: StrictBool = False
-    """Whether runs whose ledger makes them suspect take part in means and fits."""
+    """Whether suspect runs (by their ledger) take part in means and fits."""
 
 
 class Record(Model):
     """Which runs keep their frames for a recording."""
 
     every: Duration = 0.01
-    """Time between two frames."""
+    """Time between two recorded frames."""
     replicates: Annotated[int, Field(ge=1, le=10_000, strict=True)] = 1
-    """How many replicates of each point are recorded."""
+    """Number of replicates of each point that are recorded."""
 
 
 class Settings(Model):
@@ -165,7 +165,7 @@ class Settings(Model):
     about: Annotated[str, Field(max_length=2000)] = ""
     """What the study is for, in a sentence."""
     replicates: Annotated[int, Field(ge=1, le=10_000, strict=True)] = 1
-    """Least number of runs of each point; their seeds are 1, 2, 3 ..."""
+    """Minimum number of runs per point; their seeds are 1, 2, 3 ..."""
     accuracy: Accuracy = Accuracy()
     measure: tuple[str, ...] = ("flow_rate",)
     """Names of the measurements to take."""
