@@ -66,6 +66,6 @@ def test_a_gpu_that_is_not_there_is_said_before_anything_runs(tmp_path):
         pytest.skip(str(missing))
     path = tmp_path / "tiny.yaml"
     path.write_text(STUDY)
-    with pytest.raises(Unsupported, match="no device cuda:0|no cuda:0 here"):
+    with pytest.raises(Unsupported, match=r"no (device )?cuda:0"):
         compare(load(path), Lab(tmp_path / "lab"), two, 0.03)
     assert not (tmp_path / "lab").exists()
