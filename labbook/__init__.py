@@ -1,6 +1,6 @@
 """labbook: studies of granular silos, from a YAML file or from Python to a report with error bars.
 
-Importing it is cheap: no backend, viewer, catalogue or plotting library is loaded until it is used. docs/python.md
+The import is fast: backends, viewer, index and plotting libraries are loaded at their first use. docs/python.md
 lists all names.
 """
 
@@ -53,7 +53,7 @@ _PLACE = {name: module for module, names in _PLACES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, from where it is, when it is first asked for."""
+    """Import a public name at its first use."""
     if name not in _PLACE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = globals()[name] = getattr(import_module(_PLACE[name]), name)
@@ -61,5 +61,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names, whether they have been asked for or not."""
+    """All public names, imported or not."""
     return sorted({*globals(), *_PLACE})

@@ -61,31 +61,31 @@ __all__ = ["Conflict", "Lab", "LabWarning", "Results", "Run"]
 
 
 class LabWarning(UserWarning):
-    """Something of a study is lacking or lost: runs that failed, or that cannot be read."""
+    """Some runs of a study failed or cannot be read."""
 
 
 @dataclass(frozen=True)
 class Lab:
-    """A folder in which runs and packings are kept, and the backend and device that make them.
+    """A folder with runs and packings, and the backend and device that make them.
 
-    Nothing is made before something is written. Several processes may use one lab at once: they share the work.
+    The folder is created at the first write. Several processes may use one lab at once: they share the work.
     """
 
     folder: Path | str = DEFAULT
     backend: str = "numba"
-    """`numba` (CPU) or `warp` (GPU); results are those of its runs."""
+    """Backend that makes the runs, and whose runs `results` reads: `numba` (CPU) or `warp` (GPU)."""
     device: str = "cpu"
-    """As the backend names it: `cpu`, `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`."""
+    """Device, such as `cpu` or `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`."""
 
     @property
     def place(self) -> Folder:
-        """The folder with its parts."""
+        """The folder, with methods for the places in it."""
         return Folder(Path(self.folder))
 
     def plan(self, study: Study) -> Plan:
-        """What `study` still needs here and why, with a forecast of time and disk, and warnings.
+        """The runs that `study` still needs in this lab and why, with a forecast of time and disk space, and warnings.
 
-        Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, BackendMissing, LabError.
+        Raises Unsupported, Conflict or MeasureError if the backend cannot do it, TooLarge, BackendMissing, LabError.
         """
         with self._catalogue() as catalogue:
             return foresee(study, catalogue, load_backend(self.backend), self.device)
@@ -99,16 +99,16 @@ class Lab:
         base: Path | str | None = None,
         cluster: str | None = None,
     ) -> Summary:
-        """Run what `study` still needs; what is there already is not run again.
+        """Make the runs that `study` still needs; finished runs are not repeated.
 
-        progress: whether to show a bar, or who else is told. checkpoint_every: wall time [s] between two saves of a
-        run. shard: i/n, to run only the i-th of n parts of the study, which are even in the work that is foreseen;
-        all runs from one packing are in one part. base: another lab, whose runs are not made again, and whose packings
-        are taken. cluster: address of a Dask scheduler, whose workers run it on their device (extra `cluster`). Ctrl-C
-        saves what is going on and returns; asked again, it raises KeyboardInterrupt and what was saved last is kept.
-        Either way the next call goes on. Runs that fail are warned
-        of and named in the summary. Raises what `plan` does but TooLarge, before anything runs; ValueError for a part
-        that there is not; DiskFull.
+        progress: whether to show a bar, or a Watcher to inform. checkpoint_every: wall time [s] between two saves of a
+        run. shard: I/N, to run only part I of N parts of the study, which have about the same forecast cost;
+        all runs from one packing are in one part. base: another lab, whose runs are not repeated and whose packings
+        are used. cluster: address of a Dask scheduler; its workers run the study (extra `cluster`). Ctrl-C
+        saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the last checkpoints.
+        Either way the next call goes on. Failed runs give a warning
+        and are named in the summary. Raises what `plan` does except TooLarge, before anything runs; ValueError for a
+        wrong `shard`; DiskFull.
         """
         part = WHOLE if shard is None else Shard.parse(shard)
         other = None if base is None else Folder(Path(base))
@@ -134,8 +134,8 @@ class Lab:
     def calibrate(
         self, study: Study, seeds: int | None = None, progress: bool | Watcher = True
     ) -> tuple[Calibrated, ...]:
-        """What numerics do to the flow rate of `study`, scene by scene: its pilot is run, a few settings with `seeds`
-        runs each at its first and last point, and evaluated by one regression a scene. seeds: None for 8. A study that
+        """Effect of numerics on the flow rate of `study`, scene by scene. Runs its pilot: a few settings with `seeds`
+        runs each at its first and last point, evaluated by one regression per scene. seeds: None for 8. A study that
         sweeps numerics is its own pilot.
 
         Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be calibrated,
@@ -144,10 +144,10 @@ class Lab:
         return self._calibrated(study if is_pilot(study) else pilot(study, seeds or SEEDS), progress)
 
     def pilot(self, study: Study, progress: bool | Watcher = True) -> Study:
-        """`study` with numerics chosen for the error that it asks for, also where nothing was measured of such scenes:
-        there a pilot is run first, which measures what the time step does to the flow rate at a few of its points.
+        """`study` with numerics chosen for the error that it asks for. If its scenes are not calibrated,
+        a pilot is run first, which measures the effect of the time step on the flow rate at a few of its points.
 
-        The calibration is written beside the file of the study, for all who load that, or into the lab for a study made
+        The calibration is written beside the study file, where `load` finds it, or into the lab for a study made
         in Python. A study that needs no pilot is returned as it is. Raises what `calibrate` raises, and OSError where
         the calibration cannot be written, before anything runs.
         """
@@ -168,10 +168,10 @@ class Lab:
         return calibrate(pilot.name, self.results(pilot, False).points)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> "Results":
-        """What was found of `study` so far. What was not evaluated yet is evaluated now, and kept.
+        """Results of `study` so far. Runs that are not evaluated yet are evaluated now, and the numbers are kept.
 
-        progress: whether to show how many runs are evaluated, or who is told. Runs that cannot be read are warned of
-        and left out. Raises LabError.
+        progress: whether to show how many runs are evaluated, or a function to call. Unreadable runs give a warning
+        and are left out. Raises LabError.
         """
         with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
             found = find(study, catalogue, self.backend, told)
@@ -182,10 +182,10 @@ class Lab:
     def frame(
         self, study: Study | str | None = None, outcome: str | None = None, limit: int | None = None
     ) -> "pd.DataFrame":
-        """All runs of the lab, the latest first: a row a run, with units in `attrs`.
+        """All runs of the lab, the latest first: one row per run, with units in `attrs`.
 
-        study: only runs first made for this study, or the one of this name; outcome: only those that ended so, or
-        `unreadable`, or `suspect`; limit: how many. Raises LabError.
+        study: only runs first made for this study (or its name); outcome: only runs with this outcome, or
+        `unreadable`, or `suspect`; limit: largest number of rows. Raises LabError.
         """
         with self._catalogue() as catalogue:
             made = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
@@ -214,10 +214,10 @@ class Lab:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Results(Found):
-    """All that was found of a study, with its tables, figures and files."""
+    """All results of a study, with its tables, figures and files."""
 
     lab: Lab = Lab()
-    """Where it was found."""
+    """The lab that has the runs."""
 
     def frame(self) -> "pd.DataFrame":
         """A row a point: `point` (from 1), what was swept, and of each quantity its mean over replicates (`flow_rate`),
@@ -241,7 +241,7 @@ class Results(Found):
         return made
 
     def frames(self) -> dict[str, "pd.DataFrame"]:
-        """All tables by name, a row a number, as `labbook export` writes them: see `labbook.results.frames.frames`.
+        """All tables by name, one row per number, as `labbook export` writes them: see `labbook.results.frames.frames`.
 
         SI, with units in `attrs` and in columns called `unit`.
         """
@@ -253,10 +253,10 @@ class Results(Found):
         return made
 
     def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult:
-        """The law of that name, fitted to flow rates against the orifice; also one that the study does not list.
+        """Fit of the law with this name to flow rates against the orifice; the study need not list it.
 
-        at: which series, where others than the orifice are swept (`{"container.angle": "30 deg"}`). Raises FitError,
-        LookupError where `at` is missing or fits no series.
+        at: the series, if other keys than the orifice are swept (`{"container.angle": "30 deg"}`). Raises FitError,
+        LookupError if `at` is missing or matches no series.
         """
         series = self._series(at)
         if law not in series.fits:
@@ -268,16 +268,16 @@ class Results(Found):
         raise FitError(f"no law of the flow rate is called {law}; {instead(law, LAWS)}")
 
     def figures(self, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
-        """Names of the figures that `plot` can draw; of series, those of the one that `at` names (None: of any)."""
+        """Names of the figures that `plot` can draw. at: only figures of this series (None: of all series)."""
         series = self.series if at is None else (self._series(at),)
         own = [name for one in series for name in gallery.of_series(self, one)]
         shared = [*gallery.of_results(self)]
         return tuple(dict.fromkeys([*own, *shared] if len(series) == 1 else [*shared, *own]))
 
     def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure":
-        """One of the report's figures, by its name in `figures()` (None: the first); a notebook shows it by itself.
+        """One of the report's figures, by its name in `figures()` (None: the first); a notebook displays it.
 
-        at: of which series, as for `fit`. Raises LookupError for a figure that there is not.
+        at: the series, as for `fit`. Raises LookupError for an unknown figure.
         """
         name = name or next(iter(self.figures(at)), "flow_rate")
         draw = gallery.of_results(self).get(name)
@@ -290,7 +290,7 @@ class Results(Found):
 
     @cached_property
     def runs(self) -> "tuple[Run, ...]":
-        """Every run, by point and seed."""
+        """All runs, ordered by point and seed."""
         return tuple(
             Run(run.run, run.measured, run.measures, run.window, run.counted, self)
             for p in self.points
@@ -298,7 +298,7 @@ class Results(Found):
         )
 
     def run(self, point: int, seed: int = 1) -> "Run":
-        """The run of a point, counted from 1, with this seed. Raises LookupError."""
+        """The run of a point (counted from 1) with this seed. Raises LookupError."""
         for run in self.runs:
             if (run.point.index + 1, run.seed) == (point, seed):
                 return run
@@ -307,7 +307,7 @@ class Results(Found):
 
     def report(self, folder: Path | str | None = None) -> Path:
         """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:
-        LAB/reports/NAME); the path of the page."""
+        LAB/reports/NAME). Returns the path of the page."""
         return page.write(self, Path(folder or Path(self.lab.folder) / "reports" / self.study.name))
 
     def export(
@@ -319,11 +319,11 @@ class Results(Found):
         every: float | None = None,
         say: Callable[[str], None] = lambda text: None,
     ) -> list[Path]:
-        """Write all tables, with `vtk` recorded runs for ParaView, and with `packings` what runs started from as data
-        files of LIGGGHTS and LAMMPS; the paths.
+        """Write all tables; with `vtk` also recorded runs for ParaView, with `packings` also initial packings as data
+        files of LIGGGHTS and LAMMPS. Returns the paths.
 
-        folder: None for LAB/exports/NAME. every: also the table `inside`, how many grains are inside at times so far
-        apart [s]. `say` is told what is being written. Raises NoParquet (of
+        folder: None for LAB/exports/NAME. every: also write the table `inside`, the number of grains inside at times
+        this far apart [s]. say: called with the name of each file. Raises NoParquet (of
         `labbook.export.study`) without pyarrow, NotSpheres (of `labbook.export.packing`) for packings of rods, and
         Unreadable (of `labbook.lab`) for a damaged one.
         """
@@ -377,7 +377,7 @@ class Results(Found):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(RunResult):
-    """One run: how it ended, what was measured of it, and what was observed."""
+    """One run: its outcome, its measurements, and its recorded tables."""
 
     results: Results
 
@@ -388,7 +388,7 @@ class Run(RunResult):
 
     @property
     def folder(self) -> Path:
-        """Where it is kept."""
+        """Folder of the run."""
         return self.results.lab.place.run(self.run_key)
 
     @property
@@ -399,17 +399,17 @@ class Run(RunResult):
 
     @property
     def tables(self) -> tuple[str, ...]:
-        """Names of the tables of what was observed."""
+        """Names of the recorded tables."""
         return tuple(self.run.data().tables)
 
     def frame(self, table: str = "crossing") -> "pd.DataFrame":
-        """A table of what was observed: `crossing`, a row for every grain that left, or that of another probe (columns:
+        """A recorded table: `crossing`, one row for every grain that left, or that of another probe (columns:
         `labbook.backend.probes`). SI, units in `attrs`. Raises LookupError; LabError if it cannot be read."""
         import pandas as pd
 
         found = self.run.data().tables
         if table not in found:
-            raise LookupError(f"this run has no table {table}; it has: {', '.join(found) or 'none'}")
+            raise LookupError(f"this run has no table {table}; use one of: {', '.join(found) or 'none'}")
         columns = sorted(
             found[table].items(), key=lambda one: _ORDER.index(one[0]) if one[0] in _ORDER else len(_ORDER)
         )
@@ -419,7 +419,7 @@ class Run(RunResult):
         return made
 
     def trajectories(self) -> Trajectories:
-        """The paths of its grains, as arrays. Raises NotRecorded (of `labbook.export.recording`)."""
+        """Trajectories of the grains, as arrays. Raises NotRecorded (of `labbook.export.recording`)."""
         found = Trajectories.of(self.run.data())
         if found is None:
             remedy = "add record={'every': '10 ms', 'replicates': ...} to the study and run it"
@@ -427,7 +427,7 @@ class Run(RunResult):
         return found
 
     def recording(self) -> Path:
-        """The file (.rrd) for the rerun viewer, made if it is not there. Raises NotRecorded or ViewerMissing."""
+        """The file (.rrd) for the rerun viewer, written if it does not exist. Raises NotRecorded or ViewerMissing."""
         return of_run(self.folder, Path(self.results.lab.folder), self.results.study.name, self.point)
 
     def view(self) -> None:

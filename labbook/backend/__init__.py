@@ -1,4 +1,4 @@
-"""What a backend fulfils, what can be observed of its members, and how backends are found."""
+"""The interface of backends, their probes, and how backends are found."""
 
 from labbook.backend.contract import (
     Backend,

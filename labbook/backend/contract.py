@@ -1,9 +1,9 @@
-"""The contract that a backend fulfils.
+"""The interface of a backend.
 
 A backend runs *ensembles*: many members of one specialisation, each with its own parameters, clock and time step.
 Backends know no phases: a filling is a closed scene that starts from a gas, a discharge is the open scene that starts
-from its packing. A member's bits depend only on its scene, numerics, start and the Spec: not on its neighbours, its
-slot, or how `advance` is split.
+from its packing. The result of a member depends, bit for bit, only on its scene, numerics, start and Spec: not on other
+members, its slot, or how `advance` is split.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from labbook.scene.packing import Packing
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a backend can do, as data. `cache_version` rises whenever its numbers may change."""
+    """Capabilities of a backend, as data. `cache_version` increases whenever its results may change."""
 
     name: str
     cache_version: int
@@ -46,7 +46,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Settled:
-    """Kinetic energy per grain fell below the asked part of m g d, and stayed there for the asked number of beats."""
+    """Kinetic energy per grain stayed below `settled_below` m g d for `settled_beats` beats."""
 
     member: Member
     time: float
@@ -63,7 +63,7 @@ class Emptied:
 @dataclass(frozen=True)
 class Failed:
     """A guard stopped a member; its state is that of the last good beat. `guard`: state (a velocity or spin that is no
-    number; spins may be looked at once a beat), speed, overlap."""
+    number; spins may be checked once per beat), speed, overlap."""
 
     member: Member
     guard: str
@@ -77,10 +77,10 @@ Event = Settled | Emptied | Failed
 
 @dataclass(frozen=True)
 class Status:
-    """Where a member stands; kinetic energy per grain is in units of m g d (m d^2/s^2 without gravity).
+    """Step, time and state of a member; kinetic energy per grain is in units of m g d (m d^2/s^2 without gravity).
 
-    What its guards have seen in all steps so far, also before a checkpoint: None where that is not known, as after a
-    checkpoint that says nothing of it.
+    `deepest` and `fastest` are over all steps so far, also before a checkpoint; None if not known, as after a
+    checkpoint without them.
     """
 
     step: int
@@ -104,7 +104,7 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Spec:
-    """What is compiled in. Members with equal Specs share an ensemble."""
+    """Features of the compiled kernels. Members with equal Specs share an ensemble."""
 
     backend: str
     features: tuple[tuple[str, Any], ...]
@@ -117,7 +117,7 @@ class Spec:
 
 
 class Unsupported(Exception):
-    """The backend lacks what the scene or numerics ask for. `key` as in a study, `remedy` in words."""
+    """The backend cannot compute this scene or these numerics. `key`: key of the study; `remedy`: reason and remedy."""
 
     def __init__(self, key: str, remedy: str):
         super().__init__(f"{key}: {remedy}")
@@ -125,7 +125,7 @@ class Unsupported(Exception):
 
 
 class Overflow(Exception):
-    """A buffer of fixed size was too small. Nothing is dropped silently."""
+    """A buffer of fixed size is full. No row is dropped silently."""
 
 
 class Ensemble(Protocol):
@@ -141,29 +141,29 @@ class Ensemble(Protocol):
         settled_beats: int = 3,
         probes: Sequence[Probe] | None = None,
     ) -> Member:
-        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]. `probes`: by
-        which of the Spec's it is read; None: by all. Crossing and Ledger, for which kernels are compiled, cannot be
+        """Add a member. `settled_below`: report Settled below this kinetic energy per grain [m g d]. `probes`: those
+        of the Spec that read it; None: all. Crossing and Ledger, for which kernels are compiled, cannot be
         left out.
 
-        Raises ValueError for a packing without grains, for other probes, and for a scene that needs what the Spec has
-        not. One that needs less than it has may be taken or refused."""
+        Raises ValueError for a packing without grains, for other probes, and for a scene that needs more than the Spec
+        has. A scene that needs less may be accepted or refused."""
         ...
 
     def advance(self, beats: int = 1) -> Sequence[Event]:
-        """Let every member take `beats` x steps_per_beat steps of its own dt; members that failed or emptied rest."""
+        """Advance every member by `beats` x steps_per_beat steps of its dt, except members that failed or emptied."""
         ...
 
     def drain(self) -> Mapping[Probe, Table]:
-        """Rows since the last drain, for every declared probe: one without rows gives an empty table with its
-        columns, so that nothing seen differs from not having looked. Raises Overflow, never drops."""
+        """Rows since the last drain, for every declared probe; a probe without rows gives an empty table with its
+        columns. Raises Overflow if rows would be lost."""
         ...
 
     def status(self, member: Member) -> Status:
-        """Where a member stands."""
+        """Step, time and state of a member."""
         ...
 
     def checkpoint(self, member: Member) -> Checkpoint:
-        """The exact state; taking it changes nothing."""
+        """The exact state; the member does not change."""
         ...
 
     def packing(self, member: Member) -> Packing:
@@ -171,10 +171,10 @@ class Ensemble(Protocol):
         ...
 
     def put_back(self, member: Member, grains: Packing) -> None:
-        """Put grains that left back into a member, where and as fast as `grains` has them now, without springs.
+        """Put grains that left back into a member, with positions and velocities from `grains`, without springs.
 
-        They keep their ids, and must be of the size and kind that they had. Their next passage of a plane is recorded
-        as their first was. Nothing else of the member changes, and its bits depend on what was put back after which
+        They keep their ids, and must have the same size and kind as before. Their next passage of a plane is recorded
+        as their first was. Nothing else changes, and the result depends on what was put back after which
         beat, but not on its neighbours, its slot, how `advance` is split, or whether it was restored meanwhile.
         Raises ValueError for grains that have not left."""
         ...
@@ -190,28 +190,28 @@ class Ensemble(Protocol):
 
 @dataclass(frozen=True)
 class Load:
-    """What a grain-step comes to on a device that memory limits; averages over all members."""
+    """Cost of a grain-step on a device limited by memory bandwidth; averages over all members."""
 
     listed: float
-    """Near neighbours in the list of a grain."""
+    """Near neighbours listed per grain."""
     touching: float
-    """Contacts of a grain, with grains and walls."""
+    """Contacts per grain, with grains and walls."""
     bytes: float
-    """Bytes that must move a grain-step: state, lists and springs, each in and out once."""
+    """Bytes moved per grain-step: state, lists and springs, each read and written once."""
     bandwidth: float
-    """Bytes per second that the device copies (read and written), measured."""
+    """Measured copy bandwidth of the device, read and written [bytes/s]."""
     lanes: int
-    """Threads that share a grain."""
+    """Threads per grain."""
     rebuilds: float
-    """Rebuilds of lists so far, a member."""
+    """Rebuilds of neighbour lists so far, per member."""
 
 
 @runtime_checkable
 class Weighed(Protocol):
-    """An ensemble that tells what limits it."""
+    """An ensemble that reports what limits its speed."""
 
     def load(self) -> Load:
-        """Where it stands now."""
+        """The present load."""
         ...
 
 
@@ -236,7 +236,7 @@ class Backend(Protocol):
 
 @runtime_checkable
 class Compiles(Protocol):
-    """A backend that can tell when it compiles."""
+    """A backend that reports when it compiles."""
 
     def compiling(self) -> bool:
         """Whether this process is compiling kernels of the backend now; cheap, and from any thread."""
@@ -245,7 +245,7 @@ class Compiles(Protocol):
 
 @runtime_checkable
 class Generates(Protocol):
-    """A backend that writes out what it compiles."""
+    """A backend that can print its generated kernels."""
 
     def generated(self, spec: Spec) -> str:
         """Source of the module of kernels of a Spec, for reading (docs/kernels.md)."""
@@ -254,7 +254,7 @@ class Generates(Protocol):
 
 @runtime_checkable
 class Rationed(Protocol):
-    """A backend on whose devices memory limits how many members run at once."""
+    """A backend whose devices limit by memory how many members run at once."""
 
     def capacity(self, spec: Spec, scene: Scene, device: str) -> int | None:
         """How many members of `scene` fit into the memory that is free now, at least one; None: any number."""
@@ -263,18 +263,18 @@ class Rationed(Protocol):
 
 @runtime_checkable
 class Verifies(Protocol):
-    """A backend that tells whether it can go on from a checkpoint, which may come from a damaged or foreign file."""
+    """A backend that checks checkpoints, which may come from a damaged or foreign file."""
 
     def verify(self, scene: Scene, numerics: Numerics, checkpoint: Checkpoint, step: int) -> None:
-        """Raises ValueError, saying what is wrong, for one that it never made of this scene after `step` steps: arrays
-        that lack, or have other shapes or types, grains that are not there, positions or velocities that are no
-        numbers. `admit` raises the same before anything runs."""
+        """Raises ValueError, with the reason, for a checkpoint that is not of this scene after `step` steps: arrays
+        that are missing or have other shapes or types, unknown grains, positions or velocities that are not
+        finite. `admit` raises the same before anything runs."""
         ...
 
 
 @dataclass(frozen=True)
 class Device:
-    """A processor that a backend finds here. `memory`: bytes of its own, if it has any."""
+    """A device that a backend finds on this machine. `memory`: bytes of its own memory, if any."""
 
     alias: str
     name: str
@@ -283,7 +283,7 @@ class Device:
 
 @dataclass(frozen=True)
 class Survey:
-    """What a backend finds here: versions of what it stands on, by name, and its devices."""
+    """Versions of the libraries that a backend uses, by name, and the devices that it finds on this machine."""
 
     versions: Mapping[str, str]
     devices: tuple[Device, ...]
@@ -291,7 +291,7 @@ class Survey:
 
 @runtime_checkable
 class Surveys(Protocol):
-    """A backend that tells what it finds on a machine."""
+    """A backend that reports its versions and devices."""
 
     def survey(self) -> Survey:
         """Versions and devices."""

@@ -11,14 +11,14 @@ from pathlib import Path
 
 
 def cores() -> int:
-    """Processor cores that this process may use: in a job of Slurm, which may not bind it to them, those of the job."""
+    """Processor cores that this process may use; in a Slurm job those of the job, even if it does not bind them."""
     here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     given = os.environ.get("SLURM_CPUS_ON_NODE", "")
     return max(1, min(here, int(given))) if given.isdigit() else here
 
 
 def memory() -> float:
-    """Memory of this machine [bytes]; infinite where the system does not tell."""
+    """Memory of this machine [bytes]; infinite if the system does not report it."""
     try:
         return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -70,7 +70,7 @@ def _version(package: str) -> str | None:
 
 
 def hardware() -> dict[str, object]:
-    """What speeds were measured on: processor, cores, GPU, system, and the versions that decide speed."""
+    """Machine of a speed measurement: processor, cores, GPU, system, and the versions that affect speed."""
     found = versions(("numba", "llvmlite", "numpy", "warp-lang"))
     return {
         "processor": processor(),

@@ -1,4 +1,4 @@
-"""How a scene is computed, as resolved numbers: what a study's `numerics` and tolerances come down to."""
+"""Numerical settings of a run, as resolved numbers."""
 
 from typing import Annotated, Literal
 

@@ -1,4 +1,4 @@
-"""What can be observed of a member: compiled in only if declared; reading it never changes the motion."""
+"""Probes of a member: compiled in only if declared; reading them never changes the motion."""
 
 import json
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ Table = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Crossing:
-    """First passage of each grain's centre downwards through z = `plane` [m]; of one that was put back, also the next.
+    """First passage of each grain's centre down through z = `plane` [m]; of a grain that was put back, also the next.
 
     Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz, and for rods qw, qx, qy, qz:
     positions and orientations at the end of that step, velocities half a step before.
@@ -41,7 +41,7 @@ class Sample:
 class Slab:
     """State of the grains whose centres lie at `low` <= z <= `high` [m], every `every` beats.
 
-    What happens at an outlet needs many frames but few grains. Columns id, x, y, z, vx, vy, vz.
+    The flow at an outlet needs many frames but few grains. Columns id, x, y, z, vx, vy, vz.
     """
 
     low: float
@@ -56,7 +56,7 @@ class Slab:
 @dataclass(frozen=True)
 class Zone:
     """State of the grains around and above an outlet about the z axis, every `every` beats and, unless `again` is 0,
-    `again` beats after each of these: two frames shortly after one another tell accelerations.
+    `again` beats after each of these: two frames in short succession give accelerations.
 
     Around: centres within `radius` [m] of the axis at `low` <= z <= `high`; above: within `core` of it at `high` < z <=
     `top`. Columns id, x, y, z, vx, vy, vz and, of rods, qw, qx, qy, qz.
@@ -149,7 +149,7 @@ UNITS = {
 
 
 def empty_table(probe: Probe, rods: bool = False) -> Table:
-    """The table of a probe that saw nothing; `rods` as in `columns`."""
+    """The empty table of a probe; `rods` as in `columns`."""
     return {name: np.zeros(0, kind) for name, kind in columns(probe, rods).items()}
 
 
@@ -175,7 +175,7 @@ def describe_probe(probe: Probe) -> str:
 
 @lru_cache(maxsize=4096)
 def parse_probe(text: str) -> Probe:
-    """The probe that `describe_probe` described. Raises ValueError for a text that describes none."""
+    """The probe of a text by `describe_probe`. Raises ValueError for any other text."""
     try:
         given: dict[str, Any] = json.loads(text)
         kind = _KINDS[given.pop("kind")]

@@ -1,4 +1,4 @@
-"""How backends are found: by the entry points by which they announce themselves."""
+"""Backends are found by their entry points."""
 
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -14,14 +14,14 @@ GROUP = "labbook.backends"
 
 
 def installed() -> dict[str, str]:
-    """Names of the backends that announce themselves -> where they are; none is imported."""
+    """Names of the installed backends and their entry points; none is imported."""
     return {entry.name: entry.value for entry in entry_points(group=GROUP)}
 
 
 def load(name: str) -> Backend:
-    """The backend called `name`. Raises BackendMissing with the reason, also when it is there but broken.
+    """The backend called `name`. Raises BackendMissing with the reason if it is missing or broken.
 
-    Backends import late what is heavy. The modules that they name in `requires` are looked for here, not imported.
+    Backends import heavy modules late. The modules in their `requires` are looked for here, not imported.
     """
     for entry in entry_points(group=GROUP):
         if entry.name == name:

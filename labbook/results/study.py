@@ -1,4 +1,4 @@
-"""What a study found: points, series with fits, and the comparison with a reference."""
+"""Results of a study: points, series with fits, and the comparison with a reference."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ from labbook.study import Point, Study
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """All that was found of a study.
+    """All results of a study.
 
-    `missing`: points without any finished run that could be read; `unreadable`: why runs could not be.
+    `missing`: points without a readable finished run; `unreadable`: reasons why runs could not be read.
     """
 
     study: Study
@@ -24,15 +24,15 @@ class Results:
     series: tuple[Series, ...]
     comparisons: tuple[Comparison, ...] = ()
     judged: tuple[Judged, ...] = ()
-    """Statements of the reference, held against ours."""
+    """Statements of the reference, compared with these results."""
     numerical: tuple[Numerical, ...] = ()
     """Points that differ in numerics only."""
     unevaluated: tuple[str, ...] = ()
-    """Keys of runs that lack a number which was not evaluated yet, where nothing is evaluated (`find.kept`)."""
+    """Keys of runs that are not fully evaluated, if nothing is evaluated now (`find.kept`)."""
     stale: frozenset[int] = frozenset()
-    """Versions of the backend whose runs count though another one is installed: `labbook run` would make them again."""
+    """Other versions of the backend with runs in these results: `labbook run` would make those runs again."""
 
     @property
     def source(self) -> str:
-        """What the reference is called; empty without one."""
+        """Name of the reference; empty without one."""
         return self.study.reference.source if self.study.reference is not None else ""
