@@ -75,7 +75,7 @@ def test_a_device_that_breaks_leaves_its_work_to_the_other(tmp_path, monkeypatch
     given = {"LABBOOK_TOY_DEVICES": DEVICES, "LABBOOK_TOY_BREAKS": "toy:1"}
     ended = labbook("run", path, "--lab", tmp_path / "lab", *GIVEN, check=False, **given)
     assert "8 of 8 runs done" in ended.stdout
-    assert "Failed: toy:1: its process ended with 7" in ended.stdout
+    assert "Failed: toy:1: its process ended with exit status 7" in ended.stdout
     assert ended.exit_code == 1
     assert set(made_on(tmp_path / "lab").values()) == {"toy:0"}
 

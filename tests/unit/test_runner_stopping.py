@@ -98,7 +98,7 @@ def test_asked_again_within_a_long_beat_it_leaves_at_once_and_keeps_the_last_sav
     ended, _ = going.ended(within=20)
     assert ended - second < SOON
     assert going.process.returncode == 130
-    going.heard("what was saved last is kept", 1)
+    going.heard("the last checkpoints are kept", 1)
     labbook("run", path, "--lab", lab, *BACKEND)
     (record,) = records(lab).values()
     assert record.outcome == "finished"
