@@ -76,14 +76,14 @@ def test_a_link_that_leads_nowhere_fails_the_build(tmp_path):
     assert "no-such-page.md" in built.stderr
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/start.md"])
-def test_the_study_of_a_page_is_one(page, tmp_path):
+@pytest.mark.parametrize(("page", "points"), [("README.md", 4), ("docs/start.md", 6)])
+def test_the_study_of_a_page_is_one(page, points, tmp_path):
     block = re.findall(r"```yaml\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)[0]
     named = block if "name:" in block else f"name: of-a-page\n{block}"
     (tmp_path / "study.yaml").write_text(named, encoding="utf-8")
     study = load(tmp_path / "study.yaml")
     assert isinstance(study, labbook.Study)
-    assert len(study.points) == 4
+    assert len(study.points) == points
 
 
 def test_pages_opened_from_a_folder_can_be_searched(site):
