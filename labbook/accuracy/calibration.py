@@ -94,6 +94,10 @@ class Effects:
         """Whether the stiffness of the flow was varied."""
         return math.isfinite(self.covariance[0][0])
 
+    def varied(self, name: str) -> bool:
+        """Whether a group was varied; those that numerics do not decide always count as varied."""
+        return {"overlap": self.soft, "step": self.stepped}.get(name, True)
+
     @property
     def stepped(self) -> bool:
         """Whether the time step was varied."""
@@ -131,7 +135,7 @@ class Alike:
 
         Scenes whose stiffness was not varied say what a step does in beds as soft as theirs, and bound no overlap.
         """
-        varied = [one for one in self.effects if (one.soft if name == "overlap" else name != "step" or one.stepped)]
+        varied = [one for one in self.effects if one.varied(name)]
         values = [getattr(one.here, name) for one in varied or self.effects]
         return (0.0, min(values) if varied else max(values)) if name in NUMERICS else (min(values), max(values))
 

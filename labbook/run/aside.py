@@ -26,7 +26,7 @@ class Gone(Exception):
 
 
 class Aside:
-    """The process, begun at once. Raises Gone if it cannot be."""
+    """The process, started at once. Raises Gone if it cannot start."""
 
     def __init__(self) -> None:
         paths = os.pathsep.join(dict.fromkeys(sys.path))
@@ -51,6 +51,8 @@ class Aside:
         except (OSError, EOFError, pickle.PickleError, AttributeError, TypeError) as problem:
             self.end()
             raise Gone(f"{type(problem).__name__}: {problem}") from problem
+        if isinstance(answer, Gone):
+            self.end()
         if isinstance(answer, BaseException):
             raise answer
         return answer
@@ -76,7 +78,7 @@ def serve() -> None:
             kept = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        except Exception as problem:  # of a package that is not found here
+        except Exception as problem:  # a class from a package that this process cannot import
             answer: object = Gone(f"{type(problem).__name__}: {problem}")
         else:
             try:
@@ -86,6 +88,6 @@ def serve() -> None:
                 answer = problem
         try:
             pickle.dump(answer, answers)
-        except Exception:  # an error that cannot be told as it is
+        except Exception:  # an error that cannot be pickled
             pickle.dump(Gone(repr(answer)), answers)
         answers.flush()

@@ -61,7 +61,8 @@ class Closing:
         self._next = cycle(self._closers)
         self._jobs: dict[Future[RunRows], tuple[Job, str]] = {}
         self._turn = sys.getswitchinterval()
-        sys.setswitchinterval(_TURN)
+        if threads > 1:
+            sys.setswitchinterval(_TURN)
 
     @property
     def jobs(self) -> list[Job]:
