@@ -4,6 +4,7 @@ import threading
 import time
 from dataclasses import dataclass
 
+import pandas as pd
 import pytest
 from labbook_toy import Backend, Ensemble
 from toy_lab import arrays, carry_out, study
@@ -40,8 +41,9 @@ def test_what_is_written_by_other_threads_is_the_same_in_every_bit(tmp_path, tog
         for key in keys:
             assert arrays(tmp_path / "one" / folder / key) == arrays(tmp_path / "many" / folder / key)
     one, many = (Catalogue(tmp_path / name).measurements() for name in ("one", "many"))
-    order = ["run_key", "measure", "quantity"]
-    assert one.sort_values(order).to_csv(index=False) == many.sort_values(order).to_csv(index=False)
+    keys = ["run_key", "measure", "quantity"]
+    one, many = (found.sort_values(keys, ignore_index=True) for found in (one, many))
+    pd.testing.assert_frame_equal(one, many, check_exact=True)
 
 
 def test_runs_are_written_by_other_processes_but_the_first_of_each_thread(tmp_path, together, monkeypatch):
