@@ -13,7 +13,7 @@ DEEPEST = 0.1
 """Largest overlap, in diameters, of a run that is not suspect.
 
 Contact laws are those of small overlaps: at a tenth of d, the circle of contact of two spheres by Hertz has a third of
-their radius. Runs of studies/quickstart.yaml reach 2.2 to 3.3 % (G = 5 MPa); 1000 grains as soft as 1 MPa 3.4 to 4.9 %,
+their radius. Runs of studies/quickstart.yaml reach 3.4 to 5.2 % (G = 2 MPa); 1000 grains as soft as 1 MPa 3.4 to 4.9 %,
 and of 0.2 MPa 8.6 to 10.6 %; rods of studies/pongo2022-small.yaml 1.3 to 5.7 %. The guard
 `numerics.overlap_limit` stops runs at 25 % by default.
 """
