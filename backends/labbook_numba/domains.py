@@ -19,12 +19,13 @@ from labbook_dem.reading import CROSSING_COLUMNS
 from labbook.backend.machine import cores
 from labbook.scene.packing import Packing
 from labbook_numba import state as S
-from labbook_numba.state import Params, State
+from labbook_numba.state import Layout, Params, State
 
 NEAR_WORK = 2  # work of a near pair, in grains; so that domains take equally long
 STEP = CROSSING_COLUMNS.index("step")
-LARGE = 50_000
-"""Grains from which on a scene may be split; domains have a quarter of that at least."""
+LARGE, LARGE_RODS = 50_000, 10_000
+"""Spheres and rods from which on a scene may be split; domains have a quarter of that at least. A rod takes four times
+as long to step as a sphere, and the meetings of the threads take as long."""
 LAYERED = 2000
 """Grains from which on they are put in layers: fewer fit into a core's own cache in any order."""
 
@@ -45,20 +46,23 @@ _lock = threading.Lock()
 
 
 @contextmanager
-def threads_for(grains: int, most: int) -> Iterator[int]:
-    """Threads that a member should take its beat with: its share of the cores, if it is large, and `most` at most."""
+def threads_for(grains: int, most: int, large: int) -> Iterator[int]:
+    """Threads that a member should take its beat with: its share of the cores, if it has `large` grains or more, and
+    `most` at most."""
     global _running
     with _lock:
         _running += 1
         share = cores() // _running
     try:
-        yield max(1, min(share, most, grains // (LARGE // 4))) if grains >= LARGE else 1
+        yield max(1, min(share, most, grains // (large // 4))) if grains >= large else 1
     finally:
         with _lock:
             _running -= 1
 
 
-def advance(kernels: ModuleType, state: State, params: Params, target: int, threads: int = 1) -> int:
+def advance(
+    kernels: ModuleType, state: State, params: Params, target: int, layout: Layout, threads: int = 1
+) -> int:  # fmt: skip
     """Take steps up to `target` with so many threads; the code that `advance` of the kernels gives.
 
     If a domain raises, the others stop waiting for it, and what it raised is raised here; the state is then of no step.
@@ -66,7 +70,7 @@ def advance(kernels: ModuleType, state: State, params: Params, target: int, thre
     if threads == 1:
         state.domain[:] = 0, 1, 0, state.count[S.GRAINS], 0, state.count[S.PAIRS], 0
         return kernels.advance(state, params, target)
-    domains = _split(state, params, threads)
+    domains = _split(state, params, layout, threads)
     with ThreadPoolExecutor(threads, thread_name_prefix="labbook-domain") as pool:
         codes = list(pool.map(lambda domain: _advance(kernels, domain, params, target), domains))
     _join(state, domains, codes[0] == kernels.BAD_OVERLAP)
@@ -81,7 +85,7 @@ def _advance(kernels: ModuleType, domain: State, params: Params, target: int) ->
         raise
 
 
-def _split(state: State, params: Params, threads: int) -> list[State]:
+def _split(state: State, params: Params, layout: Layout, threads: int) -> list[State]:
     """States that share grains and lists, each with its own of all that a thread writes outside its domain."""
     n, pairs = int(state.count[S.GRAINS]), int(state.count[S.PAIRS])
     i, j = state.pair_i[:pairs], state.pair_j[:pairs]
@@ -89,8 +93,6 @@ def _split(state: State, params: Params, threads: int) -> list[State]:
     bounds = [0, *(int(row) for row in np.searchsorted(work, work[-1] * np.arange(1, threads) / threads)), n]
     told, meetings = np.zeros((threads, S.CACHE_LINE)), np.zeros(1, np.int64)
     precision = "mixed" if state.block.dtype == np.float32 else "double"
-    layout = S.MIXTURES if len(state.body) else S.SPHERES
-    layout = layout.with_rolling_springs() if state.spring.shape[1] > layout.SPRING else layout
     domains = []
     for number, (first, last) in enumerate(pairwise(bounds)):
         first_pair, last_pair = (int(k) for k in np.searchsorted(i, (first, last)))

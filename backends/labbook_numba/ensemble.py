@@ -11,7 +11,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook_numba.domains import threads_for
+from labbook_numba import domains
 from labbook_numba.member import Run
 
 
@@ -25,8 +25,8 @@ class Ensemble(ensemble.Ensemble[Run]):
         super().__init__(capabilities, spec)
         self._kernels = kernels
         self._pool = ThreadPoolExecutor(members, thread_name_prefix="labbook-numba")
-        # the ledger's work is a sum over grains in their order; kernels of rods step whole scenes
-        self._threads = 1 if spec.feature("LEDGER") or spec.feature("ORIENTED") else threads
+        self._threads = 1 if spec.feature("LEDGER") else threads  # its work is a sum over grains in their order
+        self._large = domains.LARGE_RODS if spec.feature("ORIENTED") else domains.LARGE
 
     def _begin(self, scene: Scene, numerics: Numerics, start: Packing | Checkpoint) -> Run:
         run = Run(self._can, self._kernels, scene, numerics, self._spec.probes)
@@ -49,7 +49,7 @@ class Ensemble(ensemble.Ensemble[Run]):
     def _take(self, member: Member, run: Run, beats: int) -> list[tuple[Mapping[Probe, Table], list[Event]]]:
         found = []
         while len(found) < beats and run.failure is None and run.grains > 0:
-            with threads_for(run.grains, self._threads) as threads:
+            with domains.threads_for(run.grains, self._threads, self._large) as threads:
                 run.beat(threads)
             found.append(self._after_beat(member, run))
         return found

@@ -127,7 +127,7 @@ class Run(Standing):
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         self._drop_leavers()
         try:
-            while (code := advance(self.kernels, self.state, self.params, target, threads)) == self.kernels.REBUILD:
+            while (code := self._advance(target, threads)) == self.kernels.REBUILD:
                 self._rebuild()
         except BaseException:
             self._put_back(before)
@@ -141,6 +141,9 @@ class Run(Standing):
         lost = ~np.isfinite(st.w[: st.count[S.GRAINS]]).all(axis=1)
         if lost.any():
             self._fail("spin", int(st.ids[np.argmax(lost)]), np.nan, before)
+
+    def _advance(self, target: int, threads: int) -> int:
+        return advance(self.kernels, self.state, self.params, target, self.layout, threads)
 
     def _drop_leavers(self) -> None:
         """Let grains far below the outlet go, even when nothing else moves."""
@@ -268,7 +271,7 @@ class Run(Standing):
         changed = ("loads", "held", "spring", "wall_held", "wall_spring", "sums", "count")
         copy = self.state._replace(**{name: getattr(self.state, name).copy() for name in changed})
         if n:
-            assert advance(self.kernels, copy, self.params, self.step) == self.kernels.DONE
+            assert advance(self.kernels, copy, self.params, self.step, self.layout) == self.kernels.DONE
         self.kernels.whole_step(copy.grains, copy.loads, copy.body, self.since_half, self.params, v, w)
         return v, w
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rods_in_silo
 from stands import identical
 
 pytest.importorskip("numba")
@@ -18,7 +19,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Sample
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
-from labbook.scene import Scene
+from labbook.scene import Packing, Scene
 from labbook.verify.symmetry import DT, hopper
 
 pytestmark = pytest.mark.compiles
@@ -31,6 +32,7 @@ PROBES = (Crossing(), Sample(), Contacts(every=4))
 @pytest.fixture(autouse=True)
 def every_scene_is_large(monkeypatch):
     monkeypatch.setattr(domains, "LARGE", 8)
+    monkeypatch.setattr(domains, "LARGE_RODS", 8)
     monkeypatch.setattr(domains, "LAYERED", 8)
     monkeypatch.setattr(domains, "cores", lambda: 8)
 
@@ -60,12 +62,12 @@ def start():
     return opened(fallen, closed, silo())
 
 
-def discharged(threads: int, precision: str, start, scene: Scene):
+def discharged(threads: int, precision: str, start, scene: Scene, beats: int = BEATS, dt: float = DT):
     """Rows, checkpoint and packing after a discharge; the arrays of the checkpoint without what lies behind lists."""
-    backend = Backend(threads=threads)
-    ensemble = backend.open(backend.specialise(scene, numerics(precision), PROBES), 1)
-    member = ensemble.admit(scene, numerics(precision), start)
-    assert not ensemble.advance(BEATS)
+    backend, how = Backend(threads=threads), numerics(precision).model_copy(update={"dt": dt})
+    ensemble = backend.open(backend.specialise(scene, how, PROBES), 1)
+    member = ensemble.admit(scene, how, start)
+    assert not ensemble.advance(beats)
     found = ensemble.drain(), ensemble.checkpoint(member).arrays, ensemble.packing(member)
     ensemble.close()
     return found
@@ -88,16 +90,33 @@ def used(arrays) -> dict[str, np.ndarray]:
     ],
 )
 def test_bits_do_not_depend_on_threads(start, precision, law):
-    rows, arrays, packing = discharged(1, precision, start, silo(**law))
-    assert len(rows[PROBES[0]]["id"]) > 40, "grains leave, so that rows and domains move"
+    packing = discharged_by_any_number_of_threads(precision, start, silo(**law))
     assert len(packing.pairs) > 200
     assert (packing.pair_rolling is not None and packing.pair_rolling.any()) == bool(law)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["double", pytest.param("mixed", marks=pytest.mark.ring)])
+def test_bits_of_rods_do_not_depend_on_threads(precision):
+    """They fall onto a bottom that turns, and touch one another, the wall, the bottom and its rim on their way out."""
+    scene = rods_in_silo.silo(200)
+    packing = discharged_by_any_number_of_threads(precision, place(scene, "gas", 1), scene, beats=110, dt=1e-5)
+    assert len(packing.pairs) > 60
+    assert set(packing.wall_name) == {wall.name for wall in scene.container.walls()}
+    assert packing.wall_part.max() > 0
+
+
+def discharged_by_any_number_of_threads(precision, start, scene: Scene, **how: Any) -> Packing:
+    """The packing after a discharge, which is the same in every bit by one, two and five threads, as all else is."""
+    rows, arrays, packing = discharged(1, precision, start, scene, **how)
+    assert len(rows[PROBES[0]]["id"]) > 40, "grains leave, so that rows and domains move"
     for threads in (2, 5):
-        other_rows, other_arrays, other = discharged(threads, precision, start, silo(**law))
+        other_rows, other_arrays, other = discharged(threads, precision, start, scene, **how)
         assert identical(other, packing), threads
         assert all(identical(other_rows[probe], rows[probe]) for probe in PROBES), threads
         ours, theirs = used(arrays), used(other_arrays)
         assert [name for name in ours if not np.array_equal(ours[name], theirs[name])] == []
+    return packing
 
 
 @pytest.mark.slow
@@ -116,15 +135,15 @@ def test_guards_blame_the_same_grain(start, change):
 
 
 def test_a_member_gets_its_share_of_the_cores():
-    with domains.threads_for(1000, 8) as alone:
+    with domains.threads_for(1000, 8, 8) as alone:
         assert alone == 8
-        with domains.threads_for(1000, 3) as second:
+        with domains.threads_for(1000, 3, 8) as second:
             assert second == 3, "no more than it may"
-        with domains.threads_for(1000, 8) as second, domains.threads_for(1000, 8) as third:
+        with domains.threads_for(1000, 8, 8) as second, domains.threads_for(1000, 8, 8) as third:
             assert (second, third) == (4, 2)
-        with domains.threads_for(7, 8) as small:
+        with domains.threads_for(7, 8, 8) as small:
             assert small == 1
-    with domains.threads_for(9, 8) as few:
+    with domains.threads_for(9, 8, 8) as few:
         assert few == 4, "a domain has some grains"
 
 

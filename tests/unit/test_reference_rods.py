@@ -1,18 +1,13 @@
 """Either backend moves rods as the reference does, contact by contact, and lists every pair that touches."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import labbook_reference
 import numpy as np
 import pytest
 from labbook_reference.member import Run
-from stands import stands, where
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from rods_in_silo import ROUNDING, D, advanced, numerics, silo, trough
+from stands import stands, where
 
 from labbook.backend.probes import Contacts, Ledger, Sample
 from labbook.filling.placing import place

@@ -1,16 +1,13 @@
 """Rods in the GPU backend, on the processor: against spheres, and their bits."""
 
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from stands import identical
 
 pytest.importorskip("warp")
-sys.path.insert(0, str(Path(__file__).parent))
 
 import warp as wp
 from labbook_warp import Backend, room, stage

@@ -1,9 +1,7 @@
 """The GPU backend takes several steps in one launch where grains are few."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +9,6 @@ import pytest
 from stands import identical
 
 pytest.importorskip("warp")
-sys.path.insert(0, str(Path(__file__).parent))
 
 import labbook_warp.ensemble
 import warp as wp

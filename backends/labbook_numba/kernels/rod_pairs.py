@@ -7,7 +7,7 @@ from labbook_dem.rods import rod_on_rod
 from labbook_dem.segments import closest
 from labbook_dem.words import dot, func, wide, wide3
 
-from labbook_numba.kernels.blocks import AX, BX, DEPTH, DT, IX, JX, NX, OX, PX, SX, UX, VX, vector_at
+from labbook_numba.kernels.blocks import AX, BX, DEPTH, DT, IX, JX, NX, OX, PX, SX, UX, VX, vector_at, whole
 from labbook_numba.kernels.features import GRAIN, STRIDE, A, X, kernel, uint64
 from labbook_numba.kernels.transfer import eights_at, put_vectors, squeeze_entries, squeeze_vectors
 from labbook_numba.lanes import eight_at
@@ -36,7 +36,7 @@ def gather_rods(grains, pair_i, pair_j, near, first, count):
 @kernel
 def closest_points(b, count, half, reach2):
     """Branch, levers and overlap2 (diameter^2 - r^2) of near pairs."""
-    for t in range(uint64(count)):
+    for t in range(whole(count)):
         a = wide3(b[KX + t], b[KY + t], b[KZ + t])
         other = wide3(b[LX + t], b[LY + t], b[LZ + t])
         r, s, away = closest(wide3(b[CX + t], b[CY + t], b[CZ + t]), a, other, half)

@@ -25,7 +25,7 @@ from labbook_numba.kernels.features import (
     X,
     kernel,
 )
-from labbook_numba.kernels.surfaces import wall_numbers, wall_velocity
+from labbook_numba.kernels.surfaces import near_here, wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import load
 from labbook_numba.state import Params, State
 
@@ -91,7 +91,8 @@ def wall_forces(st: State, p: Params):
     one = real(1.0)
     touching = 0
     for w in range(len(p.wall_kind)):
-        for k in range(st.wall_first[w], st.wall_first[w + 1]):
+        first, last = near_here(st.domain, st.wall_grain, st.wall_first[w], st.wall_first[w + 1])
+        for k in range(first, last):
             i = st.wall_grain[k]
             now = measure_rod(st.grains, st.near, p.walls, p.wall_kind, w, i, p.half, p.radius)
             was = int(st.wall_held[k])

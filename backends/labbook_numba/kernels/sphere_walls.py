@@ -31,12 +31,10 @@ from labbook_numba.kernels.bodies import gather_bodies, gather_coefficients, rad
 from labbook_numba.kernels.features import (
     BLOCK,
     FAIL_GRAIN,
-    FIRST,
     FRICTION,
     GHOSTS,
     GRAIN,
     KINDS,
-    LAST,
     LEDGER,
     MAX_OVERLAP,
     MOVING,
@@ -47,7 +45,7 @@ from labbook_numba.kernels.features import (
     kernel,
     uint64,
 )
-from labbook_numba.kernels.surfaces import wall_numbers, wall_velocity
+from labbook_numba.kernels.surfaces import near_here, wall_numbers, wall_velocity
 from labbook_numba.kernels.transfer import (
     eights_at,
     fill_up,
@@ -133,18 +131,6 @@ def wall_law(b, count, coefficients, radius, mass, inertia, dt, spin, stiffness,
 
 
 @kernel
-def first_at_least(ascending, first, last, value):
-    """Where in ascending[first:last] the first number is that is not below `value`; `last` if there is none."""
-    while first < last:
-        middle = (first + last) // 2
-        if ascending[middle] < value:
-            first = middle + 1
-        else:
-            last = middle
-    return first
-
-
-@kernel
 def wall_forces(st: State, p: Params):
     """Add the forces of walls on spheres to f and t; after `pair_forces`, whose totals it goes on with."""
     b = st.block
@@ -159,10 +145,8 @@ def wall_forces(st: State, p: Params):
     for w in range(uint64(len(p.wall_kind))):
         c = row_of(a, w)
         spin = real(p.wall_motion[w, 3])
-        start = st.wall_first[w]
-        end = st.wall_first[w + uint64(1)]
-        start = first_at_least(st.wall_grain, start, end, st.domain[FIRST])
-        last = uint64(first_at_least(st.wall_grain, start, end, st.domain[LAST]))
+        start, end = near_here(st.domain, st.wall_grain, st.wall_first[w], st.wall_first[w + uint64(1)])
+        last = uint64(end)
         for k in range(uint64(start), last, BLOCK):
             near = min(last - k, BLOCK)
             measure_walls(

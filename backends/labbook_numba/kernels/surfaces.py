@@ -1,8 +1,10 @@
-"""How the surfaces of walls move; where they are: `labbook_dem.chosen`."""
+"""How the surfaces of walls move, and which grains are near them; where they are: `labbook_dem.chosen`."""
 
 from typing import Any
 
 from labbook_dem.words import func, wide3
+
+from labbook_numba.kernels.features import FIRST, LAST, kernel
 
 
 def wall_numbers(walls, w) -> Any:
@@ -17,3 +19,22 @@ def wall_numbers(walls, w) -> Any:
 def wall_velocity(motion, w, at):
     """Velocity [m/s] of the surface of wall w at the point `at`."""
     return wide3(motion[w, 0] - motion[w, 3] * at.y, motion[w, 1] + motion[w, 3] * at.x, motion[w, 2])
+
+
+@kernel
+def first_at_least(ascending, first, last, value):
+    """Where in ascending[first:last] the first number is that is not below `value`; `last` if there is none."""
+    while first < last:
+        middle = (first + last) // 2
+        if ascending[middle] < value:
+            first = middle + 1
+        else:
+            last = middle
+    return first
+
+
+@kernel
+def near_here(domain, wall_grain, first, last):
+    """Of the entries first..last of the grains near one wall, first and end of those in the domain."""
+    start = first_at_least(wall_grain, first, last, domain[FIRST])
+    return start, first_at_least(wall_grain, start, last, domain[LAST])
