@@ -1,7 +1,7 @@
 """The calibration that ships with labbook: what numerics did to the flow rate of scenes that were measured.
 
-It is made by `labbook calibrate` from the studies accuracy-hopper, accuracy-hole and accuracy-steps, and kept in
-calibration.json beside this file. It is keyed by dimensionless groups, and says nothing
+It is made by `labbook calibrate` from the studies accuracy-hopper, accuracy-hole, accuracy-steps, accuracy-outlets and
+accuracy-precision, and kept in calibration.json beside this file. It is keyed by dimensionless groups, and says nothing
 of scenes beyond those that were measured. Effects differ from scene to scene by more than their errors: what is said of
 one that was not measured has the scatter between those that were in its interval.
 """
@@ -67,8 +67,8 @@ class Effects:
 
     `here`: its groups, with the largest overlap and step that were measured. `slopes` and `covariance`: see
     `labbook.accuracy.regression.Slopes`, with `freedom` degrees of freedom. `scatter`: standard deviation of ln W from
-    seed to seed. `source`: study, backend and date, in words. `mixed`: what mixed precision does to ln W, with the
-    variance of that; None where it was not measured.
+    seed to seed. `source`: study, backend and date, in words. `mixed`: what flow and filling in mixed precision do to
+    ln W, with the variance of that; None where it was not measured.
     """
 
     here: Groups

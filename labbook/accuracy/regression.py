@@ -2,8 +2,9 @@
 
 ln W = (bed) + c_flow * overlap + c_step * step^2 is fitted within every bed that several settings flowed
 from, so that the scatter between beds drops out; where runs of both precisions share beds, with a term for `mixed`.
-What is left of each bed is then fitted against the overlap of its filling. Overlap and step are those of `Groups`. One
-regression over all runs needs several times fewer of them than a test of equivalence at every setting.
+What is left of each bed is then fitted against the overlap of its filling, and against its precision where beds were
+filled in both. Overlap and step are those of `Groups`. One regression over all runs needs several times fewer of them
+than a test of equivalence at every setting.
 """
 
 import math
@@ -19,7 +20,7 @@ _FEWEST = 20
 @dataclass(frozen=True)
 class Observed:
     """One run. `bed`: what it shares with others that started from the same packing. `filled`: the overlap while it was
-    filled. `rate`: W. `mixed`: whether it flowed in mixed precision."""
+    filled. `rate`: W. `mixed`, `filled_mixed`: whether it flowed and was filled in mixed precision."""
 
     bed: str
     filled: float
@@ -27,11 +28,17 @@ class Observed:
     step: float
     rate: float
     mixed: bool = False
+    filled_mixed: bool = False
 
     @property
     def factors(self) -> list[float]:
         """What may differ between runs from one bed."""
         return [self.overlap, self.step**2, float(self.mixed)]
+
+    @property
+    def filling(self) -> list[float]:
+        """What may differ between beds."""
+        return [self.filled, float(self.filled_mixed)]
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,8 @@ class Slopes:
     """d ln W by overlap of the flow, by squared step, and by overlap of the filling, shape [3], with their covariance,
     shape [3, 3].
 
-    `mixed`: what mixed precision does to ln W, with the variance of that; None where no bed flowed in both.
+    `mixed_flow`: what a flow in mixed precision does to ln W, with the variance of that; None where no bed flowed in
+    both. `mixed`: the same of flow and filling in mixed precision; None where beds were filled in one only.
     `within`: standard deviation of ln W between settings in one bed that the slopes do not explain; `between`: from
     bed to bed, runs of one setting. `freedom`: degrees of freedom of the fit within beds; `runs`, `beds`: how many
     there were. The slope by an overlap or a step that all runs share, or by an overlap that all beds were filled
@@ -48,6 +56,7 @@ class Slopes:
 
     values: np.ndarray
     covariance: np.ndarray
+    mixed_flow: tuple[float, float] | None
     mixed: tuple[float, float] | None
     within: float
     between: float
@@ -78,19 +87,32 @@ def regress(observed: Sequence[Observed]) -> Slopes:
     slopes, inverse = np.zeros(3), np.linalg.inv(Z.T @ Z)
     slopes[varied] = inverse @ Z.T @ Y
     within = math.sqrt(float(np.sum((Y - X @ slopes) ** 2)) / freedom)
-    left = {bed: _left(runs, slopes) for bed, runs in beds.items()}
-    fill, error, by_slopes, between = _filled(beds, left, within)
     inside = np.diag(np.where(varied, 0.0, math.inf))
     inside[known] = within**2 * inverse
-    mixed = (float(slopes[2]), float(inside[2, 2])) if varied[2] else None
-    along = np.zeros(3)
-    along[varied] = within**2 * inverse @ by_slopes[varied]
+    exact = np.where(np.isfinite(inside), inside, 0.0)
+    left = {bed: _left(runs, slopes) for bed, runs in beds.items()}
+    filling, outside, by_slopes, between = _filled(beds, left, within)
+    outside += by_slopes @ exact @ by_slopes.T
+    along = exact @ by_slopes.T
     covariance = np.zeros((3, 3))
     covariance[:2, :2] = inside[:2, :2]
-    covariance[:2, 2] = covariance[2, :2] = along[:2]
-    covariance[2, 2] = error**2 + by_slopes @ along
-    values = np.array([slopes[0], slopes[1], fill])
-    return Slopes(values, covariance, mixed, within, between, freedom, len(observed), len(beds))
+    covariance[:2, 2] = covariance[2, :2] = along[:2, 0]
+    covariance[2, 2] = outside[0, 0]
+    flow = (float(slopes[2]), float(inside[2, 2])) if varied[2] else None
+    both = flow
+    if flow is not None:
+        both = flow[0] + float(filling[1]), flow[1] + float(outside[1, 1] + 2 * along[2, 1])
+    return Slopes(
+        values=np.array([slopes[0], slopes[1], filling[0]]),
+        covariance=covariance,
+        mixed_flow=flow,
+        mixed=both if both is not None and math.isfinite(both[1]) else None,
+        within=within,
+        between=between,
+        freedom=freedom,
+        runs=len(observed),
+        beds=len(beds),
+    )
 
 
 def _left(runs: Sequence[Observed], slopes: np.ndarray) -> float:
@@ -100,21 +122,26 @@ def _left(runs: Sequence[Observed], slopes: np.ndarray) -> float:
 
 def _filled(
     beds: dict[str, list[Observed]], left: dict[str, float], within: float
-) -> tuple[float, float, np.ndarray, float]:
-    """Slope by the overlap of the filling, its standard error were the slopes within beds exact, its derivative by
-    these, shape [3], and the standard deviation from bed to bed of one run each."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Slopes of what is left of each bed by what differs between their fillings, shape [2], their covariance were the
+    slopes within beds exact, shape [2, 2], their derivatives by these, shape [2, 3], and the standard deviation from
+    bed to bed of one run each. The slope by what does not differ is 0 with an infinite variance."""
     y = np.array(list(left.values()))
-    x = np.array([runs[0].filled for runs in beds.values()])
+    x = np.array([runs[0].filling for runs in beds.values()])
     factors = np.array([np.mean([run.factors for run in runs], axis=0) for runs in beds.values()])
-    x, y = x - x.mean(), y - y.mean()
-    spread = float(x @ x)
-    varied = spread > 1e-20
-    slope = float(x @ y) / spread if varied else 0.0
-    by_slopes = -(x @ factors) / spread if varied else np.zeros(3)
-    freedom = len(beds) - 1 - varied
+    x, y = x - x.mean(axis=0), y - y.mean()
+    varied = (x**2).sum(axis=0) > 1e-20
+    slopes, by_slopes, covariance = np.zeros(2), np.zeros((2, 3)), np.diag(np.where(varied, 0.0, math.inf))
+    if np.linalg.matrix_rank(x[:, varied] / np.abs(x[:, varied]).max(axis=0)) < varied.sum():
+        raise ValueError("too few runs: stiffness and precision of the fillings must vary apart from each other")
+    inverse = np.linalg.inv(x[:, varied].T @ x[:, varied])
+    slopes[varied] = inverse @ x[:, varied].T @ y
+    by_slopes[varied] = -inverse @ x[:, varied].T @ factors
+    freedom = len(beds) - 1 - int(varied.sum())
     if freedom < 1:
         raise ValueError("too few beds: several seeds of each setting are needed")
-    rest = float(np.sum((y - slope * x) ** 2)) / freedom
+    rest = float(np.sum((y - x @ slopes) ** 2)) / freedom
+    covariance[np.ix_(varied, varied)] = rest * inverse
     runs = float(np.mean([len(runs) for runs in beds.values()]))
     between = math.sqrt(max(0.0, rest - within**2 / runs) + within**2)
-    return slope, math.sqrt(rest / spread) if varied else math.inf, by_slopes, between
+    return slopes, covariance, by_slopes, between

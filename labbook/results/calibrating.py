@@ -67,11 +67,12 @@ class Calibrated:
             for w, v, e in zip(words, self.slopes.values, errors, strict=True)
             if math.isfinite(e)
         )
-        mixed = self.slopes.mixed
-        rounded = ()
-        if mixed is not None:
-            error = percent(math.sqrt(mixed[1]), ".2f")
-            rounded = (f"mixed precision: W {percent(mixed[0], '+.2f')} +- {error}",)
+        precisions = (("flow", self.slopes.mixed_flow), ("flow and filling", self.slopes.mixed))
+        rounded = (
+            f"{what} in mixed precision: W {percent(one[0], '+.2f')} +- {percent(math.sqrt(one[1]), '.2f')}"
+            for what, one in precisions
+            if one is not None
+        )
         return [
             f"{here.law}, D/d = {here.ratio:.3g}, friction {here.friction:g}, restitution {here.restitution:g}, "
             f"rolling friction {here.rolling:g}: {self.slopes.runs} runs from {self.slopes.beds} beds",
@@ -143,12 +144,14 @@ def _place(point: PointResult) -> str:
 def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observed]:
     beds = {run.seed: run.packing_key for run in point.runs}
     rates = by_seed(point, FLOW_RATE).items()
-    mixed = _is_mixed(point)
-    return [Observed(beds[seed], filled.overlap, flow.overlap, flow.step, rate, mixed) for seed, rate in rates]
+    mixed = _are_mixed(point)
+    return [Observed(beds[seed], filled.overlap, flow.overlap, flow.step, rate, *mixed) for seed, rate in rates]
 
 
-def _is_mixed(point: PointResult) -> bool:
-    return point.point.numerics.precision == "mixed"
+def _are_mixed(result: PointResult) -> tuple[bool, bool]:
+    """Whether flow and filling are in mixed precision."""
+    point = result.point
+    return tuple(one.precision == "mixed" for one in (point.numerics, point.fill.numerics or point.numerics))
 
 
 def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Groups]], slopes: Slopes) -> list[Change]:
@@ -161,7 +164,15 @@ def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Gr
         x = [flow.overlap - reference.overlap, flow.step**2 - reference.step**2, filled.overlap - bed.overlap]
         error = float(change.std(ddof=1)) / math.sqrt(len(change)) if len(change) > 1 else math.nan
         mean = float(change.mean()) if len(change) else math.nan
-        rounded = 0.0 if slopes.mixed is None else slopes.mixed[0] * (_is_mixed(point) - _is_mixed(first))
-        fitted = float(slopes.values @ x) + rounded
+        fitted = (
+            float(slopes.values @ x) + _rounding(slopes, *_are_mixed(point)) - _rounding(slopes, *_are_mixed(first))
+        )
         found.append(Change(point.label, flow, filled, mean, error, len(change), fitted))
     return found
+
+
+def _rounding(slopes: Slopes, flow: bool, filled: bool) -> float:
+    """What mixed precision does to ln W by the fit; 0 for what was not measured."""
+    of_flow = slopes.mixed_flow[0] if slopes.mixed_flow else 0.0
+    of_filling = slopes.mixed[0] - of_flow if slopes.mixed else 0.0
+    return of_flow * flow + of_filling * filled

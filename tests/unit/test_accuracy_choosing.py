@@ -334,29 +334,45 @@ def test_beyond_the_calibration_the_usual_step_is_used_and_the_reason_kept(calib
     assert odd.numerics == usual.numerics
 
 
-def in_both(rng, change, steps=(0.05,), slope=0.0, seeds=200):
-    """Runs in double and mixed precision from shared beds, where `mixed` changes ln W by `change`."""
+def in_both(rng, change, steps=(0.05,), slope=0.0, seeds=200, filling=None):
+    """Runs in double and mixed precision from shared beds, where `mixed` changes ln W by `change`; and runs in mixed
+    precision from beds that were filled in it, which changes ln W by `filling`."""
     found = []
     for seed in range(seeds):
-        bed = rng.normal(0, 0.02)
-        for step in steps:
-            for mixed in (False, True):
-                rate = math.exp(bed + slope * step**2 + change * mixed + rng.normal(0, 0.01))
-                found.append(Observed(str(seed), 0.001, 0.001, step, rate, mixed))
+        for filled in (False, True) if filling is not None else (False,):
+            bed = rng.normal(0, 0.02) + (filling or 0.0) * filled
+            for step in steps:
+                for mixed in (True,) if filled else (False, True):
+                    rate = math.exp(bed + slope * step**2 + change * mixed + rng.normal(0, 0.01))
+                    found.append(Observed(f"{seed} {filled}", 0.001, 0.001, step, rate, mixed, filled))
     return found
 
 
 def test_runs_in_both_precisions_from_shared_beds_tell_what_mixed_does():
     found = regress(in_both(np.random.default_rng(3), 0.005))
-    assert found.mixed is not None
-    value, variance = found.mixed
+    assert found.mixed_flow is not None
+    value, variance = found.mixed_flow
     assert abs(value - 0.005) < 4 * math.sqrt(variance)
     assert math.sqrt(variance) == pytest.approx(0.01 * math.sqrt(2 / 200), rel=0.15)
     assert np.all(np.isinf(np.diag(found.covariance))), "neither the step nor an overlap was varied"
+    assert found.mixed is None, "no bed was filled in mixed precision"
     again = regress(in_both(np.random.default_rng(4), 0.005, (0.02, 0.06), 3.0))
-    assert again.mixed is not None
-    assert abs(again.mixed[0] - 0.005) < 4 * math.sqrt(again.mixed[1])
+    assert again.mixed_flow is not None
+    assert abs(again.mixed_flow[0] - 0.005) < 4 * math.sqrt(again.mixed_flow[1])
     assert abs(again.values[1] - 3) < 4 * math.sqrt(again.covariance[1, 1])
+
+
+def test_beds_filled_in_both_precisions_tell_what_mixed_does_to_flow_and_filling_together():
+    rng, off = np.random.default_rng(5), []
+    for _ in range(60):
+        found = regress(in_both(rng, 0.005, seeds=40, filling=-0.02))
+        assert found.mixed_flow is not None
+        assert found.mixed is not None
+        value, variance = found.mixed
+        assert variance > found.mixed_flow[1]
+        off.append((value + 0.015) / math.sqrt(variance))
+    assert abs(np.mean(off)) < 4 / math.sqrt(60)
+    assert 0.75 < np.std(off) < 1.3, "its variance is that of its scatter"
 
 
 def rounded(change=0.0, error=1e-4, **here) -> Effects:
