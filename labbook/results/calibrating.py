@@ -150,8 +150,8 @@ def _observed(point: PointResult, flow: Groups, filled: Groups) -> list[Observed
 
 def _are_mixed(result: PointResult) -> tuple[bool, bool]:
     """Whether flow and filling are in mixed precision."""
-    point = result.point
-    return tuple(one.precision == "mixed" for one in (point.numerics, point.fill.numerics or point.numerics))
+    flow = result.point.numerics
+    return flow.precision == "mixed", (result.point.fill.numerics or flow).precision == "mixed"
 
 
 def _changes(points: Sequence[PointResult], numerics: dict[int, tuple[Groups, Groups]], slopes: Slopes) -> list[Change]:

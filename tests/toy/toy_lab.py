@@ -31,7 +31,7 @@ container: {{kind: wedge-hopper, width: 60 mm, height: 300 mm, thickness: 1.01 d
 sweep:
   container.orifice: "{orifices} mm"
 replicates: {replicates}
-numerics: {{dt: 10 us, steps_per_beat: 200}}
+numerics: {{dt: 10 us, steps_per_beat: 200, precision: double}}
 measure: [flow_rate]
 """
 WINDOW = "window: {start: 0.15, end: 0.6}"
