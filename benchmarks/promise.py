@@ -102,7 +102,7 @@ def steps(choice: Choice) -> dict[str, dict[str, str]]:
 
 
 def with_seeds(study: Study, seeds: int, numerics: dict[str, str]) -> Study:
-    """The study with as many runs by these numerics, and no error asked for."""
+    """The study with that many runs by these numerics, and no requested error."""
     return study.change({"accuracy": None, "replicates": seeds, **{f"numerics.{k}": v for k, v in numerics.items()}})
 
 

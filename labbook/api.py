@@ -144,7 +144,7 @@ class Lab:
         return self._calibrated(study if is_pilot(study) else pilot(study, seeds or SEEDS), progress)
 
     def pilot(self, study: Study, progress: bool | Watcher = True) -> Study:
-        """`study` with numerics chosen for the error that it asks for. If its scenes are not calibrated,
+        """`study` with numerics chosen for the requested error. If its scenes are not calibrated,
         a pilot is run first, which measures the effect of the time step on the flow rate at a few of its points.
 
         The calibration is written beside the study file, where `load` finds it, or into the lab for a study made

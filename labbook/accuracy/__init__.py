@@ -1,4 +1,4 @@
-"""What numerics do to a flow rate, as far as it was measured, and the numerics that an error asked for allows."""
+"""The measured effect of numerics on a flow rate, and the numerics that a requested error allows."""
 
 from labbook.accuracy.calibration import (
     BESIDE,

@@ -45,7 +45,7 @@ class Choice:
     scatter: float
     source: str
     usual: float | None = None
-    """The time step [s] that the study would have had without an error asked for; None where it states its own."""
+    """The time step [s] that the study would have without a requested error; None if it states its own."""
 
     @property
     def over_usual(self) -> float:
@@ -81,7 +81,7 @@ def choose(
 ) -> Choice:
     """The cheapest setting that meets `tolerance` in `scene`, filled as `closed` with the same numerics.
 
-    dt [s], stiffness_scale, precision: stated ones, which are kept. usual: the step [s] without an error asked for.
+    dt [s], stiffness_scale, precision: stated ones, which are kept. usual: the step [s] without a requested error.
     Where nothing is known of mixed precision it is not chosen; if it is stated, the bias is that of step and stiffness
     alone. Raises NotMeasured where no such scene was measured; OutOfRange where no setting that was measured meets the
     tolerance.

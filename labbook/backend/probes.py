@@ -1,4 +1,4 @@
-"""Probes of a member: compiled in only if declared; reading them never changes the motion."""
+"""Probes of a member. Only declared probes are compiled in. Reading a probe never changes the motion."""
 
 import json
 from collections.abc import Mapping
@@ -14,15 +14,17 @@ from labbook.scene import Grains, Spheres
 from labbook.scene.model import canonical
 
 Table = Mapping[str, np.ndarray]
-"""Columns of equal length by name; `member`, `step` and `time` [s] are always among them."""
+"""Columns of equal length by name, always including `member`, `step` and `time` [s]."""
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """First passage of each grain's centre down through z = `plane` [m]; of a grain that was put back, also the next.
+    """First downward passage of each grain's centre through z = `plane` [m].
 
-    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz, and for rods qw, qx, qy, qz:
-    positions and orientations at the end of that step, velocities half a step before.
+    If a grain is put back, its next passage is recorded too.
+
+    Columns: id, time (interpolated within the step), x, y, z, vx, vy, vz, wx, wy, wz, and for rods qw, qx, qy, qz.
+    Positions and orientations are those at the end of the step. Velocities are those half a step before.
     """
 
     plane: float = 0.0
@@ -30,8 +32,11 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Sample:
-    """State of all grains every `every` beats. `fields` from x, v, omega and, for rods, q (unit quaternions, whose
-    rotation takes the z axis to the rod's); columns id, x, y, z, vx, ..., wx, ..., qw, qx, qy, qz."""
+    """State of all grains every `every` beats.
+
+    `fields` are any of x, v, omega and, for rods, q: the unit quaternion of the rotation from the z axis to the axis of
+    the rod. Columns: id, x, y, z, vx, ..., wx, ..., qw, qx, qy, qz.
+    """
 
     fields: tuple[str, ...] = ("x", "v")
     every: int = 1
@@ -39,9 +44,9 @@ class Sample:
 
 @dataclass(frozen=True)
 class Slab:
-    """State of the grains whose centres lie at `low` <= z <= `high` [m], every `every` beats.
+    """State of the grains with centres at `low` <= z <= `high` [m], every `every` beats.
 
-    The flow at an outlet needs many frames but few grains. Columns id, x, y, z, vx, vy, vz.
+    The flow at an outlet needs many frames but few grains. Columns: id, x, y, z, vx, vy, vz.
     """
 
     low: float
@@ -49,17 +54,17 @@ class Slab:
     every: int = 1
 
     def holds(self, z: np.ndarray) -> np.ndarray:
-        """Which of the heights z [m] lie within."""
+        """Mask of the heights z [m] inside the slab."""
         return (z >= self.low) & (z <= self.high)
 
 
 @dataclass(frozen=True)
 class Zone:
-    """State of the grains around and above an outlet about the z axis, every `every` beats and, unless `again` is 0,
-    `again` beats after each of these: two frames in short succession give accelerations.
+    """State of the grains around and above an outlet on the z axis, every `every` beats.
 
-    Around: centres within `radius` [m] of the axis at `low` <= z <= `high`; above: within `core` of it at `high` < z <=
-    `top`. Columns id, x, y, z, vx, vy, vz and, of rods, qw, qx, qy, qz.
+    Unless `again` is 0, a second frame follows `again` beats after each: two frames give accelerations. The zone
+    around the outlet has `low` <= z <= `high` and the `radius` [m] about the axis. The zone above it has
+    `high` < z <= `top` and the radius `core`. Columns: id, x, y, z, vx, vy, vz and, for rods, qw, qx, qy, qz.
     """
 
     radius: float
@@ -71,7 +76,7 @@ class Zone:
     again: int = 0
 
     def holds(self, x: np.ndarray) -> np.ndarray:
-        """Which of the centres x [m], shape [n, 3], lie within."""
+        """Mask of the centres x [m], shape [n, 3], inside the zone."""
         off, z = np.hypot(x[:, 0], x[:, 1]), x[:, 2]
         around = (off <= self.radius) & (z >= self.low) & (z <= self.high)
         return around | ((off <= self.core) & (z > self.high) & (z <= self.top))
@@ -79,10 +84,10 @@ class Zone:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Every touching contact every `every` beats; a rod may touch a wall at several points, each a row.
+    """All contacts with overlap, every `every` beats. A rod may touch a wall at several points: each has its own row.
 
     Columns: i, j (ids; j = -1 at a wall), wall (index into the scene's walls, -1 for a pair), fx, fy, fz [N] on i,
-    bx, by, bz [m]: branch vector, from the centre of i to that of j or to the point of contact with the wall.
+    bx, by, bz [m]. The branch vector b points from the centre of i to that of j, or to the contact point at the wall.
     """
 
     every: int = 1
@@ -103,7 +108,7 @@ Probe = Crossing | Sample | Slab | Zone | Contacts | Ledger
 
 
 def due(probe: Probe, beat: int) -> bool:
-    """Whether a probe is read on this beat."""
+    """Whether a probe is read at this beat."""
     if isinstance(probe, Crossing):
         return True
     return beat % probe.every == 0 or (isinstance(probe, Zone) and beat % probe.every == probe.again)
@@ -114,7 +119,7 @@ _WHOLE = frozenset(["member", "step", "id", "i", "j", "wall", "grains", "touchin
 
 
 def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
-    """Names of the columns of a probe's table, and whether each holds whole or real numbers (int64, float64).
+    """Names and types (int64 or float64) of the columns of a probe's table.
 
     rods: whether the grains have an orientation.
     """
@@ -145,7 +150,7 @@ UNITS = {
     **dict.fromkeys(("px", "py", "pz"), "kg m/s"),
     **dict.fromkeys(("lx", "ly", "lz"), "kg m^2/s"),
 }
-"""SI units of the columns of tables; the others are numbers without unit."""
+"""SI units of the columns of tables. The other columns are dimensionless."""
 
 
 def empty_table(probe: Probe, rods: bool = False) -> Table:
@@ -169,13 +174,13 @@ def table_name(probe: Probe) -> str:
 
 
 def describe_probe(probe: Probe) -> str:
-    """A probe as canonical JSON, by which coverage compares."""
+    """A probe as canonical JSON. Coverage compares these texts."""
     return canonical({"kind": table_name(probe), **vars(probe)})
 
 
 @lru_cache(maxsize=4096)
 def parse_probe(text: str) -> Probe:
-    """The probe of a text by `describe_probe`. Raises ValueError for any other text."""
+    """The probe of a text from `describe_probe`. Raises ValueError for any other text."""
     try:
         given: dict[str, Any] = json.loads(text)
         kind = _KINDS[given.pop("kind")]
@@ -186,7 +191,7 @@ def parse_probe(text: str) -> Probe:
             return probe
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
-    raise ValueError(f"not a probe: {text[:80]}")
+    raise ValueError(f"not the description of a probe: {text[:80]}")
 
 
 @cache
@@ -195,6 +200,6 @@ def _adapter(kind: type[Probe]) -> TypeAdapter[Probe]:
 
 
 def film_probe(every: float, numerics: Numerics, grains: Grains) -> Sample:
-    """The probe that records a frame every `every` seconds, as near as beats allow; of rods, orientations too."""
+    """A probe that records a frame about every `every` seconds, in whole beats. For rods it includes orientations."""
     fields = ("x", "v") if isinstance(grains, Spheres) else ("x", "v", "q")
     return Sample(fields=fields, every=max(1, round(every / numerics.beat)))

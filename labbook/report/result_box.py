@@ -97,7 +97,7 @@ def _flow_rates(results: Results) -> list[Row]:
             rows.append((called, _range(known, quantity)))
     asked = results.study.accuracy.flow_rate
     if asked is not None and results.points and all(result.precise for result in results.points):
-        said = f"The flow rate of every point has the asked error of {percent(asked)} (95 % interval)."
+        said = f"The flow rate of every point has the requested error of {percent(asked)} (95 % interval)."
         rows.append(("Accuracy", said))
     return rows
 
@@ -226,7 +226,7 @@ def _imprecise(results: Results) -> list[str]:
         return []
     asked = percent(results.study.accuracy.flow_rate)
     if short := _labels(results.points, lambda one: one.precise is False):
-        return [f"The asked error of {asked} of the flow rate is not reached at {'; '.join(short)}."]
+        return [f"The requested error of {asked} of the flow rate is not reached at {'; '.join(short)}."]
     return []
 
 

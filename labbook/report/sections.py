@@ -110,7 +110,7 @@ _FIT = (
     "lie outside a law’s range or have no steady flow; they take part in the fit."
 )
 _FLOW = (
-    "W(t) of every replicate. Shaded: the window, between the asked fractions of mass discharged (mean over "
+    "W(t) of every replicate. Shaded: the window, between the requested fractions of mass discharged (mean over "
     "replicates); in it the pooled mean and its 95 % interval."
 )
 

@@ -104,7 +104,7 @@ def _remarks(result: PointResult) -> list[str]:
     remarks = [result.remark] if result.remark else []
     remarks += [f"{note} ({n})" for note, n in result.notes.items() if note != "trending"]
     if result.precise is False:
-        remarks.append(f"misses the asked {percent(result.tolerance or 0)}")
+        remarks.append(f"requested error of {percent(result.tolerance or 0)} not reached")
     return remarks
 
 

@@ -192,7 +192,7 @@ class PointResult:
     """One point of a study with its replicates.
 
     `at`: what was swept, without what follows from the rest; `pooled`: means over seeds, by quantity, with Student
-    intervals; `tolerance`: the relative half-width that the study asks for; `asked`: how many replicates it asks for at
+    intervals; `tolerance`: the requested relative half-width; `asked`: how many replicates it asks for at
     least.
     """
 
@@ -249,7 +249,7 @@ class PointResult:
     @property
     def precise(self) -> bool | None:
         """Whether the half width of the flow rate's interval, with the bias of numerics that were chosen, meets the
-        study's tolerance; None if none was asked for."""
+        requested error; None if the study requests none."""
         if self.tolerance is None:
             return None
         bias = 0.0 if self.point.choice is None else self.point.choice.bias.bound

@@ -170,7 +170,7 @@ class Plan:
         return lines + [f"Warning: {line}" for line in self.warnings]
 
     def _chosen(self) -> list[str]:
-        """The numerics that were chosen for the error asked for, a line for all points that share them."""
+        """The numerics that were chosen for the requested error, one line for all points that share them."""
         groups: dict[str, list[str]] = {}
         for point in (one.shared.point for one in self.points):
             choice = point.choice

@@ -120,7 +120,7 @@ class Summary:
                 short = (
                     ""
                     if decision.ended == "tolerance"
-                    else ": the asked error is not reached, and accuracy.max_replicates allows no more runs"
+                    else ": the requested error is not reached, and accuracy.max_replicates allows no more runs"
                 )
                 lines.append(
                     f"{point.shared.point.label}: flow rate to {percent(decision.pooled.relative, '.2f')} "

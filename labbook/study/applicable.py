@@ -1,4 +1,4 @@
-"""Whether what a study asks for can be had in its scenes: measurements, laws, and the numbers of a reference."""
+"""Checks that the scenes of a study allow its measurements, its laws and the numbers of its reference."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from labbook.study.source import Source
 
 
 def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
-    """Measurements that cannot be taken at some points."""
+    """Measurements that some points do not allow."""
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
         try:
@@ -30,31 +30,33 @@ def unmeasurable(source: Source, settings: Settings, points: Sequence[Point]) ->
 
 
 def unfittable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
-    """Laws that do not hold for the outlets of some points."""
+    """Laws that do not apply to the outlets of some points."""
 
     def why(name: str, scene: Scene) -> tuple[str, str] | None:
         of, outlet = LAWS[name].outlet, outlet_shape(scene.container)
         if outlet is None:
-            reason = f"{name} needs the orifice of a hopper or silo, and the container is {scene.container.kind}"
-            return reason, f"take {name} out of fit, or use a hopper or silo"
+            reason = f"{name} needs the orifice of a hopper or silo, but the container is {scene.container.kind}"
+            return reason, f"remove {name} from fit, or use a hopper or silo"
         if of in (outlet, "any"):
             return None
         family = name.removesuffix("_3d")
         others = [law for law in LAWS if law.removesuffix("_3d") == family and LAWS[law].outlet == outlet]
-        return f"{name} is a law for a {of}, and the outlet is a {outlet}", f"use {' or '.join(others)}"
+        return f"{name} is a law for a {of}, but the outlet is a {outlet}", f"use {' or '.join(others)}"
 
     yield from _unfit(source, "fit", [name for name in settings.fit if name in LAWS], points, why)
 
 
 PLAY = 1e-5
-"""Least part of d by which a container is wider than a grain that is to be placed in it."""
+"""Smallest play between a grain and its container, as a fraction of d, that allows placing the grain."""
 LOOSEST = 0.3
-"""Packing fraction that no settled bed is below: its height is that of no bed's surface."""
+"""Lower bound of the packing fraction of a settled bed: it gives an upper bound of the height of the bed."""
 
 
 def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> Iterator[Problem]:
-    """Scenes that cannot be filled: without gravity, or without room for a grain; and beds that are never as high as
-    the height at which runs stop."""
+    """Scenes that cannot be filled, and values of `stop.fill_height` that no bed reaches.
+
+    A scene needs gravity, room for a grain, and a start of the filling that suits it.
+    """
     told = set[str]()
     for point in points:
         start = STARTS[point.fill.kind].obstacles(point.scene)
@@ -71,21 +73,21 @@ def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> I
 
 
 def unfed(source: Source, settings: Settings, points: Sequence[Point], window: Window) -> Iterator[Problem]:
-    """What a study says of beds that fall, where they are fed; and a `window` without end, where they are not."""
+    """Keys about falling beds in a study of fed beds; without feed, a `window` that ends before or at its start."""
     fed = [point for point in points if point.scene.feed is not None]
     if not fed:
         start, end = settings.window.start, window.end
         if end <= start:
-            reason = f"the window starts at {start:g}, and ends at {end:g} unless that is stated"
+            reason = f"the window starts at {start:g}, but its default end is {end:g}"
             yield Problem(source.path, source.line(("window",)), "window.end", reason, f"state an end above {start:g}")
         return
     if len(fed) < len(points):
-        reason = "some points are fed and others are not: their windows and stop rules differ"
-        yield Problem(source.path, source.line(("feed",)), "feed", reason, "put them into two studies")
+        reason = "some points have a feed and others have none: their windows and stop rules differ"
+        yield Problem(source.path, source.line(("feed",)), "feed", reason, "use two studies")
     stop, stated = settings.stop.model_fields_set, settings.window.model_fields_set
-    never = "a fed bed never falls"
+    never = "the level of a fed bed never falls"
     for key in sorted(stop & {"discharged", "fill_height"}):
-        remedy = "leave it out: runs end by accuracy.flow_rate, or at stop.max_time"
+        remedy = "leave it out: runs end when accuracy.flow_rate is reached, or at stop.max_time"
         yield Problem(source.path, source.line(("stop", key)), f"stop.{key}", never, remedy)
     for key in sorted(stated & {"end", "after", "until"}):
         reason = f"{never}: the window opens after the start-up, by mass, and closes when the run ends"
@@ -95,12 +97,12 @@ def unfed(source: Source, settings: Settings, points: Sequence[Point], window: W
 
 def _obstacles(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if scene.gravity == 0:
-        yield "gravity", "without gravity grains do not settle to a packing", "use a gravity above 0 m/s^2"
+        yield "gravity", "without gravity the grains do not settle", "use a gravity above 0 m/s^2"
     d, sizes = scene.grains.diameter, vars(scene.container)
     for name in ("thickness", "width", "depth", "diameter"):
         size = sizes.get(name, math.inf)
         if d <= size < d * (1 + PLAY):
-            reason = f"the {name} is that of a grain, which leaves no room to place grains"
+            reason = f"the {name} equals the grain diameter, which leaves no room to place grains"
             yield f"container.{name}", reason, "use 1.01 d or more"
 
 
@@ -111,7 +113,8 @@ def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]
     highest = scene.grains.count * scene.grains.volume / (LOOSEST * area)
     if stop >= highest:
         height, most = told_apart(stop * 1e3, highest * 1e3, digits=6, of_limit=3)
-        reason = f"{height} mm is above any bed of these grains ({most} mm even if it were loose)"
+        bound = f"at most {most} mm, at a packing fraction of {LOOSEST:g}"
+        reason = f"{height} mm is above any bed of these grains ({bound})"
         yield "stop.fill_height", reason, f"use less than {highest / 2 * 1e3:.3g} mm, or more grains"
 
 
@@ -137,13 +140,16 @@ def _unfit(
         for (reason, remedy), at in wrong.items():
             stated = source.data.get(key)
             place = (key, stated.index(name)) if isinstance(stated, list) and name in stated else ("container", "kind")
-            more = f" and {len(at) - 1} other points" if len(at) > 1 else ""
+            more = f" and {len(at) - 1} other point{'' if len(at) == 2 else 's'}" if len(at) > 1 else ""
             where = f" (at {at[0].label}{more})" if len(at) < len(points) else ""
             yield Problem(source.path, source.line(place), key, reason + where, remedy)
 
 
 def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], stated: bool = False) -> str | Wrong:
-    """SI unit of what a reference calls `quantity`, in a study with these settings and scenes; `stated`: of a range."""
+    """SI unit of the `quantity` of a reference, in a study with these settings and scenes; Wrong if it has none.
+
+    stated: whether the reference gives a range instead of a number.
+    """
     head, _, tail = quantity.partition(".")
     kinds = tuple({_kind(scene): scene for scene in scenes}.values())
     units = _units_of(settings.measure, kinds)
@@ -166,7 +172,7 @@ def unit_of(quantity: str, settings: Settings, scenes: Iterable[Scene], stated: 
 
 
 def _kind(scene: Scene) -> tuple:
-    """What decides which quantities a scene has."""
+    """Properties that determine the quantities of a scene."""
     c, grains = scene.container, scene.grains
     depth = getattr(c, "thickness", getattr(c, "depth", 0.0))
     return c.kind, grains.half_length > 0, grains.varied, depth < 2 * grains.diameter

@@ -30,7 +30,7 @@ def pilot(study: Study, seeds: int = SEEDS) -> Study:
 
 
 def first_needed(study: Study) -> Study | None:
-    """The pilot that is needed before the numerics of `study` can be chosen for the error that it asks for: STEPS at
+    """The pilot that is needed before the numerics of `study` can be chosen for the requested error: STEPS at
     the first and the last of its points of each kind where nothing was measured. None if there are no such points.
     Raises StudyError."""
     kinds: dict[tuple[str, ...], list[Point]] = {}

@@ -27,7 +27,7 @@ class Point:
     choice: Choice | None = field(default=None, compare=False)
     """Why its numerics are what they are, where they were chosen for an error."""
     unchosen: str = field(default="", compare=False)
-    """Why they could not be chosen, though an error was asked for; empty otherwise."""
+    """Why they could not be chosen for a requested error; empty otherwise."""
     wants_pilot: bool = field(default=False, compare=False)
     """Whether they could be chosen after a pilot: its time step is left out, and no scene like it was measured."""
 

@@ -168,7 +168,7 @@ class PointReader:
     def _chosen(
         self, scene: Scene, fill: Fill, stated: Mapping[str, Any], numerics: Numerics
     ) -> tuple[Choice | None, OutOfRange | None]:
-        """The numerics for the error that the study asks for, with those that it states kept; or why there are none."""
+        """Numerics for the requested error, keeping those that the study states; or why there are none."""
         settings = self._settings
         if settings is None or settings.accuracy.flow_rate is None:
             return None, None

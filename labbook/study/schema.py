@@ -182,7 +182,7 @@ class Settings(Model):
 
     def _faults(self) -> Iterator[Fault]:
         if self.accuracy.max_replicates < self.replicates and self.accuracy.flow_rate is not None:
-            reason = f"{self.accuracy.max_replicates} is less than the {self.replicates} replicates asked for"
+            reason = f"{self.accuracy.max_replicates} is less than the {self.replicates} requested replicates"
             yield Fault("accuracy.max_replicates", reason, f"use at least {self.replicates}")
         end = self.window.end
         if self.window.timed and self.stop.max_time < end:

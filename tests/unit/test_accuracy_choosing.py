@@ -1,4 +1,4 @@
-"""Numerics for an error that is asked for: groups, regression, calibration and choice."""
+"""Numerics for a requested error: groups, regression, calibration and choice."""
 
 import math
 from dataclasses import replace

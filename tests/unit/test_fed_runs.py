@@ -167,7 +167,12 @@ def test_a_forecast_goes_by_precision_or_by_time(tmp_path):
 @pytest.mark.parametrize(
     ("more", "key", "message", "remedy"),
     [
-        ("stop: {discharged: 0.7}", "stop.discharged", "never falls", "accuracy.flow_rate, or at stop.max_time"),
+        (
+            "stop: {discharged: 0.7}",
+            "stop.discharged",
+            "never falls",
+            "accuracy.flow_rate is reached, or at stop.max_time",
+        ),
         ("stop: {fill_height: 10 mm}", "stop.fill_height", "never falls", "leave it out"),
         ("window: {end: 0.5}", "window.end", "closes when the run ends", "window.start"),
         ("stop: {discharged: 1}\nwindow: {after: 1 s, until: 2 s}", "window.after", "opens after", "window.start"),

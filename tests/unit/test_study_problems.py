@@ -170,7 +170,7 @@ from wrong_study import BASE, problems
             "30 mm\nwindow: {start: 0.7}",
             11,
             "window.end",
-            "unless that is stated",
+            "its default end is 0.5",
             "above 0.7",
         ),
         (

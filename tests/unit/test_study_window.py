@@ -63,7 +63,7 @@ def test_what_is_stated_stays(tmp_path, more, ends):
 
 
 def test_a_start_that_comes_after_it_is_named(tmp_path):
-    with pytest.raises(StudyError, match=r"window.end: the window starts at 0.5, and ends at 0.45 unless"):
+    with pytest.raises(StudyError, match=r"window.end: the window starts at 0.5, but its default end is 0.45"):
         asked(tmp_path, "window: {start: 0.5}")
 
 

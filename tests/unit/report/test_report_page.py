@@ -310,4 +310,4 @@ def test_the_summary_says_what_is_missing_and_what_falls_short(column, synthetic
     changed = type(study)(**{**vars(study), "accuracy": accuracy, "measure": ("flow_rate",)})
     sentences = " ".join(summary(analyse(changed, [run for run in finished if run.point.index])))
     assert "Points without a finished run: D = 18 mm." in sentences
-    assert re.search(r"asked error of 0\.001 % of the flow rate is not reached at D = 21 mm; ", sentences)
+    assert re.search(r"requested error of 0\.001 % of the flow rate is not reached at D = 21 mm; ", sentences)
