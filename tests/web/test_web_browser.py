@@ -508,7 +508,7 @@ def filmed(tmp_path_factory) -> Path:
     pytest.importorskip("rerun")
     folder = tmp_path_factory.mktemp("filmed")
     text = (ROOT / "studies/quickstart.yaml").read_text()
-    text = text.replace("[18, 21, 24, 28] mm", "[28] mm").replace("replicates: 4 ", "replicates: 1 ")
+    text = re.sub(r'orifice: "\[.*\] mm"', 'orifice: "[30] mm"', text).replace("replicates: 4 ", "replicates: 1 ")
     (folder / "one.yaml").write_text(text)
     running = start("run", folder / "one.yaml", "--lab", folder / "lab", "--backend", "numba")
     out, err = running.communicate(timeout=500)
