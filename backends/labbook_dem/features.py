@@ -193,7 +193,9 @@ def check(can: Capabilities, needs: Needs, precision: str, probes: Sequence[Prob
     ]
     for key, value, known in wanted:
         if value not in known:
-            raise Unsupported(key, f"the backend {can.name} has no {value}; it has {', '.join(sorted(known))}")
+            has = ", ".join(sorted(known))
+            state = f": state numerics: {{precision: {min(known)}}}" if key == "numerics.precision" else ""
+            raise Unsupported(key, f"the backend {can.name} has no {value}; it has {has}{state}")
     if sum(isinstance(probe, Crossing) for probe in probes) > 1:
         raise Unsupported("measure", f"the backend {can.name} records crossings of one plane at a time")
     if needs.grains.varied and not can.mixtures:

@@ -87,26 +87,28 @@ def regress(observed: Sequence[Observed]) -> Slopes:
     slopes, inverse = np.zeros(3), np.linalg.inv(Z.T @ Z)
     slopes[varied] = inverse @ Z.T @ Y
     within = math.sqrt(float(np.sum((Y - X @ slopes) ** 2)) / freedom)
-    inside = np.diag(np.where(varied, 0.0, math.inf))
+    inside = np.zeros((3, 3))
     inside[known] = within**2 * inverse
-    exact = np.where(np.isfinite(inside), inside, 0.0)
     left = {bed: _left(runs, slopes) for bed, runs in beds.items()}
     filling, outside, by_slopes, between = _filled(beds, left, within)
-    outside += by_slopes @ exact @ by_slopes.T
-    along = exact @ by_slopes.T
+    along = (
+        inside @ by_slopes.T
+    )  # covariances of slopes within beds, which enter what is left of beds, with those between
+    outside += by_slopes @ along
     covariance = np.zeros((3, 3))
-    covariance[:2, :2] = inside[:2, :2]
+    covariance[:2, :2] = inside[:2, :2] + np.diag(np.where(varied[:2], 0.0, math.inf))
     covariance[:2, 2] = covariance[2, :2] = along[:2, 0]
     covariance[2, 2] = outside[0, 0]
-    flow = (float(slopes[2]), float(inside[2, 2])) if varied[2] else None
-    both = flow
-    if flow is not None:
-        both = flow[0] + float(filling[1]), flow[1] + float(outside[1, 1] + 2 * along[2, 1])
+    mixed_flow = mixed = None
+    if varied[2]:
+        mixed_flow = float(slopes[2]), float(inside[2, 2])
+        if math.isfinite(outside[1, 1]):
+            mixed = float(slopes[2] + filling[1]), float(inside[2, 2] + outside[1, 1] + 2 * along[2, 1])
     return Slopes(
         values=np.array([slopes[0], slopes[1], filling[0]]),
         covariance=covariance,
-        mixed_flow=flow,
-        mixed=both if both is not None and math.isfinite(both[1]) else None,
+        mixed_flow=mixed_flow,
+        mixed=mixed,
         within=within,
         between=between,
         freedom=freedom,
@@ -142,6 +144,6 @@ def _filled(
         raise ValueError("too few beds: several seeds of each setting are needed")
     rest = float(np.sum((y - x @ slopes) ** 2)) / freedom
     covariance[np.ix_(varied, varied)] = rest * inverse
-    runs = float(np.mean([len(runs) for runs in beds.values()]))
-    between = math.sqrt(max(0.0, rest - within**2 / runs) + within**2)
+    share = float(np.mean([1 / len(runs) for runs in beds.values()]))  # of the variance within, in the mean of a bed
+    between = math.sqrt(max(0.0, rest - share * within**2) + within**2)
     return slopes, covariance, by_slopes, between

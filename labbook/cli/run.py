@@ -63,7 +63,7 @@ def register(app: typer.Typer) -> None:
 
         With --cluster the workers of a Dask cluster (see labbook cluster) run the study and send back the runs.
 
-        If a study has a requested error (accuracy.flow_rate) and its scenes are not calibrated, a pilot comes first. It
+        If a study requests an error (accuracy.flow_rate) and its scenes are not calibrated, a pilot comes first. It
         measures the effect of the time step, and writes STUDY.calibration.json beside the study. --no-pilot skips it:
         the default step is used, and the error budget says that its bias is not known.
 

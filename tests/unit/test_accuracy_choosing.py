@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.optimize import root_scalar
 
@@ -338,8 +340,9 @@ def in_both(rng, change, steps=(0.05,), slope=0.0, seeds=200, filling=None):
     """Runs in double and mixed precision from shared beds, where `mixed` changes ln W by `change`; and runs in mixed
     precision from beds that were filled in it, which changes ln W by `filling`."""
     found = []
+    fillings = (False,) if filling is None else (False, True)
     for seed in range(seeds):
-        for filled in (False, True) if filling is not None else (False,):
+        for filled in fillings:
             bed = rng.normal(0, 0.02) + (filling or 0.0) * filled
             for step in steps:
                 for mixed in (True,) if filled else (False, True):
@@ -373,6 +376,46 @@ def test_beds_filled_in_both_precisions_tell_what_mixed_does_to_flow_and_filling
         off.append((value + 0.015) / math.sqrt(variance))
     assert abs(np.mean(off)) < 4 / math.sqrt(60)
     assert 0.75 < np.std(off) < 1.3, "its variance is that of its scatter"
+
+
+def test_the_scatter_of_one_run_does_not_depend_on_how_many_runs_beds_have():
+    """Beds that are all alike, with one run and with two: all scatter is that within beds."""
+    rng = np.random.default_rng(6)
+    runs = [
+        Observed(f"bed {bed}", 0.001, 0.001, 0.05, math.exp(rng.normal(0, 0.02)), mixed)
+        for bed in range(8000)
+        for mixed in ((False,) if bed % 2 else (False, True))
+    ]
+    found = regress(runs)
+    assert found.between == pytest.approx(0.02, rel=0.025)
+    assert found.within == pytest.approx(0.02, rel=0.025)
+
+
+PRECISIONS = ["numerics.precision", "fill.numerics.precision"]
+RUNS = Path(__file__).parents[2] / "benchmarks/results/2026-11-25-accuracy-precision-runs-h100.csv"
+
+
+def test_what_ships_of_mixed_precision_is_what_its_runs_give():
+    """By the means of W alone: of the flow from pairs in one bed, of the filling between beds."""
+    sign = ["container.orifice", "contact.friction", "contact.restitution", "contact.rolling_friction"]
+    stated = {"container.orifice": 0.036, "contact.friction": 0.5, "contact.restitution": 0.2}
+    runs = pd.read_csv(RUNS).fillna({**stated, "contact.rolling_friction": 0.01})
+    runs["lnW"] = np.log(runs["W_g_per_s"])
+    known: dict[object, tuple[float, float]] = {
+        (round(one.here.ratio * 3e-3, 6), one.here.friction, one.here.restitution, one.here.rolling): one.mixed
+        for alike in shipped().known
+        for one in alike.effects
+        if one.mixed is not None
+    }
+    assert len(known) == 9
+    for scene, found in runs.groupby(sign):
+        by = {name: part.set_index("seed")["lnW"] for name, part in found.groupby(PRECISIONS)}
+        flow = (by["mixed", "double"] - by["double", "double"]).dropna()
+        of_bed = (by["mixed", "double"] - flow.mean() + by["double", "double"]) / 2
+        value, variance = known[scene]
+        assert value == pytest.approx(by["mixed", "mixed"].mean() - of_bed.mean(), abs=2e-5)
+        separate = by["double", "double"].var() / 300 + by["mixed", "mixed"].var() / 300
+        assert variance == pytest.approx(separate, rel=0.2), "as of runs that share no bed"
 
 
 def rounded(change=0.0, error=1e-4, **here) -> Effects:

@@ -61,7 +61,9 @@ class Backend:
 
     def specialise(self, scene, numerics, probes=()):
         if numerics.precision != "double":
-            raise Unsupported("numerics.precision", "the toy backend has double precision only")
+            raise Unsupported(
+                "numerics.precision", "the toy backend has no mixed; it has double: state numerics: {precision: double}"
+            )
         features = (("closed", _outlet(scene) is None), ("law", scene.contact.law), ("rods", _rods(scene)))
         return Spec(self.NAME, features, tuple(dict.fromkeys(probes)), numerics.steps_per_beat)
 
