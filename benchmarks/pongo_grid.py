@@ -1,7 +1,8 @@
-"""The figure and the tables of docs/results/pongo2022-grid.md, from Q of each run of studies/pongo2022-grid:
+"""The figure and the tables of docs/results/pongo2022-grid.md, from Q of each run of studies/pongo2022-grid and
+pongo2022-grid-shapes:
 
 labbook export studies/pongo2022-grid.yaml --backend warp --out tables
-python benchmarks/pongo_grid.py grid.csv --runs rod tables/runs.csv
+python benchmarks/pongo_grid.py grid.csv --runs rod-3.3 tables/runs.csv
 python benchmarks/pongo_grid.py benchmarks/results/2026-11-25-pongo-grid-h100.csv docs/results/pongo2022-grid.png
 
 The second command keeps of the exports of one shape each what the third reads: how each run ended, and its Q.
@@ -22,6 +23,9 @@ from labbook.stats.pooling import student
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+SHAPES = {
+    "sphere": "spheres", "rod-2.5": "rods, $L/d$ = 2.5", "rod-3.3": "rods, $L/d$ = 3.3", "rod-4": "rods, $L/d$ = 4"
+}  # fmt: skip
 FREQUENCIES = (0.0, 0.16, 0.32, 0.64, 0.96, 1.28)
 COLUMNS = ("shape", "f_Hz", "D_mm", "seed", "outcome", "Q_per_s")
 
@@ -81,9 +85,9 @@ def mean(runs: Sequence[Run], shape: str, f: float, d: float) -> Mean:
     return Mean(float(rates.mean()) if len(rates) else math.nan, error, len(rates), clogged, len(some))
 
 
-def orifices(runs: Sequence[Run]) -> list[float]:
-    """All D [mm]."""
-    return sorted({run.d for run in runs})
+def orifices(runs: Sequence[Run], shape: str) -> list[float]:
+    """All D [mm] of a shape."""
+    return sorted({run.d for run in runs if run.shape == shape})
 
 
 def kappa(runs: Sequence[Run], shape: str, f: float, least: float, most: float) -> tuple[float, float]:
@@ -99,10 +103,19 @@ def kappa(runs: Sequence[Run], shape: str, f: float, least: float, most: float) 
 
 def table(runs: Sequence[Run], shape: str) -> Iterator[str]:
     """Lines of a table of Q: a row a frequency, a column an orifice."""
-    yield f"| f [Hz] | {' | '.join(f'{d:g} mm' for d in orifices(runs))} |"
-    yield "|---" * (len(orifices(runs)) + 1) + "|"
+    columns = orifices(runs, shape)
+    yield f"| f [Hz] | {' | '.join(f'{d:g} mm' for d in columns)} |"
+    yield "|---" * (len(columns) + 1) + "|"
     for f in FREQUENCIES:
-        yield f"| {f:g} | {' | '.join(_cell(mean(runs, shape, f, d)) for d in orifices(runs))} |"
+        yield f"| {f:g} | {' | '.join(_cell(mean(runs, shape, f, d)) for d in columns)} |"
+
+
+def ratios(runs: Sequence[Run], shape: str, d: float) -> tuple[list[float], list[float]]:
+    """Q(f)/Q(0) through one orifice by frequency, and its standard errors."""
+    some = [mean(runs, shape, f, d) for f in FREQUENCIES]
+    found = [one.rate / some[0].rate for one in some]
+    parts = [one.error / one.rate for one in some]
+    return found, [0.0, *(r * math.hypot(part, parts[0]) for r, part in zip(found[1:], parts[1:], strict=True))]
 
 
 def _cell(found: Mean) -> str:
@@ -115,33 +128,41 @@ def _cell(found: Mean) -> str:
 
 
 def drawn(runs: Sequence[Run]) -> "Figure":
-    """Q against the orifice by frequency, of spheres and of rods, and Q(f)/Q(0) by orifice."""
+    """Q against the orifice by frequency, of each shape; Q(f)/Q(0) by orifice, and by shape."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 3, figsize=(PAGE, 68 * MILLIMETRE))
-    for ax, shape in zip(axes, ("sphere", "rod"), strict=False):
+    figure, grid = plt.subplots(2, 3, figsize=(PAGE, 130 * MILLIMETRE))
+    flows = dict(zip(("sphere", "rod-3.3", "rod-2.5", "rod-4"), grid[:, :2].flat, strict=True))
+    for shape, ax in flows.items():
         for k, f in enumerate(FREQUENCIES):
-            some = [mean(runs, shape, f, d) for d in orifices(runs)]
+            some = [mean(runs, shape, f, d) for d in orifices(runs, shape)]
             errors = [0.0 if math.isnan(one.error) else one.error for one in some]
             how = {"color": COLOURS[k], "marker": MARKERS[k], "ms": 3, "lw": 0.8, "label": f"{f:g} Hz"}
-            ax.errorbar(orifices(runs), [one.rate for one in some], errors, **how)
-        ax.set(yscale="log", xlabel="orifice, $D$ [mm]", title="spheres" if shape == "sphere" else "rods, $L/d$ = 3.3")
-    axes[0].set_ylabel("$Q$ [grains/s]")
-    shared = min(ax.get_ylim()[0] for ax in axes[:2]), max(ax.get_ylim()[1] for ax in axes[:2])
-    for ax in axes[:2]:
+            ax.errorbar(orifices(runs, shape), [one.rate for one in some], errors, **how)
+        ax.set(yscale="log", xlabel="orifice, $D$ [mm]", title=SHAPES[shape], xlim=(40, 74))
+    shared = min(ax.get_ylim()[0] for ax in flows.values()), max(ax.get_ylim()[1] for ax in flows.values())
+    for ax in flows.values():
         ax.set_ylim(shared)
+    by_orifice, by_shape = grid[:, 2]
     for k, d in enumerate((54.0, 60.0, 66.0, 72.0)):
-        for shape, filled in (("sphere", "none"), ("rod", COLOURS[k])):
-            some = [mean(runs, shape, f, d) for f in FREQUENCIES]
-            ratios = [one.rate / some[0].rate for one in some]
-            parts = [one.error / one.rate for one in some]
-            errors = [0.0, *(r * math.hypot(part, parts[0]) for r, part in zip(ratios[1:], parts[1:], strict=True))]
-            label = f"{d:g} mm" if shape == "rod" else None
+        for shape, filled in (("sphere", "none"), ("rod-3.3", COLOURS[k])):
+            label = f"{d:g} mm" if filled != "none" else None
             how = {"color": COLOURS[k], "marker": MARKERS[k], "ms": 3, "mfc": filled, "lw": 0.8, "label": label}
-            axes[2].errorbar(FREQUENCIES, ratios, errors, **how)
-    axes[2].set(ylim=(0, 1.25), xlabel="rotation, $f$ [Hz]", ylabel="$Q(f)/Q(0)$", title="open: spheres")
-    axes[0].legend(title="rotation")
-    axes[2].legend(title="rods, $D$", ncols=2)
+            by_orifice.errorbar(FREQUENCIES, *ratios(runs, shape, d), **how)
+    by_orifice.set(title="$L/d$ = 3.3 (open: spheres)")
+    for k, shape in enumerate(SHAPES):
+        for d, filled in ((66.0, COLOURS[k]), (72.0, "none")):
+            label = SHAPES[shape].replace("rods, ", "") if filled != "none" else None
+            how = {"color": COLOURS[k], "marker": MARKERS[k], "ms": 3, "mfc": filled, "lw": 0.8, "label": label}
+            by_shape.errorbar(FREQUENCIES, *ratios(runs, shape, d), **how)
+    by_shape.set(title="66 mm (open: 72 mm)")
+    for ax in (by_orifice, by_shape):
+        ax.set(ylim=(0, 1.25), xlabel="rotation, $f$ [Hz]", ylabel="$Q(f)/Q(0)$")
+    for ax in grid[:, 0]:
+        ax.set_ylabel("$Q$ [grains/s]")
+    grid[0, 0].legend(title="rotation")
+    by_orifice.legend(title="orifice, $D$", ncols=2)
+    by_shape.legend(title="shape", ncols=2)
     return figure
 
 
@@ -160,12 +181,21 @@ def main() -> None:
                 rows.writerows((*run[:-1], "" if math.isnan(run.rate) else run.rate) for run in kept(Path(path), shape))
         return
     runs = read(given.source)
-    for shape in ("sphere", "rod"):
-        print("\n".join(table(runs, shape)), "\n")
+    for shape in SHAPES:
+        print(shape, *table(runs, shape), "", sep="\n")
+    spans = (("rod-3.3", 48, 60), ("rod-3.3", 48, 72), ("rod-2.5", 54, 66), ("rod-2.5", 54, 72), ("sphere", 48, 72))
     for f in FREQUENCIES:
-        slopes = [kappa(runs, "rod", f, 48, most) for most in (60, 72)] + [kappa(runs, "sphere", f, 48, 72)]
-        said = ", ".join(f"{v:.3f} +- {h:.3f}" for v, h in slopes)
-        print(f"f = {f:g} Hz: kappa [1/mm] of rods from 48 to 60 mm, to 72 mm, and of spheres: {said}")
+        said = [
+            f"{shape} {least} to {most} mm {slope:.3f} +- {half:.3f}"
+            for shape, least, most in spans
+            for slope, half in (kappa(runs, shape, f, least, most),)
+        ]
+        print(f"f = {f:g} Hz: kappa [1/mm] of {', '.join(said)}")
+    for shape in SHAPES:
+        for d in orifices(runs, shape):
+            found, errors = ratios(runs, shape, d)
+            said = [f"{r:.3f} +- {e:.3f}" for r, e in zip(found, errors, strict=True)]
+            print(f"Q(f)/Q(0) of {shape} through {d:g} mm: {', '.join(said)}")
     if given.picture:
         with house():
             given.picture.write_bytes(for_a_screen(drawn(runs))[0])

@@ -6,6 +6,10 @@ import numpy as np
 
 from labbook.scene import Frustum, Plane, Scene, Strip
 
+_HEIGHTS: dict[tuple[str, float, float], float] = {}
+"""Of `Room.height_for`, by walls, clearance and volume: counting takes longer than placing a thousand grains, and every
+seed of a scene asks for it."""
+
 
 class PlacingError(Exception):
     """Grains cannot be placed; the message says why and what to do."""
@@ -102,6 +106,12 @@ class Room:
 
         Its section is counted on a grid of 200 x 400 points; what lies above is as wide as the widest part.
         """
+        key = repr(self.shapes), self.clearance, volume
+        if key not in _HEIGHTS:
+            _HEIGHTS[key] = self._counted_height(volume)
+        return _HEIGHTS[key]
+
+    def _counted_height(self, volume: float) -> float:
         wide, deep = self._size
         area = math.pi / 4 * wide * deep if self.round else wide * deep
         flat = self.bottom + volume / area

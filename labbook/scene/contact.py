@@ -343,6 +343,8 @@ class HertzPrinted(Tensile):
     Friction is F_t^e = mu F_n^e (1 - (1 - min(s, s_max)/s_max)^{3/2}) with a dashpot that vanishes at s_max. The spring
     goes on growing while the contact slides, so that a reversal first has to take all of that back, and pushes on its
     way: without rolling resistance grains never come to rest, and have to be filled by another law (`fill.contact`).
+    It pushes with mu F_n^e of now, not of when the contact slid, which can give energy away: a wedged grain may be shot
+    to ten times the speed of free fall.
     """
 
     physics: ClassVar[str] = "labbook_dem.laws.hertz_printed"

@@ -56,6 +56,31 @@ def test_printed_is_equations_6_and_7_to_the_letter(contact):
     np.testing.assert_array_equal(kept, s)
 
 
+def gained(law, slid, low=1e-6, high=4e-6, steps=20_000):
+    """Work [J] of friction on a contact that slides slowly by `slid` [m], is pressed harder, slides back, and is
+    relieved; and the normal forces [N]. Elastic normal forces do no work in it, as both ways of pressing are alike."""
+    module, spring, work, forces = LAWS[law.law], vec3(0, 0, 0), 0.0, []
+    c = module.coefficients(law, SURFACE)
+    for delta, step in ((low, slid / steps), (high, -slid / steps)):
+        for _ in range(steps):
+            _, before, _ = module.respond(c, RS, MS, delta, 0.0, spring, vec3(0, 0, 0))
+            fn, after, spring = module.respond(c, RS, MS, delta, 0.0, spring + vec3(step, 0, 0), vec3(0, 0, 0))
+            work += (before[0] + after[0]) / 2 * step
+        forces.append(fn)
+    return work, *forces
+
+
+def test_the_printed_law_gives_energy_away_and_others_do_not():
+    """Its spring is as long as the contact slid. Under a larger load it pushes with mu times that load all the way
+    back: W = mu (F_2 - F_1) L for L much longer than a spring. A spring that is cut pushes over its own length only."""
+    slid = 1e-3  # 430 sliding distances at the larger load
+    work, low, high = gained(material(HertzPrinted), slid)
+    assert work == pytest.approx(MU * (high - low) * slid, rel=0.01)
+    for kind in (HertzMindlin, HertzLiggghts, HertzLammps):
+        work, low, high = gained(material(kind), slid)
+        assert work == pytest.approx(-MU * (high + low) * slid, rel=0.01), kind
+
+
 @pytest.mark.parametrize("contact", CONTACTS)
 def test_liggghts_is_what_its_source_computes(contact):
     """normal_model_hertz.h and tangential_model_history.h of 3.8, line by line; its 1/Geff is the sum of
