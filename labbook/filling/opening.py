@@ -23,12 +23,10 @@ def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
     new = [wall for name, wall in after.items() if name not in before and isinstance(wall.shape, Strip)]
     names = np.array(packing.wall_name, "U40")
     kept = np.ones(len(names), bool)
-    for at, (name, grain) in enumerate(zip(names, packing.wall_grain, strict=True)):
-        if str(name) in after:
-            continue
-        part = _part_under(before.get(str(name)), new, packing.x[grain])
+    for at in np.flatnonzero(~np.isin(names, list(after))):
+        part = _part_under(before.get(str(names[at])), new, packing.x[packing.wall_grain[at]])
         kept[at] = part is not None
-        names[at] = part or name
+        names[at] = part or names[at]
     return replace(
         packing,
         wall_name=names[kept],

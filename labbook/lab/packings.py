@@ -1,5 +1,7 @@
 """Packings kept in the lab: made once, shared by all runs with the same packing key."""
 
+import threading
+from collections import OrderedDict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -8,6 +10,7 @@ from pydantic import Field
 
 from labbook.backend.numerics import Numerics
 from labbook.lab import identity
+from labbook.lab.folder import stamp
 from labbook.lab.identity import Filling
 from labbook.lab.records import Ledger, Measure, Record, StoredBackend, Unreadable, Whole
 from labbook.lab.tables import MOST, read_table
@@ -16,6 +19,7 @@ from labbook.scene.packing import Packing
 
 ARRAYS = "packing.npz"
 _BYTES = 4096  # of a grain, at most: state, and springs of 20 contacts
+_KEPT = 200_000  # grains of packings that are kept in memory: some 60 MB
 
 
 class PackingRecord(Record):
@@ -50,8 +54,27 @@ def load_packing(folder: Path) -> Packing:
 def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, Packing]:
     """What is in the folder of a packing, which is named by its key, or has yet to be named `key`.
 
-    Raises Unreadable for anything that is missing or damaged, does not belong together, or has another key.
+    Those read last are kept, as the runs that start from one begin one after another: their arrays cannot be written
+    to. Raises Unreadable for anything that is missing or damaged, does not belong together, or has another key.
     """
+    asked = folder, key, stamp(folder)
+    with _reading:
+        found = _lately.get(asked)
+    if found is None:
+        found = _read(folder, key)
+        with _reading:
+            _lately[asked] = found
+            while sum(len(packing) for _, packing in _lately.values()) > _KEPT:
+                _lately.popitem(last=False)
+    return found
+
+
+_reading = threading.Lock()
+_lately: OrderedDict[tuple[Path, str | None, int], tuple[PackingRecord, Packing]] = OrderedDict()
+"""By folder, key and stamp: a folder that was written to since is read anew."""
+
+
+def _read(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
     record = PackingRecord.read(folder, key)
     path = folder / PackingRecord.FILE
     if identity.scene_key(record.scene) != record.closed_key:
@@ -68,6 +91,9 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
         raise Unreadable(f"{path}: not a packing ({type(error).__name__}: {error})") from error
     if fault := _fault(record, packing):
         raise Unreadable(f"{path}: {fault}")
+    for array in vars(packing).values():
+        if array is not None:
+            array.flags.writeable = False
     return record, packing
 
 

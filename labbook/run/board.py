@@ -154,7 +154,9 @@ class Board:
             self.todo = dict(sorted(self.todo.items(), key=lambda one: _place(one[1])))
             self._ordered = True
         for begin, packed in ((self._fill, False), (self._discharge, True)):
-            for item in [item for item in self.todo.values() if item.packed == packed]:
+            for item in list(self.todo.values()):  # `begin` may take some away
+                if item.packed != packed or (not packed and item.keys.packing in self.going):
+                    continue
                 if item.keys.run in self.todo and (started := begin(item, spec)):
                     return started
         return None
