@@ -177,23 +177,24 @@ class Ensemble(ABC, Generic[R]):
         """Members that take steps: those that failed or emptied rest."""
         return {member: run for member, run in self._runs.items() if run.failure is None and run.grains > 0}
 
-    def _after_beat(self, member: Member, run: R) -> tuple[Mapping[Probe, Table], list[Event]]:
-        """Rows of the probes that are due, and what happened; of a failed member, only that it failed."""
-        if failure := run.failure:
-            return {}, [Failed(member, failure.guard, failure.step, failure.grain, failure.message)]
-        rows = read(run, run.step // self._spec.steps_per_beat)
-        if run.grains == 0:
-            return rows, [Emptied(member, run.time)]
-        settling = self._settling.get(member)
-        if settling and settling.after(run.status().kinetic):
-            return rows, [Settled(member, run.time)]
-        return rows, []
+    def _observed(self, runs: Mapping[Member, R]) -> Mapping[Probe, Table]:
+        """Rows of the probes that are due after a beat of these members; those that failed have none."""
+        well = {member.index: run for member, run in runs.items() if run.failure is None}
+        return read(well, self._spec.steps_per_beat)
 
-    def _keep(self, member: Member, rows: Mapping[Probe, Table]) -> None:
+    def _events(self, member: Member, run: R) -> list[Event]:
+        """What happened in a beat; of a failed member, only that it failed."""
+        if failure := run.failure:
+            return [Failed(member, failure.guard, failure.step, failure.grain, failure.message)]
+        if run.grains == 0:
+            return [Emptied(member, run.time)]
+        settling = self._settling.get(member)
+        return [Settled(member, run.time)] if settling and settling.after(run.status().kinetic) else []
+
+    def _keep(self, rows: Mapping[Probe, Table]) -> None:
         for probe, table in rows.items():
-            size = len(table["step"])
-            if size:
-                self._rows[probe].append({"member": np.full(size, member.index), **table})
+            if len(table["member"]):
+                self._rows[probe].append(table)
 
     def drain(self) -> Mapping[Probe, Table]:
         """Rows since the last drain, of every declared probe."""

@@ -113,9 +113,14 @@ class Readable(ABC):
         return {"grains": len(now.ids), **found, **counted}
 
 
-def read(member: Readable, beat: int) -> Mapping[Probe, Table]:
-    """Rows of every probe that is due on this beat."""
-    return {probe: _rows(member, probe) for probe in member.probes if due(probe, beat)}
+def read(members: Mapping[int, Readable], steps_per_beat: int) -> Mapping[Probe, Table]:
+    """Rows of the probes that are due after this beat, those of all members in one table; members by number."""
+    due_of: dict[Probe, dict[int, Readable]] = {}
+    for number, member in members.items():
+        for probe in member.probes:
+            if due(probe, member.step // steps_per_beat):
+                due_of.setdefault(probe, {})[number] = member
+    return {probe: _table(probe, of) for probe, of in due_of.items()}
 
 
 def looking(members: Iterable[Readable], steps_per_beat: int) -> int:
@@ -127,44 +132,55 @@ def looking(members: Iterable[Readable], steps_per_beat: int) -> int:
     )
 
 
-def _rows(member: Readable, probe: Probe) -> Table:
+def _table(probe: Probe, members: Mapping[int, Readable]) -> Table:
+    """Rows of a probe, one member after another. Columns are made of what all have together: there may be a hundred
+    members, each with a few rows of two dozen columns."""
+    parts = [_seen(member, probe) for member in members.values()]
+    sizes = [len(next(iter(part.values()))) for part in parts]
+    table = {"member": np.repeat(np.array([*members], np.int64), sizes)}
+    if not isinstance(probe, Crossing):  # each of its rows has a time of its own
+        table["step"] = np.repeat(np.array([member.step for member in members.values()], np.int64), sizes)
+        table["time"] = np.repeat(np.array([member.time for member in members.values()]), sizes)
+    return {**table, **_columns(probe, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})}
+
+
+def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
+    """What a probe sees of a member, by row: fields of grains, or numbers that belong to one column each."""
     match probe:
         case Crossing():
-            rows = member.crossings()
-            return _columns(crossing_columns(rows.shape[1] > len(CROSSING_COLUMNS)), rows, ("id", "step"))
+            return {"rows": member.crossings()}
+        case Contacts():
+            return {"rows": member.contacts()}
         case Sample():
-            return _stamped(member, _sampled(member.look(bool({"v", "omega"} & set(probe.fields))), probe.fields))
+            grains, fields = member.look(bool({"v", "omega"} & set(probe.fields))), probe.fields
         case Slab():
-            return _stamped(member, _sampled(member.layer(probe), ("x", "v")))
+            grains, fields = member.layer(probe), ("x", "v")
         case Zone():
             grains = member.look(inside=probe.holds)
-            return _stamped(member, _sampled(grains, ("x", "v") if grains.q is None else ("x", "v", "q")))
-        case Contacts():
-            return _stamped(member, _columns(CONTACT_COLUMNS, member.contacts(), ("i", "j", "wall")))
+            fields = ("x", "v") if grains.q is None else ("x", "v", "q")
         case Ledger():
-            return _stamped(member, {name: np.array([value]) for name, value in member.totals().items()})
+            return {name: np.array([value]) for name, value in member.totals().items()}
+    return {"id": grains.ids, **{name: getattr(grains, _FIELDS[name][1]) for name in fields}}
 
 
-def _columns(names: Sequence[str], rows: np.ndarray, whole: Sequence[str]) -> Table:
-    table = dict(zip(names, rows.T.copy(), strict=True))
-    return {**table, **{name: table[name].astype(np.int64) for name in whole}}
+def _columns(probe: Probe, seen: Mapping[str, np.ndarray]) -> Table:
+    """Columns of a probe, of what `_seen` gave."""
+    if isinstance(probe, Ledger):
+        return seen
+    if isinstance(probe, Crossing | Contacts):
+        crossing = isinstance(probe, Crossing)
+        names = crossing_columns(seen["rows"].shape[1] > len(CROSSING_COLUMNS)) if crossing else CONTACT_COLUMNS
+        table = dict(zip(names, seen["rows"].T.copy(), strict=True))
+        return {**table, **{name: table[name].astype(np.int64) for name in (_WHOLE & table.keys())}}
+    table = {"id": seen["id"]}
+    for name, array in seen.items():
+        if name != "id":
+            axes = "wxyz" if name == "q" else "xyz"
+            table |= {_FIELDS[name][0] + axis: column for axis, column in zip(axes, array.T.copy(), strict=True)}
+    return table
 
 
 _FIELDS = {"x": ("", "x"), "v": ("v", "v"), "omega": ("w", "w"), "q": ("q", "q")}
 """What columns of a field begin with, and its attribute in `Grains`."""
-
-
-def _sampled(grains: Grains | Layer, fields: Sequence[str]) -> Table:
-    table = {"id": grains.ids.copy()}
-    for name in fields:
-        prefix, attribute = _FIELDS[name]
-        array = getattr(grains, attribute)
-        assert array is not None  # `features.check` has seen to it
-        axes = "wxyz" if name == "q" else "xyz"
-        table |= {prefix + axis: array[:, c].copy() for c, axis in enumerate(axes)}
-    return table
-
-
-def _stamped(member: Readable, table: Table) -> Table:
-    n = len(next(iter(table.values())))
-    return {"step": np.full(n, member.step), "time": np.full(n, member.time), **table}
+_WHOLE = {"id", "step", "i", "j", "wall"}
+"""Columns of whole numbers."""

@@ -39,10 +39,10 @@ class Ensemble(ensemble.Ensemble[Run]):
     def advance(self, beats: int = 1) -> Sequence[Event]:
         """Let every member take `beats` beats; those that failed or emptied rest."""
         events: list[Event] = []
-        jobs = {member: self._pool.submit(self._take, member, run, beats) for member, run in self._going().items()}
-        for member, job in jobs.items():
+        jobs = [self._pool.submit(self._take, member, run, beats) for member, run in self._going().items()]
+        for job in jobs:
             for rows, found in job.result():
-                self._keep(member, rows)
+                self._keep(rows)
                 events += found
         return events
 
@@ -51,7 +51,7 @@ class Ensemble(ensemble.Ensemble[Run]):
         while len(found) < beats and run.failure is None and run.grains > 0:
             with domains.threads_for(run.grains, self._threads, self._large) as threads:
                 run.beat(threads)
-            found.append(self._after_beat(member, run))
+            found.append((self._observed({member: run}), self._events(member, run)))
         return found
 
     def close(self) -> None:

@@ -27,7 +27,6 @@ class Ensemble(ensemble.Ensemble[Run]):
                 if run.failure is not None or run.grains == 0:
                     break
                 run.beat()
-                rows, found = self._after_beat(member, run)
-                self._keep(member, rows)
-                events += found
+                self._keep(self._observed({member: run}))
+                events += self._events(member, run)
         return events

@@ -56,10 +56,9 @@ class Ensemble(ensemble.Ensemble[Seen]):
                 break
             self._beat(list[Run](going.values()))
             with self._reading(going.values()):
+                self._keep(self._observed(going))
                 for member, run in going.items():
-                    rows, found = self._after_beat(member, run)
-                    self._keep(member, rows)
-                    events += found
+                    events += self._events(member, run)
         return events
 
     def _reading(self, runs: Collection[Seen]) -> AbstractContextManager[None]:

@@ -24,6 +24,7 @@ from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
 from labbook.scene.quantities import percent, told_apart
 from labbook.study import Study
+from labbook.study.problems import and_others
 from labbook.study.window import HIGH, high_until
 
 NARROW = {"sphere": 5.0, "spherocylinder": 3.0}
@@ -302,5 +303,4 @@ def _told(
 
 def _named(points: Iterable[PointDemand]) -> str:
     labels = [shared.point.label for shared in points]
-    more = f" and {len(labels) - _NAMED} other points" if len(labels) > _NAMED else ""
-    return f"{'; '.join(labels[:_NAMED])}{more}"
+    return f"{'; '.join(labels[:_NAMED])}{and_others(len(labels) - _NAMED)}"

@@ -19,6 +19,7 @@ from labbook.run.job import Bench, Job, JobFailed
 from labbook.run.plan import Item, Plan, Planner, PointPlan, counted
 from labbook.run.shard import everything
 from labbook.scene.packing import Packing
+from labbook.study.problems import and_others
 
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
 _LOOKING = 0.05  # of the main thread's time may go into that
@@ -201,8 +202,7 @@ class Board:
         of = self._standing[packing]
         if len(of) == len(self.points):
             return ""
-        first, more = self.points[min(of)].shared.point.label, len(of) - 1
-        return first + (f" and {more} more point{'s' if more > 1 else ''}" if more else "")
+        return self.points[min(of)].shared.point.label + and_others(len(of) - 1)
 
     def _there(self, packing: str) -> bool:
         """Whether a packing is in the lab, and whole."""

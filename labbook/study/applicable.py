@@ -41,7 +41,10 @@ def unfittable(source: Source, settings: Settings, points: Sequence[Point]) -> I
             return None
         family = name.removesuffix("_3d")
         others = [law for law in LAWS if law.removesuffix("_3d") == family and LAWS[law].outlet == outlet]
-        return f"{name} is a law for a {of}, but the outlet is a {outlet}", f"use {' or '.join(others)}"
+        return (
+            f"{name} is a law for a {of}, but the outlet is a {outlet}",
+            f"use {' or '.join(others)}" if others else f"remove {name} from fit",
+        )
 
     yield from _unfit(source, "fit", [name for name in settings.fit if name in LAWS], points, why)
 

@@ -14,7 +14,7 @@ from labbook.scene.model import Model, once
 from labbook.scene.scene import Scene
 from labbook.study.explain import Complaint, complaints
 from labbook.study.point import Point, value_of
-from labbook.study.problems import Problem, shown
+from labbook.study.problems import Problem, and_others, shown
 from labbook.study.schema import SCENE_KEYS, Fill, Settings
 from labbook.study.source import Location, Source, dotted
 from labbook.study.sweep import Assignment, Value
@@ -61,8 +61,7 @@ class PointReader:
     def problems(self) -> Iterator[Problem]:
         """What is wrong, each once, with the points that it is wrong at."""
         for problem, labels in self._found.items():
-            more = f" and {len(labels) - 1} other points" if len(labels) > 1 else ""
-            where = f" (at {labels[0]}{more})" if labels else ""
+            where = f" (at {labels[0]}{and_others(len(labels) - 1)})" if labels else ""
             yield replace(problem, message=problem.message + where)
 
     def read(self, assignments: Iterable[Assignment]) -> tuple[Point, ...]:

@@ -55,3 +55,8 @@ def shown(value: object) -> str:
     text = value if isinstance(value, str) else repr(value)
     text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def and_others(points: int) -> str:
+    """ " and 3 other points", after the name of one; nothing for none."""
+    return f" and {points} other point{'s' if points > 1 else ''}" if points > 0 else ""

@@ -41,7 +41,7 @@ def test_problems_of_sweeps(tmp_path, text, line, key, message, remedy):
 
 def test_a_problem_of_many_points_is_told_once(tmp_path):
     (problem,) = problems(tmp_path, BASE.replace("90 deg", "99 deg") + 'sweep: {container.orifice: "[20, 30] mm"}\n')
-    assert "(at orifice 20 mm and 1 other points)" in problem.message
+    assert "(at orifice 20 mm and 1 other point)" in problem.message
 
 
 def test_a_huge_sweep_is_refused_at_once(tmp_path):
