@@ -1,6 +1,7 @@
 """Packings kept in the lab: made once, shared by all runs with the same packing key."""
 
 import threading
+import time
 from collections import OrderedDict
 from pathlib import Path
 from typing import Annotated, Literal
@@ -20,6 +21,7 @@ from labbook.scene.packing import Packing
 ARRAYS = "packing.npz"
 _BYTES = 4096  # of a grain, at most: state, and springs of 20 contacts
 _KEPT = 200_000  # grains of packings that are kept in memory: some 60 MB
+_SETTLED = 0.1  # s: the clocks of file systems tick more often
 
 
 class PackingRecord(Record):
@@ -62,6 +64,8 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
         found = _lately.get(asked)
     if found is None:
         found = _read(folder, key)
+        if _only_just_written(folder):  # it might be written to again without another stamp
+            return found
         with _reading:
             _lately[asked] = found
             while sum(len(packing) for _, packing in _lately.values()) > _KEPT:
@@ -72,6 +76,15 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
 _reading = threading.Lock()
 _lately: OrderedDict[tuple[Path, str | None, int], tuple[PackingRecord, Packing]] = OrderedDict()
 """By folder, key and stamp: a folder that was written to since is read anew."""
+
+
+def _only_just_written(folder: Path) -> bool:
+    """Whether files were written so lately that the clock of their file system may not have ticked since; also of a
+    folder that is gone by now."""
+    try:
+        return time.time() - max(file.stat().st_mtime for file in folder.iterdir()) < _SETTLED
+    except OSError:
+        return True
 
 
 def _read(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
