@@ -60,7 +60,7 @@ def test_at_80_columns_there_is_a_bar_and_every_word_is_whole():
 
 @pytest.mark.parametrize("width", [30, 40, 60, 80, 110, 200])
 def test_nothing_is_wider_than_the_terminal(width):
-    long = Going("packing of friction 0.1, orifice 24 mm and 11 more points, seed 1", "settling", SETTLING)
+    long = Going("packing of friction 0.1, orifice 24 mm and 11 other points, seed 1", "settling", SETTLING)
     many = tuple(replace(long, label=f"run {k}", phase="discharging") for k in range(30))
     view = replace(VIEW, going=(long, *many), elsewhere=3)
     lines = drawn(view, width)
@@ -153,7 +153,7 @@ def test_a_packing_is_named_by_the_points_that_it_serves(tmp_path):
     assert labels(study(tmp_path, replicates=1), "shared") == {"packing, seed 1"}
     path = study_file(tmp_path, replicates=1)
     path.write_text(path.read_text().replace("sweep:\n", 'sweep:\n  fill.friction: "[0.1, 0.5]"\n'))
-    own = {f"packing of fill.friction {friction}, orifice 18 mm and 1 more point, seed 1" for friction in (0.1, 0.5)}
+    own = {f"packing of fill.friction {friction}, orifice 18 mm and 1 other point, seed 1" for friction in (0.1, 0.5)}
     assert labels(read(path), "own") == own
 
 
