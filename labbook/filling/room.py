@@ -6,9 +6,9 @@ import numpy as np
 
 from labbook.scene import Frustum, Plane, Scene, Strip
 
-_HEIGHTS: dict[tuple[str, float, float], float] = {}
-"""Of `Room.height_for`, by walls, clearance and volume: counting takes longer than placing a thousand grains, and every
-seed of a scene asks for it."""
+_HEIGHTS: dict[tuple[str, float, bool, float], float] = {}
+"""Of `Room.height_for` [m], by walls, clearance, flatness and volume: counting takes longer than placing a thousand
+grains, and every seed of a scene asks for it."""
 
 
 class PlacingError(Exception):
@@ -106,7 +106,7 @@ class Room:
 
         Its section is counted on a grid of 200 x 400 points; what lies above is as wide as the widest part.
         """
-        key = repr(self.shapes), self.clearance, volume
+        key = repr(self.shapes), self.clearance, self.flat, volume
         if key not in _HEIGHTS:
             _HEIGHTS[key] = self._counted_height(volume)
         return _HEIGHTS[key]

@@ -56,7 +56,7 @@ def test_printed_is_equations_6_and_7_to_the_letter(contact):
     np.testing.assert_array_equal(kept, s)
 
 
-def gained(law, slid, low=1e-6, high=4e-6, steps=20_000):
+def gained(law, slid, low=1e-6, high=4e-6, steps=2000):
     """Work [J] of friction on a contact that slides slowly by `slid` [m], is pressed harder, slides back, and is
     relieved; and the normal forces [N]. Elastic normal forces do no work in it, as both ways of pressing are alike."""
     module, spring, work, forces = LAWS[law.law], vec3(0, 0, 0), 0.0, []
