@@ -11,6 +11,7 @@ from labbook_warp.devices import shared_with_others
 from labbook_warp.dialect import THREADS
 from labbook_warp.kernels.words import REPORTED
 
+_GROUPS = 2  # of members whose steps are launched side by side; three or four are no faster
 _ADDERS = 64  # threads a member that add up energies
 
 
@@ -26,7 +27,11 @@ class Beat:
         self.told = wp.zeros(1 + REPORTED * self._slots, dtype=wp.int64, device=self.device)
         """What the last beat left behind; see `labbook_warp.report`."""
         self._arrived = wp.zeros(1, dtype=wp.uint32, device=self.device)
-        self._several = self.fit_at_once()
+        fit = self.fit_at_once()
+        # programs take turns on a GPU, each with all of it, unless they share it through the Multi-Process Service
+        self._several = fit and self.kernels.SHARED and not shared_with_others()
+        groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not fit else 0
+        self._streams = [wp.Stream(self.device) for _ in range(groups)]
         self._graph: Any = None
         self._looked: Any = None
 
@@ -36,12 +41,8 @@ class Beat:
         self.every, self._graph = every, None
 
     def fit_at_once(self) -> bool:
-        """Whether all threads of a step are on the device at the same time, so that they can wait for one another.
-
-        They are if nothing else runs meanwhile. Programs take turns on a GPU, each with all of it, unless they share it
-        through NVIDIA's Multi-Process Service.
-        """
-        if not self.device.is_cuda or not self.kernels.SHARED or shared_with_others():
+        """Whether all threads of a step are on the device at the same time, if nothing else runs meanwhile."""
+        if not self.device.is_cuda:
             return False
         size, blocks = wp.get_suggested_block_size(self.kernels.step, self.device)
         return self._rows * self.lanes <= size * blocks
@@ -77,11 +78,28 @@ class Beat:
         self._launch(k.end, self._slots, self.steps, self.told)
 
     def _move(self, first: int, some: int) -> None:
+        """Take `some` steps from `first` on: with all members, or with two groups of them side by side. As the last
+        blocks of one group's step end, there is still work of the other's."""
+        if not self._streams:
+            self._take(first, some, 0, self._slots)
+            return
+        main = self.device.stream
+        begin = main.record_event()
+        for k, stream in enumerate(self._streams):
+            slot, end = (n * self._slots // len(self._streams) for n in (k, k + 1))
+            stream.wait_event(begin)
+            with wp.ScopedStream(stream, sync_enter=False):
+                self._take(first, some, slot, end - slot)
+            main.wait_event(stream.record_event())
+
+    def _take(self, first: int, some: int, slot: int, slots: int) -> None:
+        """Take these steps with the members in `slots` slots from `slot` on."""
         here, there = self.arrays.p, self.arrays.q
         at_once = some if self._several else 1
+        threads = slots * self.arrays.sizes.cap * self.lanes
         for sub in range(first, first + some, at_once):
-            self._meet_walls(here, True)
-            self._launch(self.kernels.step, self._rows * self.lanes, here, there, sub, at_once, self._arrived)
+            self._meet_walls(here, True, slot, slots)
+            self._launch(self.kernels.step, threads, here, there, slot, sub, at_once, self._arrived)
             here, there = there, here
 
     def _if_asked(self, what: Callable[[], None]) -> None:
@@ -107,10 +125,10 @@ class Beat:
             self.arrays.system.beside_count.zero_()
             self._launch(self.kernels.line_up, self._rows)
 
-    def _meet_walls(self, state: Any, keep: bool) -> None:
+    def _meet_walls(self, state: Any, keep: bool, slot: int, slots: int) -> None:
         if self._apart:
-            room = self._rows + 32 * self._slots  # those by edges and the others are rounded up to 32 each
-            self._launch(self.kernels.meet_walls, room, state, keep)
+            # those by edges and the others are rounded up to 32 each
+            self._launch(self.kernels.meet_walls, slots * (self.arrays.sizes.cap + 32), state, slot, slots, keep)
 
     def look(self) -> tuple[Any, Any]:
         """Velocities and reduced angular momenta at the whole step, on the device; changes nothing."""
@@ -118,7 +136,7 @@ class Beat:
             double3 = self.kernels.wide3
             self._looked = [wp.zeros(self._rows, dtype=double3, device=self.device) for _ in range(2)]
         self._line_up()
-        self._meet_walls(self.arrays.p, False)
+        self._meet_walls(self.arrays.p, False, 0, self._slots)
         self._launch(self.kernels.look, self._rows * self.lanes, self.arrays.p, *self._looked)
         return self._looked[0], self._looked[1]
 

@@ -83,7 +83,7 @@ def module_text(spec: Spec, uniform: bool, lanes: int, registers: int, apart: in
         system,
         kernel_text(codec),
         walls,
-        dispatch.functions(kinds, turns, "walls[w * WALL_NUMBERS + {k}]"),
+        dispatch.functions(kinds, turns, "load_wide(walls, w * WALL_NUMBERS + {k})"),
     ]
     modules += [bodies, sums, *own.kernels, forces, step, neighbours, observe, *([beside] if apart else [])]
     header = dialect.header(precision, registers, apart, own.unroll, several=lanes > 1)

@@ -104,6 +104,22 @@ def load_wide4(array: Wides4, k: int) -> wide4: ...
 def store_wide4(array: Wides4, k: int, v: wide4): ...
 
 
+@wp.func_native({plainly!r})
+def load_wide(array: Wides, k: int) -> wide: ...
+
+
+@wp.func_native({plainly!r})
+def load_bits(array: Bits, k: int) -> wp.uint32: ...
+
+
+@wp.func_native({plainly!r})
+def load_real(array: Reals, k: int) -> real: ...
+
+
+@wp.func_native({quotient!r})
+def quotient(i: int, n: int) -> int: ...
+
+
 @wp.func_native({load_int!r})
 def load_int(array: Ints, k: int) -> int: ...
 
@@ -188,6 +204,8 @@ def header(precision: str, registers: int = 0, walls: int = 0, unroll: int = 16,
         store=store.format(vector=vector, parts=", ".join(f"v[{place}]" for place in range(len(axes)))),
         rounded=snippets.ROUNDED if single else snippets.SAME,
         widened=snippets.WIDENED if single else snippets.SAME,
+        plainly=snippets.LOAD_PLAINLY,
+        quotient=snippets.QUOTIENT,
         load_int=snippets.LOAD_INT,
         load_four=snippets.LOAD_FOUR_SINGLES if single else snippets.LOAD_FOUR_DOUBLES,
         store_four=snippets.STORE_FOUR_SINGLES if single else snippets.STORE_FOUR_DOUBLES,

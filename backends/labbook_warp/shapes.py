@@ -52,7 +52,7 @@ SHAPES = {
         registers_of_rims={"mixed": 0, "double": 8},
         registers_of_walls={},
         bytes=240,
-        asked=4,
+        asked=6,
         unroll=16,
     ),
     "spherocylinder": Shape(

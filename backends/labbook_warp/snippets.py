@@ -26,6 +26,9 @@ LOAD_CHANGING = """
 #endif
 """
 STORE_CHANGING = STORE.replace("    *re", "    __builtin_assume(__isGlobal(array.data + k));\n    *re")
+# Without a look at whether an index counts from the end.
+LOAD_PLAINLY = " return array.data[k]; "
+QUOTIENT = " return (int)((unsigned)i / (unsigned)n); "
 LOAD_INT = """
 #if defined(__CUDA_ARCH__)
     return __ldg(array.data + k);

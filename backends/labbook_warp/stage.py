@@ -113,7 +113,7 @@ class Stage:
         self._build_lists(list(fresh))
         if self._spec.feature("FRICTION"):
             for run, start in fresh.items():
-                transfer.set_springs(self.arrays, run.slot, start, run.names, cell_size(run.scene, run.numerics))
+                transfer.set_springs(self.arrays, run.slot, start, run.names)
         for run in new:
             run.begin = None
         self._has_changed()

@@ -15,10 +15,13 @@ from labbook.scene.orientation import axes
 from labbook_warp.arrays import Arrays
 from labbook_warp.kernels.words import PARKED
 
+_BLOCK = 5
+"""Cells along the edges of a block: some hundred grains, as many as a block has threads."""
+
 
 def start(arrays: Arrays, slot: int, scene: Scene, packing: Packing, plane: float, cell: float) -> None:
-    """Put a packing's grains into a slot, in the order of cells, so that neighbours lie near each other in memory."""
-    order = _along(packing.x, cell)
+    """Put a packing's grains into a slot, in an order in which neighbours lie near each other in memory."""
+    order = _in_blocks(arrays, packing.x, cell)
     arrays.clear(slot)
     for name, values in _entering(arrays, scene, packing, packing.v, plane).items():
         arrays.write(name, slot, values[order])
@@ -61,19 +64,27 @@ def joined(
     return replace(stored, arrays=state)
 
 
-def _along(x: np.ndarray, cell: float) -> np.ndarray:
+def _in_blocks(arrays: Arrays, x: np.ndarray, cell: float) -> np.ndarray:
+    """The order of grains in a slot: by blocks of cells, so that threads of a block have neighbours in common.
+
+    Where threads share rods, blocks that lie at a wall would take longer than others, which wait for them in every
+    step. There, rods are in rows of cells in each quarter of the bed, which measured best.
+    """
     at = np.floor(x / cell).astype(np.int64)
-    return np.lexsort((at[:, 0], at[:, 1], at[:, 2]))
+    part = at // _BLOCK
+    if arrays.module.ORIENTED and arrays.module.SHARED and len(x):
+        part = x[:, :2] > np.median(x[:, :2], axis=0)
+    return np.lexsort((*at.T, *part.T))
 
 
-def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str], cell: float) -> None:
+def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str]) -> None:
     """Put a packing's springs into the lists of a slot, built since: of each pair both sides."""
     n = len(packing)
     if not len(packing.pairs) and not len(packing.wall_grain):
         return
-    order = _along(packing.x, cell)
-    rows = np.empty(n, np.int64)
-    rows[order] = np.arange(n)
+    ids = arrays.read("ids", slot, n)
+    by_id = np.argsort(ids)
+    rows = by_id[np.searchsorted(ids, packing.ids, sorter=by_id)]
     nbr, count = arrays.read("nbr", slot, n), arrays.read("count", slot, n)
     held, spring = arrays.read("held", slot, n), arrays.read("spring", slot, n)
     rolling = arrays.read("rolling", slot, n) if "rolling" in arrays.state else None

@@ -29,6 +29,7 @@ from labbook.scene.packing import Packing
 pytestmark = pytest.mark.compiles
 
 GPU = "cuda:0"
+SHAPES = ["rods", "spheres"]
 
 
 def of_spheres(grains: int) -> Scene:
@@ -171,3 +172,45 @@ def test_as_many_threads_as_fit_wait_for_one_another_and_more_do_not(a_gpu, monk
         assert found[-1][1] == (members == room)
         assert all(identical(ensemble.packing(admitted[k]), alone) for k in (0, members // 2, members - 1))
         ensemble.close()
+
+
+def ends_in_groups(few: Scene, fewer: Scene, how: Numerics, device: str, beats: int) -> End:
+    """Five members with a thread a grain, so that groups are of two and of three, one of which fails within a beat."""
+    beds = [(scene, falling(scene, how, device)) for scene in (few, fewer)]
+    return together([*beds, *beds], how, 1, device, beats)
+
+
+def check_alike(one: End, other: End) -> None:
+    """Bit for bit."""
+    assert all(identical(*both) for both in zip(one.packings, other.packings, strict=True))
+    assert all(identical(one.packings[k], one.packings[k + 2]) for k in (0, 1))
+    assert all((one.crossed[name] == other.crossed[name]).all() for name in one.crossed)
+    assert one.failures == other.failures
+    assert [guard for guard, _, _ in one.failures] == ["overlap"]
+
+
+@pytest.mark.parametrize(("few", "fewer"), [(silo(45), silo(23)), (of_spheres(60), of_spheres(33))], ids=SHAPES)
+def test_groups_of_members_take_the_steps_of_all_together(few, fewer, monkeypatch):
+    how = numerics("mixed", steps_per_beat=49)
+    whole = ends_in_groups(few, fewer, how, "cpu", 20)
+    sizes = set()
+
+    def move(self, first: int, some: int) -> None:
+        for slot, slots in ((0, self._slots // 2), (self._slots // 2, self._slots - self._slots // 2)):
+            sizes.add(slots)
+            self._take(first, some, slot, slots)
+
+    monkeypatch.setattr(Beat, "_move", move)
+    check_alike(whole, ends_in_groups(few, fewer, how, "cpu", 20))
+    assert {2, 3} <= sizes
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize(("few", "fewer"), [(silo(300), silo(45)), (of_spheres(500), of_spheres(97))], ids=SHAPES)
+def test_groups_of_members_take_their_steps_side_by_side(few, fewer, a_gpu, monkeypatch):
+    how, ends = numerics("mixed", steps_per_beat=249), []
+    for fit in (True, False):
+        monkeypatch.setattr(Beat, "fit_at_once", lambda _, fit=fit: fit)
+        ends.append(ends_in_groups(few, fewer, how, a_gpu, 80))
+    check_alike(*ends)
+    assert len(ends[0].crossed["id"]) > 10

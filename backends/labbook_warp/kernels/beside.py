@@ -33,15 +33,14 @@ def line_up(a: System):
 
 
 @wall_kernel
-def meet_walls(a: System, p: Words, keep: bool):
+def meet_walls(a: System, p: Words, slot: int, slots: int, keep: bool):
     """Sum up the contacts with walls of each grain that has one near.
 
     keep: whether springs are advanced in memory.
     """
     n = this_thread(wp.tid())
     # first come those by edges of all members, 32 of one side by side, and then the others
-    slots = a.rows.shape[0]
-    s = (n // 32) % slots
+    s = slot + (n // 32) % slots
     k = n // 32 // slots * 32 + n % 32
     by_edges = a.beside_count[2 * s + 1]
     other = k - (by_edges + 31) // 32 * 32

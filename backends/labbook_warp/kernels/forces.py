@@ -14,6 +14,7 @@ from labbook_warp.kernels.words import (
     LANES,
     SHARED,
     Words,
+    load_bits,
     load_bits_now,
     load_int,
     load_int_now,
@@ -95,8 +96,8 @@ def forces(
         walls = near.walls
         old = near.wall_held
         if not SHARED:  # they would have occupied registers until here
-            walls = a.wall_near[i]
-            old = a.wall_held[i]
+            walls = load_bits(a.wall_near, i)
+            old = load_bits(a.wall_held, i)
         sums, wall_held = at_walls(a, m, s, r, lane, g, walls, old, sums, keep)
     if SHARED:
         sums = over_lanes(sums)

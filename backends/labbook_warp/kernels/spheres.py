@@ -28,7 +28,7 @@ from labbook_warp.kernels.shown import motion, put, rest, spot
 from labbook_warp.kernels.sums import Contact, Sums, plus, rolling_before, spring_before
 from labbook_warp.kernels.system import Material, System, entry, has_bit
 from labbook_warp.kernels.walls import wall_at, wall_velocity
-from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, uint32, widen, without_first, wp
+from labbook_warp.kernels.words import LANES, MOVING, Words, first_bit, load_int, uint32, widen, without_first, wp
 
 
 @struct
@@ -163,7 +163,7 @@ def with_neighbour(a: System, p: Words, m: Material, at: int, j: int, held: bool
 def with_wall(a: System, m: Material, wall: int, at: int, held: bool, g: Grain):
     """The contact with a wall, whose spring stands at `at` and is valid if `held`."""
     c = Contact()
-    distance, normal = wall_distance(a.wall_numbers, wall, a.wall_kind[wall], g.x)
+    distance, normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
     one = body(a, m, g.index)
     overlap = rounded(one.reach - distance)
     c.touches = overlap > real(0.0)
@@ -252,7 +252,7 @@ def apart2(p: Words, m: Material, g: Grain, j: int):
 def parts_near(a: System, m: Material, g: Grain, wall: int):
     """1 if the grain may touch a wall before its list is built again, else 0."""
     near = wp.uint32(0)
-    distance, _normal = wall_distance(a.wall_numbers, wall, a.wall_kind[wall], g.x)
+    distance, _normal = wall_distance(a.wall_numbers, wall, load_int(a.wall_kind, wall), g.x)
     if distance < body(a, m, g.index).reach + m.half_skin:
         near = wp.uint32(1)
     return near

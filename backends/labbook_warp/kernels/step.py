@@ -34,7 +34,11 @@ from labbook_warp.kernels.words import (
     hot_kernel,
     int64,
     kernel,
+    load_bits,
+    load_int,
+    load_real,
     load_word,
+    quotient,
     store_word,
     this_thread,
     wait_for_all,
@@ -114,7 +118,7 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
         if fast2 > m.speed2:
             code = BAD_SPEED
         fails(a, s, i, now + wp.int64(1), code, wp.sqrt(fast2))
-    elif fast2 > a.most_speed2[s]:
+    elif fast2 > load_real(a.most_speed2, s):
         wp.atomic_max(a.most_speed2, s, fast2)
     store(a, q, i, new, more)
 
@@ -127,14 +131,14 @@ def pass_on(p: Words, q: Words, i: int):
 
 
 @hot_kernel
-def step(a: System, p: Words, q: Words, first: int, some: int, arrived: Bits):
+def step(a: System, p: Words, q: Words, slot: int, first: int, some: int, arrived: Bits):
     """Step `first` of this beat, for every member: from p to q. Where threads share grains, which then are few, `some`
     steps from `first` on, from p to q and back: each begins when all threads have ended the one before.
     """
     thread = this_thread(wp.tid())
-    i = thread // LANES
-    lane = thread - i * LANES
-    s = i // a.cap
+    i = slot * a.cap + thread // LANES
+    lane = thread % LANES
+    s = quotient(i, a.cap)
     r = i - s * a.cap
     steps = int(1)
     if SHARED:
@@ -147,7 +151,7 @@ def step(a: System, p: Words, q: Words, first: int, some: int, arrived: Bits):
                 wait_for_all(arrived)
             p = wp.where(k % 2 == 1, odd, even)
             q = wp.where(k % 2 == 1, even, odd)
-        if r < a.rows[s]:
+        if r < load_int(a.rows, s):
             m = material(a, s)
             near = listed(a, s, r, lane)
             g = grain(p, m, i)
@@ -166,12 +170,12 @@ def step(a: System, p: Words, q: Words, first: int, some: int, arrived: Bits):
                         code = BAD_FORCE
                     fails(a, s, i, now, code, deepest)
                 if lane == 0 and sound:
-                    if deepest > a.most_deep[s]:  # rarely: hardly any contact is the deepest there ever was
+                    if deepest > load_real(a.most_deep, s):  # rarely: hardly any contact is the deepest there ever was
                         wp.atomic_max(a.most_deep, s, deepest)
                     if held != near.held:
                         a.held[i] = held
                     if not APART:
-                        if wall_held != a.wall_held[i]:
+                        if wall_held != load_bits(a.wall_held, i):
                             a.wall_held[i] = wall_held
                     if LEDGER:
                         a.deep[i] = wide(deepest)

@@ -6,13 +6,13 @@ from __future__ import annotations
 from labbook_dem.words import func, wide3
 
 from labbook_warp.kernels.system import System, entry
-from labbook_warp.kernels.words import LISTED, WALL_NUMBERS, Wides
+from labbook_warp.kernels.words import LISTED, WALL_NUMBERS, Wides, load_wide
 
 
 @func
 def wall_number(walls: Wides, w: int, k: int):
     """Number k of wall w (`labbook_dem.dispatch`)."""
-    return walls[w * WALL_NUMBERS + k]
+    return load_wide(walls, w * WALL_NUMBERS + k)
 
 
 @func
