@@ -83,6 +83,7 @@ def set_springs(arrays: Arrays, slot: int, packing: Packing, names: Sequence[str
     if not len(packing.pairs) and not len(packing.wall_grain):
         return
     ids = arrays.read("ids", slot, n)
+    assert packing.ids is not None
     by_id = np.argsort(ids)
     rows = by_id[np.searchsorted(ids, packing.ids, sorter=by_id)]
     nbr, count = arrays.read("nbr", slot, n), arrays.read("count", slot, n)
