@@ -54,6 +54,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
             going = self._going()
             if not going:
                 break
+            self._stage.close_up()
             self._beat(list[Run](going.values()))
             with self._reading(going.values()):
                 self._keep(self._observed(going))

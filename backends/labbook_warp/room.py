@@ -20,6 +20,8 @@ NEAR, DEPTH = 16, 8  # first guesses of neighbours a grain and grains a cell; bo
 MOST_NEAR = 32  # bits of a mask
 CACHE = 60_000_000
 """Bytes of what a step moves that stay in a large GPU's second cache, about."""
+LARGE = 20_000
+"""Rows of a member from which on it pays to close up those of grains that have left."""
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
@@ -59,6 +61,15 @@ def grown(sizes: Sizes, near: int, depth: int, walls: int) -> Sizes:
         raise Overflow(f"a grain has {near} near neighbours, more than {MOST_NEAR}; {_INSTEAD}")
     wider = min(MOST_NEAR, near + 4) if near else sizes.near
     return replace(sizes, near=wider, depth=max(sizes.depth, depth + 4 if depth else 0))
+
+
+def closed_up(sizes: Sizes, runs: Collection[Run]) -> Sizes:
+    """Sizes for one large member of which half of the grains have left: a row without a grain costs a part of a step,
+    and threads may then share grains. Else as they are."""
+    needed = [_rounded(run.grains) for run in runs]
+    if sizes.slots > 1 or not needed or sizes.cap < LARGE or 2 * needed[0] > sizes.cap:
+        return sizes
+    return replace(sizes, cap=needed[0])
 
 
 def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:

@@ -218,6 +218,12 @@ class Stage:
         self._counters()
         self._has_changed()
 
+    def close_up(self) -> None:
+        """Close up rows of grains that have left, if that pays. Raises MemoryError."""
+        smaller = room.closed_up(self._sizes, self.runs)
+        if smaller != self._sizes:
+            self._resize(smaller)
+
     # a beat
 
     def wake(self, runs: Iterable[Run]) -> None:

@@ -8,13 +8,17 @@ from stands import identical
 pytest.importorskip("warp")
 
 import warp as wp
-from labbook_warp import Backend, devices, room
+from labbook_warp import Backend, devices, room, stage
 from labbook_warp.arrays import Arrays
 from labbook_warp.layout import memory
+from rods_in_silo import DENSITY, D, numerics, silo
+from rods_on_warp import run
 
-from labbook.backend.probes import Contacts, Crossing
+from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab
 from labbook.bench.speed import FAN_STEP, cylinder, fan
+from labbook.filling.opening import opened
 from labbook.filling.placing import place
+from labbook.scene import Spheres
 
 pytestmark = pytest.mark.compiles
 
@@ -101,3 +105,39 @@ def test_a_member_brings_along_how_long_its_lists_had_to_be(monkeypatch, rods):
         member = fresh.admit(scene, how, checkpoint)
         fresh.advance(2)
         assert identical(fresh.packing(member), end)
+
+
+def wide(**changes):
+    """A silo that keeps few grains on its plate."""
+    scene = silo(100)
+    return scene.model_copy(update={"container": scene.container.model_copy(update={"orifice": 0.07}), **changes})
+
+
+SPHERES = Spheres(diameter=D, density=DENSITY, count=150)
+
+
+@pytest.mark.parametrize("scene", [wide(grains=SPHERES), wide()], ids=["spheres", "rods"])
+@pytest.mark.parametrize("precision", ["mixed", "double"])
+def test_rows_of_grains_that_have_left_are_closed_up_and_leave_no_trace(precision, scene, monkeypatch):
+    how = numerics(precision)
+    closed = scene.close()
+    bed = opened(run(closed, how, place(closed, "gas", 1), 100)[0], closed, scene)
+    probes = (Crossing(), Ledger(every=3), Sample(fields=("x", "v", "omega"), every=2), Slab(low=-0.01, high=0.02))
+    made, resize = [], stage.Stage._resize
+
+    def resized(self, sizes, *more):
+        made[-1].append(sizes.cap)
+        resize(self, sizes, *more)
+
+    monkeypatch.setattr(stage.Stage, "_resize", resized)
+    ends = []
+    for large in (1 << 30, 64):
+        monkeypatch.setattr(room, "LARGE", large)
+        made.append([])
+        ends.append(run(scene, how, bed, 130, probes))
+    one, other = ends
+    assert 0 < len(one[0]) < scene.grains.count / 2
+    assert min(made[1]) < min(made[0]) / 1.5, "rows were not closed up"
+    assert identical(one[0], other[0])
+    for probe in probes:
+        assert all((one[1][probe][name] == other[1][probe][name]).all() for name in one[1][probe]), probe
