@@ -41,7 +41,6 @@ from labbook_warp.kernels.words import (
     quotient,
     store_word,
     this_thread,
-    uint32,
     wait_for_all,
     widen,
     wp,
@@ -112,8 +111,8 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
         if x1[2] < a.place[s].drop:  # nothing that is still to be counted touches it
             wp.atomic_add(a.left, s, 1)
             # what it touched at last is not counted any more
-            a.held[i] = uint32(0)
-            a.wall_held[i] = uint32(0)
+            a.held[i] = wp.uint32(0)
+            a.wall_held[i] = wp.uint32(0)
             if LEDGER:
                 a.deep[i] = wide(0.0)
             new = at_rest(new, wide(PARKED))
