@@ -66,10 +66,10 @@ def grown(sizes: Sizes, near: int, depth: int, walls: int) -> Sizes:
 def closed_up(sizes: Sizes, runs: Collection[Run]) -> Sizes:
     """Sizes for one large member of which half of the grains have left: a row without a grain costs a part of a step,
     and threads may then share grains. Else as they are."""
-    needed = [_rounded(run.grains) for run in runs]
-    if sizes.slots > 1 or not needed or sizes.cap < LARGE or 2 * needed[0] > sizes.cap:
+    if sizes.slots > 1 or sizes.cap < LARGE:
         return sizes
-    return replace(sizes, cap=needed[0])
+    cap = max((_rounded(run.grains) for run in runs), default=sizes.cap)
+    return replace(sizes, cap=cap) if 2 * cap <= sizes.cap else sizes
 
 
 def suitable(spec: Spec, sizes: Sizes, uniform: bool, lanes: int) -> ModuleType:

@@ -28,6 +28,7 @@ LOAD_CHANGING = """
 STORE_CHANGING = STORE.replace("    *re", "    __builtin_assume(__isGlobal(array.data + k));\n    *re")
 # Without a look at whether an index counts from the end.
 LOAD_PLAINLY = " return array.data[k]; "
+# Of numbers that are not negative.
 QUOTIENT = " return (int)((unsigned)i / (unsigned)n); "
 LOAD_INT = """
 #if defined(__CUDA_ARCH__)

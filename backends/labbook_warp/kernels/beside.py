@@ -34,7 +34,7 @@ def line_up(a: System):
 
 @wall_kernel
 def meet_walls(a: System, p: Words, slot: int, slots: int, keep: bool):
-    """Sum up the contacts with walls of each grain that has one near.
+    """Sum up the contacts with walls of each grain that has one near, of the members in `slots` slots from `slot` on.
 
     keep: whether springs are advanced in memory.
     """
