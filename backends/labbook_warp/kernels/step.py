@@ -137,8 +137,10 @@ def pass_on(p: Words, q: Words, i: int):
 
 @hot_kernel
 def step(a: System, p: Words, q: Words, slot: int, first: int, some: int, arrived: Bits):
-    """Step `first` of this beat, for the members from slot `slot` on: from p to q. Where threads share grains, which then are few, `some`
-    steps from `first` on, from p to q and back: each begins when all threads have ended the one before.
+    """Step `first` of this beat, for the members from slot `slot` on: from p to q.
+
+    Where threads share grains, which then are few, `some` steps from `first` on, from p to q and back: each begins when
+    all threads have ended the one before.
     """
     thread = this_thread(wp.tid())
     i = slot * a.cap + thread // LANES
