@@ -6,6 +6,7 @@ Host functions, those not marked for a compiler, stay behind, whatever other dec
 
 import ast
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -13,29 +14,24 @@ MARKS = frozenset({"func", "rare_func", "struct", "kernel", "hot_kernel", "wall_
 """Decorators of what is compiled: `func` and `struct` of words, and the kernels of backends."""
 
 
+@cache
 def device_source(module: ModuleType) -> str:
     """The functions and records of a module that are marked for a compiler, as text.
 
     Raises ValueError if one of them has another decorator beside its mark, which a compiler would not know.
     """
     text = module_text(module)
-    parts = [ast.get_source_segment(text, node, padded=True) or "" for node in _device_functions(ast.parse(text))]
-    return "\n\n".join(parts)
+    lines = text.splitlines()
+    nodes = [
+        node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef | ast.ClassDef) and _marked(node)
+    ]
+    return "\n\n".join("\n".join(lines[node.decorator_list[0].lineno - 1 : node.end_lineno]) for node in nodes)
 
 
 def module_text(module: ModuleType) -> str:
     """The source of a module."""
     assert module.__file__ is not None
     return Path(module.__file__).read_text(encoding="utf-8")
-
-
-def _device_functions(tree: ast.Module):
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and _marked(node):
-            # get_source_segment leaves decorators out; start the node at its first decorator
-            node.lineno = node.decorator_list[0].lineno
-            node.col_offset = node.decorator_list[0].col_offset - 1
-            yield node
 
 
 def _marked(node: ast.FunctionDef | ast.ClassDef) -> bool:

@@ -23,6 +23,7 @@ from labbook.study.problems import and_others
 
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
 _LOOKING = 0.05  # of the main thread's time may go into that
+_SOME_WAY = 0.05  # of a discharge: from there on it tells how much work the rest of it is
 
 
 @dataclass(eq=False)
@@ -76,6 +77,8 @@ class Board:
         self._packings_only, self._own, self._holds, self._rest = packings_only, holds, holds, rest
         self._work: dict[str, float] = {}
         """Expected grain-steps, by the key of a run or packing."""
+        self._took, self._foreseen = 0.0, 0.0
+        """Grain-steps that discharges which have ended here took, and those that were expected of them."""
         self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
         self.tally = Tally()
         self.todo: dict[str, Item] = {}
@@ -259,6 +262,8 @@ class Board:
             self.tally.packings += 1
             self._packed(job.key)
             return
+        self._took += job.work
+        self._foreseen += self._estimate(job.key, job.demand, filling=False)
         self.tally.ran[job.key] = verdict
         self.tally.resumed += job.resumed
         if problem := self._done(job.demand, found):
@@ -324,16 +329,28 @@ class Board:
         return any(job.open_ended for job in self.going.values())
 
     def work_left(self) -> float:
-        """Grain-steps still to be done here, as far as can be told."""
+        """Grain-steps still to be done here, as far as can be told.
+
+        Of a discharge that has come some way, by the work that took; others are expected to be off their forecasts as
+        much as those have been.
+        """
         todo = self._mine()
         waiting = {item.keys.packing: item.demand for item in todo.values() if not item.packed}
         runs = {} if self._packings_only else todo
-        work = sum(self._estimate(key, item.demand, filling=False) for key, item in runs.items())
-        work += sum(self._estimate(key, d, filling=True) for key, d in waiting.items() if key not in self.going)
+        left = sum(self._estimate(key, d, filling=True) for key, d in waiting.items() if key not in self.going)
+        foreseen = sum(self._estimate(key, item.demand, filling=False) for key, item in runs.items())
+        took, expected = self._took, self._foreseen
         for key, job in self.going.items():
-            filling = isinstance(job, FillJob)
-            work += (1 - job.progress()) * self._estimate(key, job.demand, filling=filling)
-        return work
+            done = job.progress()
+            estimate = self._estimate(key, job.demand, filling=isinstance(job, FillJob))
+            if isinstance(job, FillJob):
+                left += (1 - done) * estimate
+            elif done < _SOME_WAY:
+                foreseen += (1 - done) * estimate
+            else:
+                left += (1 - done) / done * job.work
+                took, expected = took + job.work, expected + done * estimate
+        return left + foreseen * (took / expected if expected else 1.0)
 
     def _estimate(self, key: str, demand: Demand, *, filling: bool) -> float:
         if key not in self._work:

@@ -250,6 +250,11 @@ class Job(ABC):
         return self.journal.tables(self._rows)
 
     @property
+    def work(self) -> float:
+        """Grain-steps that it took so far, in all sessions."""
+        return sum(one.grain_steps for one in self._earlier) + self._grain_steps
+
+    @property
     def label(self) -> str:
         """For people: what, where, which seed."""
         return f"{self.kind} of {self.demand.point.label}, seed {self.demand.seed}"

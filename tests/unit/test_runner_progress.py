@@ -1,5 +1,6 @@
 """What people see of a run that is going on: on a terminal of 80 columns, and where there is none."""
 
+import math
 import re
 import time
 from dataclasses import replace
@@ -13,7 +14,7 @@ from toy_lab import carry_out, labbook, start, study, study_file
 
 from labbook.backend import Compiles, load
 from labbook.backend.numerics import Numerics
-from labbook.run import progress
+from labbook.run import board, progress, runner
 from labbook.run.fill import FillJob, short
 from labbook.run.forecast import fill_time
 from labbook.run.progress import Bar, fitted, remaining, spoken
@@ -224,3 +225,25 @@ def test_what_takes_long_to_count_is_counted_seldom(tmp_path, monkeypatch):
     monkeypatch.setattr("labbook.run.board.Board.work_left", work_left)
     carry_out(study(tmp_path, orifices="[24]", replicates=1), tmp_path / "lab", backend=Backend(delay=0.02))
     assert np.diff(counted).min(initial=np.inf) > 0.9
+
+
+@pytest.mark.parametrize("off", [0.1, 10.0])
+def test_a_wrong_forecast_of_discharges_is_corrected_by_those_under_way(tmp_path, monkeypatch, off):
+    monkeypatch.setattr(runner, "_LOOK", 0.0)  # after every beat, whatever the clock says
+    monkeypatch.setattr(runner, "_TELLING", math.inf)
+    seen = []
+
+    class Watch(Unwatched):
+        def show(self, view: View) -> None:
+            seen.append((view.runs_done, view.fillings_left, view.work_done, view.work_left))
+
+    foreseen = board.discharge_work
+    monkeypatch.setattr(board, "discharge_work", lambda shared: off * foreseen(shared))
+    carry_out(study(tmp_path, replicates=3), tmp_path / "lab", watcher=Watch(), lanes=1)
+    whole = seen[-1][2]
+    ratios = [
+        left / (whole - done) for runs, fillings, done, left in seen if runs >= 1 and not fillings and done < whole
+    ]
+    assert len(ratios) > 3
+    middle = sorted(ratios)[len(ratios) // 2]
+    assert 0.5 < middle < 2.0, ratios
