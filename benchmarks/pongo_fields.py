@@ -24,7 +24,6 @@ from labbook import Lab, load
 from labbook.fields import Fields
 from labbook.fields.pattern import pattern_of
 from labbook.measure.recorded import Bed, FlowMoments, FlowPattern
-from labbook.measure.stress import ContactStress
 from labbook.report.style import FAINT, INK, MILLIMETRE, PAGE, for_a_screen, house
 
 if TYPE_CHECKING:
@@ -44,18 +43,14 @@ _STEP = 2.5  # mm between heights of the maps
 
 
 def kept(lab: str, study: str, backend: str, point: int, seed: int) -> dict[str, np.ndarray]:
-    """Mean fields of a recorded run over its window, about three instants, and its contact stress if it was measured;
-    by names that begin with point and seed."""
-    read = load(study)
-    run = next(one for one in Lab(lab, backend).results(read, False).points[point].runs if one.seed == seed)
+    """Mean fields of a recorded run over its window and about three instants, by names that begin with point and seed."""
+    run = next(one for one in Lab(lab, backend).results(load(study), False).points[point].runs if one.seed == seed)
     out = {"outcome": np.array(run.outcome)}
     bed = Bed.of(run.evaluation(FlowPattern()))
     out |= {} if bed is None else bed.arrays("mean")
     for k, moment in enumerate(FlowMoments.beds(run.evaluation(FlowMoments()))):
         arrays = moment.arrays(f"moment{k}")
         out |= {name: a for name, a in arrays.items() if name.partition(".")[2] not in _OF_MOMENTS}
-    if ContactStress.name in read.measure:
-        out |= {f"stress.{name}": a for name, a in run.evaluation(ContactStress()).arrays.items()}
     return {
         f"{point}|{seed}|{name}": a.astype(np.float32) if a.dtype == float and a.size > 50 else a
         for name, a in out.items()
@@ -78,19 +73,17 @@ def keep(lab: str, study: str, to: Path, backend: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run: its mean fields, those about three instants with these [s], and the stress; None where there is none."""
+    """A run that flowed to its end: its mean fields, and those about three instants, each with its time [s]."""
 
     shape: str
     f: float
     seed: int
-    outcome: str
-    mean: Fields | None
+    mean: Fields
     moments: Sequence[tuple[float, Fields]]
-    stress: Fields | None
 
 
 def read(path: Path) -> Iterator[Run]:
-    """The runs in a file of `keep`."""
+    """The runs in a file of `keep` that flowed to their end."""
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
     frequencies = [json.loads(str(text))["container.rotation"] for text in arrays.pop("at")]
@@ -104,8 +97,8 @@ def read(path: Path) -> Iterator[Run]:
             for k in range(3)
             if (found := _fields(of, f"moment{k}")) is not None
         ]
-        whole = _fields(of, "mean"), moments, _fields(of, "stress")
-        yield Run(path.stem, round(frequencies[point], 6), seed, str(of["outcome"]), *whole)
+        if (mean := _fields(of, "mean")) is not None and str(of["outcome"]) == "finished":
+            yield Run(path.stem, round(frequencies[point], 6), seed, mean, moments)
 
 
 def _fields(arrays: Mapping[str, np.ndarray], part: str) -> Fields | None:
@@ -147,9 +140,7 @@ class Places:
 
 
 def numbers(run: Run) -> dict[str, float]:
-    """What the statements ask of a run; empty if it has no mean fields. Heights and radii as in pongo2022-fields.md."""
-    if run.mean is None:
-        return {}
+    """What the statements ask of a run. For heights and radii see docs/results/pongo2022-maps.md."""
     at, fields = Places(run.mean), run.mean
     high, all_r = (100.0, 200.0), (0.0, 85.0)
     v, bed = fields.velocity, at.phi(all_r, high)
@@ -222,7 +213,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     ]
     yield "| | " + " | ".join(f"{SHAPES[shape]}, {f:g} Hz" for shape, f in columns) + " |"
     yield "|---" * (len(columns) + 1) + "|"
-    names = [name for name in rows[0] if name not in ("shape", "f_Hz", "seed", "outcome")]
+    names = [name for name in max(rows, key=len) if name not in ("shape", "f_Hz", "seed")]
     for name in names:
         cells = []
         for shape, f in columns:
@@ -289,7 +280,7 @@ def panels(
     from matplotlib.cm import ScalarMappable
 
     top = 1.03 * max(one.z[np.isfinite(one.values).any(axis=0)][-1] for row in rows for _, one, _ in row)
-    high = 8 + 0.28 * PAGE / MILLIMETRE * (top + 8) / 198
+    high = 8 + 0.84 / len(rows[0]) * PAGE / MILLIMETRE * (top + 8) / 198
     figure, axes = plt.subplots(
         len(rows), len(rows[0]), figsize=(PAGE, len(rows) * high * MILLIMETRE), sharex=True, sharey=True, squeeze=False
     )
@@ -316,11 +307,7 @@ def drawn(runs: Sequence[Run]) -> Iterator[tuple[str, "Figure"]]:
     """The pictures, by name."""
     from matplotlib.colors import Normalize, PowerNorm
 
-    of = {
-        (shape, f): [r for r in runs if (r.shape, r.f) == (shape, f) and r.mean is not None and len(r.moments) == 3]
-        for shape in SHAPES
-        for f in FREQUENCIES
-    }
+    of = {(shape, f): [r for r in runs if (r.shape, r.f) == (shape, f)] for shape in SHAPES for f in FREQUENCIES}
     phi = Normalize(0.2, 0.65)
     for name, field, norm, label in (
         ("packing", lambda one: one.packing_fraction, phi, "packing fraction $\\phi$"),
@@ -341,23 +328,20 @@ def drawn(runs: Sequence[Run]) -> Iterator[tuple[str, "Figure"]]:
         fields = {f: [run.mean for run in of["rod-3.3", f]] for f in FREQUENCIES}
         rows.append([(f"{title}, {f:g} Hz", over_seeds(some, field), some) for f, some in fields.items()])
     yield "order", panels(rows, Normalize(0.05, 0.8), "$O_{zz}$ and $S$")
-    rows = [
-        [
-            (f"{SHAPES[shape]}, {f:g} Hz", over_seeds(fields, lambda one: one.packing_fraction), fields)
-            for f in FREQUENCIES
-            if (fields := [run.mean for run in of[shape, f]])
-        ]
+    line = [
+        (f"{SHAPES[shape]}, {f:g} Hz", over_seeds(fields, lambda one: one.packing_fraction), fields)
         for shape in ("rod-2.5", "rod-4")
+        for f in FREQUENCIES
+        if (fields := [run.mean for run in of[shape, f]])
     ]
+    rows = [line]
     yield "lengths", panels(rows, phi, "packing fraction $\\phi$")
 
 
 def draw(files: Sequence[Path], out: Path, to: Path) -> None:
     """Write pictures and numbers."""
     runs = [run for path in files for run in read(path)]
-    rows = [
-        {"shape": run.shape, "f_Hz": run.f, "seed": run.seed, "outcome": run.outcome, **numbers(run)} for run in runs
-    ]
+    rows = [{"shape": run.shape, "f_Hz": run.f, "seed": run.seed, **numbers(run)} for run in runs]
     names = list(max(rows, key=len))
     with to.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, names, lineterminator="\n")

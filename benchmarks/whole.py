@@ -10,6 +10,7 @@ The times of the beats are those that the records of the packing and of the run 
 
 import argparse
 import json
+import math
 import os
 import subprocess
 import sys
@@ -24,6 +25,7 @@ import pandas as pd
 from labbook import Lab, load
 from labbook.backend.machine import hardware
 from labbook.lab.packings import PackingRecord
+from labbook.lab.records import RunRecord
 
 STUDY = """
 name: whole-{grains}
@@ -39,18 +41,21 @@ measure: [flow_rate]
 """
 WIDTHS = {10_000: (24, 8), 100_000: (44, 12), 1_000_000: (80, 20)}
 """Diameters of silo and orifice, in diameters of a grain, by the number of grains."""
+DIAMETER = 0.004  # m
 DENSE = 0.6  # packing fraction of a bed, about
 
 
 def study(grains: int) -> str:
-    """The study as YAML. Its stiffness keeps overlaps at the bottom near 0.5 %, as walls carry much of the weight."""
+    """The study as YAML. A grain that has fallen through all of the silo overlaps by some 10 % with the bed."""
     wide, orifice = WIDTHS[grains]
     high = grains * (2 / 3) / (DENSE * wide**2)  # of the bed, in diameters
-    weight = 2500 * 3.1416 / 6 * 0.004**3 * 9.81
-    stiffness = 200 * weight * min(high, wide) / 0.004
+    height = 3 * high * DIAMETER
+    mass = 2500 * math.pi / 6 * DIAMETER**3
+    stiffness = mass * 2 * 9.81 * height / (0.1 * DIAMETER) ** 2
+    sizes = {"diameter": wide, "height": 3 * high, "orifice": orifice}
     return STUDY.format(
-        grains=grains, stiffness=stiffness, diameter=4 * wide, height=4 * 3 * high, orifice=4 * orifice
-    )  # fmt: skip
+        grains=grains, stiffness=stiffness, **{name: 1e3 * DIAMETER * size for name, size in sizes.items()}
+    )
 
 
 def timed(*command: str) -> tuple[float, float]:
@@ -72,10 +77,11 @@ def measured(grains: int, backend: str, device: str) -> dict[str, Any]:
         run, memory = timed("run", str(path), *on, "--device", device)
         report, also = timed("report", str(path), *on)
         made = Lab(lab, backend)
-        result = made.results(load(path), False).run(1)
-        packing = PackingRecord.read(made.place.packing(result.run.record.packing_key))
-        filling, discharge = packing.wall_time, result.run.record.wall_time
-        steps = sum(one.grain_steps for record in (packing, result.run.record) for one in record.sessions)
+        (done,) = made.results(load(path), False).points[0].runs
+        discharged = RunRecord.read(made.place.run(done.run_key))
+        filled = PackingRecord.read(made.place.packing(discharged.packing_key))
+        filling, discharge = filled.wall_time, discharged.wall_time
+        steps = sum(one.grain_steps for record in (filled, discharged) for one in record.sessions)
         return {
             "grains": grains,
             "run": run,

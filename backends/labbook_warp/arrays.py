@@ -42,6 +42,8 @@ class Arrays:
         copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
         self._saved = [(array, wp.clone(array)) for array in copied]
         self._whole: dict[int, np.ndarray] | None = None
+        self._rows: np.ndarray | None = np.zeros(sizes.slots, np.int32)
+        """What `system.rows` holds; None if kernels may have changed it."""
 
     def back_up(self) -> None:
         """Copy the state of all slots aside; may be captured."""
@@ -59,7 +61,13 @@ class Arrays:
         numbers = np.zeros(self.sizes.slots, np.int32)
         for slot, count in rows.items():
             numbers[slot] = count
-        self.system.rows.assign(numbers)
+        if self._rows is None or not np.array_equal(numbers, self._rows):
+            self._rows = numbers
+            self.system.rows.assign(numbers)
+
+    def forget_rows(self) -> None:
+        """Kernels may have let members rest of which a grain has failed, or a list had no room."""
+        self._rows = None
 
     # one slot, to and from the host
 

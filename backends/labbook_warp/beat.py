@@ -1,6 +1,6 @@
-"""A beat: many steps with their checks and rebuilds, captured once as a graph and launched as one."""
+"""A beat: many steps with their checks and rebuilds, captured once as graphs and launched as they are."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,9 @@ from labbook_warp.dialect import THREADS
 from labbook_warp.kernels.words import REPORTED
 
 _GROUPS = 2  # of members whose steps are launched side by side; three or four are no faster
+_GROWTH = 4
+"""How many times as long as the graph before it a graph of a beat is. The host takes some 2 us to launch a step, and a
+GPU has to wait for the whole of a graph; it takes the steps of one while the next is being launched."""
 _ADDERS = 64  # threads a member that add up energies
 
 
@@ -32,13 +35,13 @@ class Beat:
         self._several = fit and self.kernels.SHARED and not shared_with_others()
         groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not fit else 0
         self._streams = [wp.Stream(self.device) for _ in range(groups)]
-        self._graph: Any = None
+        self._graphs: dict[int, list[Any]] = {}
+        """Those of a beat, one after another, by how often displacements are checked in them."""
         self._looked: Any = None
 
-    def renew(self, every: int) -> None:
-        """Check displacements `every` so many steps. A captured graph is dropped: it holds that number, and the
-        material that all members share, as they were."""
-        self.every, self._graph = every, None
+    def renew(self) -> None:
+        """Forget captured graphs: they hold the material that all members share as it was."""
+        self._graphs = {}
 
     def fit_at_once(self) -> bool:
         """Whether all threads of a step are on the device at the same time, if nothing else runs meanwhile."""
@@ -52,30 +55,46 @@ class Beat:
 
     def run(self) -> None:
         """Take the beat's steps with every member whose `rows` are not zero."""
+        parts = self._parts()
         if not self.device.is_cuda:
-            self._steps()
+            for first, end in parts:
+                self._steps(first, end)
             return
-        if self._graph is None:
+        if self.every not in self._graphs:
             wp.load_module(self.kernels, device=self.device, block_dim=THREADS)
-            with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
-                self._steps()
-            self._graph = capture.graph
-        wp.capture_launch(self._graph)
+            self._graphs[self.every] = [self._captured(first, end) for first, end in parts]
+        for graph in self._graphs[self.every]:
+            wp.capture_launch(graph)
 
-    def _steps(self) -> None:
+    def _parts(self) -> Iterator[tuple[int, int]]:
+        """First step and end of each graph of a beat. Each begins with a check."""
+        first, length = 0, self.every
+        while first < self.steps:
+            yield first, min(first + length, self.steps)
+            first, length = first + length, _GROWTH * length
+
+    def _captured(self, first: int, end: int) -> Any:
+        with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
+            self._steps(first, end)
+        return capture.graph
+
+    def _steps(self, first: int, end: int) -> None:
+        """The steps of a beat from `first` to `end`, and what comes before its first step and after its last."""
         arrays, k = self.arrays, self.kernels
-        arrays.back_up()
-        self._line_up()
-        done = 0
-        while done < self.steps:
-            some = min(self.every, self.steps - done)
+        if first == 0:
+            arrays.back_up()
+            self._line_up()
+        done = first
+        while done < end:
+            some = min(self.every, end - done)
             self._launch(k.check, self._rows, arrays.p, some)
             self._if_asked(self.rebuild)
             self._move(done, some)
             if some % 2:
                 self._launch(k.bring, self._rows, arrays.q, arrays.p)
             done += some
-        self._launch(k.end, self._slots, self.steps, self.told)
+        if end == self.steps:
+            self._launch(k.end, self._slots, self.steps, self.told)
 
     def _move(self, first: int, some: int) -> None:
         """Take `some` steps from `first` on: with all members, or with two groups of them side by side. As the last

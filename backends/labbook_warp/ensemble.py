@@ -90,7 +90,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
             again = []
             for run in runs:
                 said = report[run.slot]
-                if said.fail == NO_FAILURE and not (said.late or said.crowded):
+                if said.well:
                     run.left = said.left
                     run.step += self._spec.steps_per_beat
                     run.crossed = report.crossings(run.slot)
@@ -102,6 +102,8 @@ class Ensemble(ensemble.Ensemble[Seen]):
                 stage.restore(run)
             if any(report[run.slot].late for run in again):
                 stage.check_oftener()
+            else:
+                stage.was_calm()
             stage.make_room(report, again)
             runs = again
         return failed

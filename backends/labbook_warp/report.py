@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from labbook_warp.arrays import Arrays, fetch
-from labbook_warp.kernels.words import REPORTED
+from labbook_warp.kernels.words import NO_FAILURE, REPORTED
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,11 @@ class Said:
     def crowded(self) -> bool:
         """Whether lists or cells were too short."""
         return self.near > 0 or self.depth > 0 or self.walls > 0
+
+    @property
+    def well(self) -> bool:
+        """Whether the beat counts: nothing failed, no list was late, and all had room."""
+        return self.fail == NO_FAILURE and not (self.late or self.crowded)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,8 @@ from labbook_warp.run import Run
 LONGEST_CHECK, OFTENEST = 50, 1
 """Steps between two checks of displacements, at most and at least: a check costs about a step, and decides nothing
 about the motion."""
+CALM = 100
+"""Beats without a list that was late, after which checks become seldom again: one that is late costs a beat."""
 
 
 class Stage:
@@ -34,7 +36,9 @@ class Stage:
         self._sizes = room.empty(spec, slots)
         self._seated: dict[int, Run] = {}
         self._waiting: list[Run] = []
-        self._every, self._uniform = LONGEST_CHECK, True
+        self._every = self._usual = LONGEST_CHECK
+        """Steps between two checks of displacements now, and where no list was late."""
+        self._calm, self._uniform = 0, True
         self._arrays: Arrays | None = None
         self._beats: Beat | None = None
         self.changes = 0
@@ -92,15 +96,19 @@ class Stage:
         new, self._waiting = self._waiting, []
         if not new:
             return
-        every = min(self._every, *(check_interval(run.scene, run.numerics) for run in new), LONGEST_CHECK)
+        if not self._seated:
+            self._usual = LONGEST_CHECK
+        self._usual = min(self._usual, *(check_interval(run.scene, run.numerics) for run in new))
+        self._every = min(self._every, self._usual)
         uniform = same_material((run.scene, run.numerics) for run in (*self.runs, *new))
         needed = room.with_members(self._sizes, len(self._seated), new)
         if self._arrays is None or (needed, uniform) != (self._sizes, self._uniform):
-            self._every, self._uniform = every, uniform
+            self._uniform = uniform
             self._resize(needed)
-        elif uniform or every != self._every:  # members that all share a material may now share another
-            self._every = every
-            self.beats.renew(every)
+        else:
+            self.beats.every = self._every
+            if uniform:  # members that all share a material may now share another
+                self.beats.renew()
         free = iter(slot for slot in range(needed.slots) if slot not in self._seated)
         for run in new:
             run.slot = next(free)
@@ -189,6 +197,7 @@ class Stage:
         system.flag.assign(flags)
         system.any_flag.fill_(1)
         self.beats.rebuild()
+        self.arrays.forget_rows()
         system.rebuilds.assign(before)  # a start is not a rebuild
         near, depth, walls = fetch(system.overflow).reshape(-1, 3).max(axis=0).tolist()
         system.overflow.zero_()
@@ -236,12 +245,15 @@ class Stage:
         self.beats.run()
         self._has_changed()
         try:
-            return collect(self.arrays, self.beats.told)
+            report = collect(self.arrays, self.beats.told)
         except RuntimeError as error:
             raise RuntimeError(
                 f"{self.device.alias} has failed in a beat ({error}); if NVIDIA's Multi-Process Service was started "
                 "meanwhile, start labbook again: steps that wait for one another need the device to themselves"
             ) from error
+        if not all(slot.well for slot in report.slots):
+            self.arrays.forget_rows()
+        return report
 
     def make_room(self, report: Report, runs: Sequence[Run]) -> None:
         """Make arrays large enough for those of these members that were crowded. Raises Overflow, MemoryError."""
@@ -253,6 +265,12 @@ class Stage:
         """Halve the steps between two checks of displacements, down to one."""
         self._check(max(OFTENEST, 2 * (self._every // 4)))
 
+    def was_calm(self) -> None:
+        """Note a beat in which no list was late; after many, double the steps between two checks."""
+        self._calm += 1
+        if self._calm >= CALM and self._every < self._usual:
+            self._check(min(2 * self._every, self._usual))
+
     @contextmanager
     def checking_every_step(self) -> Iterator[None]:
         """So long as this lasts no list is ever late."""
@@ -262,9 +280,8 @@ class Stage:
         self._check(every)
 
     def _check(self, every: int) -> None:
-        if every != self._every:
-            self._every = every
-            self.beats.renew(every)
+        self._every = self.beats.every = every
+        self._calm = 0
 
     def restore(self, run: Run) -> None:
         """Put a member back to the beginning of the beat."""

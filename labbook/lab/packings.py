@@ -66,11 +66,28 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
         found = _read(folder, key)
         if _only_just_written(folder):  # it might be written to again without another stamp
             return found
-        with _reading:
-            _lately[asked] = found
-            while sum(len(packing) for _, packing in _lately.values()) > _KEPT:
-                _lately.popitem(last=False)
+        _remember(asked, found)
     return found
+
+
+def just_made(folder: Path, record: PackingRecord, packing: Packing) -> None:
+    """This process has just put a packing into its folder, and need not read it to start runs from it."""
+    _protect(packing)
+    _remember((folder, None, stamp(folder)), (record, packing))
+
+
+def _remember(asked: tuple[Path, str | None, int], found: tuple[PackingRecord, Packing]) -> None:
+    with _reading:
+        _lately[asked] = found
+        while sum(len(packing) for _, packing in _lately.values()) > _KEPT:
+            _lately.popitem(last=False)
+
+
+def _protect(packing: Packing) -> None:
+    """Its arrays cannot be written to: several runs start from them."""
+    for array in vars(packing).values():
+        if array is not None:
+            array.flags.writeable = False
 
 
 _reading = threading.Lock()
@@ -104,9 +121,7 @@ def _read(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
         raise Unreadable(f"{path}: not a packing ({type(error).__name__}: {error})") from error
     if fault := _fault(record, packing):
         raise Unreadable(f"{path}: {fault}")
-    for array in vars(packing).values():
-        if array is not None:
-            array.flags.writeable = False
+    _protect(packing)
     return record, packing
 
 

@@ -10,6 +10,7 @@ from functools import cached_property
 from labbook.backend import Checkpoint, Spec
 from labbook.lab.folder import Claim
 from labbook.lab.index import Index, RunRows, run_rows
+from labbook.lab.packings import just_made
 from labbook.lab.records import Observe
 from labbook.run.demand import Demand
 from labbook.run.discharge import DischargeJob
@@ -259,6 +260,8 @@ class Board:
             if problem := self._index.put_packing(job.place, found[0]):
                 self._lose(job.key, f"{job.label}: {problem}")  # to make it once more would give the same
                 return
+            if job.made is not None:
+                just_made(job.place, job.made.record, job.made.packing)
             self.tally.packings += 1
             self._packed(job.key)
             return

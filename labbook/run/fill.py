@@ -38,6 +38,7 @@ class FillJob(Job):
         """serves: the points whose runs start from it, in words; empty if those are all points."""
         self._serves = serves
         self._failure: Failed | None = None
+        self.made: KeptPacking | None = None
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
@@ -143,7 +144,8 @@ class FillJob(Job):
     def kept(self, verdict: str, left: Left) -> "KeptPacking":
         """The packing; of a filling that came to nothing, the last state. Raises JobFailed for that."""
         if verdict == "settled":
-            return KeptPacking(self.bench.lab, self.key, self.place, self.label, self._record(left), left.packing)
+            self.made = KeptPacking(self.bench.lab, self.key, self.place, self.label, self._record(left), left.packing)
+            return self.made
         if self.may_save:
             self._write(left.checkpoint)
         if verdict == "late":

@@ -51,6 +51,28 @@ def test_a_packing_that_was_only_just_written_is_not_kept(folder):
     assert not packings._lately
 
 
+def test_a_packing_that_was_made_here_is_read_once_for_the_index_and_not_for_its_runs(tmp_path, monkeypatch):
+    monkeypatch.setattr(packings, "_lately", type(packings._lately)())
+    read, of = packings._read, []
+
+    def noted(folder, key):
+        of.extend([folder] if folder.exists() else [])
+        return read(folder, key)
+
+    monkeypatch.setattr(packings, "_read", noted)
+    carry_out(study(tmp_path, count=50, orifices="[24, 30]", replicates=2), tmp_path / "lab")
+    made = sorted((tmp_path / "lab/packings").iterdir())
+    assert sorted(of) == made
+    for folder in made:
+        record, packing = read_packing(folder)
+        other, again = read(folder, None)
+        assert record.model_copy(update={"seal": other.seal}) == other
+        for name, array in vars(again).items():
+            mine = getattr(packing, name)
+            assert (array is None and mine is None) or (array.dtype == mine.dtype and np.array_equal(array, mine)), name
+        assert not packing.x.flags.writeable
+
+
 def test_the_packings_read_last_are_kept_up_to_a_number_of_grains(folder, tmp_path, monkeypatch):
     copies = [tmp_path / f"copies-{k}" / folder.name for k in range(3)]
     for copy in copies:

@@ -97,6 +97,31 @@ def test_members_that_are_read_together_give_the_rows_that_each_gives_alone(monk
         assert all(np.array_equal(together[probe][name], alone[probe][name]) for name in alone[probe])
 
 
+def test_checks_that_became_frequent_become_seldom_again(monkeypatch):
+    """A list that was late once must not make every later step dearer; when lists are checked decides no bit."""
+    monkeypatch.setattr(stage, "CALM", 3)
+    scene, how = of_spheres(60), numerics("mixed")
+    start, ends, often = falling(scene, how, "cpu"), [], []
+    for late in (False, True):
+        backend = Backend()
+        ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 1, "cpu")
+        member = ensemble.admit(scene, how, start)
+        ensemble.advance(1)
+        at = ensemble._stage
+        usual = at._every
+        if late:
+            at.check_oftener()
+        for _ in range(7):
+            often.append(at._every / usual)
+            ensemble.advance(1)
+        assert at._every == at.beats.every == usual
+        ends.append(ensemble.packing(member))
+        ensemble.close()
+    assert identical(*ends)
+    assert often[:7] == [1.0] * 7
+    assert often[7] == often[9] < 0.5 < often[10] <= 1.0
+
+
 @pytest.fixture
 def a_gpu() -> str:
     """The first GPU, if there is one."""
