@@ -43,7 +43,7 @@ _STEP = 2.5  # mm between heights of the maps
 
 
 def kept(lab: str, study: str, backend: str, point: int, seed: int) -> dict[str, np.ndarray]:
-    """Mean fields of a recorded run over its window and about three instants, by names that begin with point and seed."""
+    """Mean fields of a recorded run, over its window and about three instants; names begin with point and seed."""
     run = next(one for one in Lab(lab, backend).results(load(study), False).points[point].runs if one.seed == seed)
     out = {"outcome": np.array(run.outcome)}
     bed = Bed.of(run.evaluation(FlowPattern()))

@@ -3,7 +3,7 @@ pongo2022-grid-shapes:
 
 labbook export studies/pongo2022-grid.yaml --backend warp --out tables
 python benchmarks/pongo_grid.py grid.csv --runs rod-3.3 tables/runs.csv
-python benchmarks/pongo_grid.py benchmarks/results/2026-11-25-pongo-grid-h100.csv docs/results/pongo2022-grid.png
+python benchmarks/pongo_grid.py benchmarks/results/2026-11-26-pongo-grid.csv docs/results/pongo2022-grid.png
 
 The second command keeps of the exports of one shape each what the third reads: how each run ended, and its Q.
 """
@@ -60,7 +60,7 @@ def kept(path: Path, shape: str) -> Iterator[Run]:
             key = row["container.rotation"], row["container.orifice"], row["seed"]
             f, d, seed = float(key[0]), round(1e3 * float(key[1]), 6), int(key[2])
             if row["quantity"] == "grain_rate":
-                found[key] = Run(shape, f, d, seed, row["outcome"], round(float(row["value"]), 3))
+                found[key] = Run(shape, f, d, seed, row["outcome"], round(float(row["value"] or "nan"), 3))
             else:
                 found.setdefault(key, Run(shape, f, d, seed, row["outcome"], math.nan))
     yield from found.values()
@@ -119,12 +119,15 @@ def ratios(runs: Sequence[Run], shape: str, d: float) -> tuple[list[float], list
 
 
 def _cell(found: Mean) -> str:
+    if found.runs == 0:
+        return "not run"
+    some = f" ({found.clogged} of {found.runs} clogged)" if found.clogged else ""
     if found.flowed == 0:
-        return "clogged" if found.clogged else "slower than the time limit"
+        return "clogged" if found.clogged == found.runs else f"slower than the time limit{some}"
     digits = 1 if found.error < 3 else 0
     alone = f"{found.rate:.0f}"
     said = alone if found.flowed == 1 else f"{found.rate:.{digits}f} ± {found.error:.{digits}f}"
-    return said + (f" ({found.clogged} of {found.runs} clogged)" if found.clogged else "")
+    return said + some
 
 
 def drawn(runs: Sequence[Run]) -> "Figure":
@@ -183,7 +186,10 @@ def main() -> None:
     runs = read(given.source)
     for shape in SHAPES:
         print(shape, *table(runs, shape), "", sep="\n")
-    spans = (("rod-3.3", 48, 60), ("rod-3.3", 48, 72), ("rod-2.5", 54, 66), ("rod-2.5", 54, 72), ("sphere", 48, 72))
+    spans = (
+        ("rod-3.3", 48, 60), ("rod-3.3", 48, 72), ("rod-2.5", 48, 66), ("rod-2.5", 48, 72), ("rod-4", 54, 66),
+        ("rod-4", 54, 72), ("sphere", 48, 72),
+    )  # fmt: skip
     for f in FREQUENCIES:
         said = [
             f"{shape} {least} to {most} mm {slope:.3f} +- {half:.3f}"

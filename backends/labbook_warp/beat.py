@@ -1,6 +1,6 @@
-"""A beat: many steps with their checks and rebuilds, captured once as graphs and launched as they are."""
+"""A beat: many steps with their checks and rebuilds, captured once as a graph and launched as one."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,7 @@ from labbook_warp.dialect import THREADS
 from labbook_warp.kernels.words import REPORTED
 
 _GROUPS = 2  # of members whose steps are launched side by side; three or four are no faster
-_GROWTH = 4
-"""How many times as long as the graph before it a graph of a beat is. The host takes some 2 us to launch a step, and a
-GPU has to wait for the whole of a graph; it takes the steps of one while the next is being launched."""
-_ADDERS = 64  # threads a member that add up energies
+_ADDED = 16  # energies that a thread adds up
 
 
 class Beat:
@@ -35,8 +32,8 @@ class Beat:
         self._several = fit and self.kernels.SHARED and not shared_with_others()
         groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not fit else 0
         self._streams = [wp.Stream(self.device) for _ in range(groups)]
-        self._graphs: dict[int, list[Any]] = {}
-        """Those of a beat, one after another, by how often displacements are checked in them."""
+        self._graphs: dict[int, Any] = {}
+        """By how often displacements are checked in them."""
         self._looked: Any = None
 
     def renew(self) -> None:
@@ -55,46 +52,30 @@ class Beat:
 
     def run(self) -> None:
         """Take the beat's steps with every member whose `rows` are not zero."""
-        parts = self._parts()
         if not self.device.is_cuda:
-            for first, end in parts:
-                self._steps(first, end)
+            self._steps()
             return
         if self.every not in self._graphs:
             wp.load_module(self.kernels, device=self.device, block_dim=THREADS)
-            self._graphs[self.every] = [self._captured(first, end) for first, end in parts]
-        for graph in self._graphs[self.every]:
-            wp.capture_launch(graph)
+            with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
+                self._steps()
+            self._graphs[self.every] = capture.graph
+        wp.capture_launch(self._graphs[self.every])
 
-    def _parts(self) -> Iterator[tuple[int, int]]:
-        """First step and end of each graph of a beat. Each begins with a check."""
-        first, length = 0, self.every
-        while first < self.steps:
-            yield first, min(first + length, self.steps)
-            first, length = first + length, _GROWTH * length
-
-    def _captured(self, first: int, end: int) -> Any:
-        with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
-            self._steps(first, end)
-        return capture.graph
-
-    def _steps(self, first: int, end: int) -> None:
-        """The steps of a beat from `first` to `end`, and what comes before its first step and after its last."""
+    def _steps(self) -> None:
         arrays, k = self.arrays, self.kernels
-        if first == 0:
-            arrays.back_up()
-            self._line_up()
-        done = first
-        while done < end:
-            some = min(self.every, end - done)
+        arrays.back_up()
+        self._line_up()
+        done = 0
+        while done < self.steps:
+            some = min(self.every, self.steps - done)
             self._launch(k.check, self._rows, arrays.p, some)
             self._if_asked(self.rebuild)
             self._move(done, some)
             if some % 2:
                 self._launch(k.bring, self._rows, arrays.q, arrays.p)
             done += some
-        if end == self.steps:
-            self._launch(k.end, self._slots, self.steps, self.told)
+        self._launch(k.end, self._slots, self.steps, self.told)
 
     def _move(self, first: int, some: int) -> None:
         """Take `some` steps from `first` on: with all members, or with two groups of them side by side. As the last
@@ -161,9 +142,10 @@ class Beat:
 
     def kinetic(self, v: Any, w: Any):
         """Kinetic energy [J] of every slot from what `look` gave, shape [slots]."""
-        out = wp.zeros(2 * self._slots * _ADDERS, dtype=wp.float64, device=self.device)
-        self._launch(self.kernels.kinetic, self._slots * _ADDERS, self.arrays.p, v, w, _ADDERS, out)
-        return out.numpy().reshape(self._slots, _ADDERS, 2).sum(axis=1).sum(axis=1)
+        adders = -(-self.arrays.sizes.cap // _ADDED)
+        out = wp.zeros(2 * self._slots * adders, dtype=wp.float64, device=self.device)
+        self._launch(self.kernels.kinetic, self._slots * adders, self.arrays.p, v, w, adders, out)
+        return out.numpy().reshape(self._slots, adders, 2).sum(axis=1).sum(axis=1)
 
     def contacts(self) -> np.ndarray:
         """Rows slot, i, j, wall, force, branch of all touching contacts, in any order."""

@@ -17,6 +17,7 @@ from labbook.lab.index import RunRows, packing_row
 from labbook.lab.journal import PROGRESS, Saved
 from labbook.lab.packings import ARRAYS, PackingRecord
 from labbook.lab.records import Unreadable
+from labbook.lab.tables import write_table
 from labbook.run.demand import Demand, PackingsOf
 from labbook.run.forecast import fill_time
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
@@ -204,7 +205,7 @@ class KeptPacking(Kept):
 
     def fill_folder(self, folder: Path) -> None:
         """Arrays and record."""
-        self.packing.save(folder / ARRAYS)
+        write_table(folder / ARRAYS, self.packing.arrays())
         self.record.write(folder)
 
     def rows(self) -> RunRows:
