@@ -14,13 +14,16 @@ MARKS = frozenset({"func", "rare_func", "struct", "kernel", "hot_kernel", "wall_
 """Decorators of what is compiled: `func` and `struct` of words, and the kernels of backends."""
 
 
-@cache
 def device_source(module: ModuleType) -> str:
     """The functions and records of a module that are marked for a compiler, as text.
 
     Raises ValueError if one of them has another decorator beside its mark, which a compiler would not know.
     """
-    text = module_text(module)
+    return _marked_parts(module_text(module))
+
+
+@cache
+def _marked_parts(text: str) -> str:
     lines = text.splitlines()
     nodes = [
         node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef | ast.ClassDef) and _marked(node)

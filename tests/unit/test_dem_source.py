@@ -32,20 +32,15 @@ def loop(x):
 
 
 def test_only_marked_functions_are_taken_to_the_compiler(tmp_path):
-    module = written(tmp_path / "mixed.py", MIXED)
+    module = ModuleType("mixed")
+    module.__file__ = str(tmp_path / "mixed.py")
+    (tmp_path / "mixed.py").write_text(MIXED)
     assert device_functions(module) == ["twice", "loop"]
     assert source.device_source(module).startswith("@func\ndef twice")
     assert "lru_cache" not in source.generate("", {}, [module])
-    other = written(tmp_path / "other.py", MIXED.replace("@func", "@lru_cache(maxsize=8)\n@func"))
+    (tmp_path / "mixed.py").write_text(MIXED.replace("@func", "@lru_cache(maxsize=8)\n@func"))
     with pytest.raises(ValueError, match=r"twice: .* has one decorator"):
-        source.device_source(other)
-
-
-def written(path, text):
-    module = ModuleType(path.stem)
-    module.__file__ = str(path)
-    path.write_text(text)
-    return module
+        source.device_source(module)
 
 
 def test_a_host_module_with_cached_functions_has_nothing_to_compile():
