@@ -25,7 +25,7 @@ from labbook.backend import load
 from labbook.backend.machine import hardware
 from labbook.bench.speed import BOX_STEP, box
 from labbook.filling.placing import place
-from labbook.lab.tables import read_table
+from labbook.lab.tables import read_table, write_table
 from labbook.scene.packing import Packing
 
 T = TypeVar("T")
@@ -69,7 +69,7 @@ def measured(grains: int, name: str, device: str, starts: tuple[str, ...]) -> di
     ensemble.close()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "packing.npz"
-        watch("save", lambda: packing.save(path))
+        watch("save", lambda: write_table(path, packing.arrays()))
         size = path.stat().st_size
         watch("read", lambda: Packing(**read_table(path)))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

@@ -1,7 +1,6 @@
 """A packing: positions, velocities and springs of grains, free of any backend."""
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -159,11 +158,6 @@ class Packing:
         arrays = {name: getattr(self, name) for name in names}
         some = {name: array for name in ("q", *_EACH, *_ROLLING) if (array := getattr(self, name)) is not None}
         return {**arrays, **some}
-
-    def save(self, path: Path) -> None:
-        """Write as a compressed npz."""
-        with open(path, "wb") as file:
-            np.savez_compressed(file, **self.arrays())  # pyright: ignore[reportArgumentType]
 
 
 def _quaternions(q: np.ndarray, n: int) -> np.ndarray:

@@ -13,7 +13,7 @@ from scipy.stats import kstest, truncnorm
 from labbook.backend.numerics import Numerics
 from labbook.filling import place
 from labbook.filling.placing import assort, whole_numbers
-from labbook.lab.tables import read_table
+from labbook.lab.tables import read_table, write_table
 from labbook.measure import RunData
 from labbook.measure.flow import FlowRate
 from labbook.measure.packing import packing_fraction
@@ -102,7 +102,7 @@ def test_a_packing_that_does_not_fit_the_scene_is_refused():
 
 def test_a_stored_packing_keeps_them(tmp_path):
     placed = place(scene(spheres(50, kinds=KINDS)).close(), "gas", 1)
-    placed.save(tmp_path / "a.npz")
+    write_table(tmp_path / "a.npz", placed.arrays())
     again = Packing(**read_table(tmp_path / "a.npz"))
     assert np.array_equal(again.diameter, placed.diameter)
     assert np.array_equal(again.kind, placed.kind)

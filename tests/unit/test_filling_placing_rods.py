@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.spatial import KDTree
 
 from labbook.filling import PlacingError, opened, place
-from labbook.lab.tables import read_table
+from labbook.lab.tables import read_table, write_table
 from labbook.scene import (
     ConicalSilo,
     CylinderSilo,
@@ -95,7 +95,7 @@ def test_packings_with_rods_are_stored_mirrored_and_opened(tmp_path):
         "wall_spring": np.ones((3, 3)), "wall_part": np.array([0, 1, 1]),
     }  # fmt: skip
     packing = Packing(x=start.x, v=start.v, omega=start.omega, q=start.q, **springs)
-    packing.save(tmp_path / "packing.npz")
+    write_table(tmp_path / "packing.npz", packing.arrays())
     again = Packing(**read_table(tmp_path / "packing.npz"))
     assert np.array_equal(turned(again), turned(packing))
     assert again.wall_part.tolist() == [0, 1, 1]
