@@ -34,7 +34,7 @@ SHAPES = {"rod-2.5": "L/d = 2.5", "rod-3.3": "L/d = 3.3", "rod-4": "L/d = 4"}
 FREQUENCIES = (0.0, 0.32, 1.28)
 ORIFICE, RADIUS = 54.0, 95.0  # mm
 _OF_MOMENTS = ("flux", "axes", "number")
-"""Fields that are not kept of single moments."""
+"""Fields left out of the means about an instant."""
 _SPARSE = 0.8  # of the packing fraction of the bed: below it the region at the orifice counts as sparse
 _STEP = 2.5  # mm between heights of the maps
 
@@ -133,14 +133,15 @@ class Places:
         weight = np.where(self.where(r, z), self.fields.density * self._volume, 0.0)
         return float(np.nansum(field * weight) / np.sum(weight))
 
-    def sparse(self, bed: float) -> float:
-        """Volume [cm^3] above the orifice (r < 60 mm, 0 < z < 150 mm) with a packing fraction below 0.8 of `bed`."""
-        there = self.where((0, 60), (0, 150)) & (self.fields.packing_fraction < _SPARSE * bed)
+    def sparse(self, below: float) -> float:
+        """Volume [cm^3] above the orifice (r < 60 mm, 10 < z < 150 mm) with a packing fraction less than `below`. Lower
+        down the kernel reaches through the bottom."""
+        there = self.where((0, 60), (10, 150)) & (self.fields.packing_fraction < below)
         return 1e6 * float(np.sum(self._volume[there]))
 
 
 def numbers(run: Run) -> dict[str, float]:
-    """What the statements ask of a run. For heights and radii see docs/results/pongo2022-maps.md."""
+    """Quantities of one run that decide the statements. For heights and radii see docs/results/pongo2022-maps.md."""
     at, fields = Places(run.mean), run.mean
     high, all_r = (100.0, 200.0), (0.0, 85.0)
     v, bed = fields.velocity, at.phi(all_r, high)
@@ -150,7 +151,8 @@ def numbers(run: Run) -> dict[str, float]:
         "phi_wide_funnel": 1 - at.phi((0, 60), high) / at.phi((65, 85), high),
         "phi_core": 1 - at.phi((0, 20), high) / at.phi((65, 85), high),
         "phi_near_bottom": at.phi((45, 85), (10, 38)) / bed,
-        "sparse_cm3": at.sparse(bed),
+        "sparse_cm3": at.sparse(_SPARSE * bed),
+        "sparse_09_cm3": at.sparse(0.9 * bed),
         "stagnant": pattern_of(fields, bottom=0.0).fraction,
         "vz_centre_over_ring": at.by_mass(v[2], (0, 30), (150, 200)) / at.by_mass(v[2], (60, 85), (150, 200)),
         "vz_centre_over_ring_low": at.by_mass(v[2], (0, 30), (60, 100)) / at.by_mass(v[2], (60, 85), (60, 100)),
@@ -317,7 +319,7 @@ def drawn(runs: Sequence[Run]) -> Iterator[tuple[str, "Figure"]]:
         for f in FREQUENCIES:
             line = []
             for k in range(3):
-                some = [run.moments[k] for run in of["rod-3.3", f]]
+                some = [run.moments[k] for run in of["rod-3.3", f] if len(run.moments) == 3]
                 when = np.mean([time for time, _ in some])
                 fields = [one for _, one in some]
                 line.append((f"{f:g} Hz, t = {when:.1f} s", over_seeds(fields, field), fields))

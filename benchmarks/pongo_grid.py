@@ -27,6 +27,7 @@ SHAPES = {
     "sphere": "spheres", "rod-2.5": "rods, $L/d$ = 2.5", "rod-3.3": "rods, $L/d$ = 3.3", "rod-4": "rods, $L/d$ = 4"
 }  # fmt: skip
 FREQUENCIES = (0.0, 0.16, 0.32, 0.64, 0.96, 1.28)
+PLANNED = 3  # runs of a point
 COLUMNS = ("shape", "f_Hz", "D_mm", "seed", "outcome", "Q_per_s")
 
 
@@ -120,10 +121,11 @@ def ratios(runs: Sequence[Run], shape: str, d: float) -> tuple[list[float], list
 
 def _cell(found: Mean) -> str:
     if found.runs == 0:
-        return "not run"
+        return "none ended"
     some = f" ({found.clogged} of {found.runs} clogged)" if found.clogged else ""
     if found.flowed == 0:
-        return "clogged" if found.clogged == found.runs else f"slower than the time limit{some}"
+        ended = "" if found.runs == PLANNED else f" ({found.runs} of {PLANNED} ended)"
+        return f"clogged{ended}" if found.clogged == found.runs else f"slower than the time limit{some}"
     digits = 1 if found.error < 3 else 0
     alone = f"{found.rate:.0f}"
     said = alone if found.flowed == 1 else f"{found.rate:.{digits}f} ± {found.error:.{digits}f}"

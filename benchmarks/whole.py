@@ -2,7 +2,7 @@
 
 A round silo of spheres (linear law, friction, mixed precision) is filled by a rain, and a tenth of the grains flows
 out. The two commands run in processes of their own, from an empty lab and, for the first size, with nothing compiled.
-The times of the beats are those that the records of the packing and of the run have.
+Times of the beats come from the records of packing and run.
 
     python benchmarks/whole.py --backend warp --device cuda:0 --out whole.json
     python benchmarks/whole.py --grains 10000
@@ -63,8 +63,9 @@ def timed(*command: str) -> tuple[float, float]:
     begun = time.perf_counter()
     process = subprocess.Popen([sys.executable, "-m", "labbook", *command])
     _, status, usage = os.wait4(process.pid, 0)
-    if status:
-        raise SystemExit(f"labbook {' '.join(command)}: exit status {os.waitstatus_to_exitcode(status)}")
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(f"labbook {' '.join(command)}: exit status {process.returncode}")
     return time.perf_counter() - begun, usage.ru_maxrss / 2**20
 
 
@@ -103,7 +104,10 @@ def main() -> None:
     words.add_argument("--out", type=Path, help="Also write the figures to this JSON file.")
     said = words.parse_args()
     found: list[dict[str, Any]] = []
-    for grains in map(int, said.grains.split(",")):
+    asked = [int(grains) for grains in said.grains.split(",")]
+    if unknown := set(asked) - set(WIDTHS):
+        words.error(f"--grains: {unknown.pop()} is not one of {', '.join(map(str, WIDTHS))}")
+    for grains in asked:
         found.append(measured(grains, said.backend, said.device))
         print(pd.DataFrame(found).round(2).to_string(index=False), flush=True)
         if said.out:

@@ -24,7 +24,7 @@ def device_source(module: ModuleType) -> str:
 
 @cache
 def _marked_parts(text: str) -> str:
-    lines = text.splitlines()
+    lines = text.split("\n")
     nodes = [
         node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef | ast.ClassDef) and _marked(node)
     ]

@@ -10,7 +10,7 @@ import warp as wp
 
 from labbook_warp.codec import Codec, States
 from labbook_warp.kernels.words import NO_FAILURE
-from labbook_warp.layout import COPIED, SOMETIMES, WORDS_OF_STATE, Sizes, shapes, state
+from labbook_warp.layout import COPIED, SOMETIMES, WORDS_OF_STATE, Sizes, memory, shapes, state
 from labbook_warp.shapes import SHAPES
 
 
@@ -34,6 +34,7 @@ class Arrays:
         system.cap, system.near, system.walls = sizes.cap, sizes.near, sizes.walls
         system.seats = sizes.seats
         system.cells, system.depth = sizes.cells, sizes.depth
+        self.bytes = memory(module, sizes, crossings)
         for shape in shapes(module, sizes, crossings):
             owner = self if shape.name in WORDS_OF_STATE else system
             setattr(owner, shape.name, wp.zeros(shape.length, dtype=shape.dtype, device=device))
@@ -42,6 +43,9 @@ class Arrays:
         copied = (self.p if name == "p" else getattr(system, name) for name in COPIED if name not in missing)
         self._saved = [(array, wp.clone(array)) for array in copied]
         self._whole: dict[int, np.ndarray] | None = None
+        """Copies on the host, by pointer, within `together`."""
+        self._written: dict[int, Any] = {}
+        """Arrays whose copies were written to."""
         self._rows: np.ndarray | None = np.zeros(sizes.slots, np.int32)
         """What `system.rows` holds; None if kernels may have changed it."""
 
@@ -62,33 +66,46 @@ class Arrays:
         for slot, count in rows.items():
             numbers[slot] = count
         if self._rows is None or not np.array_equal(numbers, self._rows):
-            self._rows = numbers
             self.system.rows.assign(numbers)
+            self._rows = numbers
 
     def forget_rows(self) -> None:
-        """Kernels may have let members rest of which a grain has failed, or a list had no room."""
+        """Forget what `system.rows` holds: kernels set it to 0 for members with a failed grain or a full list."""
         self._rows = None
 
     # one slot, to and from the host
 
     @contextmanager
-    def read_together(self) -> Iterator[None]:
-        """Within this context, an array is copied to the host once, for all slots, when one slot of it is first read.
-        The state must not change meanwhile."""
+    def together(self) -> Iterator[None]:
+        """Within this context, an array is copied to the host once, for all slots, when one slot of it is first read or
+        written, and back at the end if it was written. Nothing else may change it meanwhile."""
         self._whole = {}
         try:
             yield
+            for pointer, array in self._written.items():
+                array.assign(self._whole[pointer])
         finally:
-            self._whole = None
+            self._whole, self._written = None, {}
+
+    def _copy(self, array: Any) -> np.ndarray:
+        assert self._whole is not None
+        if array.ptr not in self._whole:
+            self._whole[array.ptr] = fetch(array)
+        return self._whole[array.ptr]
+
+    def _set(self, array: Any, first: int, values: np.ndarray) -> None:
+        if self._whole is None:
+            array[first : first + len(values)].assign(values)
+        else:
+            self._written[array.ptr] = array
+            self._copy(array)[first : first + len(values)] = values
 
     def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
         """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
         first = slot * size
         if self._whole is None:
             return fetch(array[first : first + count])
-        if array.ptr not in self._whole:
-            self._whole[array.ptr] = fetch(array)
-        return self._whole[array.ptr][first : first + count]
+        return self._copy(array)[first : first + count]
 
     def read(self, name: str, slot: int, rows: int) -> np.ndarray:
         """State array `name` of the first `rows` rows of a slot: [rows, ...], or [entries, rows, ...]."""
@@ -105,28 +122,29 @@ class Arrays:
         """Set the state of a slot to zero on the device, except `p`."""
         for name, kind in self.state.items():
             per, array = self.sizes.cap * self.sizes.entries[kind], getattr(self.system, name)
-            array[slot * per : (slot + 1) * per].zero_()
+            if self._whole is None:
+                array[slot * per : (slot + 1) * per].zero_()
+            else:
+                self._set(array, slot * per, np.zeros_like(self._copy(array)[slot * per : (slot + 1) * per]))
 
     def write(self, name: str, slot: int, values: np.ndarray) -> None:
         """Put what `read` gave, of any number of rows and entries that fit, into a slot; the rest becomes zero."""
         if name == "p":
             per, array = self.sizes.cap * self.codec.words, self.p
-            array[slot * per : slot * per + len(values) * self.codec.words].assign(
-                values.reshape(-1, array.dtype._length_)
-            )
+            self._set(array, slot * per, values.reshape(-1, array.dtype._length_))
             return
         entries, array = self.sizes.entries[self.state[name]], getattr(self.system, name)
         values = values[None] if self.state[name] == "one" else values
         block = np.zeros((entries, self.sizes.cap, *values.shape[2:]), values.dtype)
         block[: len(values), : values.shape[1]] = values
         per = self.sizes.cap * entries
-        array[slot * per : (slot + 1) * per].assign(block.reshape(-1, *values.shape[2:]))
+        self._set(array, slot * per, block.reshape(-1, *values.shape[2:]))
 
     def put(self, name: str, slot: int, values: np.ndarray) -> None:
         """Write the entries of a slot in an array of slots or of walls."""
         array = getattr(self.system, name)
         per = array.shape[0] // self.sizes.slots
-        array[slot * per : slot * per + len(values)].assign(values)
+        self._set(array, slot * per, values)
 
     def put_record(self, name: str, slot: int, record: Any) -> None:
         """Write the record of a slot in an array of records."""

@@ -12,7 +12,8 @@ from labbook_warp.dialect import THREADS
 from labbook_warp.kernels.words import REPORTED
 
 _GROUPS = 2  # of members whose steps are launched side by side; three or four are no faster
-_ADDED = 16  # energies that a thread adds up
+_ADDERS, _ADDED = 64, 1024
+"""Threads a member that add up energies, at least, and energies that a thread adds up, at most."""
 
 
 class Beat:
@@ -142,7 +143,7 @@ class Beat:
 
     def kinetic(self, v: Any, w: Any):
         """Kinetic energy [J] of every slot from what `look` gave, shape [slots]."""
-        adders = -(-self.arrays.sizes.cap // _ADDED)
+        adders = max(_ADDERS, self.arrays.sizes.cap // _ADDED)
         out = wp.zeros(2 * self._slots * adders, dtype=wp.float64, device=self.device)
         self._launch(self.kernels.kinetic, self._slots * adders, self.arrays.p, v, w, adders, out)
         return out.numpy().reshape(self._slots, adders, 2).sum(axis=1).sum(axis=1)

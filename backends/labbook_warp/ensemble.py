@@ -67,7 +67,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
         arrays = self._stage.arrays
         many = looking(runs, self._spec.steps_per_beat)
         together = many * (A_READ + arrays.sizes.cap) > arrays.sizes.slots * arrays.sizes.cap
-        return arrays.read_together() if together else nullcontext()
+        return arrays.together() if together else nullcontext()
 
     def _beat(self, runs: list[Run]) -> None:
         """Take a beat with these members.
@@ -102,7 +102,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
                 stage.restore(run)
             if any(report[run.slot].late for run in again):
                 stage.check_oftener()
-            else:
+            elif all(report[run.slot].well for run in runs):
                 stage.was_calm()
             stage.make_room(report, again)
             runs = again

@@ -29,7 +29,7 @@ class Said:
 
     @property
     def well(self) -> bool:
-        """Whether the beat counts: nothing failed, no list was late, and all had room."""
+        """Whether the beat is valid: no failure, no late list, no overflow."""
         return self.fail == NO_FAILURE and not (self.late or self.crowded)
 
 

@@ -1,8 +1,8 @@
 """The slots of an ensemble: members get their seats, in larger arrays if need be, and take beats."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import MappingProxyType
 
 import numpy as np
@@ -24,8 +24,11 @@ from labbook_warp.run import Run
 LONGEST_CHECK, OFTENEST = 50, 1
 """Steps between two checks of displacements, at most and at least: a check costs about a step, and decides nothing
 about the motion."""
+MANY = 4
+"""Members, and a part of all of them, from which on arrays are copied for all slots at once."""
+MIRRORED = 4_000_000_000  # bytes of arrays that the host may have copies of
 CALM = 100
-"""Beats without a list that was late, after which checks become seldom again: one that is late costs a beat."""
+"""Beats without a late list after which checks become half as frequent. A late list costs one beat."""
 
 
 class Stage:
@@ -113,18 +116,27 @@ class Stage:
         for run in new:
             run.slot = next(free)
             self._seated[run.slot] = run
-            self._parameters(run)
-            self._put_extremes(run)
-            self._put(run)
+        with self._together(new):
+            for run in new:
+                self._parameters(run)
+                self._put_extremes(run)
+                self._put(run)
         self._counters()
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
         self._build_lists(list(fresh))
         if self._spec.feature("FRICTION"):
-            for run, start in fresh.items():
-                transfer.set_springs(self.arrays, run.slot, start, run.names)
+            with self._together(fresh):
+                for run, start in fresh.items():
+                    transfer.set_springs(self.arrays, run.slot, start, run.names)
         for run in new:
             run.begin = None
         self._has_changed()
+
+    def _together(self, runs: Collection[Run]) -> AbstractContextManager[None]:
+        """Copies all slots at once, if so many of them are read or written that this is faster than one by one: each
+        copy of a small array takes as long as a megabyte."""
+        many = len(runs) >= MANY and len(runs) * MANY >= self._sizes.slots
+        return self.arrays.together() if many and self.arrays.bytes <= MIRRORED else nullcontext()
 
     def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
         """Give a member grains that left again. half_v: their velocities [m/s] half a step before. Raises MemoryError,
@@ -205,7 +217,8 @@ class Stage:
 
     def _resize(self, sizes: Sizes, known: Mapping[Run, Checkpoint] = MappingProxyType({})) -> None:
         """Move all members to new arrays, in the states that are `known`, else as they are. Raises MemoryError."""
-        stored = {run: known.get(run) or self.stored(run) for run in self.runs}
+        with self._together(self.runs):
+            stored = {run: known.get(run) or self.stored(run) for run in self.runs}
         for run, checkpoint in stored.items():
             run.takes_up(checkpoint)
         spec = self._spec
@@ -220,10 +233,11 @@ class Stage:
                 f"{self.device.alias} has no memory for {sizes.slots} members: {error}; use fewer grains"
             ) from error
         self._beats = Beat(self._arrays, spec.steps_per_beat, self._every)
-        for run, checkpoint in stored.items():
-            self._parameters(run)
-            self._put_extremes(run)
-            transfer.restore(self._arrays, run.slot, checkpoint)
+        with self._together(stored):
+            for run, checkpoint in stored.items():
+                self._parameters(run)
+                self._put_extremes(run)
+                transfer.restore(self._arrays, run.slot, checkpoint)
         self._counters()
         self._has_changed()
 
@@ -266,7 +280,7 @@ class Stage:
         self._check(max(OFTENEST, 2 * (self._every // 4)))
 
     def was_calm(self) -> None:
-        """Note a beat in which no list was late; after many, double the steps between two checks."""
+        """Note a beat without a late list; after many, double the steps between two checks."""
         self._calm += 1
         if self._calm >= CALM and self._every < self._usual:
             self._check(min(2 * self._every, self._usual))
@@ -276,8 +290,10 @@ class Stage:
         """So long as this lasts no list is ever late."""
         every = self._every
         self._check(OFTENEST)
-        yield
-        self._check(every)
+        try:
+            yield
+        finally:
+            self._check(every)
 
     def _check(self, every: int) -> None:
         self._every = self.beats.every = every

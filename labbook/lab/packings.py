@@ -73,7 +73,8 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
 def just_made(folder: Path, record: PackingRecord, packing: Packing) -> None:
     """This process has just put a packing into its folder, and need not read it to start runs from it."""
     _protect(packing)
-    _remember((folder, None, stamp(folder)), (record, packing))
+    if folder.exists():
+        _remember((folder, None, stamp(folder)), (record, packing))
 
 
 def _remember(asked: tuple[Path, str | None, int], found: tuple[PackingRecord, Packing]) -> None:

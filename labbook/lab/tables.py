@@ -22,7 +22,7 @@ MOST = 2.0**34
 """Bytes that a file may unpack to, whatever it is said to hold: it is read into memory."""
 _LATE = 1.001  # steps between the time of a row and its step: crossings are interpolated within theirs
 _CONTACTS = 64  # rows of a grain in one frame, at most
-_LEVEL = 1  # of compression: numbers become hardly smaller at level 6, and take twice as long
+_LEVEL = 1  # of compression: level 6 is hardly smaller and takes twice as long
 _META = "_meta"
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 

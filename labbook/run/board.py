@@ -24,7 +24,7 @@ from labbook.study.problems import and_others
 
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
 _LOOKING = 0.05  # of the main thread's time may go into that
-_SOME_WAY = 0.05  # of a discharge: from there on it tells how much work the rest of it is
+_SOME_WAY = 0.05  # progress from which a discharge is extrapolated
 
 
 @dataclass(eq=False)
@@ -79,7 +79,7 @@ class Board:
         self._work: dict[str, float] = {}
         """Expected grain-steps, by the key of a run or packing."""
         self._took, self._foreseen = 0.0, 0.0
-        """Grain-steps that discharges which have ended here took, and those that were expected of them."""
+        """Grain-steps that discharges took which have ended here, and what was forecast for as much progress."""
         self._bench, self._planner, self._index, self._observe = bench, planner, index, observe
         self.tally = Tally()
         self.todo: dict[str, Item] = {}
@@ -266,7 +266,7 @@ class Board:
             self._packed(job.key)
             return
         self._took += job.work
-        self._foreseen += self._estimate(job.key, job.demand, filling=False)
+        self._foreseen += job.progress() * self._estimate(job.key, job.demand, filling=False)
         self.tally.ran[job.key] = verdict
         self.tally.resumed += job.resumed
         if problem := self._done(job.demand, found):
@@ -334,8 +334,8 @@ class Board:
     def work_left(self) -> float:
         """Grain-steps still to be done here, as far as can be told.
 
-        Of a discharge that has come some way, by the work that took; others are expected to be off their forecasts as
-        much as those have been.
+        Discharges past 5 % are extrapolated from the work they took. The others are scaled by the ratio of actual to
+        forecast work so far.
         """
         todo = self._mine()
         waiting = {item.keys.packing: item.demand for item in todo.values() if not item.packed}

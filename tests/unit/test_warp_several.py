@@ -1,6 +1,7 @@
 """The GPU backend takes several steps in one launch where grains are few."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -84,8 +85,8 @@ def test_members_that_are_read_together_give_the_rows_that_each_gives_alone(monk
         ensemble.close()
         return dict(found)
 
-    read_together, often = Arrays.read_together, []
-    monkeypatch.setattr(Arrays, "read_together", lambda arrays: often.append(1) or read_together(arrays))
+    at_once, often = Arrays.together, []
+    monkeypatch.setattr(Arrays, "together", lambda arrays: often.append(1) or at_once(arrays))
     together = rows()
     assert len(often) == 3
     monkeypatch.setattr(labbook_warp.ensemble, "A_READ", -1e9)
@@ -95,6 +96,47 @@ def test_members_that_are_read_together_give_the_rows_that_each_gives_alone(monk
         assert len(together[probe]["step"])
         assert together[probe].keys() == alone[probe].keys()
         assert all(np.array_equal(together[probe][name], alone[probe][name]) for name in alone[probe])
+
+
+@pytest.mark.parametrize("scene", [silo(20), of_spheres(60)], ids=SHAPES)
+def test_members_that_are_seated_together_are_as_those_seated_one_by_one(scene, monkeypatch):
+    """From packings with springs and from checkpoints, into slots beside others and into larger arrays."""
+    how = numerics("mixed")
+    starts = [falling(scene, how, "cpu"), falling(scene, how.model_copy(update={"skin": 0.2}), "cpu")]
+    assert all(len(start.pairs) and len(start.wall_grain) for start in starts)
+    ends = []
+    for at_once in (True, False):
+
+        def together(self, runs, at_once=at_once):
+            return self.arrays.together() if at_once and runs else nullcontext()
+
+        monkeypatch.setattr(stage.Stage, "_together", together)
+        backend = Backend()
+        ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 1, "cpu")
+        members = [ensemble.admit(scene, how, start) for start in starts]
+        ensemble.advance(1)
+        ensemble.retire(members.pop(0))
+        goes_on = ensemble.checkpoint(members[0])
+        members += [ensemble.admit(scene, how, start) for start in (starts[1], goes_on, starts[0])]
+        ensemble.advance(2)
+        ends.append([ensemble.packing(member) for member in members])
+        ensemble.close()
+    assert all(identical(*both) for both in zip(*ends, strict=True))
+
+
+def test_many_members_are_seated_together(monkeypatch):
+    scene, how = of_spheres(5), numerics("mixed")
+    at_once, often = Arrays.together, []
+    monkeypatch.setattr(Arrays, "together", lambda arrays: often.append(1) or at_once(arrays))
+    backend = Backend()
+    ensemble = backend.open(backend.specialise(scene, how), 3 * stage.MANY, "cpu")
+    for new, times in ((stage.MANY, 2), (1, 0), (stage.MANY, 2)):
+        for _ in range(new):
+            ensemble.admit(scene, how, place(scene.close(), "gas", 1))
+        ensemble.advance(1)
+        assert len(often) == times, "once for states, once for springs"
+        often.clear()
+    ensemble.close()
 
 
 def test_checks_that_became_frequent_become_seldom_again(monkeypatch):
