@@ -24,9 +24,9 @@ from labbook_warp.run import Run
 LONGEST_CHECK, OFTENEST = 50, 1
 """Steps between two checks of displacements, at most and at least: a check costs about a step, and decides nothing
 about the motion."""
-MANY = 4
-"""Members, and a part of all of them, from which on arrays are copied for all slots at once."""
-MIRRORED = 4_000_000_000  # bytes of arrays that the host may have copies of
+WORTH = 40_000_000
+"""Bytes of arrays that are copied to the host and back as fast as the thirty small arrays of one member, about."""
+MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
 CALM = 100
 """Beats without a late list after which checks become half as frequent. A late list costs one beat."""
 
@@ -133,10 +133,10 @@ class Stage:
         self._has_changed()
 
     def _together(self, runs: Collection[Run]) -> AbstractContextManager[None]:
-        """Copies all slots at once, if so many of them are read or written that this is faster than one by one: each
-        copy of a small array takes as long as a megabyte."""
-        many = len(runs) >= MANY and len(runs) * MANY >= self._sizes.slots
-        return self.arrays.together() if many and self.arrays.bytes <= MIRRORED else nullcontext()
+        """Copies arrays for all slots at once, if so many members are read or written that this is faster than one by
+        one."""
+        worth = min(len(runs) * WORTH, MIRRORED)
+        return self.arrays.together() if runs and self.arrays.bytes <= worth else nullcontext()
 
     def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
         """Give a member grains that left again. half_v: their velocities [m/s] half a step before. Raises MemoryError,

@@ -1,7 +1,6 @@
 """The GPU backend takes several steps in one launch where grains are few."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -85,6 +84,7 @@ def test_members_that_are_read_together_give_the_rows_that_each_gives_alone(monk
         ensemble.close()
         return dict(found)
 
+    monkeypatch.setattr(stage, "WORTH", 0)  # members are seated one by one
     at_once, often = Arrays.together, []
     monkeypatch.setattr(Arrays, "together", lambda arrays: often.append(1) or at_once(arrays))
     together = rows()
@@ -105,12 +105,8 @@ def test_members_that_are_seated_together_are_as_those_seated_one_by_one(scene, 
     starts = [falling(scene, how, "cpu"), falling(scene, how.model_copy(update={"skin": 0.2}), "cpu")]
     assert all(len(start.pairs) and len(start.wall_grain) for start in starts)
     ends = []
-    for at_once in (True, False):
-
-        def together(self, runs, at_once=at_once):
-            return self.arrays.together() if at_once and runs else nullcontext()
-
-        monkeypatch.setattr(stage.Stage, "_together", together)
+    for worth in (10**12, 0):
+        monkeypatch.setattr(stage, "WORTH", worth)
         backend = Backend()
         ensemble = backend.open(backend.specialise(scene, how, [Crossing()]), 1, "cpu")
         members = [ensemble.admit(scene, how, start) for start in starts]
@@ -129,12 +125,13 @@ def test_many_members_are_seated_together(monkeypatch):
     at_once, often = Arrays.together, []
     monkeypatch.setattr(Arrays, "together", lambda arrays: often.append(1) or at_once(arrays))
     backend = Backend()
-    ensemble = backend.open(backend.specialise(scene, how), 3 * stage.MANY, "cpu")
-    for new, times in ((stage.MANY, 2), (1, 0), (stage.MANY, 2)):
+    ensemble = backend.open(backend.specialise(scene, how), 12, "cpu")
+    for new in (4, 1, 4):
         for _ in range(new):
             ensemble.admit(scene, how, place(scene.close(), "gas", 1))
+        monkeypatch.setattr(stage, "WORTH", ensemble._stage.arrays.bytes // 3 if ensemble._stage._arrays else 10**9)
         ensemble.advance(1)
-        assert len(often) == times, "once for states, once for springs"
+        assert len(often) == (2 if new > 1 else 0), "once for states, once for springs"
         often.clear()
     ensemble.close()
 
