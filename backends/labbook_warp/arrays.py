@@ -44,6 +44,8 @@ class Arrays:
         self._saved = [(array, wp.clone(array)) for array in copied]
         self._whole: dict[int, np.ndarray] | None = None
         """Copies on the host, by pointer, within `together`."""
+        self._kept: dict[tuple[int, int, int], np.ndarray] | None = None
+        """Parts that were read, within `kept_in`."""
         self._written: dict[int, Any] = {}
         """Arrays whose copies were written to."""
         self._rows: np.ndarray | None = np.zeros(sizes.slots, np.int32)
@@ -87,6 +89,15 @@ class Arrays:
         finally:
             self._whole, self._written = None, {}
 
+    @contextmanager
+    def kept_in(self, parts: dict[tuple[int, int, int], np.ndarray]) -> Iterator[None]:
+        """Within this context, what was read into `parts` is not read again, and what is read is kept there."""
+        self._kept = parts
+        try:
+            yield
+        finally:
+            self._kept = None
+
     def _copy(self, array: Any) -> np.ndarray:
         assert self._whole is not None
         if array.ptr not in self._whole:
@@ -103,9 +114,14 @@ class Arrays:
     def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
         """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
         first = slot * size
-        if self._whole is None:
+        if self._whole is not None:
+            return self._copy(array)[first : first + count]
+        if self._kept is None:
             return fetch(array[first : first + count])
-        return self._copy(array)[first : first + count]
+        key = array.ptr, first, count
+        if key not in self._kept:
+            self._kept[key] = fetch(array[first : first + count])
+        return self._kept[key]
 
     def read(self, name: str, slot: int, rows: int) -> np.ndarray:
         """State array `name` of the first `rows` rows of a slot: [rows, ...], or [entries, rows, ...]."""

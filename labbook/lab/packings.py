@@ -62,6 +62,8 @@ def read_packing(folder: Path, key: str | None = None) -> tuple[PackingRecord, P
     asked = folder, key, stamp(folder)
     with _reading:
         found = _lately.get(asked)
+        if found is not None:
+            _lately.move_to_end(asked)
     if found is None:
         found = _read(folder, key)
         if _only_just_written(folder):  # it might be written to again without another stamp

@@ -12,7 +12,7 @@ pytest.importorskip("warp")
 
 import labbook_warp.ensemble
 import warp as wp
-from labbook_warp import Backend, stage
+from labbook_warp import Backend, arrays, stage, view
 from labbook_warp.arrays import Arrays
 from labbook_warp.beat import Beat
 from rods_in_silo import DENSITY, PRECISIONS, D, numerics, silo
@@ -118,6 +118,34 @@ def test_members_that_are_seated_together_are_as_those_seated_one_by_one(scene, 
         ends.append([ensemble.packing(member) for member in members])
         ensemble.close()
     assert all(identical(*both) for both in zip(*ends, strict=True))
+
+
+def test_what_was_read_of_a_member_is_not_read_again_until_it_changes(monkeypatch):
+    scene, how = of_spheres(60), numerics("mixed")
+    backend = Backend()
+    ensemble = backend.open(backend.specialise(scene, how), 2, "cpu")
+    members = [ensemble.admit(scene, how, falling(scene, how, "cpu")) for _ in range(2)]
+    read, fetched = arrays.fetch, []
+    monkeypatch.setattr(arrays, "fetch", lambda array: fetched.append(array.ptr) or read(array))
+
+    def readings(member) -> int:
+        before = len(fetched)
+        checkpoint, packing = ensemble.checkpoint(member), ensemble.packing(member)
+        taken = len(fetched) - before
+        with monkeypatch.context() as patch:
+            patch.setattr(view, "KEPT", 0)
+            assert identical(packing, ensemble.packing(member))
+            again = ensemble.checkpoint(member).arrays
+        assert all(checkpoint.arrays[name].tobytes() == again[name].tobytes() for name in again)
+        return taken
+
+    ensemble.advance(1)
+    first = readings(members[0])
+    assert readings(members[0]) < first
+    assert readings(members[1]) == first
+    ensemble.advance(1)
+    assert readings(members[0]) == first
+    ensemble.close()
 
 
 def test_many_members_are_seated_together(monkeypatch):
