@@ -12,7 +12,7 @@ import argparse
 import csv
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +24,10 @@ from labbook import Lab, load
 from labbook.fields import Fields
 from labbook.fields.pattern import pattern_of
 from labbook.measure.recorded import Bed, FlowMoments, FlowPattern
+from labbook.report.figures.pattern import even
 from labbook.report.style import FAINT, INK, MILLIMETRE, PAGE, for_a_screen, house
+from labbook.results.recorded import both
+from labbook.stats import pool
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +38,9 @@ FREQUENCIES = (0.0, 0.32, 1.28)
 ORIFICE, RADIUS = 54.0, 95.0  # mm
 _OF_MOMENTS = ("flux", "axes", "number")
 """Fields left out of the means about an instant."""
-_SPARSE = 0.8  # of the packing fraction of the bed: below it the region at the orifice counts as sparse
+_SPARSE = 0.8, 0.9  # of the packing fraction of the bed: below it the region at the orifice counts as sparse
+_IN_BED = 0.15  # packing fraction below which maps are white
+_GRAVITY = 9.8  # m/s^2, of the study
 _STEP = 2.5  # mm between heights of the maps
 
 
@@ -151,8 +156,8 @@ def numbers(run: Run) -> dict[str, float]:
         "phi_wide_funnel": 1 - at.phi((0, 60), high) / at.phi((65, 85), high),
         "phi_core": 1 - at.phi((0, 20), high) / at.phi((65, 85), high),
         "phi_near_bottom": at.phi((45, 85), (10, 38)) / bed,
-        "sparse_cm3": at.sparse(_SPARSE * bed),
-        "sparse_09_cm3": at.sparse(0.9 * bed),
+        "sparse_cm3": at.sparse(_SPARSE[0] * bed),
+        "sparse_09_cm3": at.sparse(_SPARSE[1] * bed),
         "stagnant": pattern_of(fields, bottom=0.0).fraction,
         "vz_centre_over_ring": at.by_mass(v[2], (0, 30), (150, 200)) / at.by_mass(v[2], (60, 85), (150, 200)),
         "vz_centre_over_ring_low": at.by_mass(v[2], (0, 30), (60, 100)) / at.by_mass(v[2], (60, 85), (60, 100)),
@@ -163,10 +168,8 @@ def numbers(run: Run) -> dict[str, float]:
         "O_zz_bottom": at.by_mass(fields.orientation[2, 2], (40, 85), (0, 15)),
         "v_r_bottom_mm_s": 1e3 * at.by_mass(v[0], (40, 85), (0, 20)),
     }
-    order, there = (
-        fields.nematic_order,
-        at.where(all_r, (10, 200)) & np.isfinite(shear) & np.isfinite(fields.nematic_order),
-    )
+    order = fields.nematic_order
+    there = at.where(all_r, (10, 200)) & np.isfinite(shear) & np.isfinite(order)
     low, top = np.quantile(shear[there], (0.25, 0.75))
     found["S_sheared_less_unsheared"] = float(
         np.mean(order[there & (shear > top)]) - np.mean(order[there & (shear < low)])
@@ -188,9 +191,10 @@ def shear_rate(fields: Fields) -> np.ndarray:
 
 
 def _outwards(at: Places, fields: Fields) -> float:
+    """Largest v_t^2/r over g in the bed (10 < r < 90 mm, z < 200 mm, packing fraction above 0.1)."""
     there = at.where((10, 90), (0, 200)) & (fields.packing_fraction > 0.1)
     r = fields.grid.points[0][:, None]
-    return float(np.nanmax((fields.velocity[1] ** 2 / r / 9.8)[there]))
+    return float(np.nanmax((fields.velocity[1] ** 2 / r / _GRAVITY)[there]))
 
 
 def sinks(fields: Fields) -> float:
@@ -203,9 +207,8 @@ def sinks(fields: Fields) -> float:
             for column in fields.packing_fraction
         ]
     )
-    weight = r
-    inside, ring = r < 30, (r > 60) & (r < 85)
-    return float(np.average(level[ring], weights=weight[ring]) - np.average(level[inside], weights=weight[inside]))
+    inside, ring = (np.average(level[there], weights=r[there]) for there in (r < 30, (r > 60) & (r < 85)))
+    return float(ring - inside)
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -222,8 +225,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             some = [
                 r[name] for r in rows if (r["shape"], r["f_Hz"]) == (shape, f) and name in r and not math.isnan(r[name])
             ]
-            error = np.std(some, ddof=1) / math.sqrt(len(some)) if len(some) > 1 else math.nan
-            cells.append(f"{np.mean(some):.4g} ± {error:.2g} ({len(some)})" if some else "")
+            cells.append(f"{(mean := pool(some)).value:.4g} ± {mean.error:.2g} ({mean.n})" if some else "")
         yield f"| {name} | " + " | ".join(cells) + " |"
 
 
@@ -239,15 +241,14 @@ class Map:
     values: np.ndarray
 
 
-def over_seeds(fields: Sequence[Fields], of: Any) -> Map:
+def over_seeds(fields: Sequence[Fields], of: Callable[[Fields], np.ndarray]) -> Map:
     """Mean over fields of `of(field)`, an array of the shape of the grid, on one grid of heights; only where all are
     in the bed."""
     z = np.arange(0, 1e3 * max(one.grid.points[1][-1] for one in fields), _STEP)
     r = 1e3 * fields[0].grid.points[0]
     some = []
     for one in fields:
-        inside = one.packing_fraction > 0.15
-        values = np.where(inside, of(one), np.nan)
+        values = np.where(one.packing_fraction > _IN_BED, of(one), np.nan)
         some.append([np.interp(z, 1e3 * one.grid.points[1], column, right=np.nan) for column in values])
     return Map(r, z, np.mean(some, axis=0))
 
@@ -255,8 +256,7 @@ def over_seeds(fields: Sequence[Fields], of: Any) -> Map:
 def draw_map(ax: "Axes", field: Map, norm: Any, top: float) -> None:
     """A map on both sides of the axis, with the walls."""
     x = np.concatenate([-field.r[::-1], field.r])
-    values = np.concatenate([field.values[::-1], field.values]).T
-    ax.pcolormesh(x, field.z, values, cmap="viridis", norm=norm, shading="nearest", rasterized=True)
+    ax.pcolormesh(x, field.z, both(field.values), cmap="viridis", norm=norm, shading="nearest", rasterized=True)
     for side in (-1, 1):
         ax.plot([side * RADIUS, side * RADIUS], [0, top], color=INK, lw=1.2)
         ax.plot([side * RADIUS, side * ORIFICE / 2], [0, 0], color=INK, lw=1.2)
@@ -268,10 +268,10 @@ def draw_map(ax: "Axes", field: Map, norm: Any, top: float) -> None:
 def streams(ax: "Axes", fields: Sequence[Fields]) -> None:
     """Streamlines of the mean velocity in the plane."""
     v_r, v_z = (over_seeds(fields, lambda one, k=k: one.velocity[k]) for k in (0, 2))
-    x = np.linspace(-v_r.r[-1], v_r.r[-1], 2 * len(v_r.r))
-    u = np.concatenate([-v_r.values[::-1], v_r.values]).T
-    w = np.concatenate([v_z.values[::-1], v_z.values]).T
-    ax.streamplot(x, v_r.z, u, w, density=0.6, linewidth=0.5, arrowsize=0.5, color="white")
+    x = even(np.concatenate([-v_r.r[::-1], v_r.r]))
+    ax.streamplot(
+        x, v_r.z, both(v_r.values, -1.0), both(v_z.values), density=0.6, linewidth=0.5, arrowsize=0.5, color="white"
+    )
 
 
 def panels(
@@ -336,8 +336,7 @@ def drawn(runs: Sequence[Run]) -> Iterator[tuple[str, "Figure"]]:
         for f in FREQUENCIES
         if (fields := [run.mean for run in of[shape, f]])
     ]
-    rows = [line]
-    yield "lengths", panels(rows, phi, "packing fraction $\\phi$")
+    yield "lengths", panels([line], phi, "packing fraction $\\phi$")
 
 
 def draw(files: Sequence[Path], out: Path, to: Path) -> None:

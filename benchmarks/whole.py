@@ -10,7 +10,6 @@ Times of the beats come from the records of packing and run.
 
 import argparse
 import json
-import math
 import os
 import subprocess
 import sys
@@ -26,11 +25,12 @@ from labbook import Lab, load
 from labbook.backend.machine import hardware
 from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunRecord
+from labbook.scene import Spheres
 
 STUDY = """
 name: whole-{grains}
 about: A silo of {grains} spheres, from its filling to a report
-grains: {{shape: sphere, diameter: 4 mm, density: 2500 kg/m^3, count: {grains}}}
+grains: {{shape: sphere, diameter: 4 mm, density: {density} kg/m^3, count: {grains}}}
 contact: {{law: linear, normal_stiffness: {stiffness:g} N/m, friction: 0.5, restitution: 0.9}}
 container: {{kind: cylinder-silo, diameter: {diameter:g} mm, height: {height:g} mm, orifice: {orifice:g} mm}}
 fill: {{kind: rain, settled_below: 1.0e-4}}
@@ -41,7 +41,7 @@ measure: [flow_rate]
 """
 WIDTHS = {10_000: (24, 8), 100_000: (44, 12), 1_000_000: (80, 20)}
 """Diameters of silo and orifice, in diameters of a grain, by the number of grains."""
-DIAMETER = 0.004  # m
+DIAMETER, DENSITY = 0.004, 2500.0  # m, kg/m^3
 DENSE = 0.6  # packing fraction of a bed, about
 
 
@@ -50,11 +50,14 @@ def study(grains: int) -> str:
     wide, orifice = WIDTHS[grains]
     high = grains * (2 / 3) / (DENSE * wide**2)  # of the bed, in diameters
     height = 3 * high * DIAMETER
-    mass = 2500 * math.pi / 6 * DIAMETER**3
-    stiffness = mass * 2 * 9.81 * height / (0.1 * DIAMETER) ** 2
+    mass = Spheres(diameter=DIAMETER, density=DENSITY, count=1).mass
+    stiffness = mass * 2 * 9.81 * height / (0.1 * DIAMETER) ** 2  # N/m: m v^2 / 2 = k delta^2 / 2
     sizes = {"diameter": wide, "height": 3 * high, "orifice": orifice}
     return STUDY.format(
-        grains=grains, stiffness=stiffness, **{name: 1e3 * DIAMETER * size for name, size in sizes.items()}
+        grains=grains,
+        density=DENSITY,
+        stiffness=stiffness,
+        **{name: 1e3 * DIAMETER * size for name, size in sizes.items()},
     )
 
 

@@ -1,7 +1,7 @@
 """The arrays of an ensemble on a device: copied in and out slot by slot, and backed up."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import ModuleType
 from typing import Any
 
@@ -12,6 +12,10 @@ from labbook_warp.codec import Codec, States
 from labbook_warp.kernels.words import NO_FAILURE
 from labbook_warp.layout import COPIED, SOMETIMES, WORDS_OF_STATE, Sizes, memory, shapes, state
 from labbook_warp.shapes import SHAPES
+
+ALONE = 10_000
+"""The fixed cost of copying an array of one slot (some 0.2 ms), in rows that are copied in that time."""
+MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
 
 
 def fetch(array: Any) -> np.ndarray:
@@ -44,8 +48,6 @@ class Arrays:
         self._saved = [(array, wp.clone(array)) for array in copied]
         self._whole: dict[int, np.ndarray] | None = None
         """Copies on the host, by pointer, within `together`."""
-        self._kept: dict[tuple[int, int, int], np.ndarray] | None = None
-        """Parts that were read, within `kept_in`."""
         self._written: dict[int, Any] = {}
         """Arrays whose copies were written to."""
         self._rows: np.ndarray | None = np.zeros(sizes.slots, np.int32)
@@ -77,6 +79,12 @@ class Arrays:
 
     # one slot, to and from the host
 
+    def at_once(self, slots: int, copies: int = 1) -> AbstractContextManager[None]:
+        """`together`, if so many slots are read or written that this is faster than one by one, and the host has room
+        for copies; else nothing. copies: of each array, 1 to read it, 2 to write to it."""
+        faster = slots * (ALONE + self.sizes.cap) > copies * self.sizes.slots * self.sizes.cap
+        return self.together() if faster and self.bytes <= MIRRORED else nullcontext()
+
     @contextmanager
     def together(self) -> Iterator[None]:
         """Within this context, an array is copied to the host once, for all slots, when one slot of it is first read or
@@ -88,15 +96,6 @@ class Arrays:
                 array.assign(self._whole[pointer])
         finally:
             self._whole, self._written = None, {}
-
-    @contextmanager
-    def kept_in(self, parts: dict[tuple[int, int, int], np.ndarray]) -> Iterator[None]:
-        """Within this context, what was read into `parts` is not read again, and what is read is kept there."""
-        self._kept = parts
-        try:
-            yield
-        finally:
-            self._kept = None
 
     def _copy(self, array: Any) -> np.ndarray:
         assert self._whole is not None
@@ -114,14 +113,9 @@ class Arrays:
     def part(self, array: Any, slot: int, size: int, count: int) -> np.ndarray:
         """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
         first = slot * size
-        if self._whole is not None:
-            return self._copy(array)[first : first + count]
-        if self._kept is None:
+        if self._whole is None:
             return fetch(array[first : first + count])
-        key = array.ptr, first, count
-        if key not in self._kept:
-            self._kept[key] = fetch(array[first : first + count])
-        return self._kept[key]
+        return self._copy(array)[first : first + count]
 
     def read(self, name: str, slot: int, rows: int) -> np.ndarray:
         """State array `name` of the first `rows` rows of a slot: [rows, ...], or [entries, rows, ...]."""

@@ -19,8 +19,8 @@ _ADDERS, _ADDED = 64, 1024
 class Beat:
     """All launches over one set of arrays."""
 
-    def __init__(self, arrays: Arrays, steps: int, every: int):
-        self.arrays, self.steps, self.every = arrays, steps, every
+    def __init__(self, arrays: Arrays, steps: int):
+        self.arrays, self.steps = arrays, steps
         self.kernels, self.device, self.lanes = arrays.module, arrays.device, arrays.module.LANES
         sizes = arrays.sizes
         self._rows, self._cells, self._slots = sizes.rows, sizes.slots * sizes.cells, sizes.slots
@@ -51,25 +51,26 @@ class Beat:
     def _launch(self, kernel: Any, dim: int, *inputs: Any) -> None:
         wp.launch(kernel, dim, [self.arrays.system, *inputs], device=self.device, block_dim=THREADS)
 
-    def run(self) -> None:
-        """Take the beat's steps with every member whose `rows` are not zero."""
+    def run(self, every: int) -> None:
+        """Take the beat's steps with every member whose `rows` are not zero. Displacements are checked `every` so many
+        steps."""
         if not self.device.is_cuda:
-            self._steps()
+            self._steps(every)
             return
-        if self.every not in self._graphs:
+        if every not in self._graphs:
             wp.load_module(self.kernels, device=self.device, block_dim=THREADS)
             with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
-                self._steps()
-            self._graphs[self.every] = capture.graph
-        wp.capture_launch(self._graphs[self.every])
+                self._steps(every)
+            self._graphs[every] = capture.graph
+        wp.capture_launch(self._graphs[every])
 
-    def _steps(self) -> None:
+    def _steps(self, every: int) -> None:
         arrays, k = self.arrays, self.kernels
         arrays.back_up()
         self._line_up()
         done = 0
         while done < self.steps:
-            some = min(self.every, self.steps - done)
+            some = min(every, self.steps - done)
             self._launch(k.check, self._rows, arrays.p, some)
             self._if_asked(self.rebuild)
             self._move(done, some)

@@ -1,7 +1,7 @@
 """Members of one Spec, stepped side by side on one device."""
 
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 
 import warp as wp
 from labbook_dem import ensemble
@@ -21,8 +21,6 @@ from labbook_warp.stored import check
 from labbook_warp.traffic import weigh
 from labbook_warp.view import View
 
-A_READ = 10_000
-"""The fixed cost of reading one slot (some 0.2 ms), in rows that a GPU copies to the host in that time."""
 GUARDS = {0: "state", 1: "speed", 2: "state", 3: "overlap"}
 
 
@@ -63,11 +61,8 @@ class Ensemble(ensemble.Ensemble[Seen]):
         return events
 
     def _reading(self, runs: Collection[Seen]) -> AbstractContextManager[None]:
-        """Copies all slots at once, if enough of these runs are read for that to be faster than one by one."""
-        arrays = self._stage.arrays
-        many = looking(runs, self._spec.steps_per_beat)
-        together = many * (A_READ + arrays.sizes.cap) > arrays.sizes.slots * arrays.sizes.cap
-        return arrays.together() if together else nullcontext()
+        """Copies all slots at once, if enough of these runs are read."""
+        return self._stage.arrays.at_once(looking(runs, self._spec.steps_per_beat))
 
     def _beat(self, runs: list[Run]) -> None:
         """Take a beat with these members.

@@ -1,8 +1,8 @@
 """The slots of an ensemble: members get their seats, in larger arrays if need be, and take beats."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from types import MappingProxyType
 
 import numpy as np
@@ -24,9 +24,6 @@ from labbook_warp.run import Run
 LONGEST_CHECK, OFTENEST = 50, 1
 """Steps between two checks of displacements, at most and at least: a check costs about a step, and decides nothing
 about the motion."""
-WORTH = 40_000_000
-"""Bytes of arrays that are copied to the host and back as fast as the thirty small arrays of one member, about."""
-MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
 CALM = 100
 """Beats without a late list after which checks become half as frequent. A late list costs one beat."""
 
@@ -39,9 +36,9 @@ class Stage:
         self._sizes = room.empty(spec, slots)
         self._seated: dict[int, Run] = {}
         self._waiting: list[Run] = []
-        self._every = self._usual = LONGEST_CHECK
-        """Steps between two checks of displacements now, and where no list was late."""
-        self._calm, self._uniform = 0, True
+        self._every, self._calm = LONGEST_CHECK, 0
+        """Steps between two checks of displacements, and beats without a late list since that number changed."""
+        self._uniform = True
         self._arrays: Arrays | None = None
         self._beats: Beat | None = None
         self.changes = 0
@@ -99,24 +96,19 @@ class Stage:
         new, self._waiting = self._waiting, []
         if not new:
             return
-        if not self._seated:
-            self._usual = LONGEST_CHECK
-        self._usual = min(self._usual, *(check_interval(run.scene, run.numerics) for run in new))
-        self._every = min(self._every, self._usual)
+        self._every = min(self._every, usual_check(new))
         uniform = same_material((run.scene, run.numerics) for run in (*self.runs, *new))
         needed = room.with_members(self._sizes, len(self._seated), new)
         if self._arrays is None or (needed, uniform) != (self._sizes, self._uniform):
             self._uniform = uniform
             self._resize(needed)
-        else:
-            self.beats.every = self._every
-            if uniform:  # members that all share a material may now share another
-                self.beats.renew()
+        elif uniform:  # members that all share a material may now share another
+            self.beats.renew()
         free = iter(slot for slot in range(needed.slots) if slot not in self._seated)
         for run in new:
             run.slot = next(free)
             self._seated[run.slot] = run
-        with self._together(new):
+        with self.arrays.at_once(len(new), copies=2):
             for run in new:
                 self._parameters(run)
                 self._put_extremes(run)
@@ -125,18 +117,12 @@ class Stage:
         fresh = {run: run.begin for run in new if isinstance(run.begin, Packing)}
         self._build_lists(list(fresh))
         if self._spec.feature("FRICTION"):
-            with self._together(fresh):
+            with self.arrays.at_once(len(fresh), copies=2):
                 for run, start in fresh.items():
                     transfer.set_springs(self.arrays, run.slot, start, run.names)
         for run in new:
             run.begin = None
         self._has_changed()
-
-    def _together(self, runs: Collection[Run]) -> AbstractContextManager[None]:
-        """Copies arrays for all slots at once, if so many members are read or written that this is faster than one by
-        one."""
-        worth = min(len(runs) * WORTH, MIRRORED)
-        return self.arrays.together() if runs and self.arrays.bytes <= worth else nullcontext()
 
     def put_back(self, run: Run, grains: Packing, half_v: np.ndarray) -> None:
         """Give a member grains that left again. half_v: their velocities [m/s] half a step before. Raises MemoryError,
@@ -217,7 +203,7 @@ class Stage:
 
     def _resize(self, sizes: Sizes, known: Mapping[Run, Checkpoint] = MappingProxyType({})) -> None:
         """Move all members to new arrays, in the states that are `known`, else as they are. Raises MemoryError."""
-        with self._together(self.runs):
+        with self.arrays.at_once(len(self.runs)) if self.runs else nullcontext():
             stored = {run: known.get(run) or self.stored(run) for run in self.runs}
         for run, checkpoint in stored.items():
             run.takes_up(checkpoint)
@@ -232,8 +218,8 @@ class Stage:
             raise MemoryError(
                 f"{self.device.alias} has no memory for {sizes.slots} members: {error}; use fewer grains"
             ) from error
-        self._beats = Beat(self._arrays, spec.steps_per_beat, self._every)
-        with self._together(stored):
+        self._beats = Beat(self._arrays, spec.steps_per_beat)
+        with self._arrays.at_once(len(stored), copies=2):
             for run, checkpoint in stored.items():
                 self._parameters(run)
                 self._put_extremes(run)
@@ -256,7 +242,7 @@ class Stage:
     def beat(self, runs: Sequence[Run]) -> Report:
         """Let these members take a beat."""
         self.wake(runs)
-        self.beats.run()
+        self.beats.run(self._every)
         self._has_changed()
         try:
             report = collect(self.arrays, self.beats.told)
@@ -282,8 +268,8 @@ class Stage:
     def was_calm(self) -> None:
         """Note a beat without a late list; after many, double the steps between two checks."""
         self._calm += 1
-        if self._calm >= CALM and self._every < self._usual:
-            self._check(min(2 * self._every, self._usual))
+        if self._calm >= CALM:
+            self._check(min(2 * self._every, usual_check(self.runs)))
 
     @contextmanager
     def checking_every_step(self) -> Iterator[None]:
@@ -296,8 +282,7 @@ class Stage:
             self._check(every)
 
     def _check(self, every: int) -> None:
-        self._every = self.beats.every = every
-        self._calm = 0
+        self._every, self._calm = every, 0
 
     def restore(self, run: Run) -> None:
         """Put a member back to the beginning of the beat."""
@@ -323,6 +308,11 @@ class Stage:
         numbers["most"] = np.array(self.extremes()[run.slot])
         state = transfer.checkpoint(self.arrays, run.slot, run.rows, run.past_work)
         return Checkpoint(self._can.name, self._can.cache_version, state | numbers)
+
+
+def usual_check(runs: Sequence[Run]) -> int:
+    """Steps between two checks, even, where no list was late: as many as suit all members."""
+    return min(check_interval(run.scene, run.numerics) for run in runs)
 
 
 def check_interval(scene: Scene, numerics: Numerics) -> int:

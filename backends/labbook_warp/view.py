@@ -1,7 +1,6 @@
 """Reading members: states, energies, contacts. What is costly is read for all members at once."""
 
 import math
-from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,6 @@ from labbook.scene.packing import Packing
 from labbook_warp import transfer
 from labbook_warp.run import Run
 from labbook_warp.stage import Stage
-
-KEPT = 60_000  # rows of a member whose arrays are kept in memory between two readings: some 60 MB
 
 
 class View:
@@ -29,9 +26,6 @@ class View:
         self._velocities: tuple[Any, Any] | None = None
         self._energies = np.zeros(0)
         self._extremes = np.zeros((0, 2))
-        self._read: dict[tuple[int, int, int], np.ndarray] = {}
-        """Parts of arrays of one member, by which one and the stage's `changes`."""
-        self._read_of = (-1, -1)
         self._touched_at = -1  # the same, of contacts
         self._touching: dict[int, np.ndarray] = {}
         self._layers: dict[int, tuple[int, dict[int, np.ndarray]]] = {}
@@ -101,24 +95,12 @@ class View:
     def packing(self, run: Run) -> Packing:
         """The portable state of a member."""
         v, m = self.whole_step(run)
-        with self._once(run):
-            return transfer.packing(self.stage.arrays, run.slot, run.rows, run.scene, v, m)
+        return transfer.packing(self.stage.arrays, run.slot, run.rows, run.scene, v, m)
 
     def checkpoint(self, run: Run) -> Checkpoint:
         """The exact state of a member."""
         self.stage.seat()
-        with self._once(run):
-            return self.stage.stored(run)
-
-    def _once(self, run: Run) -> AbstractContextManager[None]:
-        """Arrays of a member are not read again that were read since it last changed: one that ends gives its
-        checkpoint and its packing. Those of a large member would take too much memory."""
-        if run.rows > KEPT:
-            return nullcontext()
-        now = run.slot, self.stage.changes
-        if self._read_of != now:
-            self._read, self._read_of = {}, now
-        return self.stage.arrays.kept_in(self._read)
+        return self.stage.stored(run)
 
     def present(self, run: Run) -> np.ndarray:
         """Ids of the grains of a member that have not left."""
@@ -134,7 +116,6 @@ class View:
     def close(self) -> None:
         """Free the device's memory."""
         self._velocities = None
-        self._read = {}
         self._touching, self._layers = {}, {}
 
 

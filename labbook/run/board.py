@@ -344,9 +344,9 @@ class Board:
         foreseen = sum(self._estimate(key, item.demand, filling=False) for key, item in runs.items())
         took, expected = self._took, self._foreseen
         for key, job in self.going.items():
-            done = job.progress()
-            estimate = self._estimate(key, job.demand, filling=isinstance(job, FillJob))
-            if isinstance(job, FillJob):
+            done, filling = job.progress(), isinstance(job, FillJob)
+            estimate = self._estimate(key, job.demand, filling=filling)
+            if filling:
                 left += (1 - done) * estimate
             elif done < _SOME_WAY:
                 foreseen += (1 - done) * estimate

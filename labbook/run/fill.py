@@ -40,6 +40,7 @@ class FillJob(Job):
         self._serves = serves
         self._failure: Failed | None = None
         self.made: KeptPacking | None = None
+        """What it keeps, once it has settled."""
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below

@@ -126,8 +126,7 @@ class Lane:
         found: dict[Member, dict[Probe, Table]] = {member: {} for member in self.jobs}
         for probe, table in self.ensemble.drain().items():
             of = np.asarray(table["member"])
-            in_order = bool((of[1:] >= of[:-1]).all())  # as a rule: then nothing is copied
-            order = slice(None) if in_order else np.argsort(of, kind="stable")
+            order = np.argsort(of, kind="stable")
             first, end = (np.searchsorted(of[order], [m.index for m in found], side) for side in ("left", "right"))
             columns = {name: np.asarray(column)[order] for name, column in table.items() if name != "member"}
             for (member, tables), a, b in zip(found.items(), first, end, strict=True):

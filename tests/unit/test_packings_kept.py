@@ -86,4 +86,5 @@ def test_the_packings_read_last_are_kept_up_to_a_number_of_grains(folder, tmp_pa
     assert read_packing(copies[2]) is third
     assert read_packing(copies[1]) is second
     assert read_packing(copies[0]) is not first
+    assert read_packing(copies[1]) is second, "it was read after the third"
     np.testing.assert_array_equal(read_packing(copies[0])[1].x, first[1].x)
