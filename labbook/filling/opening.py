@@ -22,11 +22,11 @@ def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
     before = {wall.name: wall for wall in closed.container.walls()}
     new = [wall for name, wall in after.items() if name not in before and isinstance(wall.shape, Strip)]
     names = np.array(packing.wall_name, "U40")
-    kept = np.ones(len(names), bool)
-    for at in np.flatnonzero(~np.isin(names, list(after))):
-        part = _part_under(before.get(str(names[at])), new, packing.x[packing.wall_grain[at]])
-        kept[at] = part is not None
-        names[at] = part or names[at]
+    kept = np.isin(names, list(after))
+    for name in np.unique(names[~kept]):
+        at = np.flatnonzero(names == name)
+        names[at] = _parts_under(before.get(str(name)), new, packing.x[packing.wall_grain[at]])
+        kept[at] = names[at] != ""
     return replace(
         packing,
         wall_name=names[kept],
@@ -37,21 +37,22 @@ def opened(packing: Packing, closed: Scene, scene: Scene) -> Packing:
     )
 
 
-def _part_under(wall: Wall | None, parts: list[Wall], x: np.ndarray) -> str | None:
-    """Name of the strip among `parts` that lies on `wall` where a grain at `x` [m] touches it."""
+def _parts_under(wall: Wall | None, parts: list[Wall], x: np.ndarray) -> np.ndarray:
+    """Names of the strips among `parts` that lie on `wall` where grains at `x` [m], shape [n, 3], touch it; empty where
+    there is none."""
+    found = np.full(len(x), "", "U40")
     if wall is None or not isinstance(wall.shape, Strip):
-        return None
+        return found
     start, along = np.array(wall.shape.start), np.array(wall.shape.end) - wall.shape.start
-    foot = start + along * ((x[[0, 2]] - start) @ along) / (along @ along)
+    foot = start + ((x[:, [0, 2]] - start) @ along / (along @ along))[:, None] * along
     for part in parts:
         assert isinstance(part.shape, Strip)
         begin, run = np.array(part.shape.start), np.array(part.shape.end) - part.shape.start
         length = run @ run
-        at, off = (
-            (foot - begin) @ run / length,
-            abs(along[0] * run[1] - along[1] * run[0]) / np.sqrt(length * (along @ along)),
-        )
-        aside = np.linalg.norm(foot - begin - at * run)
-        if 0 <= at <= 1 and off < _STRAIGHT and aside < _STRAIGHT * np.sqrt(length):
-            return part.name
-    return None
+        if abs(along[0] * run[1] - along[1] * run[0]) >= _STRAIGHT * np.sqrt(length * (along @ along)):
+            continue
+        at = (foot - begin) @ run / length
+        aside = np.linalg.norm(foot - begin - at[:, None] * run, axis=1)
+        on = (at >= 0) & (at <= 1) & (aside < _STRAIGHT * np.sqrt(length))
+        found[on & (found == "")] = part.name
+    return found

@@ -80,6 +80,8 @@ class Lane:
     ensemble: Ensemble | None = None
     preparing: bool = False
     """Whether its kernels are being compiled or loaded. Its jobs have taken no step then: there is nothing to save."""
+    saving: float = 0.0
+    """Wall time that went into saving its jobs while they were going on [s]."""
     _hand: Hand = field(default_factory=Hand)
 
     def start(self, new: Sequence[Started]) -> "Future[Turn]":

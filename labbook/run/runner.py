@@ -32,11 +32,11 @@ from labbook.scene.quantities import percent
 from labbook.study import Study
 
 CHECKPOINT_EVERY = 20.0
-"""Wall time between two saves of a job [s]: what a kill loses at most. It grows where saving takes seconds."""
+"""Wall time between two saves of a job [s]: what a kill loses at most, unless saving takes seconds."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
 _SAVING = 0.05  # largest fraction of the time that saving the members of an ensemble may take
-_LONG = 1.0  # s: saving that takes less is not limited
+_LONG = 1.0  # s of saving that are not limited
 _POLL = 0.5  # s: how often claims that others hold are tried again
 _CLOSING = 8  # threads, at most, that write and measure what members of one ensemble leave
 _MANY = 10_000  # grains that take a while to place
@@ -197,7 +197,7 @@ class Runner:
         self._left_behind = False
         self._meter, self._next_tell = Meter(), float("-inf")
         self._saved: dict[Job, float] = {}
-        self._save_every = self.checkpoint_every
+        self._begun = begun
         observe = Observe.of(self.study.measure, self.study.window)
         index = Index(self.lab)
         catalogue = Catalogue(self.lab)
@@ -335,7 +335,7 @@ class Runner:
         share = max(1, len(self._board.going))
         # of all before anything is done with one: a backend reads them together
         now = {member: ensemble.status(member) for member in lane.jobs}
-        saving = 0.0
+        going: list[tuple[Member, Job]] = []
         for member, job in list(lane.jobs.items()):
             status, before = now[member], job.status
             work = (status.step - before.step) * (status.grains + before.grains) / 2
@@ -347,12 +347,22 @@ class Runner:
             verdict = job.verdict([event for event in took.events if event.member == member])
             if verdict:
                 self._end(lane, member, job, verdict)
-            elif (begun := time.perf_counter()) - self._saved[job] >= self._save_every:
-                job.save(ensemble, member)
-                self._saved[job] = time.perf_counter()
-                saving += self._saved[job] - begun
-        if saving:  # of this lane, which stood still meanwhile
-            self._save_every = max(self.checkpoint_every, saving / _SAVING if saving > _LONG else 0.0)
+            else:
+                going.append((member, job))
+        self._save(lane, going)
+
+    def _save(self, lane: Lane, going: list[tuple[Member, Job]]) -> None:
+        """Save those that were not for a while, the longest unsaved first, as far as there is time for it: the lane
+        stands still meanwhile."""
+        assert lane.ensemble is not None
+        for member, job in sorted(going, key=lambda one: self._saved[one[1]]):
+            begun = time.perf_counter()
+            allowed = max(_LONG, _SAVING * (begun - self._begun))
+            if begun - self._saved[job] < self.checkpoint_every or lane.saving > allowed:
+                return
+            job.save(lane.ensemble, member)
+            self._saved[job] = time.perf_counter()
+            lane.saving += self._saved[job] - begun
 
     def _end(self, lane: Lane, member: Member, job: Job, verdict: str) -> None:
         assert lane.ensemble is not None

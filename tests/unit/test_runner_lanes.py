@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 from labbook_toy import Backend, Ensemble
 from toy_lab import arrays, carry_out, study, study_file
@@ -41,9 +42,32 @@ def test_saving_that_takes_long_is_done_seldom(tmp_path, monkeypatch):
     often = len(saved)
     saved.clear()
     monkeypatch.setattr(runner, "_LONG", 0.0)
-    monkeypatch.setattr(runner, "_SAVING", 1e-6)  # so that the next save is hours away
+    monkeypatch.setattr(runner, "_SAVING", 1e-9)  # so that the next save is days away
     carry_out(asked, tmp_path / "long", lanes=1, checkpoint_every=0)
     assert len(saved) == 1 < often
+
+
+def test_what_may_be_saved_in_time_is_what_was_not_saved_longest(tmp_path, monkeypatch):
+    backend, now, saved, at = Backend(), [0.0], [], []
+    backend.capabilities = replace(backend.capabilities, devices=("cpu", "cuda:0"))
+
+    def clock() -> float:
+        now[0] += 20
+        return now[0]
+
+    def save(job, *_):
+        if job.kind == "run":
+            saved.append(job.demand.seed)
+            at.append(now[0])
+            now[0] += 10  # and 20 as the clock is asked again
+
+    monkeypatch.setattr(runner, "time", SimpleNamespace(perf_counter=clock, sleep=time.sleep))
+    monkeypatch.setattr(Job, "save", save)
+    asked = study(tmp_path, orifices="[24]", replicates=4)
+    carry_out(asked, tmp_path / "lab", backend=backend, device="cuda:0", checkpoint_every=0)
+    assert len(saved) > 4
+    assert all(before * 30 <= max(runner._LONG, runner._SAVING * when) for before, when in enumerate(at))
+    assert all(len({*saved[k : k + 4]}) == 4 for k in range(len(saved) - 3))
 
 
 def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, monkeypatch):
