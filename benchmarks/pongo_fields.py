@@ -330,13 +330,16 @@ def drawn(runs: Sequence[Run]) -> Iterator[tuple[str, "Figure"]]:
         fields = {f: [run.mean for run in of["rod-3.3", f]] for f in FREQUENCIES}
         rows.append([(f"{title}, {f:g} Hz", over_seeds(some, field), some) for f, some in fields.items()])
     yield "order", panels(rows, Normalize(0.05, 0.8), "$O_{zz}$ and $S$")
-    line = [
-        (f"{SHAPES[shape]}, {f:g} Hz", over_seeds(fields, lambda one: one.packing_fraction), fields)
-        for shape in ("rod-2.5", "rod-4")
-        for f in FREQUENCIES
-        if (fields := [run.mean for run in of[shape, f]])
-    ]
-    yield "lengths", panels([line], phi, "packing fraction $\\phi$")
+    rows = []
+    for shape in ("rod-2.5", "rod-4"):
+        means = {f: [run.mean for run in of[shape, f]] for f in FREQUENCIES}
+        rows.append(
+            [
+                (f"{SHAPES[shape]}, {f:g} Hz", over_seeds(some, lambda one: one.packing_fraction), some)
+                for f, some in means.items()
+            ]
+        )
+    yield "lengths", panels(rows, phi, "packing fraction $\\phi$")
 
 
 def draw(files: Sequence[Path], out: Path, to: Path) -> None:
