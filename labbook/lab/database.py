@@ -8,6 +8,7 @@ import os
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -37,6 +38,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import DatabaseError
 from sqlalchemy.pool import QueuePool
 from sqlalchemy.schema import CreateTable
+from sqlalchemy.sql import Executable
 
 from labbook.lab import server
 from labbook.lab.folder import DiskFull, Lab, LabError, file_system, is_network
@@ -308,11 +310,13 @@ def add_measurements(lab: Lab, rows: list[dict[str, Any]]) -> None:
 
 def upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:
     """Take rows into a table, in place of those with the same key."""
-    if not rows:
-        return
-    dialect = postgresql if on_server(connection) else sqlite
-    statement = dialect.insert(table)
+    if rows:
+        connection.execute(_upserting(table, on_server(connection)), rows)
+
+
+@cache
+def _upserting(table: Table, server: bool) -> Executable:
+    """The statement; to make it takes as long as to carry it out."""
+    statement = (postgresql if server else sqlite).insert(table)
     changed = {column.key: statement.excluded[column.key] for column in table.columns if not column.primary_key}
-    connection.execute(
-        statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed), rows
-    )
+    return statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed)
