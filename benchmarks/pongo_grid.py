@@ -123,13 +123,13 @@ def _cell(found: Mean) -> str:
     if found.runs == 0:
         return "none ended"
     some = f" ({found.clogged} of {found.runs} clogged)" if found.clogged else ""
+    lacking = "" if found.runs == PLANNED else f" ({found.runs} of {PLANNED} ended)"
     if found.flowed == 0:
-        ended = "" if found.runs == PLANNED else f" ({found.runs} of {PLANNED} ended)"
-        return f"clogged{ended}" if found.clogged == found.runs else f"slower than the time limit{some}"
+        return f"clogged{lacking}" if found.clogged == found.runs else f"slower than the time limit{some}{lacking}"
     digits = 1 if found.error < 3 else 0
     alone = f"{found.rate:.0f}"
     said = alone if found.flowed == 1 else f"{found.rate:.{digits}f} ± {found.error:.{digits}f}"
-    return said + some
+    return said + some + lacking
 
 
 def drawn(runs: Sequence[Run]) -> "Figure":
@@ -144,6 +144,8 @@ def drawn(runs: Sequence[Run]) -> "Figure":
             errors = [0.0 if math.isnan(one.error) else one.error for one in some]
             how = {"color": COLOURS[k], "marker": MARKERS[k], "ms": 3, "lw": 0.8, "label": f"{f:g} Hz"}
             ax.errorbar(orifices(runs, shape), [one.rate for one in some], errors, **how)
+            alone = [(d, one.rate) for d, one in zip(orifices(runs, shape), some, strict=True) if one.flowed == 1]
+            ax.plot(*np.array(alone).reshape(-1, 2).T, mfc="white", zorder=3, **(how | {"lw": 0, "label": None}))
         ax.set(yscale="log", xlabel="orifice, $D$ [mm]", title=SHAPES[shape], xlim=(40, 74))
     shared = min(ax.get_ylim()[0] for ax in flows.values()), max(ax.get_ylim()[1] for ax in flows.values())
     for ax in flows.values():
