@@ -32,10 +32,10 @@ from labbook.scene.quantities import percent
 from labbook.study import Study
 
 CHECKPOINT_EVERY = 20.0
-"""Wall time between two saves of a job [s]: what a kill loses at most, unless saving takes seconds."""
+"""Wall time between two saves of a job [s]: what a kill loses at most, unless saving takes longer than it may."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
-_SAVING = 0.05  # largest fraction of the time that saving the members of an ensemble may take
+_SAVING = 0.05  # of the time since the start, at most, may go into saving the members of an ensemble
 _LONG = 1.0  # s of saving that are not limited
 _POLL = 0.5  # s: how often claims that others hold are tried again
 _CLOSING = 8  # threads, at most, that write and measure what members of one ensemble leave

@@ -4,6 +4,7 @@ import math
 import time
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 from labbook_toy import Backend, Ensemble
 from toy_lab import arrays, carry_out, study, study_file
@@ -47,27 +48,28 @@ def test_saving_that_takes_long_is_done_seldom(tmp_path, monkeypatch):
     assert len(saved) == 1 < often
 
 
-def test_what_may_be_saved_in_time_is_what_was_not_saved_longest(tmp_path, monkeypatch):
-    backend, now, saved, at = Backend(), [0.0], [], []
-    backend.capabilities = replace(backend.capabilities, devices=("cpu", "cuda:0"))
+def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(tmp_path, monkeypatch):
+    now: list[float] = [0.0]
+    saved: list[str] = []
 
-    def clock() -> float:
-        now[0] += 20
-        return now[0]
+    class Slow:
+        def save(self, ensemble, member):
+            saved.append(member)
+            now[0] += 10
 
-    def save(job, *_):
-        if job.kind == "run":
-            saved.append(job.demand.seed)
-            at.append(now[0])
-            now[0] += 10  # and 20 as the clock is asked again
-
-    monkeypatch.setattr(runner, "time", SimpleNamespace(perf_counter=clock, sleep=time.sleep))
-    monkeypatch.setattr(Job, "save", save)
-    asked = study(tmp_path, orifices="[24]", replicates=4)
-    carry_out(asked, tmp_path / "lab", backend=backend, device="cuda:0", checkpoint_every=0)
-    assert len(saved) > 4
-    assert all(before * 30 <= max(runner._LONG, runner._SAVING * when) for before, when in enumerate(at))
-    assert all(len({*saved[k : k + 4]}) == 4 for k in range(len(saved) - 3))
+    monkeypatch.setattr(runner, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    carrying: Any = runner.Runner(study(tmp_path), Lab(tmp_path / "lab"), Backend())
+    lane, going = SimpleNamespace(ensemble=object(), saving=0.0), [(member, Slow()) for member in "abcd"]
+    carrying._begun, carrying._saved = 0.0, {job: 0.0 for _, job in going}
+    for turn in range(100):
+        now[0] = max(now[0], 40.0 * turn)
+        carrying._save(lane, going)
+        assert lane.saving == 10 * len(saved)
+        assert 10 * (len(saved) - 1) <= max(runner._LONG, runner._SAVING * now[0])
+    assert saved == list("abcd" * 5)  # one in 200 s
+    now[0], carrying.checkpoint_every = 1e6, 1e9  # there is time, and none is due
+    carrying._save(lane, going)
+    assert len(saved) == 20
 
 
 def test_a_job_that_needs_another_spec_is_begun_once_to_learn_that(tmp_path, monkeypatch):
