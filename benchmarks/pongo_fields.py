@@ -325,21 +325,16 @@ def drawn(runs: Sequence[Run]) -> Iterator[tuple[str, "Figure"]]:
                 line.append((f"{f:g} Hz, t = {when:.1f} s", over_seeds(fields, field), fields))
             rows.append(line)
         yield name, panels(rows, norm, label, flowing=name == "velocity")
-    rows = []
-    for title, field in (("$O_{zz}$", lambda one: one.orientation[2, 2]), ("$S$", lambda one: one.nematic_order)):
-        fields = {f: [run.mean for run in of["rod-3.3", f]] for f in FREQUENCIES}
-        rows.append([(f"{title}, {f:g} Hz", over_seeds(some, field), some) for f, some in fields.items()])
-    yield "order", panels(rows, Normalize(0.05, 0.8), "$O_{zz}$ and $S$")
-    rows = []
-    for shape in ("rod-2.5", "rod-4"):
-        means = {f: [run.mean for run in of[shape, f]] for f in FREQUENCIES}
-        rows.append(
-            [
-                (f"{SHAPES[shape]}, {f:g} Hz", over_seeds(some, lambda one: one.packing_fraction), some)
-                for f, some in means.items()
-            ]
-        )
-    yield "lengths", panels(rows, phi, "packing fraction $\\phi$")
+
+    def means(shape: str, title: str, field: Callable[[Fields], np.ndarray]) -> list[tuple[str, Map, list[Fields]]]:
+        some = {f: [run.mean for run in of[shape, f]] for f in FREQUENCIES}
+        return [(f"{title}, {f:g} Hz", over_seeds(fields, field), fields) for f, fields in some.items()]
+
+    axes = means("rod-3.3", "$O_{zz}$", lambda one: one.orientation[2, 2])
+    order = means("rod-3.3", "$S$", lambda one: one.nematic_order)
+    yield "order", panels([axes, order], Normalize(0.05, 0.8), "$O_{zz}$ and $S$")
+    others = [means(shape, SHAPES[shape], lambda one: one.packing_fraction) for shape in ("rod-2.5", "rod-4")]
+    yield "lengths", panels(others, phi, "packing fraction $\\phi$")
 
 
 def draw(files: Sequence[Path], out: Path, to: Path) -> None:

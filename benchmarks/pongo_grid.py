@@ -13,12 +13,15 @@ import csv
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.stats import linregress
 
 from labbook.report.style import COLOURS, MARKERS, MILLIMETRE, PAGE, for_a_screen, house
+from labbook.stats import Pooled, pool
 from labbook.stats.pooling import student
+from labbook.stats.ratio import independent_ratio
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,12 +46,9 @@ class Run(NamedTuple):
 
 
 class Mean(NamedTuple):
-    """Q [1/s] over the runs that flowed to their end, with its standard error, NaN of one; how many of all runs these
-    are, and how many clogged."""
+    """Q [1/s] pooled over the runs that flowed to their end, if any did; how many runs clogged, of how many."""
 
-    rate: float
-    error: float
-    flowed: int
+    rate: Pooled | None
     clogged: int
     runs: int
 
@@ -80,10 +80,8 @@ def read(path: Path) -> list[Run]:
 def mean(runs: Sequence[Run], shape: str, f: float, d: float) -> Mean:
     """Of the runs of one shape, frequency and orifice."""
     some = [run for run in runs if (run.shape, run.f, run.d) == (shape, f, d)]
-    rates = np.array([run.rate for run in some if run.outcome == "finished"])
-    error = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else math.nan
-    clogged = sum(run.outcome == "clogged" for run in some)
-    return Mean(float(rates.mean()) if len(rates) else math.nan, error, len(rates), clogged, len(some))
+    rates = [run.rate for run in some if run.outcome == "finished"]
+    return Mean(pool(rates) if rates else None, sum(run.outcome == "clogged" for run in some), len(some))
 
 
 def orifices(runs: Sequence[Run], shape: str) -> list[float]:
@@ -91,15 +89,14 @@ def orifices(runs: Sequence[Run], shape: str) -> list[float]:
     return sorted({run.d for run in runs if run.shape == shape})
 
 
-def kappa(runs: Sequence[Run], shape: str, f: float, least: float, most: float) -> tuple[float, float]:
-    """Slope of ln Q by D [1/mm] over orifices from `least` to `most` [mm], with the half width of its interval at 95 %:
-    a straight line through the runs, whose scatter tells the error."""
+def slope(runs: Sequence[Run], shape: str, f: float, least: float, most: float, power: bool = False) -> str:
+    """Slope of ln Q by D [1/mm], or by ln D for a `power`, over orifices from `least` to `most` [mm], with the half
+    width of its interval at 95 %: a straight line through the runs, whose scatter tells the error."""
     some = [run for run in runs if (run.shape, run.f, run.outcome) == (shape, f, "finished") and least <= run.d <= most]
-    x, y = np.array([run.d for run in some]), np.log([run.rate for run in some])
-    x, y = x - x.mean(), y - y.mean()
-    slope = float(x @ y) / float(x @ x)
-    rest = float(np.sum((y - slope * x) ** 2)) / (len(x) - 2)
-    return slope, student(0.95, len(x) - 2) * math.sqrt(rest / float(x @ x))
+    d = np.array([run.d for run in some])
+    line: Any = linregress(np.log(d) if power else d, np.log([run.rate for run in some]))
+    half = student(0.95, len(some) - 2) * line.stderr
+    return f"{shape} {least} to {most} mm {line.slope:.{2 if power else 3}f} +- {half:.{2 if power else 3}f}"
 
 
 def table(runs: Sequence[Run], shape: str) -> Iterator[str]:
@@ -112,11 +109,13 @@ def table(runs: Sequence[Run], shape: str) -> Iterator[str]:
 
 
 def ratios(runs: Sequence[Run], shape: str, d: float) -> tuple[list[float], list[float]]:
-    """Q(f)/Q(0) through one orifice by frequency, and its standard errors."""
-    some = [mean(runs, shape, f, d) for f in FREQUENCIES]
-    found = [one.rate / some[0].rate for one in some]
-    parts = [one.error / one.rate for one in some]
-    return found, [0.0, *(r * math.hypot(part, parts[0]) for r, part in zip(found[1:], parts[1:], strict=True))]
+    """Q(f)/Q(0) through one orifice by frequency, and its standard errors; empty where no bed flows at rest."""
+    rest, *turning = (mean(runs, shape, f, d).rate for f in FREQUENCIES)
+    if rest is None:
+        return [], []
+    found = [None if one is None else independent_ratio(one, rest) for one in turning]
+    pairs = [(1.0, 0.0), *((math.nan, math.nan) if one is None else (one.value, one.error) for one in found)]
+    return [value for value, _ in pairs], [error for _, error in pairs]
 
 
 def _cell(found: Mean) -> str:
@@ -124,11 +123,11 @@ def _cell(found: Mean) -> str:
         return "none ended"
     some = f" ({found.clogged} of {found.runs} clogged)" if found.clogged else ""
     lacking = "" if found.runs == PLANNED else f" ({found.runs} of {PLANNED} ended)"
-    if found.flowed == 0:
+    if found.rate is None:
         return f"clogged{lacking}" if found.clogged == found.runs else f"slower than the time limit{some}{lacking}"
-    digits = 1 if found.error < 3 else 0
-    alone = f"{found.rate:.0f}"
-    said = alone if found.flowed == 1 else f"{found.rate:.{digits}f} ± {found.error:.{digits}f}"
+    rate, error = found.rate.value, found.rate.error
+    digits = 1 if error < 3 else 0
+    said = f"{rate:.0f}" if found.rate.n == 1 else f"{rate:.{digits}f} ± {error:.{digits}f}"
     return said + some + lacking
 
 
@@ -140,12 +139,12 @@ def drawn(runs: Sequence[Run]) -> "Figure":
     flows = dict(zip(("sphere", "rod-3.3", "rod-2.5", "rod-4"), grid[:, :2].flat, strict=True))
     for shape, ax in flows.items():
         for k, f in enumerate(FREQUENCIES):
-            some = [mean(runs, shape, f, d) for d in orifices(runs, shape)]
-            errors = [0.0 if math.isnan(one.error) else one.error for one in some]
-            how = {"color": COLOURS[k], "marker": MARKERS[k], "ms": 3, "lw": 0.8, "label": f"{f:g} Hz"}
-            ax.errorbar(orifices(runs, shape), [one.rate for one in some], errors, **how)
-            alone = [(d, one.rate) for d, one in zip(orifices(runs, shape), some, strict=True) if one.flowed == 1]
-            ax.plot(*np.array(alone).reshape(-1, 2).T, mfc="white", zorder=3, **(how | {"lw": 0, "label": None}))
+            flowed = [(d, q) for d in orifices(runs, shape) if (q := mean(runs, shape, f, d).rate)]
+            x, y = [d for d, _ in flowed], [q.value for _, q in flowed]
+            errors = [0.0 if q.n == 1 else q.error for _, q in flowed]
+            how = {"color": COLOURS[k], "marker": MARKERS[k], "ms": 3}
+            ax.errorbar(x, y, errors, lw=0.8, label=f"{f:g} Hz", **how)
+            ax.plot(x, y, lw=0, mfc="white", zorder=3, markevery=[q.n == 1 for _, q in flowed], **how)
         ax.set(yscale="log", xlabel="orifice, $D$ [mm]", title=SHAPES[shape], xlim=(40, 74))
     shared = min(ax.get_ylim()[0] for ax in flows.values()), max(ax.get_ylim()[1] for ax in flows.values())
     for ax in flows.values():
@@ -194,13 +193,12 @@ def main() -> None:
         ("rod-3.3", 48, 60), ("rod-3.3", 48, 72), ("rod-2.5", 48, 66), ("rod-2.5", 48, 72), ("rod-4", 54, 66),
         ("rod-4", 54, 72), ("sphere", 48, 72),
     )  # fmt: skip
+    powers = (("rod-3.3", 66, 72), ("rod-2.5", 66, 72), ("rod-4", 66, 72), ("sphere", 48, 72), ("sphere", 66, 72))
     for f in FREQUENCIES:
-        said = [
-            f"{shape} {least} to {most} mm {slope:.3f} +- {half:.3f}"
-            for shape, least, most in spans
-            for slope, half in (kappa(runs, shape, f, least, most),)
-        ]
+        said = [slope(runs, shape, f, least, most) for shape, least, most in spans]
         print(f"f = {f:g} Hz: kappa [1/mm] of {', '.join(said)}")
+        said = [slope(runs, shape, f, least, most, power=True) for shape, least, most in powers]
+        print(f"f = {f:g} Hz: exponent of D of {', '.join(said)}")
     for shape in SHAPES:
         for d in orifices(runs, shape):
             found, errors = ratios(runs, shape, d)

@@ -102,13 +102,12 @@ class Lab:
         """Make the runs that `study` still needs; finished runs are not repeated.
 
         progress: whether to show a bar, or a Watcher to inform. checkpoint_every: wall time [s] between two saves of a
-        run. shard: I/N, to run only part I of N parts of the study, which have about the same forecast cost;
-        all runs from one packing are in one part. base: another lab, whose runs are not repeated and whose packings
-        are used. cluster: address of a Dask scheduler; its workers run the study (extra `cluster`). Ctrl-C
-        saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the last checkpoints.
-        Either way the next call goes on. Failed runs give a warning
-        and are named in the summary. Raises what `plan` does except TooLarge, before anything runs; ValueError for a
-        wrong `shard`; DiskFull.
+        run; more if saving took over 5 % of the time. shard: I/N, to run only part I of N parts of the study, which
+        have about the same forecast cost; all runs from one packing are in one part. base: another lab, whose runs are
+        not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
+        (extra `cluster`). Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
+        last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
+        Raises what `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
         """
         part = WHOLE if shard is None else Shard.parse(shard)
         other = None if base is None else Folder(Path(base))

@@ -35,7 +35,14 @@ Expect = Annotated[
 Pilot = Annotated[
     bool, typer.Option("--pilot/--no-pilot", help="Measure the effect of the time step first, if needed.")
 ]
-Every = Annotated[float, typer.Option("--checkpoint-every", help="Seconds between two checkpoints of a run.", min=0)]
+Every = Annotated[
+    float,
+    typer.Option(
+        "--checkpoint-every",
+        help="Seconds between two checkpoints of a run; more if saving took over 5 % of the time.",
+        min=0,
+    ),
+]
 
 
 def register(app: typer.Typer) -> None:

@@ -316,7 +316,7 @@ def upsert(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> 
 
 @cache
 def _upserting(table: Table, server: bool) -> Executable:
-    """The statement; to make it takes as long as to carry it out."""
+    """The statement of `upsert`: making it takes longer than carrying it out."""
     statement = (postgresql if server else sqlite).insert(table)
     changed = {column.key: statement.excluded[column.key] for column in table.columns if not column.primary_key}
     return statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=changed)

@@ -20,7 +20,7 @@ from labbook.scene.packing import Packing
 
 ARRAYS = "packing.npz"
 _BYTES = 4096  # of a grain, at most: state, and springs of 20 contacts
-_KEPT = 1_000_000  # grains of packings that are kept in memory: some 300 MB
+_KEPT = 500_000  # grains of packings that a process keeps in memory: some 150 MB
 _SETTLED = 0.1  # s: the clocks of file systems tick more often
 
 

@@ -32,11 +32,12 @@ from labbook.scene.quantities import percent
 from labbook.study import Study
 
 CHECKPOINT_EVERY = 20.0
-"""Wall time between two saves of a job [s]: what a kill loses at most, unless saving takes longer than it may."""
+"""Wall time between two saves of a job [s], which is what a kill loses at most; longer where saving would take more
+than its part of the time."""
 _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
-_SAVING = 0.05  # of the time since the start, at most, may go into saving the members of an ensemble
-_LONG = 1.0  # s of saving that are not limited
+_SAVING = 0.05  # part of the time since the start, at most, that goes into saving the members of an ensemble
+_LONG = 1.0  # s of saving that are allowed from the start
 _POLL = 0.5  # s: how often claims that others hold are tried again
 _CLOSING = 8  # threads, at most, that write and measure what members of one ensemble leave
 _MANY = 10_000  # grains that take a while to place
@@ -335,7 +336,6 @@ class Runner:
         share = max(1, len(self._board.going))
         # of all before anything is done with one: a backend reads them together
         now = {member: ensemble.status(member) for member in lane.jobs}
-        going: list[tuple[Member, Job]] = []
         for member, job in list(lane.jobs.items()):
             status, before = now[member], job.status
             work = (status.step - before.step) * (status.grains + before.grains) / 2
@@ -347,15 +347,13 @@ class Runner:
             verdict = job.verdict([event for event in took.events if event.member == member])
             if verdict:
                 self._end(lane, member, job, verdict)
-            else:
-                going.append((member, job))
-        self._save(lane, going)
+        self._save(lane)
 
-    def _save(self, lane: Lane, going: list[tuple[Member, Job]]) -> None:
-        """Save those that were not for a while, the longest unsaved first, as far as there is time for it: the lane
-        stands still meanwhile."""
+    def _save(self, lane: Lane) -> None:
+        """Save jobs that have not been saved for `checkpoint_every`, the longest unsaved first, while saving has its
+        part of the time: the lane stands still meanwhile."""
         assert lane.ensemble is not None
-        for member, job in sorted(going, key=lambda one: self._saved[one[1]]):
+        for member, job in sorted(lane.jobs.items(), key=lambda one: self._saved[one[1]]):
             begun = time.perf_counter()
             allowed = max(_LONG, _SAVING * (begun - self._begun))
             if begun - self._saved[job] < self.checkpoint_every or lane.saving > allowed:

@@ -43,7 +43,7 @@ def test_saving_that_takes_long_is_done_seldom(tmp_path, monkeypatch):
     often = len(saved)
     saved.clear()
     monkeypatch.setattr(runner, "_LONG", 0.0)
-    monkeypatch.setattr(runner, "_SAVING", 1e-9)  # so that the next save is days away
+    monkeypatch.setattr(runner, "_SAVING", 1e-6)  # so that the next save is hours away
     carry_out(asked, tmp_path / "long", lanes=1, checkpoint_every=0)
     assert len(saved) == 1 < often
 
@@ -59,16 +59,16 @@ def test_saving_takes_its_part_of_the_time_and_the_longest_unsaved_come_first(tm
 
     monkeypatch.setattr(runner, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     carrying: Any = runner.Runner(study(tmp_path), Lab(tmp_path / "lab"), Backend())
-    lane, going = SimpleNamespace(ensemble=object(), saving=0.0), [(member, Slow()) for member in "abcd"]
-    carrying._begun, carrying._saved = 0.0, {job: 0.0 for _, job in going}
+    lane = SimpleNamespace(ensemble=object(), saving=0.0, jobs={member: Slow() for member in "abcd"})
+    carrying._begun, carrying._saved = 0.0, dict.fromkeys(lane.jobs.values(), 0.0)
     for turn in range(100):
         now[0] = max(now[0], 40.0 * turn)
-        carrying._save(lane, going)
+        carrying._save(lane)
         assert lane.saving == 10 * len(saved)
         assert 10 * (len(saved) - 1) <= max(runner._LONG, runner._SAVING * now[0])
     assert saved == list("abcd" * 5)  # one in 200 s
     now[0], carrying.checkpoint_every = 1e6, 1e9  # there is time, and none is due
-    carrying._save(lane, going)
+    carrying._save(lane)
     assert len(saved) == 20
 
 
