@@ -18,10 +18,26 @@ ALONE = 10_000
 MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
 
 
-def fetch(array: Any) -> np.ndarray:
-    """A copy on the host. (Of an array on the CPU, `numpy` alone would be a view, which the next launch changes.)"""
-    found = array.numpy()
-    return found.copy() if array.device.is_cpu else found
+def fetch(array: Any, first: int = 0, count: int | None = None) -> np.ndarray:
+    """A copy on the host, of `count` entries from `first` on, after all that was launched before.
+
+    `array[first:last].numpy()` takes several times as long for a few kilobytes: it makes an array of the part, and
+    another stream the current one. And on the CPU it would be a view, which the next launch changes.
+    """
+    count = array.shape[0] - first if count is None else count
+    found = wp.empty(count, dtype=array.dtype, device="cpu")
+    if count:
+        wp.copy(found, array, 0, first, count)
+        if array.device.is_cuda:
+            wp.synchronize_stream(array.device.stream)
+    return found.numpy()
+
+
+def send(values: np.ndarray, array: Any, first: int) -> None:
+    """Overwrite the entries of an array from `first` on."""
+    if len(values):
+        held = wp.array(np.ascontiguousarray(values), dtype=array.dtype, device="cpu", copy=False)
+        wp.copy(array, held, first, 0, len(values))
 
 
 class Arrays:
@@ -105,7 +121,7 @@ class Arrays:
 
     def _set(self, array: Any, first: int, values: np.ndarray) -> None:
         if self._whole is None:
-            array[first : first + len(values)].assign(values)
+            send(values, array, first)
         else:
             self._written[array.ptr] = array
             self._copy(array)[first : first + len(values)] = values
@@ -114,7 +130,7 @@ class Arrays:
         """The first `count` of the `size` entries that `array` has for a slot, on the host. Read only."""
         first = slot * size
         if self._whole is None:
-            return fetch(array[first : first + count])
+            return fetch(array, first, count)
         return self._copy(array)[first : first + count]
 
     def read(self, name: str, slot: int, rows: int) -> np.ndarray:

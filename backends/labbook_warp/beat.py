@@ -147,7 +147,7 @@ class Beat:
         adders = max(_ADDERS, self.arrays.sizes.cap // _ADDED)
         out = wp.zeros(2 * self._slots * adders, dtype=wp.float64, device=self.device)
         self._launch(self.kernels.kinetic, self._slots * adders, self.arrays.p, v, w, adders, out)
-        return out.numpy().reshape(self._slots, adders, 2).sum(axis=1).sum(axis=1)
+        return fetch(out).reshape(self._slots, adders, 2).sum(axis=1).sum(axis=1)
 
     def contacts(self) -> np.ndarray:
         """Rows slot, i, j, wall, force, branch of all touching contacts, in any order."""
@@ -164,5 +164,5 @@ class Beat:
         counter = wp.zeros(1, dtype=wp.int32, device=self.device)
         out = wp.zeros(width * most, dtype=wp.float64, device=self.device)
         self._launch(kernel, self._rows, self.arrays.p, *inputs, counter, out)
-        found = int(counter.numpy()[0])
-        return fetch(out[: width * found]).reshape(-1, width) if found else np.zeros((0, width))
+        found = int(fetch(counter)[0])
+        return fetch(out, 0, width * found).reshape(-1, width)

@@ -62,7 +62,7 @@ def collect(arrays: Arrays, told: Any) -> Report:
     numbers = fetch(told)
     crossed = int(numbers[0])
     columns = arrays.module.COLUMNS
-    rows = fetch(arrays.system.cross[: columns * crossed]).reshape(-1, columns) if crossed else np.zeros((0, columns))
+    rows = fetch(arrays.system.cross, 0, columns * crossed).reshape(-1, columns)
     slots = numbers[1:].reshape(-1, REPORTED).tolist()
     said = [Said(fail, bool(late), near, depth, walls, left) for fail, late, near, depth, walls, left in slots]
     rows = rows[np.lexsort((rows[:, 1], rows[:, 2], rows[:, 0]))]

@@ -102,7 +102,7 @@ class Stage:
         if self._arrays is None or (needed, uniform) != (self._sizes, self._uniform):
             self._uniform = uniform
             self._resize(needed)
-        elif uniform:  # members that all share a material may now share another
+        elif uniform and not self._seated:  # these all share a material, perhaps another than those that have left
             self.beats.renew()
         free = iter(slot for slot in range(needed.slots) if slot not in self._seated)
         for run in new:
@@ -295,7 +295,7 @@ class Stage:
     def bad_value(self, run: Run, grain: int) -> float:
         """Overlap [m] or speed [m/s] with which a grain failed a guard."""
         row = int(np.flatnonzero(self.arrays.read("ids", run.slot, run.rows) == grain)[0])
-        return float(fetch(self.arrays.system.bad)[run.slot * self._sizes.cap + row])
+        return float(fetch(self.arrays.system.bad, run.slot * self._sizes.cap + row, 1)[0])
 
     def extremes(self) -> np.ndarray:
         """Largest overlap [m] so far, and square of the largest speed, of all slots, shape [slots, 2]."""
@@ -303,9 +303,10 @@ class Stage:
 
     def stored(self, run: Run) -> Checkpoint:
         """The exact state of a member that has a slot."""
-        run.rebuilds = int(fetch(self.arrays.system.rebuilds)[run.slot])
+        run.rebuilds = int(fetch(self.arrays.system.rebuilds, run.slot, 1)[0])
         numbers = {"step": np.array(run.step), "rebuilds": np.array(run.rebuilds)}
-        numbers["most"] = np.array(self.extremes()[run.slot])
+        most = [fetch(getattr(self.arrays.system, name), run.slot, 1)[0] for name in EXTREMES]
+        numbers["most"] = np.array(most, np.float64)
         state = transfer.checkpoint(self.arrays, run.slot, run.rows, run.past_work)
         return Checkpoint(self._can.name, self._can.cache_version, state | numbers)
 
