@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from labbook_dem.features import capabilities
 
-from labbook.backend import Checkpoint, Spec, Survey
+from labbook.backend import Checkpoint, Expected, Spec, Survey
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Scene
@@ -61,6 +61,13 @@ class Backend:
         from labbook_warp.room import capacity
 
         return capacity(spec, scene, find(device))
+
+    def foresee(self, members: Sequence[Expected], device: str) -> None:
+        """See `labbook.backend.Foresees`. For a GPU only."""
+        from labbook_warp.ahead import foresee
+        from labbook_warp.devices import find
+
+        foresee(members, find(device), self._lanes)
 
     def survey(self) -> Survey:
         """Versions of Warp and CUDA, and every device."""

@@ -36,7 +36,7 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
     return replace(
         sizes,
         slots=max(sizes.slots, seated + len(new)),
-        cap=max(sizes.cap, *(_rounded(run.rows) for run in new)),
+        cap=max(sizes.cap, *(rounded(run.rows) for run in new)),
         near=max(sizes.near, *(run.near for run in new)),
         walls=max(sizes.walls, *(len(run.names) for run in new)),
         cells=max(sizes.cells, *(run.cells for run in new)),
@@ -46,7 +46,8 @@ def with_members(sizes: Sizes, seated: int, new: Collection[Run]) -> Sizes:
 _INSTEAD = "use a thinner numerics.skin, or the backend numba, whose lists are of any length"
 
 
-def _rounded(grains: int) -> int:
+def rounded(grains: int) -> int:
+    """Rows for so many grains."""
     return max(32, -(-grains // 32) * 32)
 
 
@@ -68,7 +69,7 @@ def closed_up(sizes: Sizes, runs: Collection[Run]) -> Sizes:
     and threads may then share grains. Else as they are."""
     if sizes.slots > 1 or sizes.cap < LARGE:
         return sizes
-    cap = max((_rounded(run.grains) for run in runs), default=sizes.cap)
+    cap = max((rounded(run.grains) for run in runs), default=sizes.cap)
     return replace(sizes, cap=cap) if 2 * cap <= sizes.cap else sizes
 
 
@@ -106,7 +107,7 @@ def largest(spec: Spec, scene: Scene) -> Sizes:
     """What one member of a scene may come to need."""
     n = scene.grains.count
     walls = len(scene.container.walls())
-    return replace(empty(spec, 1), cap=_rounded(n), near=MOST_NEAR, walls=walls, cells=most_cells(n), depth=DEPTH + 4)
+    return replace(empty(spec, 1), cap=rounded(n), near=MOST_NEAR, walls=walls, cells=most_cells(n), depth=DEPTH + 4)
 
 
 def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:

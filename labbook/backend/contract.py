@@ -243,6 +243,25 @@ class Compiles(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Expected:
+    """Members of one scene that are about to be admitted: `count` of them, beside others of their Spec."""
+
+    spec: Spec
+    scene: Scene
+    numerics: Numerics
+    count: int
+
+
+@runtime_checkable
+class Foresees(Protocol):
+    """A backend that compiles before members are admitted."""
+
+    def foresee(self, members: Sequence[Expected], device: str) -> None:
+        """Begin to compile, in threads of its own, what these members will need. They may never come."""
+        ...
+
+
 @runtime_checkable
 class Generates(Protocol):
     """A backend that can print its generated kernels."""

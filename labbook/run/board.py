@@ -1,13 +1,14 @@
 """What is still to be done, and who does it: fillings first, then the runs whose packings are there."""
 
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 
-from labbook.backend import Checkpoint, Spec
+from labbook.backend import Checkpoint, Expected, Spec
 from labbook.lab.folder import Claim
 from labbook.lab.index import Index, RunRows, run_rows
 from labbook.lab.packings import just_made
@@ -17,13 +18,14 @@ from labbook.run.discharge import DischargeJob
 from labbook.run.fill import FillJob
 from labbook.run.forecast import discharge_work, fill_work
 from labbook.run.job import Bench, Job, JobFailed
-from labbook.run.plan import Item, Plan, Planner, PointPlan, counted
+from labbook.run.plan import Item, Plan, Planner, PointPlan, counted, specified
 from labbook.run.shard import everything
 from labbook.scene.packing import Packing
 from labbook.study.problems import and_others
 
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
 _LOOKING = 0.05  # of the main thread's time may go into that
+_AHEAD = 1000  # runs, at most, whose kernels are compiled before they begin
 _SOME_WAY = 0.05  # progress from which a discharge is extrapolated
 
 
@@ -148,6 +150,20 @@ class Board:
         self._holds, self._rest = self._rest, None
         for point in list(self.points.values()):
             self._take(self._planner.point(point))
+
+    def expected(self) -> list[Expected]:
+        """What the next fillings and runs need."""
+        items = list(islice(self.todo.values(), _AHEAD))
+        fillings = {item.keys.packing: item.demand.shared for item in items if not item.packed}
+        runs = [] if self._packings_only else [item.demand.shared for item in items]
+        found = []
+        for of, count in Counter(fillings.values()).items():
+            filling, _ = specified(self._bench.backend, of)
+            found.append(Expected(filling, of.closed, of.filled_by, count))
+        for of, count in Counter(runs).items():
+            _, discharge = specified(self._bench.backend, of)
+            found.append(Expected(discharge, of.scene, of.numerics, count))
+        return found
 
     def next(self, spec: Spec | None = None) -> Started | None:
         """A job to begin (of `spec`, if one is given), or None if there is none that this process can have

@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from typing import Any
 
-from labbook.backend import Backend, Compiles, Member, Overflow
+from labbook.backend import Backend, Compiles, Foresees, Member, Overflow
 from labbook.backend.machine import cores
 from labbook.lab import studies
 from labbook.lab.catalogue import Catalogue
@@ -225,6 +225,8 @@ class Runner:
             self._board.pin(plan)
             if not self._board.runs()[1] and self.seat is None:
                 self.watcher.tell(f"Part {self.shard} has no runs: the study has fewer packings than parts")
+            if isinstance(self.backend, Foresees):
+                self.backend.foresee(self._board.expected(), self.device)
             # on a CPU lanes want all cores, and end their jobs one by one
             self._closing = Closing(self._board, 1 if self.device == "cpu" else min(_CLOSING, cores()))
             name = self.backend.capabilities.name
