@@ -62,12 +62,18 @@ class Backend:
 
         return capacity(spec, scene, find(device))
 
-    def foresee(self, members: Sequence[Expected], device: str) -> None:
-        """See `labbook.backend.Foresees`. For a GPU only."""
-        from labbook_warp.ahead import foresee
+    def precompile(self, members: Sequence[Expected], device: str) -> None:
+        """See `labbook.backend.Precompiles`. For a GPU only."""
+        from labbook_warp.compiling import precompile
         from labbook_warp.devices import find
 
-        foresee(members, find(device), self._lanes)
+        precompile(members, find(device), self._lanes)
+
+    def compiling(self) -> bool:
+        """Whether kernels are being compiled that members will need."""
+        from labbook_warp.compiling import going
+
+        return going()
 
     def survey(self) -> Survey:
         """Versions of Warp and CUDA, and every device."""

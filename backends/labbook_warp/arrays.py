@@ -21,8 +21,8 @@ MIRRORED = 4_000_000_000  # bytes of arrays of which the host may have copies
 def fetch(array: Any, first: int = 0, count: int | None = None) -> np.ndarray:
     """A copy on the host, of `count` entries from `first` on, after all that was launched before.
 
-    `array[first:last].numpy()` takes several times as long for a few kilobytes: it makes an array of the part, and
-    another stream the current one. And on the CPU it would be a view, which the next launch changes.
+    On a GPU, `array[first:last].numpy()` takes several times as long for a few kilobytes: it makes an array of the
+    part, and another stream the current one. On the CPU it would be a view, which the next launch changes.
     """
     count = array.shape[0] - first if count is None else count
     found = wp.empty(count, dtype=array.dtype, device="cpu")
@@ -37,7 +37,7 @@ def send(values: np.ndarray, array: Any, first: int) -> None:
     """Overwrite the entries of an array from `first` on."""
     if len(values):
         held = wp.array(np.ascontiguousarray(values), dtype=array.dtype, device="cpu", copy=False)
-        wp.copy(array, held, first, 0, len(values))
+        wp.copy(array, held, first, 0, held.size)
 
 
 class Arrays:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from labbook_warp import ahead
+from labbook_warp import compiling
 from labbook_warp.arrays import Arrays, fetch
 from labbook_warp.devices import shared_with_others
 from labbook_warp.dialect import THREADS
@@ -29,7 +29,7 @@ class Beat:
         self.told = wp.zeros(1 + REPORTED * self._slots, dtype=wp.int64, device=self.device)
         """What the last beat left behind; see `labbook_warp.report`."""
         self._arrived = wp.zeros(1, dtype=wp.uint32, device=self.device)
-        ahead.wait_for(self.kernels)
+        compiling.wait_for(self.kernels)
         fit = self.fit_at_once()
         # programs take turns on a GPU, each with all of it, unless they share it through the Multi-Process Service
         self._several = fit and self.kernels.SHARED and not shared_with_others()

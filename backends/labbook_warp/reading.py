@@ -81,5 +81,5 @@ class Seen(Run, Standing):
             "work": math.fsum([*arrays.read("work", slot, n), *self.past_work]),  # exact, so that no order matters
             "max_overlap": self.view.deepest(self),
             "touching": pairs // 2 + walls,
-            "rebuilds": int(fetch(arrays.system.rebuilds)[slot]),
+            "rebuilds": int(fetch(arrays.system.rebuilds, slot, 1)[0]),
         }

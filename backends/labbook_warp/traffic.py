@@ -23,7 +23,7 @@ def weigh(stage: Stage) -> Load:
         listed += int(arrays.read("count", run.slot, run.rows).sum())
         touching += int(np.bitwise_count(arrays.read("held", run.slot, run.rows)).sum())
         walls += int(np.bitwise_count(arrays.read("wall_held", run.slot, run.rows)).sum())
-        rebuilds += int(fetch(arrays.system.rebuilds)[run.slot])
+        rebuilds += int(fetch(arrays.system.rebuilds, run.slot, 1)[0])
     grains = max(rows, 1)
     return Load(
         listed=listed / grains,

@@ -254,10 +254,10 @@ class Expected:
 
 
 @runtime_checkable
-class Foresees(Protocol):
+class Precompiles(Protocol):
     """A backend that compiles before members are admitted."""
 
-    def foresee(self, members: Sequence[Expected], device: str) -> None:
+    def precompile(self, members: Sequence[Expected], device: str) -> None:
         """Begin to compile, in threads of its own, what these members will need. They may never come."""
         ...
 

@@ -134,6 +134,28 @@ def test_one_of_many_members_is_seated_alone(monkeypatch):
     ensemble.close()
 
 
+def test_graphs_are_captured_anew_where_the_material_may_be_another():
+    """They hold it, if all members share one."""
+    scene, how = of_spheres(5), numerics("mixed")
+    start = place(scene.close(), "gas", 1)
+    backend = Backend()
+    ensemble = backend.open(backend.specialise(scene, how), 3, "cpu")
+    members = [ensemble.admit(scene, how, start)]
+    ensemble.advance(1)
+    beats = ensemble._stage.beats
+    beats._graphs[0] = "of the first material"
+    members.append(ensemble.admit(scene, how, start))
+    ensemble.advance(1)
+    assert beats is ensemble._stage.beats
+    assert beats._graphs
+    for member in members:
+        ensemble.retire(member)
+    ensemble.admit(scene, how.model_copy(update={"dt": how.dt / 2}), start)
+    ensemble.advance(1)
+    assert not ensemble._stage.beats._graphs
+    ensemble.close()
+
+
 def test_checks_that_became_frequent_become_less_frequent_again(monkeypatch):
     """A list that was late once must not slow all later steps down. When lists are checked decides no bit."""
     monkeypatch.setattr(stage, "CALM", 3)
