@@ -30,12 +30,11 @@ SHAPES = {
     "sphere": "spheres", "rod-2.5": "rods, $L/d$ = 2.5", "rod-3.3": "rods, $L/d$ = 3.3", "rod-4": "rods, $L/d$ = 4"
 }  # fmt: skip
 FREQUENCIES = (0.0, 0.16, 0.32, 0.64, 0.96, 1.28)
-PLANNED = 3  # runs of a point
 COLUMNS = ("shape", "f_Hz", "D_mm", "seed", "outcome", "Q_per_s")
 
 
 class Run(NamedTuple):
-    """A run: f [Hz], D [mm], how it ended, and Q [1/s], NaN where too few grains left in the window."""
+    """A run: f [Hz], D [mm], how it ended, and Q [1/s], NaN if it clogged, or if too few grains left in the window."""
 
     shape: str
     f: float
@@ -44,13 +43,20 @@ class Run(NamedTuple):
     outcome: str
     rate: float
 
+    @property
+    def flowed(self) -> bool:
+        """Whether grains left until the window ended, or until the time limit if that came first: Q is known then."""
+        return self.outcome != "clogged" and not math.isnan(self.rate)
+
 
 class Mean(NamedTuple):
-    """Q [1/s] pooled over the runs that flowed to their end, if any did; how many runs clogged, of how many."""
+    """Q [1/s] pooled over the runs that flowed, if any did; of how many runs, how many clogged, and how many were
+    stopped by the time limit."""
 
     rate: Pooled | None
-    clogged: int
     runs: int
+    clogged: int
+    stopped: int
 
 
 def kept(path: Path, shape: str) -> Iterator[Run]:
@@ -80,8 +86,8 @@ def read(path: Path) -> list[Run]:
 def mean(runs: Sequence[Run], shape: str, f: float, d: float) -> Mean:
     """Of the runs of one shape, frequency and orifice."""
     some = [run for run in runs if (run.shape, run.f, run.d) == (shape, f, d)]
-    rates = [run.rate for run in some if run.outcome == "finished"]
-    return Mean(pool(rates) if rates else None, sum(run.outcome == "clogged" for run in some), len(some))
+    rates, ends = [run.rate for run in some if run.flowed], [run.outcome for run in some]
+    return Mean(pool(rates) if rates else None, len(some), ends.count("clogged"), ends.count("time-limit"))
 
 
 def orifices(runs: Sequence[Run], shape: str) -> list[float]:
@@ -92,7 +98,7 @@ def orifices(runs: Sequence[Run], shape: str) -> list[float]:
 def slope(runs: Sequence[Run], shape: str, f: float, least: float, most: float, power: bool = False) -> str:
     """Slope of ln Q by D [1/mm], or by ln D for a `power`, over orifices from `least` to `most` [mm], with the half
     width of its interval at 95 %: a straight line through the runs, whose scatter tells the error."""
-    some = [run for run in runs if (run.shape, run.f, run.outcome) == (shape, f, "finished") and least <= run.d <= most]
+    some = [run for run in runs if (run.shape, run.f) == (shape, f) and run.flowed and least <= run.d <= most]
     d = np.array([run.d for run in some])
     line: Any = linregress(np.log(d) if power else d, np.log([run.rate for run in some]))
     half = student(0.95, len(some) - 2) * line.stderr
@@ -121,14 +127,16 @@ def ratios(runs: Sequence[Run], shape: str, d: float) -> tuple[list[float], list
 def _cell(found: Mean) -> str:
     if found.runs == 0:
         return "none ended"
-    some = f" ({found.clogged} of {found.runs} clogged)" if found.clogged else ""
-    lacking = "" if found.runs == PLANNED else f" ({found.runs} of {PLANNED} ended)"
+    if found.clogged == found.runs:
+        return "clogged"
+    ends = ((found.clogged, "clogged"), (found.stopped, "stopped"))
+    told = ", ".join(f"{count} of {found.runs} {how}" for count, how in ends if count)
+    some = f" ({told})" if told else ""
     if found.rate is None:
-        return f"clogged{lacking}" if found.clogged == found.runs else f"slower than the time limit{some}{lacking}"
+        return f"slow{some}"
     rate, error = found.rate.value, found.rate.error
     digits = 1 if error < 3 else 0
-    said = f"{rate:.0f}" if found.rate.n == 1 else f"{rate:.{digits}f} ± {error:.{digits}f}"
-    return said + some + lacking
+    return (f"{rate:.0f}" if found.rate.n == 1 else f"{rate:.{digits}f} ± {error:.{digits}f}") + some
 
 
 def drawn(runs: Sequence[Run]) -> "Figure":
@@ -190,8 +198,8 @@ def main() -> None:
     for shape in SHAPES:
         print(shape, *table(runs, shape), "", sep="\n")
     spans = (
-        ("rod-3.3", 48, 60), ("rod-3.3", 48, 72), ("rod-2.5", 48, 66), ("rod-2.5", 48, 72), ("rod-4", 54, 66),
-        ("rod-4", 54, 72), ("sphere", 48, 72),
+        ("rod-3.3", 48, 60), ("rod-3.3", 48, 72), ("rod-2.5", 48, 66), ("rod-2.5", 48, 72), ("rod-4", 48, 66),
+        ("rod-4", 48, 72), ("sphere", 48, 72),
     )  # fmt: skip
     powers = (("rod-3.3", 66, 72), ("rod-2.5", 66, 72), ("rod-4", 66, 72), ("sphere", 48, 72), ("sphere", 66, 72))
     for f in FREQUENCIES:
