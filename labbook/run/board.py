@@ -25,7 +25,7 @@ from labbook.study.problems import and_others
 
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
 _LOOKING = 0.05  # of the main thread's time may go into that
-_AHEAD = 1000  # runs, at most, whose kernels are compiled before they begin
+_AHEAD = 1000  # points, at most, whose kernels are compiled before they begin
 _SOME_WAY = 0.05  # progress from which a discharge is extrapolated
 
 
@@ -152,15 +152,15 @@ class Board:
             self._take(self._planner.point(point))
 
     def expected(self) -> list[Expected]:
-        """What the next fillings and runs need."""
-        items = list(islice(self.todo.values(), _AHEAD))
-        fillings = {item.keys.packing: item.demand.shared for item in items if not item.packed}
-        runs = [] if self._packings_only else [item.demand.shared for item in items]
+        """What fillings and runs need, of the first points. Kernels are chosen by how many members there are."""
+        todo = self.todo.values()
+        fillings = {item.keys.packing: item.demand.shared for item in todo if not item.packed}
+        runs = [] if self._packings_only else [item.demand.shared for item in todo]
         found = []
-        for of, count in Counter(fillings.values()).items():
+        for of, count in islice(Counter(fillings.values()).items(), _AHEAD):
             filling, _ = specified(self._bench.backend, of)
             found.append(Expected(filling, of.closed, of.filled_by, count))
-        for of, count in Counter(runs).items():
+        for of, count in islice(Counter(runs).items(), _AHEAD):
             _, discharge = specified(self._bench.backend, of)
             found.append(Expected(discharge, of.scene, of.numerics, count))
         return found

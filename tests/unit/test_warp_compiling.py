@@ -16,7 +16,7 @@ from labbook.backend import Precompiles
 from labbook.lab import Catalogue, Lab
 from labbook.lab.index import Index
 from labbook.lab.records import Observe
-from labbook.run.board import Board
+from labbook.run import board
 from labbook.run.job import Bench
 from labbook.run.plan import Planner
 
@@ -30,13 +30,19 @@ GPU: Any = SimpleNamespace(is_cuda=True)
 @pytest.fixture
 def expected(tmp_path):
     """What the board says of a small study: two runs from one packing."""
-    asked, backend, lab = study(tmp_path, FAST, **SMALL), Backend(), Lab(tmp_path / "board")
+    return said(tmp_path, SMALL)
+
+
+def said(tmp_path, of):
+    """What the board says of a study before anything runs."""
+    asked, backend, lab = study(tmp_path, FAST, **of), Backend(), Lab(tmp_path / "board")
     catalogue, index = Catalogue(lab), Index(lab)
     try:
         planner = Planner(asked, catalogue, backend.capabilities)
-        board = Board(Bench(lab, backend, "cpu"), planner, index, Observe(measure=asked.measure, start=0, end=1))
-        board.pin(planner.plan())
-        return board.expected()
+        observe = Observe(measure=asked.measure, start=0, end=1)
+        of_study = board.Board(Bench(lab, backend, "cpu"), planner, index, observe)
+        of_study.pin(planner.plan())
+        return of_study.expected()
     finally:
         catalogue.close()
         index.close()
@@ -61,6 +67,11 @@ def gate(monkeypatch):
 def test_the_board_names_fillings_and_runs(expected):
     assert [(one.scene.container.closed, one.count) for one in expected] == [(True, 1), (False, 1), (False, 1)]
     assert expected[1].spec == expected[2].spec != expected[0].spec
+
+
+def test_all_runs_of_a_point_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(board, "_AHEAD", 1)
+    assert [one.count for one in said(tmp_path, {**SMALL, "replicates": 3})] == [3, 3]
 
 
 def test_modules_are_compiled_once_and_waited_for(expected, gate):
