@@ -170,12 +170,14 @@ class Lab:
         """Results of `study` so far. Runs that are not evaluated yet are evaluated now, and the numbers are kept.
 
         progress: whether to show how many runs are evaluated, or a function to call. Unreadable runs give a warning
-        and are left out. Raises LabError.
+        and are left out; measures that fail on a run give one too. Raises LabError.
         """
         with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
             found = find(study, catalogue, self.backend, told)
         for problem in found.unreadable:
             warnings.warn(f"left out: {problem}", LabWarning, stacklevel=2)
+        for problem in found.unmeasured:
+            warnings.warn(f"not measured: {problem}", LabWarning, stacklevel=2)
         return Results(**{one.name: getattr(found, one.name) for one in fields(found)}, lab=self)
 
     def frame(

@@ -35,6 +35,11 @@ def realised(normal, c, rs: float, ms: float, dt: float, speed: float) -> np.nda
     return np.array([_collide(normal, c, rs, ms, dt, speed, (phase + 0.5) / 10) for phase in range(10)])
 
 
+_STUCK = 1e-6
+"""Part of the speed of approach below which grains that part are taken to stick, if they are still held back: where a
+force may pull, damping can be so strong that they never part."""
+
+
 def _collide(normal, c, rs, ms, dt, speed, phase) -> float:
     overlap, v, a = -phase * speed * dt, -speed, 0.0  # v: rate of change of the gap, half a step before
     touched = False
@@ -43,6 +48,8 @@ def _collide(normal, c, rs, ms, dt, speed, phase) -> float:
         touched = touched or overlap > 0
         a = force / ms
         v = kick(v, a, dt)
-        if touched and overlap <= 0:
+        if touched and not overlap > 0:  # or is no number, where the step is far too long
             return v / speed
+        if a < 0 <= v < _STUCK * speed:
+            return 0.0
         overlap = drift(overlap, -v, dt)

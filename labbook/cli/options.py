@@ -102,7 +102,7 @@ def existing(lab: Path) -> "Catalogue":
 
 
 def results(path: Path, lab: Path, backend: str) -> "Results":
-    """What the lab holds of a study; runs that cannot be read are named and left out."""
+    """What the lab holds of a study; runs that cannot be read are named and left out, measures that fail named."""
     import warnings
 
     from labbook.api import Lab as Place
@@ -117,6 +117,8 @@ def results(path: Path, lab: Path, backend: str) -> "Results":
         fail(f"{lab} has no finished run of {study.name} on {backend}; make some: labbook run {path} --lab {lab}")
     for problem in found.unreadable:
         say(f"Left out: {problem}", err=True)
+    for problem in found.unmeasured:
+        say(f"Not measured: {problem}", err=True)
     if not found.points:
         fail(f"no finished run of {study.name} on {backend} in {lab} can be read; make them again: "
              f"labbook run {path} --lab {lab}")  # fmt: skip

@@ -31,7 +31,8 @@ def of_runs(point: PointPlan, numbers: Numbers, measure: str, quantity: str) -> 
             found[seed] = f"suspect: {item.suspect}" if item.suspect else item.reason
         else:
             measured = [one for one in numbers.measured.get(key, {}).values() if one.quantity in given]
-            found[seed] = _number(measured, quantity, numbers.problems.get(key, ""))
+            why = numbers.problems.get(key) or numbers.failed.get(key, {}).get(measure, "")
+            found[seed] = _number(measured, quantity, why)
     return found
 
 

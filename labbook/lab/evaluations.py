@@ -93,7 +93,7 @@ def _evaluated(measure: Measure, evaluation: Callable[[], Evaluation]) -> Evalua
     except MeasureError as error:
         return Evaluated(Evaluation(), str(error))
     except _ODD as error:
-        return Evaluated(Evaluation(), f"{measure.name} fails: {type(error).__name__}: {error}")
+        return Evaluated(Evaluation(), f"fails: {type(error).__name__}: {error}")
 
 
 def _once(path: Path, make: Callable[[], Evaluated]) -> Evaluated:
@@ -276,10 +276,12 @@ def finite(value: Any) -> Any:
 
 @dataclass
 class Numbers:
-    """What was measured of runs, by run key: numbers by quantity, or why they cannot be had."""
+    """What was measured of runs, by run key: numbers by quantity, or why the run cannot be read."""
 
     measured: dict[str, dict[str, Measured]] = field(default_factory=dict)
     problems: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Measures that could not be taken of a run, and why; its other numbers stand."""
     lacking: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Measures that were not evaluated of a run yet, where nothing is evaluated."""
 
@@ -308,11 +310,13 @@ def numbers(
                 for measure in wanted(observe):
                     rows = had.get((measure.name, measure.version))
                     if rows is None:
-                        rows = rows_of(key, measure, observe, evaluated(run.folder, measure, observe, run.data))
+                        try:
+                            rows = rows_of(key, measure, observe, evaluated(run.folder, measure, observe, run.data))
+                        except ImportError as missing:
+                            _note(found, run, measure, str(missing))
+                            continue
                         new += rows
                     _take(found, run, measure, rows)
-            except ImportError as missing:
-                found.problems[key] = _said(run, f"{measure.name}: {missing}")
             except Unreadable as problem:
                 found.problems[key] = str(problem)
             progress(done)
@@ -335,8 +339,9 @@ def kept_numbers(catalogue: Catalogue, runs: Iterable[FinishedRun], observe: Obs
     return found
 
 
-def _said(run: FinishedRun, problem: str) -> str:
-    return f"run {run.run_key} of {run.point.label}, seed {run.seed}: {problem}"
+def _note(found: Numbers, run: FinishedRun, measure: Measure, why: str) -> None:
+    said = f"run {run.run_key} of {run.point.label}, seed {run.seed}: {measure.name}: {why}"
+    found.failed.setdefault(run.run_key, {})[measure.name] = said
 
 
 def _take(found: Numbers, run: FinishedRun, measure: Measure, rows: Sequence[Row]) -> None:
@@ -345,7 +350,7 @@ def _take(found: Numbers, run: FinishedRun, measure: Measure, rows: Sequence[Row
     for row in sorted(rows, key=lambda row: order.get(row["quantity"], len(order))):
         if not row["method"]:
             if row["note"] != NO_NUMBER:
-                found.problems[run.run_key] = _said(run, row["note"])
+                _note(found, run, measure, row["note"])
             continue
         told = {name: row[name] for name in NAMES}
         known = {name: math.nan if told[name] is None else told[name] for name in ("value", "error", "n_effective")}

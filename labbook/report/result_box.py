@@ -187,6 +187,9 @@ def concerns(results: Results) -> list[str]:
         sentences.append(f"Missing runs at {_listed(partial)}: runs that finish first are biased to fast flow.")
     if results.unreadable:
         sentences.append(f"{_count(len(results.unreadable), 'run')} could not be read: {results.unreadable[0]}.")
+    if results.unmeasured:
+        failed = _count(len(results.unmeasured), "measurement")
+        sentences.append(f"{failed} could not be made: {results.unmeasured[0]}.")
     if results.unevaluated:
         runs = f"{_count(len(results.unevaluated), 'run')} not evaluated yet"
         sentences.append(f"{runs}: labbook fit {study.path.name} evaluates them.")

@@ -6,8 +6,8 @@ from functools import partial
 
 from labbook.backend import BackendMissing, load
 from labbook.fit import LAWS
-from labbook.lab import Catalogue
-from labbook.lab.evaluations import FinishedRun, KeptRun, NotEvaluated, kept_numbers, numbers
+from labbook.lab import Catalogue, evaluations
+from labbook.lab.evaluations import FinishedRun, KeptRun, NotEvaluated, Numbers
 from labbook.lab.records import Observe
 from labbook.lab.suspect import counts
 from labbook.results.numerical import numerical
@@ -19,37 +19,36 @@ from labbook.results.statements import judge
 from labbook.results.study import Results
 from labbook.run.coverage import finished, unreadable
 from labbook.run.demand import Demand
-from labbook.stats import Measured
 from labbook.study import Study
 
 
 def results_of(
     study: Study,
     runs: Sequence[Finished],
-    measured: Mapping[str, Mapping[str, Measured]],
-    problems: Mapping[str, str] | None = None,
+    numbers: Numbers,
     lost: Sequence[str] = (),
 ) -> Results:
     """Pool replicates, fit series and compare with the study's reference.
 
-    `measured`: numbers by run key and quantity. A run with a problem is left out and reported, after those of which
-    that was known before (`lost`: why).
+    `numbers`: what was measured of the runs. A run that cannot be read is left out and reported, after those of which
+    that was known before (`lost`: why). One that a measure fails on has its other numbers.
     """
-    wrong, unreadable = problems or {}, list(lost)
+    unreadable, unmeasured = list(lost), list[str]()
     by_point: dict[int, list[RunResult]] = {}
     for run in sorted(runs, key=lambda run: (run.point.index, run.seed)):
-        if (why := wrong.get(run.run_key)) is not None:
+        if (why := numbers.problems.get(run.run_key)) is not None:
             unreadable.append(why)
             continue
+        unmeasured += numbers.failed.get(run.run_key, {}).values()
         counted = counts(run.outcome, run.suspect, study.accuracy.count_suspect)
-        found = RunResult(run, measured.get(run.run_key, {}), study.measure, study.window, counted)
+        found = RunResult(run, numbers.measured.get(run.run_key, {}), study.measure, study.window, counted)
         by_point.setdefault(run.point.index, []).append(found)
     read = [point for point in study.points if by_point.get(point.index)]
     extra = redundant(study.points)
     points = tuple(pooled_point(study, point, extra, tuple(by_point[point.index])) for point in read)
     missing = tuple(point for point in study.points if not by_point.get(point.index))
     series = series_of(points, study.fit, further_fits())
-    found = Results(study, points, missing, tuple(unreadable), series)
+    found = Results(study, points, missing, tuple(unreadable), series, unmeasured=tuple(unmeasured))
     own = partial(compared, found)
     return replace(
         found,
@@ -68,8 +67,7 @@ def find(
     """
     runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
     observe = Observe.of(study.measure, study.window)
-    found = numbers(catalogue, runs, observe, progress)
-    results = results_of(study, runs, found.measured, found.problems, lost)
+    results = results_of(study, runs, evaluations.numbers(catalogue, runs, observe, progress), lost)
     return replace(results, stale=_stale(runs, backend))
 
 
@@ -84,14 +82,14 @@ def kept(
     """
     runs, lost = finished(catalogue, study, backend, asked, KeptRun), unreadable(catalogue, study, backend)
     observe = Observe.of(study.measure, study.window)
-    found = kept_numbers(catalogue, runs, observe)
+    found = evaluations.kept_numbers(catalogue, runs, observe)
     lacking = dict.fromkeys(found.lacking)
     try:
-        results = results_of(study, runs, found.measured, found.problems, lost)
+        results = results_of(study, runs, found, lost)
     except NotEvaluated as problem:  # profiles that a paper's fits or statements rest on
         lacking |= {problem.run_key: None}
         plain = replace(study, fit=tuple(law for law in study.fit if law in LAWS), reference=None)
-        results = replace(results_of(plain, runs, found.measured, found.problems, lost), study=study)
+        results = replace(results_of(plain, runs, found, lost), study=study)
     return replace(results, stale=_stale(runs, backend), unevaluated=tuple(lacking))
 
 

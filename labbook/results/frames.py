@@ -43,7 +43,7 @@ def frames(
     | `series`        | series of points that differ in their orifice: the laws that the data prefer              |
     | `fits`          | series, law and parameter: value, error, interval; goodness, version and formula          |
     | `bands`         | series, law and orifice: W, its 95 % band, and that of one more point of as many seeds     |
-    | `problems`      | what is lacking: points without runs, runs that cannot be read, laws that cannot be fitted |
+    | `problems`      | what is lacking: points without runs, runs that cannot be read or measured, laws not fitted |
     | `reference`     | number of the reference: theirs, ours, and how far they lie apart                         |
     | `statements`    | statement of the reference and where: ours, interval, verdict                             |
     | `numerics`      | pair of points that differ in numerics only: difference and test of equivalence           |
@@ -166,6 +166,8 @@ def _problems(results: Results) -> Iterator[Row]:
         yield {"kind": "point", "where": point.label, "why": "no finished run"}
     for why in results.unreadable:
         yield {"kind": "run", "where": "", "why": why}
+    for why in results.unmeasured:
+        yield {"kind": "measure", "where": "", "why": why}
     for series in results.series:
         for why in series.problems:
             yield {"kind": "fit", "where": series.label, "why": why}

@@ -321,6 +321,7 @@ def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[
 def _of_one_run(runs: tuple[RunResult, ...]) -> dict[str, Pooled]:
     """Flow rates of the only run of a fed bed, which is long enough to tell its own error."""
     names = (FLOW_RATE, "grain_rate")
-    found = [run.measured[name] for run in runs for name in names if run.outcome != "diverged" and name in run.measured]
+    each = [run.measured[name] for run in runs for name in names if run.counted and name in run.measured]
+    found = [one for one in each if math.isfinite(one.value)]
     t = student(0.95, BLOCKS - 1)
     return {one.quantity: Pooled(one.value, one.error, t * one.error, 1) for one in found}

@@ -25,6 +25,8 @@ class Results:
     comparisons: tuple[Comparison, ...] = ()
     judged: tuple[Judged, ...] = ()
     """Statements of the reference, compared with these results."""
+    unmeasured: tuple[str, ...] = ()
+    """Measures that could not be taken of a run, and why."""
     numerical: tuple[Numerical, ...] = ()
     """Points that differ in numerics only."""
     unevaluated: tuple[str, ...] = ()

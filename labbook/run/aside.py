@@ -12,13 +12,18 @@ import pickle
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import IO, Any
 
 from labbook.lab.index import RunRows
 from labbook.run.job import Kept
 
 _LOG = logging.getLogger("labbook")
+
+
+_BROKEN = (OSError, EOFError, pickle.PickleError, AttributeError, TypeError)
+"""What comes of a process that has ended, and of things that cannot be pickled."""
 
 
 class Gone(Exception):
@@ -40,15 +45,26 @@ class Aside:
         except OSError as problem:
             raise Gone(f"it cannot be started: {problem}") from problem
 
-    def put(self, kept: Kept) -> RunRows:
-        """Put `kept` into the lab; its rows for the index. Raises what `Kept.put` does, and Gone."""
+    def put(self, kept: Kept) -> None:
+        """Put `kept` into the lab. Raises what `Kept.put` does, and Gone."""
         assert self._process.stdin is not None
-        assert self._process.stdout is not None
         try:
             pickle.dump(kept, self._process.stdin)
             self._process.stdin.flush()
+        except _BROKEN as problem:
+            self.end()
+            raise Gone(f"{type(problem).__name__}: {problem}") from problem
+        self._answer()
+
+    def rows(self) -> RunRows:
+        """Rows for the index of what was put last, which are made now. Raises what `Kept.rows` does, and Gone."""
+        return self._answer()
+
+    def _answer(self) -> Any:
+        assert self._process.stdout is not None
+        try:
             answer: Any = pickle.load(self._process.stdout)
-        except (OSError, EOFError, pickle.PickleError, AttributeError, TypeError) as problem:
+        except _BROKEN as problem:
             self.end()
             raise Gone(f"{type(problem).__name__}: {problem}") from problem
         if isinstance(answer, Gone):
@@ -79,15 +95,24 @@ def serve() -> None:
         except EOFError:
             return
         except Exception as problem:  # a class from a package that this process cannot import
-            answer: object = Gone(f"{type(problem).__name__}: {problem}")
+            _tell(answers, Gone(f"{type(problem).__name__}: {problem}"))
         else:
-            try:
-                kept.put()
-                answer = kept.rows()
-            except Exception as problem:
-                answer = problem
-        try:
-            pickle.dump(answer, answers)
-        except Exception:  # an error that cannot be pickled
-            pickle.dump(Gone(repr(answer)), answers)
-        answers.flush()
+            if _tell(answers, _done(kept.put)):
+                _tell(answers, _done(kept.rows))
+
+
+def _done(what: Callable[[], Any]) -> Any:
+    try:
+        return what()
+    except Exception as problem:
+        return problem
+
+
+def _tell(answers: IO[bytes], answer: Any) -> bool:
+    """Give an answer; whether it is no error."""
+    try:
+        pickle.dump(answer, answers)
+    except Exception:  # an error that cannot be pickled
+        pickle.dump(Gone(repr(answer)), answers)
+    answers.flush()
+    return not isinstance(answer, Exception)

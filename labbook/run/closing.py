@@ -37,14 +37,19 @@ class Closer:
 
     def _put(self, kept: Kept) -> RunRows:
         self._closed += 1
+        put = False
         if self._closed > 1 and not self._alone:
             try:
                 self._aside = self._aside or Aside()
-                return self._aside.put(kept)
+                self._aside.put(kept)
+                put = True
+                return self._aside.rows()
             except Gone as problem:
                 self._aside, self._alone = None, True
-                _LOG.warning("%s: written by this process, as the writing process ended: %s", kept.label, problem)
-        kept.put()
+                done = "measured" if put else "written"
+                _LOG.warning("%s: %s by this process, as the writing process ended: %s", kept.label, done, problem)
+        if not put:
+            kept.put()
         return kept.rows()
 
     def end(self) -> None:

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 
 from labbook.lab import Unreadable
+from labbook.lab.evaluations import Numbers
 from labbook.measure import MEASURES
 from labbook.results.find import results_of
 from labbook.results.points import Finished
 from labbook.results.study import Results
-from labbook.stats import Measured
 from labbook.study import Study
 
 
@@ -18,22 +18,23 @@ def analyse(
     lost: Sequence[str] = (),
 ) -> Results:
     """What these runs come to. `progress` is told how many are done; `lost`: why others cannot be read."""
-    numbers: dict[str, dict[str, Measured]] = {}
-    problems: dict[str, str] = {}
+    numbers = Numbers()
     for done, run in enumerate(finished, 1):
-        kept = numbers.setdefault(run.run_key, {})
+        kept, failed = numbers.measured.setdefault(run.run_key, {}), numbers.failed.setdefault(run.run_key, {})
         try:
             for name in study.measure:
-                found = run.evaluated(MEASURES[name], study.window)
+                try:
+                    found = run.evaluated(MEASURES[name], study.window)
+                except ImportError as problem:
+                    failed[name] = _said(run, f"{name}: {problem}")
+                    continue
                 kept |= {one.quantity: one for one in found.evaluation.numbers}
                 if found.problem:
-                    problems[run.run_key] = _said(run, found.problem)
-        except ImportError as problem:
-            problems[run.run_key] = _said(run, str(problem))
+                    failed[name] = _said(run, f"{name}: {found.problem}")
         except Unreadable as problem:
-            problems[run.run_key] = str(problem)
+            numbers.problems[run.run_key] = str(problem)
         progress(done)
-    return results_of(study, finished, numbers, problems, lost)
+    return results_of(study, finished, numbers, lost)
 
 
 def _said(run: Finished, problem: str) -> str:

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from labbook_dem.describe import realised
-from labbook_dem.laws import hertz_mindlin, linear
+from labbook_dem.laws import hertz_lammps, hertz_mindlin, linear
 from scipy.integrate import solve_ivp
 
-from labbook.scene import HertzMindlin, LinearSpringDashpot, Surface, damping
+from labbook.scene import HertzLammps, HertzMindlin, LinearSpringDashpot, Surface, damping
 
 M, R = 2e-5, 1e-3  # effective mass [kg] and radius [m]
 
@@ -92,6 +92,15 @@ def test_realised_restitution_comes_to_the_asked_one_as_the_step_shrinks(module,
     coarse, fine = (np.abs(realised(module.normal, c, R, M, scale * part, 0.3) - e).max() for part in (0.02, 0.005))
     assert fine < 2e-3
     assert fine < 0.5 * coarse or coarse < 1e-6
+
+
+@pytest.mark.parametrize("damping", [0.9, 1.0, 2.0, 20.0])
+def test_grains_that_damping_holds_together_do_not_rebound(damping):
+    """Where the force may pull, a damping above the critical one brings the overlap to zero ever more slowly."""
+    law = HertzLammps(shear_modulus=1e8, poisson_ratio=0.25, normal_damping=damping)
+    c = hertz_lammps.coefficients(law, Surface(friction=0.0, rolling_friction=0.0, restitution=0.5))
+    scale = (M**2 / (R * 1.3e8**2 * 0.3)) ** 0.2
+    assert (realised(hertz_lammps.normal, c, R, M, 0.02 * scale, 0.3) == 0).all()
 
 
 def test_restitution_outside_its_range_of_phases_has_a_spread():

@@ -193,8 +193,12 @@ def test_a_measure_that_fails_is_told_and_not_tried_again(made, monkeypatch):
     monkeypatch.setattr(type(MEASURES["outlet_profiles"]), "version", 99)
     for _ in range(2):
         told = labbook("fit", path, "--lab", lab, "--backend", "toy").stderr
-        assert told.count("the outlet was not seen") == 2
+        assert told.count("outlet_profiles: the outlet was not seen") == 2
     assert sorted(tried) == [1, 1, 2, 2]
+    results = find(load(path), Catalogue(lab), "toy")
+    assert [one.flow_rate.n for one in results.points] == [2, 2], "other numbers of these runs stand"
+    assert len(results.unmeasured) == 2
+    assert not results.unreadable
 
 
 def test_a_lab_that_cannot_be_written_to_is_read_all_the_same(made, monkeypatch, counted):

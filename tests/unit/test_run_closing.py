@@ -15,7 +15,7 @@ from labbook.lab.folder import DiskFull, Lab
 from labbook.lab.records import Unreadable
 from labbook.run import closing, runner
 from labbook.run.aside import Aside, Gone
-from labbook.run.discharge import DischargeJob
+from labbook.run.discharge import DischargeJob, KeptRun
 from labbook.run.job import JobFailed, Kept
 from labbook.run.watch import Unwatched
 
@@ -72,6 +72,30 @@ def test_what_a_process_that_is_killed_was_given_is_written_here(tmp_path, toget
     assert carry_out(asked, tmp_path / "lab", lanes=1).complete
     assert len(killed) == 1
     assert "the writing process ended" in caplog.text
+    assert carry_out(asked, tmp_path / "lab", lanes=1).tally.ran == {}, "nothing was left to do"
+
+
+def test_a_process_killed_while_it_measures_loses_no_run(tmp_path, together, monkeypatch, caplog):
+    """The run is in the lab by then, and what was saved of it in its work folder is gone."""
+    killed, last, put, rows = [], {}, Aside.put, Aside.rows
+
+    def noted(self, kept):
+        last[self] = kept
+        put(self, kept)
+
+    def kill(self):
+        if not killed and isinstance(last[self], KeptRun):
+            killed.append(last[self].key)
+            self._process.kill()
+            self._process.stdout.read()
+        return rows(self)
+
+    monkeypatch.setattr(Aside, "put", noted)
+    monkeypatch.setattr(Aside, "rows", kill)
+    asked = study(tmp_path, replicates=4)
+    assert carry_out(asked, tmp_path / "lab", lanes=1, checkpoint_every=0.0).complete
+    assert len(killed) == 1
+    assert "measured by this process, as the writing process ended" in caplog.text
     assert carry_out(asked, tmp_path / "lab", lanes=1).tally.ran == {}, "nothing was left to do"
 
 
