@@ -12,7 +12,7 @@ from labbook_dem.laws import modules_of
 from labbook_dem.shapes import SHAPES as PHYSICS
 from labbook_dem.walls import WALLS, number
 
-from labbook.backend import Capabilities, Spec
+from labbook.backend import Capabilities, Spec, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
 from labbook.scene import Scene
@@ -31,6 +31,7 @@ from labbook_warp.kernels import (
     walls,
     words,
 )
+from labbook_warp.kernels.words import MOST_GRAINS
 from labbook_warp.layout import MOST_CONTACTS
 from labbook_warp.shapes import SHAPES
 
@@ -109,6 +110,9 @@ def kernels(
 
 def specialise(capabilities: Capabilities, scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> Spec:
     """Features compiled in; LISTED: whether there are more walls than a grain has entries for. Raises Unsupported."""
+    if scene.grains.count > MOST_GRAINS:
+        remedy = f"the backend warp numbers at most {MOST_GRAINS} grains; use fewer, or the backend numba"
+        raise Unsupported("grains.count", remedy)
     found = features.specialise(capabilities, scene, numerics, probes)
     listed = len(scene.container.walls()) * most_parts(found) > MOST_CONTACTS
     return replace(found, features=tuple(sorted((*found.features, ("LISTED", listed)))))

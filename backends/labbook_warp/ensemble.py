@@ -13,7 +13,7 @@ from labbook.backend.numerics import Numerics
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook_warp.build import specialise
-from labbook_warp.kernels.words import NO_FAILURE
+from labbook_warp.kernels.words import MOST_GRAINS, NO_FAILURE
 from labbook_warp.reading import Seen
 from labbook_warp.run import Run
 from labbook_warp.stage import Stage
@@ -104,7 +104,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
         return failed
 
     def _fails(self, run: Run, word: int) -> None:
-        step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & 0xFFFFFF
+        step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & (MOST_GRAINS - 1)
         value = self._stage.bad_value(run, grain)
         message = explain(guard, grain, step, value, run.scene, run.numerics)
         run.failure = ensemble.Failure(guard, step, grain, message)

@@ -11,7 +11,7 @@ from labbook.backend.probes import Contacts, Crossing
 from labbook.scene import Scene
 from labbook_warp import devices
 from labbook_warp.build import kernels, most_parts
-from labbook_warp.layout import Sizes, memory
+from labbook_warp.layout import Sizes, memory, shapes
 from labbook_warp.parameters import most_cells
 from labbook_warp.run import Run
 from labbook_warp.shapes import SHAPES
@@ -22,6 +22,7 @@ CACHE = 60_000_000
 """Bytes of what a step moves that stay in a large GPU's second cache, about."""
 LARGE = 20_000
 """Rows of a member from which on it pays to close up those of grains that have left."""
+LARGEST_INDEX = 2**31 - 1  # of an array, in kernels
 USED = 0.8
 """Part of a device's free memory that members may fill; the rest is for what else goes on there."""
 
@@ -111,12 +112,15 @@ def largest(spec: Spec, scene: Scene) -> Sizes:
 
 
 def capacity(spec: Spec, scene: Scene, device: wp.Device) -> int | None:
-    """How many members of a scene the device has memory for, at least one; None where nothing limits them."""
+    """How many members of a scene the device has memory for, and kernels can index, at least one; None where nothing
+    limits them."""
     free = devices.free(device)
     if free is None:
         return None
     sizes = largest(spec, scene)
     module = suitable(spec, sizes, False, 1)
     reading = 80 * sizes.contacts if any(isinstance(probe, Contacts) for probe in spec.probes) else 0
-    slot = memory(module, sizes, records_crossings(spec)) + reading + 48 * sizes.rows
-    return max(1, int(USED * free / slot))
+    crossings = records_crossings(spec)
+    slot = memory(module, sizes, crossings) + reading + 48 * sizes.rows
+    indexed = LARGEST_INDEX // max(shape.length for shape in shapes(module, sizes, crossings))
+    return max(1, min(int(USED * free / slot), indexed))

@@ -37,7 +37,7 @@ class FlowRate(Measure):
     """
 
     name = "flow_rate"
-    version = 1
+    version = 2
     declared = (
         *_RATES,
         *map(while_flowing, _RATES),
@@ -112,10 +112,10 @@ def _rates(
     if run.scene.feed is not None and flow.error > 0:
         how, wider = f"{how}, or from the autocorrelation if that is larger", flow.larger_error / flow.error
     note = "; ".join(_notes(flow, run, window))
-    n = flow.n_effective
+    n, of_grains = flow.n_effective / wider**2, flow.grain_n_effective / wider**2
     numbers = [
         Measured("flow_rate" + suffix, mass * flow.rate, mass * flow.error * wider, n, where, how, "kg/s", note),
-        Measured("grain_rate" + suffix, flow.grain_rate, flow.grain_error * wider, n, where, how, "1/s", note),
+        Measured("grain_rate" + suffix, flow.grain_rate, flow.grain_error * wider, of_grains, where, how, "1/s", note),
         Measured(
             "flow_rate_drift" + suffix,
             flow.trend.drift,

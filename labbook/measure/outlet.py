@@ -32,7 +32,7 @@ from labbook.measure.measure import (
     window_in_words,
 )
 from labbook.measure.series import crossings, mean_mass
-from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
+from labbook.measure.steady import SteadyFlow, gaps, in_gap, steady_flow
 from labbook.scene import Scene, WedgeHopper
 from labbook.scene.bodies import Bodies
 from labbook.stats import Measured
@@ -206,7 +206,7 @@ class OutletProfiles(Measure):
     """
 
     name = "outlet_profiles"
-    version = 1
+    version = 2
     declared = (
         Quantity("outlet_closure", "flow of the profiles / W", "", "flow rate of the profiles over that counted"),
         Quantity("outlet_area_fraction", "mean φ at the outlet", "", "mean of the area fraction along the outlet"),
@@ -267,9 +267,14 @@ def _covered(x: np.ndarray, z: np.ndarray, radius: np.ndarray, edges: np.ndarray
 def _at_crossings(
     run: RunData, flow: SteadyFlow, centre: float, edges: np.ndarray, radius: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Disc area that crossed each bin over time and width, and the mean of -v_z of its grains [m/s]; shape [m]."""
+    """Disc area that crossed each bin over time and width, and the mean of -v_z of its grains [m/s]; shape [m].
+
+    As in the flow rate, neither gaps count nor the grains that end them.
+    """
     table = run.tables["crossing"]
-    inside = (table["time"] > flow.begin) & (table["time"] <= flow.end)
+    when = np.asarray(table["time"])
+    _, after_gaps = gaps(np.sort(when), flow)
+    inside = (when > flow.begin) & (when <= flow.end) & ~np.isin(when, after_gaps)
     place = np.searchsorted(edges, np.asarray(table["x"])[inside] - centre) - 1
     within = (place >= 0) & (place < len(edges) - 1)
     place, v = place[within], -np.asarray(table["vz"], float)[inside][within]

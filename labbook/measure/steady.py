@@ -26,11 +26,11 @@ class SteadyFlow:
     `rate`: mean masses per second while flowing: mass of the grains but for those after gaps, over the time but for the
     gaps. `error`: its standard error from 12 blocks of equally many grains (11 degrees of freedom); `correlated_error`,
     from the autocorrelation of averages over sqrt(n) grains. Both are checks of the seed-to-seed error; for very
-    regular outflow both are too large. `inefficiency`: squared error over that of n independent times between
-    grains, below 1 for outflow that is more regular than chance, and `n_effective` = n over it. `begin`,
-    `end` [s]; `fraction`: the part of the initial mass discharged at either end. `grain_rate`, `grain_error`: the same
-    in grains per second, from the same window; of equal grains they are the same numbers. `heaviest`: what part of the
-    initial mass the heaviest grain is, of those that left.
+    regular outflow both are too large. `n_effective`: how many independent times between grains would give `error`,
+    more than there are where outflow is more regular than chance; `grain_n_effective`: the same of `grain_error`.
+    `begin`, `end` [s]; `fraction`: the part of the initial mass discharged at either end. `grain_rate`, `grain_error`:
+    the same in grains per second, from the same window; of equal grains they are the same numbers. `heaviest`: what
+    part of the initial mass the heaviest grain is, of those that left.
     """
 
     rate: float
@@ -39,8 +39,8 @@ class SteadyFlow:
     grain_error: float
     heaviest: float
     correlated_error: float
-    inefficiency: float
     n_effective: float
+    grain_n_effective: float
     trend: Trend
     begin: float
     end: float
@@ -62,13 +62,17 @@ class SteadyFlow:
         return student(CONFIDENCE, BLOCKS - 1) * self.larger_error / self.rate
 
 
+def gaps(times: np.ndarray, flow: SteadyFlow) -> tuple[np.ndarray, np.ndarray]:
+    """When gaps without flow begin and end within the window [s], each with a grain; `times` as of `steady_flow`."""
+    inside = times[(times >= flow.begin) & (times <= flow.end)]
+    longer = np.diff(inside) > GAP
+    return inside[:-1][longer], inside[1:][longer]
+
+
 def in_gap(at: np.ndarray, times: np.ndarray, flow: SteadyFlow) -> np.ndarray:
     """Which of the instants `at` [s] fall into gaps without flow within the window; `times` as of `steady_flow`."""
-    inside = times[(times >= flow.begin) & (times <= flow.end)]
-    start, stop = inside[:-1], inside[1:]
-    longer = stop - start > GAP
-    gaps = zip(start[longer], stop[longer], strict=True)
-    return np.any([np.zeros(np.shape(at), bool), *((at > before) & (at < after) for before, after in gaps)], axis=0)
+    between = zip(*gaps(times, flow), strict=True)
+    return np.any([np.zeros(np.shape(at), bool), *((at > before) & (at < after) for before, after in between)], axis=0)
 
 
 def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray | None = None) -> SteadyFlow | None:
@@ -96,23 +100,21 @@ def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray 
     if len(kept) < FEWEST:
         return None
     n, mean = len(kept), float(kept.mean())
-    grain_error = block_mean(kept, BLOCKS).error / mean**2
+    of_grains, waited = block_mean(kept, BLOCKS).error, kept
     load = float(carried.mean())
     kept = kept - (carried / load - 1) * mean
     blocks = block_mean(kept, BLOCKS)
     correlated = correlated_mean(block_mean(kept, math.isqrt(n)).means)
     rate = load / mean
-    spread = float(kept.std(ddof=1))
-    inefficiency = n * (blocks.error / spread) ** 2 if spread else math.nan
     return SteadyFlow(
         rate=rate,
         error=rate * blocks.error / mean,
         grain_rate=1 / mean,
-        grain_error=grain_error,
+        grain_error=of_grains / mean**2,
         heaviest=float(mass.max()) / total,
         correlated_error=rate * correlated.error / mean,
-        inefficiency=inefficiency,
-        n_effective=n / inefficiency if inefficiency else math.nan,
+        n_effective=_independent(kept, blocks.error),
+        grain_n_effective=_independent(waited, of_grains),
         trend=trend(load / blocks.means),
         begin=float(times[first]),
         end=float(times[last]),
@@ -121,3 +123,8 @@ def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray 
         gaps=int((~flowing).sum()),
         gap_time=float(waits[~flowing].sum()),
     )
+
+
+def _independent(values: np.ndarray, error: float) -> float:
+    """How many independent values with this spread have a mean with this error; NaN for none at all."""
+    return (float(values.std(ddof=1)) / error) ** 2 if error else math.nan

@@ -344,7 +344,7 @@ class Cluster:
                 self.watcher.tell(f"A worker was lost: its {len(batch.items)} runs start again")
                 waiting.append(batch)
                 return False
-            self._give_up(batch, f"{_LOSSES} workers were lost while they ran it: {lost}")
+            self._give_up(batch, f"{batch.losses} workers were lost while they ran it: {lost}")
             return True
         except Exception as problem:
             self._give_up(batch, f"{type(problem).__name__}: {problem}")

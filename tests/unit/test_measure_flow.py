@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from labbook.backend.probes import Crossing
 from labbook.measure import MEASURES, MeasureError, RunData
 from labbook.measure.series import discharged, flow_series, smooth_flow
 from labbook.measure.steady import steady_flow
-from labbook.scene import Box, HertzMindlin, Scene, Spheres, WedgeHopper
+from labbook.scene import Box, Feed, HertzMindlin, Scene, Spheres, WedgeHopper
 from labbook.scene.packing import Packing
 
 D = 3e-3
@@ -96,6 +97,35 @@ def test_regular_outflow_has_more_effective_samples_than_grains():
     jitter = 0.3 * np.random.default_rng(3).standard_normal(900)
     found = numbers(run_of((np.arange(900) + jitter) / 500))
     assert found["grain_rate"].n_effective > 450 * 5
+
+
+def independent(values, relative):
+    """How many values with this scatter have a mean with this relative error."""
+    return (np.std(values, ddof=1) / np.mean(values) / relative) ** 2
+
+
+def test_effective_samples_are_those_of_the_error_that_is_told():
+    """Of a fed bed it may be that of the autocorrelation: here the pace changes every 25 grains."""
+    waits = np.repeat(np.random.default_rng(6).uniform(0.5, 1.5, 80), 25) / 400
+    run, window = run_of(np.cumsum(waits), total=2000), Window(0.15, 0.95)
+    found = numbers(run, window)["grain_rate"]
+    inside = waits[300:1900]
+    assert found.n_effective == pytest.approx(independent(inside, found.error / found.value), rel=0.01)
+    fed_scene = SCENE.model_copy(update={"feed": Feed(kind="reinject")})
+    fed = numbers(replace(run, scene=fed_scene), window)["grain_rate"]
+    assert fed.error > found.error
+    assert fed.n_effective == pytest.approx(independent(inside, fed.error / fed.value), rel=0.01)
+
+
+def test_effective_samples_of_grains_are_no_others_if_masses_scatter():
+    rng = np.random.default_rng(7)
+    times, mass = steady_times(rng), rng.uniform(0.5, 1.5, 900)
+    timed = Window(times[100], times[800], timed=True)
+    equal, varied = steady_flow(times, 900, timed), steady_flow(times, 900, timed, mass)
+    assert equal is not None
+    assert varied is not None
+    assert varied.grain_n_effective == equal.grain_n_effective == equal.n_effective
+    assert varied.n_effective != equal.n_effective
 
 
 def test_a_flow_that_dies_away_is_trending():

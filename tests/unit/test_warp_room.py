@@ -14,6 +14,7 @@ from labbook_warp.layout import memory
 from rods_in_silo import DENSITY, D, numerics, silo
 from rods_on_warp import run
 
+from labbook.backend import Unsupported
 from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab
 from labbook.bench.speed import FAN_STEP, cylinder, fan
 from labbook.filling.opening import opened
@@ -63,6 +64,19 @@ def test_as_many_fit_as_memory_has_room_for(monkeypatch):
 
 def test_one_member_is_always_tried(monkeypatch):
     assert capacity(monkeypatch, 1000, fan(grains=3000)) == 1
+
+
+def test_no_index_in_a_kernel_is_too_large(monkeypatch):
+    """48 entries of cells a grain come first, of a device with room for more."""
+    fit = capacity(monkeypatch, 10_000 * GIB, fan(grains=3000))
+    assert 0.9 * 2**31 < fit * 48 * 3000 < 2**31
+
+
+def test_more_grains_than_a_failure_can_name_are_refused():
+    scene = fan(grains=2**24 + 1)
+    with pytest.raises(Unsupported, match=r"grains.count: .* at most 16777216 grains; use fewer, or .* numba"):
+        spec_of(scene)
+    assert spec_of(fan(grains=2**24))
 
 
 def test_a_processors_memory_is_not_rationed():

@@ -116,3 +116,5 @@ BAD_STATE, BAD_SPEED, BAD_FORCE, BAD_OVERLAP = 0, 1, 2, 3
 NO_NUMBER = 1.0e30
 """An overlap [m] that stands for a force that is no number, or too large to be counted."""
 NO_FAILURE = (1 << 62) - 1
+MOST_GRAINS = 1 << 24
+"""Of one member: the word of a failure has 24 bits for the grain, 2 for what was found, the rest for the step."""
