@@ -23,7 +23,7 @@ Inside = Callable[[np.ndarray], np.ndarray]
 
 def crossing_columns(rods: bool) -> tuple[str, ...]:
     """Columns of what crossed a plane; rods have an orientation."""
-    return (*CROSSING_COLUMNS, "qw", "qx", "qy", "qz") if rods else CROSSING_COLUMNS
+    return CROSSING_COLUMNS + OF_RODS if rods else CROSSING_COLUMNS
 
 
 class Grains(NamedTuple):

@@ -25,7 +25,8 @@ def pooled_weights(W: np.ndarray, error: np.ndarray, replicates: np.ndarray | No
 
     An error from 3 replicates is itself uncertain by half its size, and weights that noisy spoil a fit: the
     relative variance between replicates is pooled over all points, s^2 = sum (n_i - 1) s_i^2 / sum (n_i - 1),
-    and point i gets s / sqrt(n_i). Without `replicates` the errors are taken as exactly known.
+    and point i gets s / sqrt(n_i). Without `replicates` the errors are taken as exactly known. With one replicate of
+    each, nothing tells the errors: all points weigh the same, with no degree of freedom.
     """
     if replicates is None:
         return Weights(error / W, inf)

@@ -20,7 +20,7 @@ from labbook.backend import Backend, Ensemble, Event, Member, Rationed, Spec
 from labbook.backend.probes import Probe, Table
 from labbook.run.board import Started
 from labbook.run.job import Job
-from labbook.run.plan import PointPlan
+from labbook.run.plan import PointPlan, specified
 
 T = TypeVar("T")
 
@@ -161,8 +161,7 @@ def slots(backend: Backend, device: str, points: Iterable[PointPlan]) -> int:
         return sys.maxsize
     fits = []
     for shared in (point.shared for point in points):
-        stages = ((shared.closed, shared.filled_by, ()), (shared.scene, shared.numerics, shared.probes))
-        for scene, numerics, probes in stages:
-            spec = backend.specialise(scene, numerics, probes)
+        filling, discharge = specified(backend, shared)
+        for spec, scene in ((filling, shared.closed), (discharge, shared.scene)):
             fits.append(backend.capacity(spec, scene, device))
     return min((fit for fit in fits if fit is not None), default=sys.maxsize)

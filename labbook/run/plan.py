@@ -12,6 +12,7 @@ from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, a
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import Listed, stamp
 from labbook.lab.identity import Keys
+from labbook.lab.journal import PROGRESS
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
@@ -351,7 +352,7 @@ class Planner:
     def _compare(self, demand: Demand, keys: Keys, entry: Entry | None, listed: Listed | None) -> tuple[State, str]:
         if entry is None:
             begun = listed is None or keys.run in listed.work
-            begun = begun and (self.catalogue.lab.work(keys.run) / "progress.json").exists()
+            begun = begun and (self.catalogue.lab.work(keys.run) / PROGRESS).exists()
             older = self._older.get(keys.lineage)
             if begun:
                 return "partial", "started, goes on from its checkpoint"

@@ -54,8 +54,7 @@ class Curve:
 _DRAWS = 400
 _SHARED = ("a", "gamma", "b", "delta1", "epsilon1", "sigma1", "delta2", "epsilon2", "sigma2")
 _SATURATION = ("phi_inf", "tau1", "tau2")
-PARAMETERS = _SHARED + _SATURATION
-"""Names of the parameters that outlets of a series share."""
+"""With `_SHARED`, names of the parameters that outlets of a series share."""
 OF_OUTLET = ("v_c", "phi_c", "phi_max", "direct", "centred", "printed", "eccentric")
 """Names of the numbers of each outlet."""
 _UNITS = {"tau2": "1/m"}
