@@ -15,11 +15,12 @@ from labbook.lab.catalogue import Catalogue
 from labbook.lab.folder import Lab
 from labbook.lab.packings import load_packing
 from labbook.lab.records import Unreadable
+from labbook.measure.steady import FEWEST
 from labbook.run.demand import PointDemand
 from labbook.run.devices import named, speeds
 from labbook.run.forecast import Outline, forecast, outline
 from labbook.run.lane import slots
-from labbook.run.plan import Item, Plan, Planner, check
+from labbook.run.plan import QUANTITY, Item, Plan, Planner, check
 from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
 from labbook.scene.quantities import percent, told_apart
@@ -72,6 +73,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from _narrow(file, points)
     yield from _overfull(file, points)
     yield from _low(plan)
+    yield from _too_few_grains(plan)
     yield from _too_few_outlets(plan)
     yield from _endless(plan)
     alone = plan.rule.cap < 2 and not (plan.study.fed and plan.study.accuracy.flow_rate is not None)
@@ -212,6 +214,23 @@ def _endless(plan: Plan) -> Iterator[str]:
     reason = f"this container has no outlet, so every run lasts {stop.max_time:g} s"
     remedy = "state stop.max_time; for measurements of the packing alone, 10 ms are enough"
     yield _told(plan.study.path, "stop.max_time", reason, remedy)
+
+
+def _too_few_grains(plan: Plan) -> Iterator[str]:
+    """Windows in which too few grains leave for a flow rate, however the bed flows."""
+    study = plan.study
+    window, stop = study.window, study.stop
+    if QUANTITY not in study.measure or window.timed or study.fed:
+        return
+    part = min(window.end, stop.discharged) - window.start
+    few = min(point.scene.grains.count for point in study.points)
+    if few * part <= FEWEST:
+        reason = (
+            f"of {few} grains {max(0, int(few * part))} leave between {percent(window.start)} and "
+            f"{percent(window.start + part)}, and a flow rate needs more than {FEWEST}"
+        )
+        more = f"use {math.ceil(1.1 * FEWEST / part / 50) * 50} grains or more, or " if part > 0 else ""
+        yield _told(study.path, "grains.count", reason, f"{more}widen window")
 
 
 def _too_few_outlets(plan: Plan) -> Iterator[str]:

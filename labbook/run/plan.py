@@ -301,10 +301,9 @@ class Planner:
         """With the replicates that are asked for once all so far are done."""
         while self._extends and all(item.state == "done" for item in items):
             decision = self._decide(shared.point, [item.keys.run for item in items])
-            more = min(decision.more, self.rule.cap - len(items))
-            if more <= 0:
+            if decision.more == 0:
                 return PointPlan(shared, tuple(items), decision)
-            added = self._keyed(shared.run(seed) for seed in range(len(items) + 1, len(items) + more + 1))
+            added = self._keyed(shared.run(seed) for seed in range(len(items) + 1, len(items) + decision.more + 1))
             listed = self._look_up(added)
             items += [self._item(*pair, listed) for pair in added]
         return PointPlan(shared, tuple(items), None)
@@ -313,10 +312,8 @@ class Planner:
         if self.rule.tolerance is None:
             return Decision(None, 0, None)
         rule = stopping_rule(self.study, point)
-        decision = rule.decide(flow_rates(self.study, self.catalogue, run_keys))
-        if decision.ended is None and len(run_keys) >= self.rule.cap:
-            return Decision(decision.pooled, 0, "cap")
-        return decision
+        values = flow_rates(self.study, self.catalogue, run_keys)
+        return rule.decide(values, len(run_keys) - len(values))
 
     def _keyed(self, demands: Iterable[Demand]) -> list[tuple[Demand, Keys]]:
         return [(demand, demand.keys(self.backend)) for demand in demands]

@@ -117,6 +117,11 @@ class Summary:
             lines.append(f"{tally.resumed} continued from a checkpoint")
         for point in self.points:
             decision = point.decision
+            if decision and decision.ended == "nothing":
+                lines.append(
+                    f"{point.shared.point.label}: none of {len(point.items)} runs has a flow rate, so no more are "
+                    "made: labbook report tells why"
+                )
             if decision and decision.ended and decision.pooled:
                 short = (
                     ""

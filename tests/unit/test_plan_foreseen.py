@@ -267,6 +267,18 @@ def test_each_warning(tmp_path, old, new, key, message, remedy):
     assert remedy in told.splitlines()[told.splitlines().index(line) + 1]
 
 
+def test_a_window_with_too_few_grains_for_a_flow_rate_is_warned_of(tmp_path):
+    def told(count, *more):
+        path = study_file(tmp_path, "window: {start: 0.2, end: 0.5}", *more, count=count)
+        return labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
+
+    few = told(180)
+    assert "grains.count: of 180 grains 54 leave between 20 % and 50 %, and a flow rate needs more than 60" in few
+    assert "remedy: use 250 grains or more, or widen window" in few
+    assert "needs more than" in told(200)
+    assert "needs more than" not in told(210)
+
+
 def test_an_outlet_that_is_hardly_too_narrow_is_not_said_to_be_as_wide_as_it_should(tmp_path):
     path = study_file(tmp_path, orifices="[14.99]")
     told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output

@@ -136,6 +136,14 @@ def test_a_run_that_diverged_is_no_replicate_whose_flow_rate_counts(tmp_path):
     assert found.flow_rate.n == 3
 
 
+def test_a_point_whose_runs_have_no_flow_rate_is_given_up(tmp_path):
+    """Of 100 grains too few leave in the window for a rate."""
+    asked = study(tmp_path, "accuracy: {flow_rate: 5 %, max_replicates: 40}", orifices="[24]", count=100)
+    summary = carry_out(asked, tmp_path / "lab")
+    assert len(summary.tally.ran) == 6
+    assert "orifice 24 mm: none of 6 runs has a flow rate, so no more are made" in repr(summary)
+
+
 def test_a_cap_on_replicates_is_kept_and_reported(tmp_path):
     asked = study(tmp_path, "accuracy: {flow_rate: 0.01 %, max_replicates: 4}", replicates=2, orifices="[24]")
     (point,) = carry_out(asked, tmp_path / "lab").points

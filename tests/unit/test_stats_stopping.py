@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from labbook.stats import StoppingRule, pool
+from labbook.stats import Decision, StoppingRule, pool
 
 
 def run_to_the_end(rule, values):
@@ -35,6 +35,15 @@ def test_without_a_tolerance_the_minimum_is_run():
     n, decision = run_to_the_end(StoppingRule(None, 2, 10), [1.0, 3.0, 9.0])
     assert (n, decision.ended) == (2, None)
     assert decision.pooled == pool([1.0, 3.0])
+
+
+def test_replicates_without_any_value_are_given_up():
+    rule = StoppingRule(0.05, 2, 100)
+    assert rule.decide([], without=3) == Decision(None, 3, None)
+    assert rule.decide([], without=6) == Decision(None, 0, "nothing")
+    assert rule.decide([1.0], without=9).more == 2
+    assert StoppingRule(0.05, 2, 4).decide([], without=4) == Decision(None, 0, "cap")
+    assert StoppingRule(0.05, 2, 10).decide([1.0, 2.0], without=8).ended == "cap"
 
 
 def test_two_replicates_are_too_few_to_judge_by():
