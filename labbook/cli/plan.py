@@ -48,6 +48,8 @@ def register(app: typer.Typer) -> None:
         assert made.forecast is not None
         if as_json:
             shown = {**plain(made, made.forecast), "warnings": list(made.warnings)}
+            if made.pilot is not None and made.pilot.forecast is not None:
+                shown["pilot"] = plain(made.pilot, made.pilot.forecast)
             typer.echo(json.dumps(shown, indent=2, allow_nan=False))
         else:
             _show(made)

@@ -25,6 +25,7 @@ from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
 from labbook.scene.quantities import percent, told_apart
 from labbook.study import Study
+from labbook.study.pilot import first_needed
 from labbook.study.problems import and_others
 from labbook.study.window import HIGH, high_until
 
@@ -42,7 +43,8 @@ class TooLarge(Exception):
 
 
 def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> Plan:
-    """What `study` still needs in a lab, with time and disk on `device` (or several: `cuda:0,cuda:1`), and warnings.
+    """What `study` still needs in a lab, with time and disk on `device` (or several: `cuda:0,cuda:1`), warnings, and the
+    same of the pilot that runs first, if there is one.
 
     Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, ImportError where a package of the
     backend is missing.
@@ -63,7 +65,9 @@ def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -
     if device == "cpu" and (told := too_large(plan, lanes, memory())):
         raise TooLarge(told)
     warnings = (*cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))
-    return replace(plan, forecast=ahead, warnings=warnings)
+    needed = first_needed(study)
+    pilot = None if needed is None else foresee(needed, catalogue, backend, ",".join((device, *others)))
+    return replace(plan, forecast=ahead, warnings=warnings, pilot=pilot)
 
 
 def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:

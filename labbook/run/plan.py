@@ -90,6 +90,8 @@ class Plan:
     forecast: Forecast | None = None
     warnings: tuple[str, ...] = ()
     """With file, key and remedy."""
+    pilot: "Plan | None" = None
+    """Of the pilot that runs first, if that was foreseen and there is one."""
 
     @cached_property
     def items(self) -> list[Item]:
@@ -159,16 +161,22 @@ class Plan:
             lines += self._chosen()
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
+        if self.pilot is not None and self.pilot.todo and self.pilot.forecast is not None:
+            runs = f"{len(self.pilot.todo)} run{'' if len(self.pilot.todo) == 1 else 's'}"
+            lines.append(f"Before that, the pilot: {runs}, {self.pilot._cost(self.pilot.forecast)}")
         if self.todo and ahead is not None:
-            making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
-            packings = making if self.fillings else "all packings are done"
-            cost = f"about {duration(ahead.seconds)} on {ahead.lanes} lane{'' if ahead.lanes == 1 else 's'}"
-            lines.append(f"{packings}; {cost} ({ahead.basis}), {size(ahead.disk)} on disk")
+            lines.append(self._cost(ahead))
             if ahead.compiling:
                 sets = "set of features" if ahead.sets == 1 else "sets of features"
                 cached = f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}"
                 lines.append(f"{cached}, unless it is cached")
         return lines + [f"Warning: {line}" for line in self.warnings]
+
+    def _cost(self, ahead: Forecast) -> str:
+        making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
+        packings = making if self.fillings else "all packings are done"
+        cost = f"about {duration(ahead.seconds)} on {ahead.lanes} lane{'' if ahead.lanes == 1 else 's'}"
+        return f"{packings}; {cost} ({ahead.basis}), {size(ahead.disk)} on disk"
 
     def _chosen(self) -> list[str]:
         """The numerics that were chosen for the requested error, one line for all points that share them."""

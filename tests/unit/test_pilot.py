@@ -1,7 +1,9 @@
 """Pilots: what is run first where an error is asked of scenes that were not measured, and what comes of it."""
 
+import json
 import math
 import os
+import re
 
 import numpy as np
 import pytest
@@ -41,6 +43,18 @@ def test_it_has_two_steps_at_the_first_and_last_point_that_need_them(tmp_path):
     assert made.replicates == STEPS_SEEDS
     assert {point.numerics.stiffness_scale for point in made.points} == {1.0}
     assert len({repr(point.fill.numerics) for point in made.points}) == 1, "so that the steps share beds"
+
+
+def test_a_plan_has_its_runs_and_its_time_too(tmp_path):
+    path = asked_file(tmp_path, orifices="[15, 16, 17, 30]")
+    told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
+    runs = 2 * len(STEPS) * STEPS_SEEDS
+    assert re.search(rf"Before that, the pilot: {runs} runs, {runs // 2} packings to make; about \d", told)
+    asked = json.loads(labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy", "--json").output)
+    assert asked["pilot"]["counts"] == {"missing": runs}
+    assert asked["pilot"]["forecast"]["seconds"] > 0
+    known = labbook("plan", asked_file(tmp_path, orifices="[30]"), "--lab", tmp_path / "lab", "--backend", "toy").output
+    assert "pilot" not in known
 
 
 @pytest.mark.parametrize(
