@@ -43,8 +43,8 @@ class TooLarge(Exception):
 
 
 def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> Plan:
-    """What `study` still needs in a lab, with time and disk on `device` (or several: `cuda:0,cuda:1`), warnings, and the
-    same of the pilot that runs first, if there is one.
+    """What `study` still needs in a lab, with time and disk on `device` (or several: `cuda:0,cuda:1`), warnings, and
+    the same of the pilot that runs first, if there is one.
 
     Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, ImportError where a package of the
     backend is missing.

@@ -49,7 +49,7 @@ def test_a_plan_has_its_runs_and_its_time_too(tmp_path):
     path = asked_file(tmp_path, orifices="[15, 16, 17, 30]")
     told = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
     runs = 2 * len(STEPS) * STEPS_SEEDS
-    assert re.search(rf"Before that, the pilot: {runs} runs, {runs // 2} packings to make; about \d", told)
+    assert re.search(rf"Before that, the pilot: {runs} runs, {STEPS_SEEDS} packings to make; about \d", told)
     asked = json.loads(labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy", "--json").output)
     assert asked["pilot"]["counts"] == {"missing": runs}
     assert asked["pilot"]["forecast"]["seconds"] > 0
