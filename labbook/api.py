@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from labbook.accuracy import BESIDE, write
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
-from labbook.export.packing import write_packings
+from labbook.export.packing import check_spheres, write_packings
 from labbook.export.recording import NotRecorded, of_run
 from labbook.export.study import write_numbers, write_recordings
 from labbook.export.viewer import show
@@ -324,10 +324,14 @@ class Results(Found):
         files of LIGGGHTS and LAMMPS. Returns the paths.
 
         folder: None for LAB/exports/NAME. every: also write the table `inside`, the number of grains inside at times
-        this far apart [s]. say: called with the name of each file. Raises NoParquet (of
+        this far apart [s]. say: called with the name of each file. Raises ValueError for another kind, NoParquet (of
         `labbook.export.study`) without pyarrow, NotSpheres (of `labbook.export.packing`) for packings of rods, and
         Unreadable (of `labbook.lab`) for a damaged one.
         """
+        if kind not in (kinds := ("csv", "parquet")):
+            raise ValueError(f"kind: {kind!r} is none of {', '.join(kinds)}")
+        for point in self.study.points if packings else ():
+            check_spheres(point.scene)
         there = Path(folder or Path(self.lab.folder) / "exports" / self.study.name)
         paths = write_numbers(self, there, kind, every)
         if packings:

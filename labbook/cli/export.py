@@ -35,22 +35,23 @@ def register(app: typer.Typer) -> None:
         """Write every number of a study as tables (SI units), and recorded runs as VTK files for ParaView."""
         from rich.console import Console
 
-        from labbook.export.packing import NotSpheres, write_packings
+        from labbook.export.packing import NotSpheres, check_spheres, write_packings
         from labbook.export.study import NoParquet, write_recordings
 
         found = results(study, lab, backend)
         folder = out if out is not None else lab / "exports" / found.study.name
         try:
+            for point in found.study.points if packings else ():
+                check_spheres(point.scene)
             paths = found.export(folder, kind, every=_seconds(inside))
         except NoParquet as missing:
             raise typer.BadParameter(str(missing), param_hint="--format") from None
+        except NotSpheres as rods:
+            raise typer.BadParameter(str(rods), param_hint="--packings") from None
         for path in paths:
             typer.echo(path)
         if packings:
-            try:
-                written = write_packings(found, found.lab.place, folder / "packings")
-            except NotSpheres as rods:
-                raise typer.BadParameter(str(rods), param_hint="--packings") from None
+            written = write_packings(found, found.lab.place, folder / "packings")
             where = (
                 f"{len(written)} files in {folder / 'packings'}" if written else "this study has no finished run yet"
             )

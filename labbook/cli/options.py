@@ -114,12 +114,37 @@ def results(path: Path, lab: Path, backend: str) -> "Results":
         warnings.simplefilter("ignore", LabWarning)  # told below
         found = Place(lab, backend).results(study)
     if not found.points and not found.unreadable:
-        fail(f"{lab} has no finished run of {study.name} on {backend}; make some: labbook run {path} --lab {lab}")
-    for problem in found.unreadable:
-        say(f"Left out: {problem}", err=True)
-    for problem in found.unmeasured:
-        say(f"Not measured: {problem}", err=True)
+        fail(
+            f"{lab} has no finished run of {study.name} on {backend}; {instead_of_none(study.name, path, lab, backend)}"
+        )
+    for what, problems in (("Left out", found.unreadable), ("Not measured", found.unmeasured)):
+        for problem in problems[:_SAID]:
+            say(f"{what}: {problem}", err=True)
+        if len(problems) > _SAID:
+            say(f"{what}: {len(problems) - _SAID} more", err=True)
     if not found.points:
         fail(f"no finished run of {study.name} on {backend} in {lab} can be read; make them again: "
-             f"labbook run {path} --lab {lab}")  # fmt: skip
+             f"{again(path, lab, backend)}")  # fmt: skip
     return found
+
+
+_SAID = 20
+"""Runs with a problem that are named one by one."""
+
+
+def again(path: Path | str, lab: Path, backend: str) -> str:
+    """The command that makes the runs of a study."""
+    return f"labbook run {path} --lab {lab}" + (f" --backend {backend}" if backend != BACKEND else "")
+
+
+def instead_of_none(name: str, path: Path | str, lab: Path, backend: str) -> str:
+    """What to do where a lab has no run of a study from a backend: take another one, or make them."""
+    from labbook.backend.registry import installed
+    from labbook.lab import Catalogue
+
+    there = sorted({*Catalogue(lab).runs(name)["backend"]} - {backend, ""})
+    if there:
+        return f"it has runs on {' and '.join(there)}: add --backend {there[0]}"
+    if backend not in installed():
+        return f"there is no backend {backend}; installed are {', '.join(sorted(installed()))}"
+    return f"make some: {again(path, lab, backend)}"

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labbook.cli.options import BACKEND, LAB, Backend, Lab, existing, fail, read_study
+from labbook.cli.options import BACKEND, LAB, Backend, Lab, again, existing, fail, instead_of_none, read_study
 from labbook.cli.screen import say
 
 
@@ -83,11 +83,12 @@ def _recordings(target: str, point: int | None, lab: Path, backend: str) -> list
     for problem in lost:
         say(f"Left out: {problem}", err=True)
     if not runs:
-        fail(f"{lab} has no such finished run of {study.name} on {backend}; make one: labbook run {target} --lab {lab}")
+        what = instead_of_none(study.name, target, lab, backend)
+        fail(f"{lab} has no such finished run of {study.name} on {backend}; {what}")
     if not made and not lost:
         raise NotRecorded(
             f"none of these runs kept frames: add `record: {{every: 10 ms}}` to {target} and run it again"
         )
     if not made:
-        fail(f"no recorded run of {study.name} can be read; make them again: labbook run {target} --lab {lab}")
+        fail(f"no recorded run of {study.name} can be read; make them again: {again(target, lab, backend)}")
     return made

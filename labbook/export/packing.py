@@ -20,6 +20,12 @@ class NotSpheres(Exception):
     """A packing that these codes have no grains for; the message says which."""
 
 
+def check_spheres(scene: Scene) -> None:
+    """Raises NotSpheres for a scene of rods."""
+    if not isinstance(scene.grains, Spheres):
+        raise NotSpheres(f"data files hold spheres only, but the grains have the shape {scene.grains.shape}")
+
+
 def data_file(packing: Packing, scene: Scene, title: str) -> str:
     """The packing as text: of each grain its number and kind (both from 1), diameter, density, centre [m], velocity
     [m/s] and angular velocity [rad/s], in digits that read back as the same numbers.
@@ -28,9 +34,8 @@ def data_file(packing: Packing, scene: Scene, title: str) -> str:
     with a margin, and reaches below z = 0, where grains fall to; walls are no part of such a file. title: its first
     line. Raises NotSpheres for rods.
     """
+    check_spheres(scene)
     grains = scene.grains
-    if not isinstance(grains, Spheres):
-        raise NotSpheres(f"data files hold spheres only, but the grains have the shape {grains.shape}")
     bodies = Bodies.of(grains, packing)
     densities = np.array([one.density for one in grains.species])[bodies.kind]
     low, high = packing.x.min(axis=0) - MARGIN * grains.diameter, packing.x.max(axis=0) + MARGIN * grains.diameter

@@ -82,20 +82,21 @@ class FitResult:
     def predict(
         self, D: Sequence[float] | np.ndarray, *, new_point: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """W of the law at orifices D [m], and the ends of its pointwise interval [kg/s], each of shape [m].
+        """W of the law at orifices D [m], and the ends of its pointwise interval [kg/s], each of shape [m]; NaN where
+        the law has no flow.
 
         The band of the law or, with `new_point`, of the mean that as many seeds as the points have would give there;
         linearised in ln W.
         """
-        at = np.asarray(D, float)
+        at = np.atleast_1d(np.asarray(D, float))
         best = self._minimum.best
-        slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
-        error = law_error(slopes, self._minimum.covariance) * self.widening
-        reach = half_width(
-            error, self.confidence, freedom(self.error_dof, self.dof), self._scatter if new_point else 0.0
-        )
-        value = self.law.flow(at, best, self.context)
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)
+            error = law_error(slopes, self._minimum.covariance) * self.widening
+            reach = half_width(
+                error, self.confidence, freedom(self.error_dof, self.dof), self._scatter if new_point else 0.0
+            )
+            value = self.law.flow(at, best, self.context)
             return value, value * np.exp(-reach), value * np.exp(reach)
 
     def together(self, values: Mapping[str, float]) -> float:
@@ -113,7 +114,8 @@ class FitResult:
         for name, value in values.items():
             free[reported[name].free] = reported[name].invert(value, self._minimum.best[reported[name].free])
         if np.isnan(free).any():
-            raise ValueError(f"{self.law.name}: a parameter is left free by {', '.join(values) or 'none'}")
+            left = ", ".join(one.name for one in reported.values() if np.isnan(free[one.free]))
+            raise ValueError(f"{self.law.name}: {left} left free; give a value of each parameter")
         misfit = np.log(self.W) - self.law.log_flow(self.D, free, self.context)
         own = self.relative_error if self.error_dof else self.relative_error / self.widening
         rise = (float(np.sum((misfit / own) ** 2)) - self.chi2) / self.widening**2

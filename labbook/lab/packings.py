@@ -121,7 +121,8 @@ def _read(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
     try:
         packing = Packing(**read_table(path, min(MOST, 2**20 + _BYTES * record.grains)))
     except (OSError, ValueError, TypeError) as error:
-        raise Unreadable(f"{path}: not a packing ({type(error).__name__}: {error})") from error
+        why = str(error).removeprefix(f"{path}: ")
+        raise Unreadable(f"{path}: not a packing: {why}") from error
     if fault := _fault(record, packing):
         raise Unreadable(f"{path}: {fault}")
     _protect(packing)

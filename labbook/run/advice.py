@@ -168,6 +168,7 @@ def _narrow(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
         what = "lengths of a rod" if rods else "diameters of a grain"
         least = NARROW[shared.scene.grains.shape]
         ratio, bound = told_apart(one.ratio or 0.0, least, digits=2)
+        what = "length of a rod" if rods and ratio == "1" else "diameter of a grain" if ratio == "1" else what
         reason = f"the outlet is {ratio} {what} wide ({one.extent * 1e3:.3g} mm), and below {bound} it often clogs"
         enough = math.ceil(least * one.extent * 1e4 * (1 - 1e-9)) / 10  # mm
         yield _told(file, "container.orifice", reason, f"use {enough:g} mm or more", few, points)

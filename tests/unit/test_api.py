@@ -292,6 +292,12 @@ def test_a_damaged_lab_says_what_to_do(tmp_path):
         lab.results(study(tmp_path), progress=False)
 
 
+def test_tables_have_one_of_two_kinds(found, tmp_path):
+    with pytest.raises(ValueError, match="kind: 'xls' is none of csv, parquet"):
+        found.export(tmp_path / "tables", kind="xls")
+    assert not (tmp_path / "tables").exists()
+
+
 def test_the_runs_of_a_lab_are_a_frame(found):
     frame = found.lab.frame()
     assert len(frame) == 12

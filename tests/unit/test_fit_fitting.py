@@ -1,4 +1,5 @@
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -76,10 +77,20 @@ def test_parameters_together_are_tested_as_the_ellipse_says():
         assert 1e-3 < p < 0.99
         assert p == pytest.approx(stats.chi2.sf(off @ normal @ off, 2), rel=0.01)
     assert found.together({"C_particle": 0.58, "k": 1.55}) == pytest.approx(1)
-    with pytest.raises(ValueError, match="left free"):
+    with pytest.raises(ValueError, match="beverloo: k left free"):
         found.together({"C_particle": 0.58, "C": 1.0})
     with pytest.raises(ValueError, match="cannot be"):
         found.together({"C_particle": -0.1, "k": 1.55})
+
+
+def test_a_law_predicts_nothing_where_no_grain_can_pass():
+    found = fit(LAWS["beverloo"], D, LAWS["beverloo"].flow(D, TRUE["beverloo"], FAN), np.full(len(D), 1e-4), FAN)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        flow, low, high = found.predict(0.3 * FAN.d)
+    assert flow.shape == low.shape == high.shape == (1,)
+    assert not flow[0] > 0
+    assert found.predict(D[0])[0] == pytest.approx(found.predict(D)[0][0])
 
 
 def test_true_parameters_are_within_the_joint_region_as_often_as_it_says():

@@ -201,6 +201,20 @@ def test_a_measure_that_fails_is_told_and_not_tried_again(made, monkeypatch):
     assert not results.unreadable
 
 
+def test_who_asks_the_wrong_backend_is_told_of_the_right_one(made):
+    path, lab = made
+    for verb in ("fit", "view"):
+        told = labbook(verb, path, "--lab", lab, "--backend", "numba", check=False).stderr
+        assert "finished run of toy-study on numba; it has runs on toy: add --backend toy" in told.replace("\n", " ")
+    other = path.with_name("other.yaml")
+    other.write_text(path.read_text().replace("toy-study", "other"))
+    assert "there is no backend foo; installed are " in labbook(
+        "fit", other, "--lab", lab, "--backend", "foo", check=False
+    ).stderr.replace("\n", " ")
+    told = labbook("fit", other, "--lab", lab, "--backend", "warp", check=False).stderr
+    assert "--backend warp" in told
+
+
 def test_a_lab_that_cannot_be_written_to_is_read_all_the_same(made, monkeypatch, counted):
     path, lab = made
     for one in kept(lab):
