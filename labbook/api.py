@@ -34,7 +34,7 @@ from labbook.results.calibrating import Calibrated, PilotStopped, calibrate, flo
 from labbook.results.find import find
 from labbook.results.frames import frames
 from labbook.results.paper import analyses
-from labbook.results.points import RunResult
+from labbook.results.points import FLOW_RATE, RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
 from labbook.run.advice import cut_short, foresee
@@ -230,6 +230,8 @@ class Results(Found):
         units = self.study.units
         for result in self.points:
             row: dict[str, Any] = {"point": result.point.index + 1, **result.point.at}
+            if FLOW_RATE in self.study.measure:  # also where no run has one
+                row |= dict.fromkeys((f"{FLOW_RATE}{end}" for end in ("", "_error", "_low", "_high")), math.nan)
             for name, pooled in result.pooled.items():
                 row |= {name: pooled.value, f"{name}_error": pooled.error}
                 row |= {f"{name}_low": pooled.low, f"{name}_high": pooled.high}

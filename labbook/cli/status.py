@@ -55,4 +55,6 @@ def register(app: typer.Typer) -> None:
             state = (
                 "in progress" if work.held else "stopped, resumable" if work.saved else "stopped, starts from step 0"
             )
+            if work.failed and not work.held:
+                state = f"a filling that failed: {work.failed}"
             say(f"  {work.key}  step {work.step}  {state}{f' ({work.problem})' if work.problem else ''}")

@@ -62,6 +62,12 @@ class Progress(Part):
         return found
 
     @property
+    def failed(self) -> str:
+        """Why it came to nothing, and would again; empty for one that goes on."""
+        why = self.state.get("failed", "")
+        return why if isinstance(why, str) else ""
+
+    @property
     def files(self) -> set[str]:
         """Names of all files that belong to it."""
         return {self.checkpoint, *(name for names in self.chunks.values() for name in names)}
@@ -174,6 +180,8 @@ class Unfinished:
     """Whether a process is working on it."""
     problem: str | None = None
     """Why its last save cannot be read."""
+    failed: str = ""
+    """Why it came to nothing; see `Progress`."""
 
 
 def unfinished(lab: Lab) -> list[Unfinished]:
@@ -186,7 +194,8 @@ def unfinished(lab: Lab) -> list[Unfinished]:
         except Unreadable as error:
             problem = str(error)
         step = last.step if last else 0
-        found.append(Unfinished(key, step, last is not None, lab.held(key), problem))
+        failed = last.failed if last else ""
+        found.append(Unfinished(key, step, last is not None, lab.held(key), problem, failed))
     return found
 
 

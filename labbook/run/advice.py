@@ -84,6 +84,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     if alone:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
         yield _told(file, "replicates", "with one run per point no number has an error from replicates", remedy)
+    yield from _soft(plan.study, points)
     if seconds > _LONG:
         yield from _stiff(plan.study, points)
 
@@ -269,6 +270,29 @@ def _stiff(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Itera
         reason = f"grains this stiff take {times:.2g} times as many steps as the weight of the bed requires"
         remedy = f"with {_rounded(soft)} {unit} grains overlap by at most about {percent(SOFT)} of d"
         yield _told(study.path, key, reason, remedy)
+
+
+def _soft(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
+    """Grains so soft that the weight of their bed alone overlaps them by more than the guard allows."""
+    by_youngs = "youngs_modulus" in study.stated.get("contact", {})
+    for shared, one in points:
+        numerics = shared.filled_by
+        scene = shared.scene.stiffened(numerics.stiffness_scale)
+        grains = scene.grains
+        youngs = by_youngs or "contact.youngs_modulus" in shared.point.at
+        for where, by_e, law in _stiffnesses(scene, youngs) if one.height else ():
+            pressure = PACKED * grains.mean_density * scene.gravity * (one.height or 0.0)
+            overlap, hard = law.overlap(pressure, grains.diameter), law.softer(pressure, SOFT, grains.diameter)
+            if overlap is None or hard is None or overlap <= numerics.overlap_limit:
+                continue
+            key, ratio = hard.other if by_e and hard.other else (hard.key, 1.0)
+            reason = (
+                f"under the weight of the bed grains this soft overlap by about {overlap:.2g} d, and runs end at "
+                f"{numerics.overlap_limit:g} d (numerics.overlap_limit)"
+            )
+            enough = _rounded(hard.enough * ratio / numerics.stiffness_scale)
+            yield _told(study.path, f"{where}.{key}", reason, f"with {enough} {hard.unit} it is {percent(SOFT)} of d")
+            return
 
 
 def softer(scene: Scene, height: float, youngs: bool = False) -> tuple[str, float, str, float] | None:

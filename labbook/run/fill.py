@@ -80,8 +80,8 @@ class FillJob(Job):
         return saved
 
     def state(self) -> dict[str, Any]:
-        """How often on end it was found at rest."""
-        return {"quiet": self._quiet}
+        """How often on end it was found at rest; why a guard stopped it, if one did."""
+        return {"quiet": self._quiet} | ({"failed": self._failure.message} if self._failure else {})
 
     def after(
         self, status: Status, tables: Mapping[Probe, Table], wall: float, process: float, grain_steps: float

@@ -12,7 +12,7 @@ from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, a
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import Listed, stamp
 from labbook.lab.identity import Keys
-from labbook.lab.journal import PROGRESS
+from labbook.lab.journal import PROGRESS, Progress
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
@@ -364,7 +364,8 @@ class Planner:
             if older:
                 was, name = older.cache_version, self.backend.name
                 return "stale", f"made by version {was} of {name}, now at version {self.backend.cache_version}"
-            return "missing", "not run yet"
+            why = self._failed(keys.packing) if listed is None or keys.packing in listed.work else ""
+            return "missing", f"its packing failed: {why}" if why else "not run yet"
         if entry.coverage is None:
             return "missing", f"cannot be read: {entry.problem}"
         shared = demand.shared
@@ -372,6 +373,14 @@ class Planner:
             entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names, demand.recording
         )
         return ("partial", lacks) if lacks else ("done", entry.outcome)
+
+    def _failed(self, packing: str) -> str:
+        """Why a guard stopped a filling; empty if none did."""
+        try:
+            last = Progress.read(self.catalogue.lab.work(packing))
+        except Unreadable:
+            return ""
+        return last.failed if last else ""
 
     def _looked_at(self, key: str) -> Entry | None:
         """A run as its folder has it now: its process was killed before it was indexed, another machine put it there,

@@ -292,6 +292,15 @@ def test_a_damaged_lab_says_what_to_do(tmp_path):
         lab.results(study(tmp_path), progress=False)
 
 
+def test_a_table_has_its_flow_rates_also_where_there_are_none(tmp_path):
+    few = labbook.Lab(tmp_path / "lab", "toy")
+    asked = study(tmp_path, orifices="[24]", count=100, replicates=2)
+    few.run(asked, progress=False)
+    frame = few.results(asked, progress=False).frame()
+    assert frame[["flow_rate", "flow_rate_error", "flow_rate_low", "flow_rate_high"]].isna().all(axis=None)
+    assert frame["replicates"].tolist() == [2]
+
+
 def test_tables_have_one_of_two_kinds(found, tmp_path):
     with pytest.raises(ValueError, match="kind: 'xls' is none of csv, parquet"):
         found.export(tmp_path / "tables", kind="xls")

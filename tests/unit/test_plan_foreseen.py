@@ -248,6 +248,7 @@ WARNED = [
     ("replicates: 2", "replicates: 1", "replicates", "no number has an error", "3 or more"),
     ("[flow_rate]", "[flow_rate]\nfit: [beverloo]", "fit", "2 orifices are too few: beverloo has 2", "sweep 3 or more"),
     ("2 MPa", "25 GPa", "contact.shear_modulus", "times as many steps", "with 1e+07 Pa grains overlap"),
+    ("2 MPa", "2 kPa", "contact.shear_modulus", "grains this soft overlap by about", "Pa it is 0.3 % of d"),
 ]
 
 

@@ -72,6 +72,11 @@ def test_a_filling_that_fails_a_guard_says_so_in_words(tmp_path):
     assert "Failed(" not in why
     (folder,) = (path for path in (lab / "work").iterdir() if path.is_dir())
     assert f"the last good state is in {folder})" in why
+    told = labbook("status", "--lab", lab).stdout.replace("\n", " ")
+    assert "a filling that failed: grain 45 at step 6 (0.06 ms, dt = 10 us) moves at 143 m/s" in told
+    assert "resumable" not in told
+    plan = labbook("plan", study_file(tmp_path, replicates=1), "--lab", lab, *BACKEND).stdout
+    assert "its packing failed: grain 45 at step 6" in " ".join(plan.split())
 
 
 def test_runs_of_older_versions_that_came_to_the_end_of_their_time_can_be_read(tmp_path):
