@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from labbook.accuracy import groups
+from labbook.scene.quantities import parse
 from labbook.scene.timescales import largest_stable_step
 from labbook.study.load import Study, define
 from labbook.study.point import Point
@@ -63,7 +64,13 @@ def _pilot(study: Study, ends: list[Point], seeds: int, settings: Sequence[tuple
 def _at(study: Study, point: Point) -> Mapping[str, Any]:
     """What is swept at a point, as a study file has it."""
     kept = {key: value for key, value in point.at.items() if not key.startswith(("numerics.", "fill.numerics."))}
-    return {key: v if isinstance(v, str) else f"{v!r} {study.units.get(key, '')}".strip() for key, v in kept.items()}
+    return {key: v if isinstance(v, str) else _written(v, study.units.get(key, "")) for key, v in kept.items()}
+
+
+def _written(value: float, unit: str) -> str:
+    """An SI value with its unit: lengths in mm, if that is the very same number."""
+    shown = f"{1e3 * value:.12g} mm"
+    return shown if unit == "m" and parse(shown, "m") == value else f"{value!r} {unit}".strip()
 
 
 def _numerics(points: list[Point], settings: Sequence[tuple[float, float, float]]) -> list[Mapping[str, str]]:
@@ -74,9 +81,9 @@ def _numerics(points: list[Point], settings: Sequence[tuple[float, float, float]
         found.append(
             {
                 "numerics.stiffness_scale": f"{scale:g}",
-                "numerics.dt": f"{part * flow:.6g} s",
+                "numerics.dt": f"{part * flow * 1e6:.6g} us",
                 "fill.numerics.stiffness_scale": f"{filled:g}",
-                "fill.numerics.dt": f"{0.66 * bed:.6g} s",
+                "fill.numerics.dt": f"{0.66 * bed * 1e6:.6g} us",
             }
         )
     return found

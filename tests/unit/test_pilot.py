@@ -39,6 +39,7 @@ def test_it_has_two_steps_at_the_first_and_last_point_that_need_them(tmp_path):
     made = first_needed(load(asked_file(tmp_path, orifices="[15, 16, 17, 30]")))
     assert made is not None
     assert {point.at["container.orifice"] for point in made.points} == {0.015, 0.017}, "30 mm was measured"
+    assert made.points[0].label.startswith("orifice 15 mm, ")
     assert len(made.points) == 2 * len(STEPS)
     assert made.replicates == STEPS_SEEDS
     assert {point.numerics.stiffness_scale for point in made.points} == {1.0}
