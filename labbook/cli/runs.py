@@ -87,7 +87,8 @@ def _show(found) -> None:
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("run", "study", "point", "seed", "backend", "outcome", "left", "t [s]", "M/s"):
         right = heading in ("seed", "left", "t [s]", "M/s")
-        table.add_column(heading, justify="right" if right else "left", no_wrap=heading != "study")
+        folded = heading in ("study", "point")  # the others are never cut
+        table.add_column(escape(heading), justify="right" if right else "left", no_wrap=not folded, overflow="fold")
     problems, suspects = [], []
     for row in found.itertuples(index=False):
         if row.outcome == "unreadable":

@@ -1,6 +1,7 @@
 """What `labbook run` says at its end, with which exit status; and backends whose packages are missing."""
 
 import json
+import re
 import sys
 
 import labbook_toy
@@ -114,3 +115,18 @@ def test_an_backend_without_its_package_is_one_line_with_the_remedy(tmp_path, mo
         assert "Traceback" not in ended.output
     shown = labbook("doctor", check=False, COLUMNS="300").stdout
     assert remedy in shown
+
+
+def test_long_labels_cut_no_other_column_of_the_runs(tmp_path):
+    path, lab = study_file(tmp_path, replicates=1), tmp_path / "lab"
+    names = ", ".join(f"{{container.orifice: {mm} mm, contact.friction: 0.{mm}, grains.density: 25{mm} kg/m^3, "
+                      f"contact.restitution: 0.{mm}, contact.rolling_friction: 0.0{mm}, gravity: 9.{mm} m/s^2}}"
+                      for mm in (21, 24))  # fmt: skip
+    text = path.read_text()
+    assert "sweep:" in text
+    path.write_text(re.sub(r"sweep: *\n .*\n|sweep:.*\n", f"points: [{names}]\n", text))
+    labbook("run", path, "--lab", lab, *BACKEND)
+    told = labbook("runs", "--lab", lab).stdout
+    assert "t [s]" in told
+    for key in (run.name for run in (lab / "runs").iterdir()):
+        assert re.search(rf"{key[:10]} +toy-study .* 1 +toy \d+ +finished ", told)
