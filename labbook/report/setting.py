@@ -169,7 +169,8 @@ def _replicates(results: Results) -> str:
     if not runs:
         return ""
     each = " to ".join(dict.fromkeys(str(n) for n in (min(runs), max(runs))))
-    return f"{sum(runs)} runs of {len(results.points)} points, {each} at each; asked: {results.study.replicates}"
+    total, points = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((sum(runs), "run"), (len(runs), "point")))
+    return f"{total} of {points}, {each} at each; asked: {results.study.replicates}"
 
 
 def _backend(results: Results) -> Iterator[str]:

@@ -187,7 +187,7 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
         high, walls = told_apart(height * 1e3, top * 1e3)
         stand = f"the grains will stand about {high} mm high, at a packing fraction of {PACKED}"
         reason = f"{stand}, above the walls ({walls} mm)"
-        remedy = f"make the container {1.1 * height * 1e3:.3g} mm high or more, or lower grains.count"
+        remedy = f"make the container {float(f'{1.1e3 * height:.3g}'):g} mm high or more, or lower grains.count"
         yield _told(file, "container.height", reason, remedy, over, points)
 
 

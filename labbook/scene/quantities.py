@@ -64,21 +64,25 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
 
 def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -> tuple[str, str]:
     """A value beyond a limit, and the limit, for a message: to `digits` and `of_limit` significant digits, or to as
-    many more as show which of them is larger."""
+    many more as show which of them is larger. Numbers from 1e-4 to 1e6 are written out."""
     for more in range(17):
         shown, bound = f"{value:.{digits + more}g}", f"{limit:.{of_limit + more}g}"
         if (float(shown) > float(bound), float(shown) < float(bound)) == (value > limit, value < limit):
             break
-    return shown, bound
+    return _written_out(shown), _written_out(bound)
+
+
+def _written_out(number: str) -> str:
+    """Without an exponent (4.15e+03), unless it is large or small, or has many digits."""
+    plain = f"{float(number):.6g}"
+    return plain if "e" in number and float(plain) == float(number) else number
 
 
 def percent(part: float, how: str = ".3g") -> str:
     """`2 %`, `0.25 %`, `110 %` of a part of one. `how`: to format the number of percent; where that gives an exponent
     (1.1e+02), the digits are written out."""
-    number = f"{100 * part:{how}}"
-    if "e" in number:
-        number = f"{float(number):{'+' if how.startswith('+') else ''}.6g}"
-    return f"{number} %"
+    number = _written_out(f"{100 * part:{how}}")
+    return f"{'+' if how.startswith('+') and number[0] not in '+-' else ''}{number} %"
 
 
 _RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")

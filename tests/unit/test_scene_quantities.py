@@ -93,6 +93,7 @@ def test_numbers_survive(number):
 
 def test_a_value_beyond_a_limit_is_told_apart_from_it():
     assert told_apart(0.0123456, 0.004) == ("0.0123", "0.004")
+    assert told_apart(4150.2, 200.0) == ("4150", "200")
     assert told_apart(0.00400049, 0.004) == ("0.0040005", "0.004")
     assert told_apart(4.996, 5, digits=2) == ("4.996", "5")
     assert told_apart(33.64, 33.6, of_limit=3) == ("33.64", "33.6")
