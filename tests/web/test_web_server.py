@@ -205,7 +205,13 @@ def test_the_page_of_a_study_shows_every_point(asked, results):
     (series,) = drawn["series"]
     assert list(series["laws"]) == ["beverloo", "janda"]
     fit = results.series[0].fits["beverloo"]
-    assert series["laws"]["beverloo"]["residuals"] == pytest.approx([100 * math.expm1(one) for one in fit.residuals])
+    law = series["laws"]["beverloo"]
+    assert law["residuals"] == pytest.approx([100 * math.expm1(one) for one in fit.residuals])
+    expected = [
+        100 * one.flow_rate.half_width / W for one, W in zip(results.points, fit.predict(fit.D)[0], strict=True)
+    ]
+    assert law["half_widths"] == pytest.approx(expected), "each point's own 95 % interval, as in the report"
+    assert len(set(law["half_widths"])) == POINTS
 
 
 def test_the_page_of_a_point_has_its_runs(asked, results):

@@ -253,7 +253,7 @@ def _series(series: Series) -> dict[str, Any]:
     for law, fit in series.fits.items():
         D = np.linspace(fit.D.min(), fit.D.max(), _PLACES)
         value, low, high = fit.predict(D)
-        table = fit_table(law, fit)
+        table, residuals = fit_table(law, fit), series.residuals(law)
         laws[law] = {
             "label": display.law(law),
             "parameters": ", ".join(f"{row[0]} = {row[1]}" for row in table.rows),
@@ -261,9 +261,9 @@ def _series(series: Series) -> dict[str, Any]:
             "value": value,
             "low": low,
             "high": high,
-            "at": fit.D,
-            "residuals": 100 * np.expm1(fit.residuals),
-            "error": 100 * fit.relative_error,
+            "at": [one.orifice for one in residuals],
+            "residuals": [100 * one.value for one in residuals],
+            "half_widths": [100 * one.half_width for one in residuals],
         }
     return {"label": series.label, "at": dict(series.at), "points": [one.point.index + 1 for one in series.points],
             "laws": laws}  # fmt: skip

@@ -149,7 +149,7 @@
             }
             traces.push({ type: "scatter", mode: "lines", name: pretty(fit.label), meta: "fit", x, y: scaled(fit.value), line: { color: paint, width: 2, dash: DASHES[place % DASHES.length] }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: list.length === 1, hovertemplate: `${pretty(fit.label)}: ${pretty(fit.parameters)}<extra></extra>` });
             residuals = true;
-            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.error, color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
+            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.half_widths.map((half) => half || 0), color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
           });
         }
       });
