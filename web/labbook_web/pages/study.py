@@ -19,7 +19,7 @@ from labbook.report import gallery, style, tables
 from labbook.report.blocks import Facts, slug
 from labbook.report.fitted_tables import fit_table
 from labbook.report.paper import Draw
-from labbook.report.result_box import headline, result_box
+from labbook.report.result_box import headline, no_number, result_box
 from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.tables import Table
@@ -78,6 +78,7 @@ def _shown(found: Found) -> dict[str, Any]:
     return {
         "results": results,
         "box": result_box(results) if results.points else None,
+        "nothing": no_number(results),
         "constants": _constants(results),
         "outcomes": outcomes(results),
         "sheet": sheet(results),
@@ -216,6 +217,7 @@ def plotted(results: Results) -> dict[str, Any]:
         ],
         "series": [_series(one) for one in results.series if one.fits],
         "source": results.source,
+        "nothing": no_number(results),
     }  # fmt: skip
 
 

@@ -100,9 +100,9 @@
     };
     const render = () => {
       const t = theme(), traces = [], every = studies(data), several = every.length > 1;
+      const without = every.filter((one) => one.nothing).map((one) => (several ? `${one.label}: ${one.nothing}` : one.nothing));
       const X = known.keys[state.x] || { label: "point", unit: "", scale: 1, words: true, orifice: false }, Y = known.quantities[state.y];
-      if (!Y) { note.textContent = "These points have no evaluated numbers yet."; holder.hidden = true; return; }
-      holder.hidden = false;
+      if (!Y) { note.textContent = without.join(" "); holder.hidden = form.hidden = true; return; }
       const power = state.scale === "power" ? 2 / 3 : state.scale === "power5" ? 2 / 5 : 1;
       const raised = (value) => (value === null ? null : power === 1 ? value : Math.sign(value) * Math.abs(value) ** power);
       const chosen = labbook.chosen;
@@ -181,11 +181,11 @@
       if (fitted && list.length > 4 && residuals) bits.push("With more than four curves, bands are not drawn.");
       if (marks) bits.push("Hollow points have a remark.");
       if (lacking) bits.push(`Crosses at zero: ${lacking} without a number.`);
-      bits.push("Click a point to see its runs.");
+      bits.push("Click a point to see its runs.", ...without);
       note.textContent = bits.join(" ");
     };
     redraw();
-    if (labbook.once(holder, "listening")) {
+    if (!holder.hidden && labbook.once(holder, "listening")) { // Plotly adds `on` when it draws
       holder.on("plotly_click", (event) => {
         const point = event.points[0].customdata;
         if (!point) return;
