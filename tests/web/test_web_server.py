@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -333,15 +334,16 @@ def few(tmp_path_factory) -> Path:
     return folder / "lab"
 
 
-TOO_FEW = "too few grains: 100 of 100 left, fewer than 60 in the window"
+TOO_FEW = r"too few grains: \d+ of 100 left, fewer than 60 in the window"
 
 
 def test_a_study_whose_runs_gave_no_number_says_why(few):
-    somebody, why = client(few), f"No flow rate in 4 of 4 runs: {TOO_FEW}."
+    somebody = client(few)
     page = Read(somebody.get(f"/study/{STUDY}").text)
+    why = page.data["nothing"]
+    assert re.fullmatch(f"No flow rate in 4 of 4 runs: (for example, )?{TOO_FEW}\\.", why)
     assert page.words.count(why) == 2, "in the box of the result and in place of the chart"
     assert "chart" not in [given.get("id") for _, given in page.elements]
-    assert page.data["nothing"] == why
     assert why in somebody.get(f"/card/{STUDY}").text
     assert "No run gave a number" in somebody.get(f"/study/{STUDY}/point/1").text
 
@@ -353,8 +355,8 @@ def test_nothing_is_said_to_be_drawn_that_is_not(few, done):
         said = somebody.get(address).text
         assert "haded:" not in said
         assert "otted:" not in said
-        assert TOO_FEW in said
-    assert f"No window and no mean: {TOO_FEW}." in somebody.get(runs[0]).text
+        assert re.search(TOO_FEW, said)
+    assert re.search(f"No window and no mean: {TOO_FEW}\\.", somebody.get(runs[0]).text)
     assert (
         "Shaded: the window in which the flow counts as steady; dotted: the mean over it."
         in drawn.get(f"/run/{keys_of(done / 'lab')[0][:16]}").text
