@@ -10,7 +10,7 @@ from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing, window_in_words
 from labbook.measure.series import crossings, flow_series, mean_mass
-from labbook.measure.steady import BLOCKS, FEWEST, GAP, SteadyFlow, steady_flow
+from labbook.measure.steady import BLOCKS, GAP, SteadyFlow, steady_flow, too_few
 from labbook.scene import Scene
 from labbook.stats import Measured
 
@@ -101,7 +101,7 @@ def _rates(
     mass, what = mean_mass(run), "mass" if run.scene.grains.varied else "grains"
     asked = window_in_words(window, what)
     if flow is None:
-        note = f"too few grains: {len(times)} of {len(run.start)} left, fewer than {FEWEST} in the window"
+        note = too_few(len(times), len(run.start))
         return tuple(
             Measured(quantity + suffix, math.nan, math.nan, 0, asked, "crossings", unit, note)
             for quantity, unit in (("flow_rate", "kg/s"), ("grain_rate", "1/s"))

@@ -25,7 +25,7 @@ from labbook.measure.measure import (
     window_in_words,
 )
 from labbook.measure.series import crossings
-from labbook.measure.steady import SteadyFlow, in_gap, steady_flow
+from labbook.measure.steady import SteadyFlow, in_gap, steady_flow, too_few
 from labbook.scene import Scene
 from labbook.stats import Measured
 
@@ -112,7 +112,8 @@ class OrificeMeans(Measure):
         profile = _profile(run.scene, frames) if count else None
         arrays = {} if profile is None or clogged else packed(profile)
         if flow is None or count < _FEWEST:
-            note = f"only {count} frames while grains flowed within the window, fewer than {_FEWEST}"
+            fewer = f"only {count} frames while grains flowed within the window, fewer than {_FEWEST}"
+            note = too_few(len(times), len(run.start)) if flow is None else fewer
             none = (math.nan, math.nan, 0, where, "coarse-grained frames", "m/s", note)
             return Evaluation((Measured(f"orifice_v_z{suffix}", *none),), arrays)
         how = f"{count} frames, coarse-grained; error from seeds only"

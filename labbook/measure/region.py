@@ -17,6 +17,7 @@ MARGIN = 3.0
 SMALLEST = 4.0
 """Extent of the bulk in grain diameters below which it is too small to measure in; at least the length of a rod."""
 _COLUMN = 3.0
+_EMPTY = "nothing is left"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +104,8 @@ class Region:
 
     def __str__(self) -> str:
         (x0, _, z0), (x1, _, z1) = self.low, self.high
+        if min(self.size) <= 0:
+            return _EMPTY
         return f"x = {x0 * 1e3:.4g} to {x1 * 1e3:.4g} mm, z = {z0 * 1e3:.4g} to {z1 * 1e3:.4g} mm"
 
 
@@ -148,6 +151,8 @@ class Ring:
         return float(near.volumes[whole].sum() + clipped.sum())
 
     def __str__(self) -> str:
+        if self.outer <= self.inner or self.high <= self.low:
+            return _EMPTY
         return f"r = 0 to {self.outer * 1e3:.4g} mm, z = {self.low * 1e3:.4g} to {self.high * 1e3:.4g} mm"
 
 

@@ -125,6 +125,11 @@ def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray 
     )
 
 
+def too_few(left: int, total: int) -> str:
+    """Note on a run without a window, of whose `total` grains `left` have left."""
+    return f"too few grains: {left} of {total} left, fewer than {FEWEST} in the window"
+
+
 def _independent(values: np.ndarray, error: float) -> float:
     """How many independent values with this spread have a mean with this error; NaN for none at all."""
     return (float(values.std(ddof=1)) / error) ** 2 if error else math.nan

@@ -188,11 +188,9 @@ def concerns(results: Results) -> list[str]:
     if results.unreadable:
         sentences.append(f"{_count(len(results.unreadable), 'run')} could not be read: {results.unreadable[0]}.")
     if results.unmeasured:
-        failed = _count(len(results.unmeasured), "measurement")
-        sentences.append(f"{failed} could not be made: {results.unmeasured[0]}.")
+        sentences.append(_unmeasured(results))
     if results.unevaluated:
-        runs = f"{_count(len(results.unevaluated), 'run')} not evaluated yet"
-        sentences.append(f"{runs}: labbook fit {study.path.name} evaluates them.")
+        sentences.append(_unevaluated(results))
     for how in ("clogged", "diverged"):
         ended = [(one, one.outcomes[how]) for one in points if one.outcomes[how]]
         if ended:
@@ -205,10 +203,7 @@ def concerns(results: Results) -> list[str]:
         why = [f"{one.label or 'the only point'}, seed {run.seed}: {run.suspect}" for one, run in suspects]
         sentences.append(f"{_count(len(suspects), 'run')} {verb} suspect and {fate}: {_listed(why)}.")
     sentences += _imprecise(results)
-    measured = [run.measured for result in points for run in result.runs]
-    packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
-    if unknown := [one for one in packings if math.isnan(one.value)]:
-        sentences.append(f"No packing fraction in {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
+    sentences += [_unknown(results, FLOW_RATE, "flow rate"), _unknown(results, PACKING_FRACTION, "packing fraction")]
     if trending := _labels(points, lambda one: one.trending):
         sentences.append(f"No plateau of W within the window (trending): {_listed(trending)}.")
     if cut := _labels(points, lambda one: bool(one.notes[CUT_SHORT])):
@@ -221,7 +216,44 @@ def concerns(results: Results) -> list[str]:
             f"{'; '.join(cut)}, so that W is a mean over less than the window: raise stop.discharged, or lower "
             f"window.until in {study.path.name}."
         )
-    return sentences
+    return list(dict.fromkeys(filter(None, (no_number(results), *sentences))))
+
+
+def no_number(results: Results) -> str:
+    """Why no finished run gave a number, in a sentence; empty if any did, or if none has finished."""
+    if not results.points or any(result.pooled for result in results.points):
+        return ""
+    if results.unevaluated:
+        return _unevaluated(results)
+    runs = [run for result in results.points for run in result.runs]
+    if not any(run.counted for run in runs):
+        return "No number: every run diverged or is suspect."
+    if known := _unknown(results, FLOW_RATE, "flow rate"):
+        return known
+    notes = [one.note for run in runs for one in run.measured.values() if math.isnan(one.value) and one.note]
+    if notes:
+        return f"No run gave a number: {notes[0]}."
+    return _unmeasured(results) if results.unmeasured else "No run gave a number."
+
+
+def _unknown(results: Results, quantity: str, called: str) -> str:
+    """In how many runs a quantity could not be measured, and why; empty if in none."""
+    found = [run.measured[quantity] for one in results.points for run in one.runs if quantity in run.measured]
+    notes = [one.note for one in found if math.isnan(one.value)]
+    if not notes:
+        return ""
+    why = notes[0] if len(set(notes)) == 1 else f"for example, {notes[0]}"
+    return f"No {called} in {len(notes)} of {_count(len(found), 'run')}: {why}."
+
+
+def _unevaluated(results: Results) -> str:
+    runs = f"{_count(len(results.unevaluated), 'run')} not evaluated yet"
+    return f"{runs}: labbook fit {results.study.path.name} evaluates them."
+
+
+def _unmeasured(results: Results) -> str:
+    failed = _count(len(results.unmeasured), "measurement")
+    return f"{failed} could not be made: {results.unmeasured[0]}."
 
 
 def _imprecise(results: Results) -> list[str]:

@@ -31,6 +31,16 @@ class FurtherFit:
     points: tuple[PointResult, ...] = ()
 
 
+@dataclass(frozen=True)
+class Residual:
+    """What the flow rate of a point lies off a law, relative to the law: `value`, and `half_width` of its own 95 %
+    interval (infinite for one replicate)."""
+
+    orifice: float
+    value: float
+    half_width: float
+
+
 @dataclass(frozen=True, eq=False)
 class Series:
     """Points in order of their orifice. `at`: their common swept values (SI), without the orifice; `unset`: what is
@@ -83,6 +93,15 @@ class Series:
         if not self.contenders:
             return None
         return self.contenders[0] if len(self.contenders) == 1 else UNDECIDED
+
+    def residuals(self, law: str) -> tuple[Residual, ...]:
+        """Of every point with a flow rate, in order of the orifice."""
+        known = [(result.orifice, result.flow_rate) for result in self.points if result.flow_rate is not None]
+        expected, _, _ = self.fits[law].predict(np.array([orifice for orifice, _ in known]))
+        return tuple(
+            Residual(orifice, float(pooled.value / of_law - 1), float(pooled.half_width / of_law))
+            for (orifice, pooled), of_law in zip(known, expected, strict=True)
+        )
 
     def __repr__(self) -> str:
         fits = ", ".join((*self.fits, *self.further)) or "none"

@@ -75,6 +75,18 @@ def test_upright_rods_that_sink_together():
     assert found["orifice_packing_fraction"] == pytest.approx(ROD.volume / spacing**3, rel=0.02)
 
 
+def test_a_run_without_a_window_says_so_and_not_that_it_has_few_frames():
+    run = run_of(scene(), zone=frames(lattice(0.012), TIMES))
+    few = {name: column[:100] for name, column in run.tables["crossing"].items()}
+    few = replace(run, tables={**run.tables, "crossing": few})
+    (found,) = MEASURES["orifice"].evaluate(few, WINDOW).numbers
+    flow = MEASURES["flow_rate"].evaluate(few, WINDOW).numbers[0]
+    assert found.note == flow.note == "too few grains: 100 of 4000 left, fewer than 60 in the window"
+    seldom = {name: column[: 12 * len(lattice(0.012))] for name, column in run.tables["zone"].items()}
+    (found,) = MEASURES["orifice"].evaluate(replace(run, tables={**run.tables, "zone": seldom}), WINDOW).numbers
+    assert "frames while grains flowed within the window, fewer than 8" in found.note
+
+
 def test_order_of_each_instant_and_of_their_mean():
     """Rods stand in every other frame and lie along x in the rest: those have S = 1, and 1/2 once averaged around the
     axis; the mean tensor has 1/2 along z and 1/4 across."""

@@ -210,6 +210,22 @@ def test_a_narrow_silo_says_that_its_bulk_is_too_small():
     (found,) = numbers(scene_of(narrow), packing_of(cubic(D, half=4))).values()
     assert math.isnan(found.value)
     assert "smaller than 4 d" in found.note
+    assert found.window.endswith("mm")
+
+
+@pytest.mark.parametrize(
+    "container",
+    [
+        CylinderSilo(diameter=20 * D, height=1.0, orifice=5 * D),
+        CylinderSilo(diameter=5 * D, height=1.0, orifice=2 * D),
+        WedgeHopper(width=20 * D, height=0.4, thickness=1.01 * D, orifice=5 * D),
+        WedgeHopper(width=5 * D, height=0.4, thickness=1.01 * D, orifice=2 * D),
+    ],
+)
+def test_a_bed_without_a_bulk_has_no_range_that_ends_before_it_begins(container):
+    found = numbers(scene_of(container), packing_of([[0.0, 0.0, D / 2], [D, 0.0, D / 2]]))["packing_fraction"]
+    assert math.isnan(found.value)
+    assert found.window == "bulk, 3 d from walls, bottom and surface: nothing is left"
 
 
 def test_quantities_are_those_that_are_measured():

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import labbook_toy
 import pandas as pd
 import pytest
 from labbook_web.pages import runs as runs_page
+from labbook_web.pages.curves import caption
 from toy_lab import WINDOW, carry_out, labbook, study_file
 from toy_web import ORIFICES, REPLICATES, Read, client, everything, keys_of, listing, make, pages, twins
 
@@ -205,7 +207,13 @@ def test_the_page_of_a_study_shows_every_point(asked, results):
     (series,) = drawn["series"]
     assert list(series["laws"]) == ["beverloo", "janda"]
     fit = results.series[0].fits["beverloo"]
-    assert series["laws"]["beverloo"]["residuals"] == pytest.approx([100 * math.expm1(one) for one in fit.residuals])
+    law = series["laws"]["beverloo"]
+    assert law["residuals"] == pytest.approx([100 * math.expm1(one) for one in fit.residuals])
+    expected = [
+        100 * one.flow_rate.half_width / W for one, W in zip(results.points, fit.predict(fit.D)[0], strict=True)
+    ]
+    assert law["half_widths"] == pytest.approx(expected), "each point's own 95 % interval, as in the report"
+    assert len(set(law["half_widths"])) == POINTS
 
 
 def test_the_page_of_a_point_has_its_runs(asked, results):
@@ -316,6 +324,73 @@ def test_static_files_come_once(asked):
 
 
 # labs that lack something
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory) -> Path:
+    """A lab with a study of so few grains that no run has a window."""
+    folder = tmp_path_factory.mktemp("few")
+    make(folder, count=100, orifices="[18, 24]", replicates=2)
+    return folder / "lab"
+
+
+TOO_FEW = r"too few grains: \d+ of 100 left, fewer than 60 in the window"
+
+
+def test_a_study_whose_runs_gave_no_number_says_why(few):
+    somebody = client(few)
+    page = Read(somebody.get(f"/study/{STUDY}").text)
+    why = page.data["nothing"]
+    assert re.fullmatch(f"No flow rate in 4 of 4 runs: (for example, )?{TOO_FEW}\\.", why)
+    assert page.words.count(why) == 2, "in the box of the result and in place of the chart"
+    assert "chart" not in [given.get("id") for _, given in page.elements]
+    assert why in somebody.get(f"/card/{STUDY}").text
+    assert "No run gave a number" in somebody.get(f"/study/{STUDY}/point/1").text
+
+
+def test_nothing_is_said_to_be_drawn_that_is_not(few, done):
+    drawn, somebody = client(done / "lab"), client(few)
+    runs = [f"/run/{key[:16]}" for key in keys_of(few)[:2]]
+    for address in (*runs, f"/study/{STUDY}/point/1", f"/compare?item=run:{runs[0][5:]}&item=run:{runs[1][5:]}"):
+        said = somebody.get(address).text
+        assert "haded:" not in said
+        assert "otted:" not in said
+        assert re.search(TOO_FEW, said)
+    assert re.search(f"No window and no mean: {TOO_FEW}\\.", somebody.get(runs[0]).text)
+    assert (
+        "Shaded: the window in which the flow counts as steady; dotted: the mean over it."
+        in drawn.get(f"/run/{keys_of(done / 'lab')[0][:16]}").text
+    )
+    assert (
+        "Dotted: the mean over the window in which the flow counts as steady. Hover"
+        in drawn.get(f"/study/{STUDY}/point/1").text
+    )
+
+
+@pytest.mark.parametrize(
+    ("curves", "said"),
+    [
+        ([("window", None)], "Shaded: the window in which the flow counts as steady."),
+        ([(None, None)], "No window and no mean: few."),
+        ([("window", [1, 0.1]), (None, None)], "Dotted: the mean over the window in which the flow counts as steady, "
+                                               "of 1 of 2 runs. Hover over a curve to see its name."),
+        ([("window", None), ("window", None)], "No mean: few. Hover over a curve to see its name."),
+    ],
+)  # fmt: skip
+def test_captions_name_what_is_drawn(curves, said):
+    assert caption([{"window": window, "mean": mean, "why": "" if mean else "few"} for window, mean in curves]) == said
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_lab_that_is_not_there_is_not_served(tmp_path, there):
+    lab = tmp_path / "typo"
+    if there:
+        lab.mkdir()
+    ended = labbook("web", "--no-open", "--lab", lab, check=False)
+    assert ended.exit_code == 1
+    assert str(lab) in ended.output
+    assert "is not a lab" in ended.output if there else "there is no lab" in ended.output
+    assert lab.exists() == there
 
 
 def test_an_empty_or_missing_lab_says_how_to_begin(tmp_path):

@@ -52,7 +52,7 @@ def register(app: typer.Typer) -> None:
         for study in studies or ():
             if not study.is_file():
                 fail(f"no such file: {study}; give the path of a study file")
-        if lab.exists():
+        if lab.exists() or not studies:  # a study may be followed from before its first run
             existing(lab).close()
         try:
             serve(

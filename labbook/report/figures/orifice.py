@@ -55,7 +55,7 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
             style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
             value, _, _ = fit.predict(diameters)
             main.plot(diameters * 1e3, _scaled(value, power), label=display.law(law), **style, zorder=2)
-            _residuals(below, series.points, fit, style["color"], MARKERS[place], place, len(series.fits))
+            _residuals(below, series, law, style["color"], place)
         _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook")
         _reference(main, series, comparisons, source, power)
         _their_law(main, series, comparisons, source, power, diameters)
@@ -178,20 +178,15 @@ def _points(
         shown = True
 
 
-def _residuals(ax: "Axes", points: Sequence[PointResult], fit, color: str, marker: str, place: int, fits: int) -> None:
-    offset = 0.35 * (place - (fits - 1) / 2)  # mm: side by side, not on top of each other
-    for result in points:
-        pooled = result.flow_rate
-        if pooled is None:
-            continue
-        expected = float(fit.predict(np.array([result.orifice]))[0][0])
-        half = pooled.half_width if np.isfinite(pooled.half_width) else 0.0
+def _residuals(ax: "Axes", series: Series, law: str, color: str, place: int) -> None:
+    offset = 0.35 * (place - (len(series.fits) - 1) / 2)  # mm: side by side, not on top of each other
+    for one in series.residuals(law):
         ax.errorbar(
-            result.orifice * 1e3 + offset,
-            100 * (pooled.value / expected - 1),
-            yerr=100 * half / expected,
+            one.orifice * 1e3 + offset,
+            100 * one.value,
+            yerr=100 * one.half_width if np.isfinite(one.half_width) else 0.0,
             color=color,
-            marker=marker,
+            marker=MARKERS[place],
             linestyle="none",
             markersize=3,
         )

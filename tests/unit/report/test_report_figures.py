@@ -23,6 +23,9 @@ def test_points_lie_at_d_and_w_to_the_two_thirds(analysis):
         residuals, [100 * (r.flow_rate.value / w - 1) for r, w in zip(series.points, fit, strict=True)]
     )
     assert len(below.containers) == 8 * len(series.fits)
+    ends = np.array([bars[2][0].get_segments()[0][:, 1] for bars in below.containers[:8]])
+    halves = [100 * r.flow_rate.half_width / w for r, w in zip(series.points, fit, strict=True)]
+    np.testing.assert_allclose(np.ptp(ends, axis=1) / 2, halves)
 
 
 def test_a_band_without_bounds_leaves_the_frame_to_points_and_curves(analysis):

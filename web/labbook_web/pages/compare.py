@@ -15,6 +15,7 @@ from labbook.results.points import PointResult
 from labbook.stats import Pooled
 from labbook.study import Point
 from labbook_web.page import Page
+from labbook_web.pages.curves import caption
 from labbook_web.pages.point import curve_of, point_of
 from labbook_web.pages.run import curve, key_of, point_of_run
 from labbook_web.pages.study import plotted
@@ -57,6 +58,9 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
     found = _told_apart([_item(shelf, text, lacking) for text in dict.fromkeys(items)])
     labels = [one.label for one in found]
     differ = _differences(found)
+    curves = [{**curve, "title": one.label, "group": place,
+               "label": f"{one.label}: {curve['label']}" if len(one.curves) > 1 else one.label}
+              for place, one in enumerate(found) for curve in one.curves]  # fmt: skip
     numbers = _numbers(found)
     return Page(
         "compare.html.j2",
@@ -67,12 +71,10 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
             [{"key": name, **dict(zip(labels, values, strict=True))} for name, values in differ]
             + [{"key": row["name"], **dict(zip(labels, row["values"], strict=True))} for row in numbers]
         ),
-        {"items": found, "differences": differ, "numbers": numbers, "lacking": lacking,
+        {"items": found, "differences": differ, "numbers": numbers, "lacking": lacking, "caption": caption(curves),
          "studies": [one.name for one in shelf.listed() if one.path is not None]},
         {
-            "curves": [{**curve, "title": one.label, "group": place,
-                        "label": f"{one.label}: {curve['label']}" if len(one.curves) > 1 else one.label}
-                       for place, one in enumerate(found) for curve in one.curves],
+            "curves": curves,
             "studies": [{**plotted(one.found.results), "label": one.label}
                         for one in found if one.found is not None and one.result is None],
         },

@@ -11,6 +11,7 @@ from labbook.results import display
 from labbook.results.frames import frames
 from labbook.results.points import PointResult, RunResult
 from labbook_web.page import Page
+from labbook_web.pages.curves import caption, curve
 from labbook_web.shelf import Found, NotThere, Shelf
 
 
@@ -20,7 +21,7 @@ def point_page(shelf: Shelf, name: str, number: int, query: Mapping[str, str]) -
     result = point_of(found, number)
     last = len(found.study.points)
     lacking: list[str] = []
-    curves = [curve for run in result.runs if (curve := curve_of(run, f"seed {run.seed}", lacking)) is not None]
+    curves = [one for run in result.runs if (one := curve_of(run, f"seed {run.seed}", lacking)) is not None]
 
     def table() -> pd.DataFrame:
         rows = frames(found.results, ("runs",)).get("runs", pd.DataFrame())
@@ -34,7 +35,7 @@ def point_page(shelf: Shelf, name: str, number: int, query: Mapping[str, str]) -
                  "label": result.label, "runs": table().to_dict(orient="records")},
         table,
         {"found": found, "result": result, "number": number, "last": last, "runs": run_rows(result),
-         "lacking": lacking, "quantities": quantities(result)},
+         "lacking": lacking, "caption": caption(curves), "quantities": quantities(result)},
         {"curves": curves},
         {"backend": query["backend"]} if "backend" in query else {},
     )  # fmt: skip
@@ -91,7 +92,5 @@ def curve_of(run: RunResult, label: str, lacking: list[str]) -> dict[str, Any] |
         return None
     if trace is None:
         return None
-    window = [float(end) for end in trace.window] if trace.window is not None else None
-    flow = run.measured.get("flow_rate")
-    mean = [flow.value, flow.error] if flow is not None else None
-    return {"label": label, "time": trace.time, "rate": trace.rate, "window": window, "mean": mean, "run": run.run_key}
+    flowing = run.measured.get("flow_rate_flowing")
+    return curve(trace, run.measured.get("flow_rate"), label, flowing.note if flowing else "", run=run.run_key)

@@ -23,6 +23,7 @@ from labbook.scene.quantities import percent
 from labbook.study import Point
 from labbook.study.schema import Fill
 from labbook_web.page import Page, records
+from labbook_web.pages import curves
 from labbook_web.shelf import NotThere, Shelf
 
 _SIBLINGS = 60
@@ -43,7 +44,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         shown["problem"] = why = str(problem)
         return Page("run.html.j2", path, key[:10], lambda: {"run_key": key, "problem": why},
                     lambda: measured, shown, {"curves": []})  # fmt: skip
-    curves, lacking = curve(folder, entry, record)
+    drawn, lacking = curve(folder, entry, record)
     ledger = _ledger(folder, entry, record)
     siblings, several = shelf.catalogue.listed(Listing(packing=record.packing_key, sort="study", limit=_SIBLINGS))
     shown |= {
@@ -62,6 +63,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "siblings": [one for one in records(siblings) if one["run_key"] != key],
         "several": several - 1,
         "lacking": lacking,
+        "caption": curves.caption(drawn),
         "largest_overlap": ledger.get("largest") if ledger else None,
     }
     return Page(
@@ -71,7 +73,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         lambda: {"run": record.model_dump(mode="json"), "measurements": measured.to_dict(orient="records")},
         lambda: measured,
         shown,
-        {"curves": curves, "ledger": ledger},
+        {"curves": drawn, "ledger": ledger},
     )
 
 
@@ -120,9 +122,10 @@ def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str,
     trace = Trace.of(found)
     if trace is None:
         return [], ["No grain left."]
-    ends = [float(end) for end in trace.window] if trace.window is not None else None
-    mean = next(([one.value, one.error] for one in found.numbers if one.quantity == "flow_rate"), None)
-    return [{"label": f"seed {record.seed}", "time": trace.time, "rate": trace.rate, "window": ends, "mean": mean}], []
+    numbers = {one.quantity: one for one in found.numbers}
+    flowing = numbers.get("flow_rate_flowing")
+    label = f"seed {record.seed}"
+    return [curves.curve(trace, numbers.get("flow_rate"), label, flowing.note if flowing else "")], []
 
 
 def _ledger(folder: Path, entry: Entry, record: RunRecord) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ from labbook.report import gallery, style, tables
 from labbook.report.blocks import Facts, slug
 from labbook.report.fitted_tables import fit_table
 from labbook.report.paper import Draw
-from labbook.report.result_box import headline, result_box
+from labbook.report.result_box import headline, no_number, result_box
 from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.tables import Table
@@ -78,6 +78,7 @@ def _shown(found: Found) -> dict[str, Any]:
     return {
         "results": results,
         "box": result_box(results) if results.points else None,
+        "nothing": no_number(results),
         "constants": _constants(results),
         "outcomes": outcomes(results),
         "sheet": sheet(results),
@@ -216,6 +217,7 @@ def plotted(results: Results) -> dict[str, Any]:
         ],
         "series": [_series(one) for one in results.series if one.fits],
         "source": results.source,
+        "nothing": no_number(results),
     }  # fmt: skip
 
 
@@ -253,7 +255,7 @@ def _series(series: Series) -> dict[str, Any]:
     for law, fit in series.fits.items():
         D = np.linspace(fit.D.min(), fit.D.max(), _PLACES)
         value, low, high = fit.predict(D)
-        table = fit_table(law, fit)
+        table, residuals = fit_table(law, fit), series.residuals(law)
         laws[law] = {
             "label": display.law(law),
             "parameters": ", ".join(f"{row[0]} = {row[1]}" for row in table.rows),
@@ -261,9 +263,9 @@ def _series(series: Series) -> dict[str, Any]:
             "value": value,
             "low": low,
             "high": high,
-            "at": fit.D,
-            "residuals": 100 * np.expm1(fit.residuals),
-            "error": 100 * fit.relative_error,
+            "at": [one.orifice for one in residuals],
+            "residuals": [100 * one.value for one in residuals],
+            "half_widths": [100 * one.half_width for one in residuals],
         }
     return {"label": series.label, "at": dict(series.at), "points": [one.point.index + 1 for one in series.points],
             "laws": laws}  # fmt: skip

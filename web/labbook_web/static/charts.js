@@ -100,9 +100,9 @@
     };
     const render = () => {
       const t = theme(), traces = [], every = studies(data), several = every.length > 1;
+      const without = every.filter((one) => one.nothing).map((one) => (several ? `${one.label}: ${one.nothing}` : one.nothing));
       const X = known.keys[state.x] || { label: "point", unit: "", scale: 1, words: true, orifice: false }, Y = known.quantities[state.y];
-      if (!Y) { note.textContent = "These points have no evaluated numbers yet."; holder.hidden = true; return; }
-      holder.hidden = false;
+      if (!Y) { note.textContent = without.join(" "); holder.hidden = form.hidden = true; return; }
       const power = state.scale === "power" ? 2 / 3 : state.scale === "power5" ? 2 / 5 : 1;
       const raised = (value) => (value === null ? null : power === 1 ? value : Math.sign(value) * Math.abs(value) ** power);
       const chosen = labbook.chosen;
@@ -149,7 +149,7 @@
             }
             traces.push({ type: "scatter", mode: "lines", name: pretty(fit.label), meta: "fit", x, y: scaled(fit.value), line: { color: paint, width: 2, dash: DASHES[place % DASHES.length] }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: list.length === 1, hovertemplate: `${pretty(fit.label)}: ${pretty(fit.parameters)}<extra></extra>` });
             residuals = true;
-            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.error, color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
+            traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.half_widths.map((half) => half || 0), color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
           });
         }
       });
@@ -181,11 +181,11 @@
       if (fitted && list.length > 4 && residuals) bits.push("With more than four curves, bands are not drawn.");
       if (marks) bits.push("Hollow points have a remark.");
       if (lacking) bits.push(`Crosses at zero: ${lacking} without a number.`);
-      bits.push("Click a point to see its runs.");
+      bits.push("Click a point to see its runs.", ...without);
       note.textContent = bits.join(" ");
     };
     redraw();
-    if (labbook.once(holder, "listening")) {
+    if (!holder.hidden && labbook.once(holder, "listening")) { // Plotly adds `on` when it draws
       holder.on("plotly_click", (event) => {
         const point = event.points[0].customdata;
         if (!point) return;

@@ -1,0 +1,40 @@
+"""What is said of curves W(t): only what is drawn of them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from labbook.measure.flow import Trace
+from labbook.stats import Measured
+
+_WINDOW = "the window in which the flow counts as steady"
+
+
+def curve(trace: Trace, flow: Measured | None, label: str, why: str = "", **more: Any) -> dict[str, Any]:
+    """W(t) of a run [SI] with its window and the mean over it, None without; `why`: why there is no mean.
+
+    flow: the flow rate that was measured, if any. why: for a run without one.
+    """
+    known = flow is not None and math.isfinite(flow.value)
+    return {
+        "label": label,
+        "time": trace.time,
+        "rate": trace.rate,
+        "window": [float(end) for end in trace.window] if trace.window is not None else None,
+        "mean": [flow.value, flow.error] if flow is not None and known else None,
+        "why": "" if known else flow.note if flow is not None else why,
+        **more,
+    }
+
+
+def caption(curves: Sequence[Mapping[str, Any]]) -> str:
+    """What a chart of these curves shows besides them. The window is shaded behind a single curve only."""
+    means = sum(one["mean"] is not None and one["window"] is not None for one in curves)
+    why = next((one["why"] for one in curves if one["why"]), "")
+    if len(curves) == 1:
+        if curves[0]["window"] is None:
+            return f"No window and no mean: {why}." if why else ""
+        return f"Shaded: {_WINDOW}; dotted: the mean over it." if means else f"Shaded: {_WINDOW}."
+    some = f", of {means} of {len(curves)} runs" if means < len(curves) else ""
+    said = f"Dotted: the mean over {_WINDOW}{some}." if means else f"No mean: {why}." if why else ""
+    return f"{said} Hover over a curve to see its name.".strip()
