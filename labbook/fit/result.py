@@ -80,10 +80,10 @@ class FitResult:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def predict(
-        self, D: Sequence[float] | np.ndarray, *, new_point: bool = False
+        self, D: float | Sequence[float] | np.ndarray, *, new_point: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """W of the law at orifices D [m], and the ends of its pointwise interval [kg/s], each of shape [m]; NaN where
-        the law has no flow.
+        """W of the law at one or m orifices D [m], and the ends of its pointwise interval [kg/s], each of shape [m];
+        NaN where the law has no flow.
 
         The band of the law or, with `new_point`, of the mean that as many seeds as the points have would give there;
         linearised in ln W.

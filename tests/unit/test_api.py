@@ -297,7 +297,7 @@ def test_a_table_has_its_flow_rates_also_where_there_are_none(tmp_path):
     asked = study(tmp_path, orifices="[24]", count=100, replicates=2)
     few.run(asked, progress=False)
     frame = few.results(asked, progress=False).frame()
-    assert frame[["flow_rate", "flow_rate_error", "flow_rate_low", "flow_rate_high"]].isna().all(axis=None)
+    assert frame[["flow_rate", "flow_rate_error", "flow_rate_low", "flow_rate_high"]].isna().to_numpy().all()
     assert frame["replicates"].tolist() == [2]
 
 
