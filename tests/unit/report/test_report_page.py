@@ -18,7 +18,7 @@ from labbook.report.blocks import Beside, Folded, Prose, Section, Verbatim, anch
 from labbook.report.fitted_tables import parameter_row
 from labbook.report.formulas import mathml
 from labbook.report.page import summary, write
-from labbook.report.result_box import result_box
+from labbook.report.result_box import concerns, result_box
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.study.schema import Accuracy
@@ -127,6 +127,17 @@ def test_the_box_names_what_clogged_and_what_diverged(synthetic):
     attention = [text for term, text in box.rows if term in box.marked]
     assert "1 run clogged: D = 18 mm (1 of 3)." in attention
     assert "1 run diverged: D = 30 mm (1 of 3)." in attention
+
+
+def test_points_with_runs_but_without_a_flow_rate_are_named_with_reason_and_remedy(synthetic):
+    points = [synthetic.point(k, D, count=n) for k, (D, n) in enumerate(((0.03, 80), (0.036, 80), (0.018, 1200)))]
+    runs = [synthetic.FinishedDouble(p, s, "clogged" if p.index == 2 else "emptied") for p in points for s in (1, 2)]
+    said = [text for text in concerns(analyse(synthetic.study_of(points), runs)) if text.startswith("No flow rate")]
+    assert said == [
+        "No flow rate at D = 30 mm; D = 36 mm: fewer than 60 grains flowed out within the window "
+        "(use more grains or a wider window).",
+        "No flow rate at D = 18 mm: runs clogged (use a wider outlet).",
+    ]
 
 
 @pytest.fixture(scope="module")
