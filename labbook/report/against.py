@@ -62,12 +62,20 @@ def _told(found: Against, line: Line, place: Place, name: str) -> str:
     assert line.first is not None
     ends = [display.number(end, place.ratio.error, 100) for end in (place.ratio.low, place.ratio.high)]
     sure = math.isfinite(place.ratio.half_width)
-    interval = f"95 %: {ends[0]} to {ends[1]} %, {_rests(place)}" if sure else "one run: no interval"
+    interval = f"95 %: {ends[0]} to {ends[1]} %, {_rests(place)}" if sure else _unsure(found, line, place)
     open_one = "; no change is shown" if sure and place.ratio.low <= 1 <= place.ratio.high else ""
     at = f"at {display.setting(found.key, place.value)}"
     over = f"that at {_value(found, line.first.value)} {display.key(found.key).unit}".rstrip()
     before = f"{line.label}: " if line.label else ""
     return f"{before}{name} {at} is {_percent(place)} of {over} ({interval}){open_one}."
+
+
+def _unsure(found: Against, line: Line, place: Place) -> str:
+    """Why a ratio has no interval: one pair of runs, or one run at either value; and what became of others."""
+    assert line.first is not None
+    why = f"{_rests(place)}: no interval" if place.pairs else "one run: no interval"
+    ends = [(one.value, one.result.remark) for one in (line.first, place) if one.result.remark]
+    return "; ".join((why, *(f"at {_value(found, value)}: {remark}" for value, remark in ends)))
 
 
 def _where(found: Against, line: Line, place: Place) -> str:
@@ -130,7 +138,7 @@ def _ratio(place: Place, line: Line) -> tuple[str, str, str]:
 
 
 def _rests(place: Place) -> str:
-    return f"{place.pairs} pairs" if place.pairs else "independent runs"
+    return f"{place.pairs} pair{'' if place.pairs == 1 else 's'}" if place.pairs else "independent runs"
 
 
 def _caption(found: Against) -> str:

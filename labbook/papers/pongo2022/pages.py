@@ -17,6 +17,7 @@ from labbook.results.recorded import Flowing, acceleration, flow_patterns, momen
 from labbook.results.series import Series
 from labbook.results.study import Results
 from labbook.scene.quantities import percent
+from labbook.stats import Pooled
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
 
@@ -83,15 +84,17 @@ def sentence(curve: Rotation) -> str:
     lowest = curve.lowest()
     if lowest is None:
         ratio = curve.ratio(FLOW, len(curve.points) - 1)
-        return (
-            "" if ratio is None else f"{who}: Q at {curve.frequencies[-1]:g} Hz is {_percent(ratio)} of that at rest."
-        )
+        if ratio is None:
+            return ""
+        text = f"{who}: Q at {curve.frequencies[-1]:g} Hz is {_percent(ratio)} of that at rest."
+        return text + _pairs(curve, (len(curve.points) - 1, ratio))
     if lowest == 0:
-        changes = [ratio for k in range(1, len(curve.points)) if (ratio := curve.ratio(FLOW, k)) is not None]
+        changes = [(k, ratio) for k in range(1, len(curve.points)) if (ratio := curve.ratio(FLOW, k)) is not None]
         if not changes:
             return ""
-        largest = max(changes, key=lambda ratio: abs(ratio.value - 1))
-        return f"{who}: Q is smallest at rest and reaches {_percent(largest)} of that when the bottom turns."
+        largest = max(changes, key=lambda one: abs(one[1].value - 1))
+        text = f"{who}: Q is smallest at rest and reaches {_percent(largest[1])} of that when the bottom turns."
+        return text + _pairs(curve, largest)
     drop, rise = curve.ratio(FLOW, lowest), curve.ratio(FLOW, len(curve.points) - 1, lowest)
     if drop is None:
         return ""
@@ -101,8 +104,17 @@ def sentence(curve: Rotation) -> str:
     text = f"{who}: Q falls to {_percent(drop)} of that at rest, its smallest, at {at}"
     last = len(curve.points) - 1
     if rise is None or lowest == last:
-        return f"{text}."
-    return f"{text}, and at {curve.frequencies[last]:g} Hz is {_percent(rise)} of the smallest."
+        return f"{text}.{_pairs(curve, (lowest, drop))}"
+    text = f"{text}, and at {curve.frequencies[last]:g} Hz is {_percent(rise)} of the smallest."
+    return text + _pairs(curve, (lowest, drop), (last, rise))
+
+
+def _pairs(curve: Rotation, *ratios: tuple[int, Pooled]) -> str:
+    """A sentence on how many pairs of runs ratios at these points rest on, and on runs at rest that gave no Q."""
+    counts = [f"{ratio.n} pair{'' if ratio.n == 1 else 's'} at {curve.frequencies[k]:g} Hz" for k, ratio in ratios]
+    remark = curve.points[0].remark
+    rest = f" (at rest: {remark})" if remark else ""
+    return f" Each ratio rests on runs of equal seed: {' and '.join(counts)}{rest}."
 
 
 def _percent(ratio) -> str:

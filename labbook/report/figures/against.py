@@ -34,7 +34,8 @@ _DECADES = 2  # of values, beyond which their axis is logarithmic
 
 def against_key(found: Against) -> "Figure":
     """Above the quantity with 95 % intervals, a line for each value of the other keys; below, on the same axis, its
-    ratio to that at the first value. Hollow points carry a remark; a cross at the bottom is a point without a value.
+    ratio to that at the first value. Points with a remark are hollow, and so are ratios to one; a cross at the bottom
+    is a point without a value.
 
     Many lines of two other keys or more are parted into panels, one for each value of the key that takes fewest and
     leaves few lines in each.
@@ -147,14 +148,16 @@ def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], 
 def _draw(
     main: "Axes", below: "Axes", found: Against, line: Line, one: Place, x: float, scale: float, style: dict
 ) -> None:
-    hollow = {"markerfacecolor": "white"} if one.result.remark else {}
-    points = {"color": style["color"], "marker": style["marker"], "linestyle": "none", **hollow}
+    hollow = {"markerfacecolor": "white"}
+    points = {"color": style["color"], "marker": style["marker"], "linestyle": "none"}
+    points |= hollow if one.result.remark else {}
     pooled = one.result.pooled.get(found.quantity)
     if pooled is None:
         main.plot(x, 0.03, marker="x", color=style["color"], transform=main.get_xaxis_transform(), clip_on=False)
         return
     half = pooled.half_width if math.isfinite(pooled.half_width) else 0.0
     main.errorbar(x, pooled.value * scale, yerr=half * scale, **points)
+    points |= hollow if line.first is not None and line.first.result.remark else {}
     if one is line.first:
         below.plot(x, 1.0, **points)
     elif one.ratio is not None:

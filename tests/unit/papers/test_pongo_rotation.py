@@ -16,6 +16,7 @@ from labbook.papers.pongo2022.pages import sentence
 from labbook.papers.pongo2022.rotation import Rotation, rotations_of
 from labbook.papers.pongo2022.statements import judged
 from labbook.report import page
+from labbook.report.against import found_against
 from labbook.report.statement_tables import statement_table
 from labbook.results.frames import frames, to_json
 from labbook.results.statements import summed_up
@@ -294,6 +295,26 @@ def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     stated = json.loads(to_json(analysis))["statements"]
     assert stated[0]["verdict"] == "holds"
     assert (stated[2]["to"], stated[0]["to"]) == (0.32, 0.7)
+
+
+def test_both_texts_on_one_ratio_rest_on_the_same_runs(synthetic):
+    """A run at rest clogged: the other has one partner at each frequency."""
+    points = [point(k, f) for k, f in enumerate((0.0, 0.16, 0.32))]
+    runs = [Run(p, s, "clogged" if (p.index, s) == (0, 1) else "finished") for p in points for s in (1, 2)]
+    found = analyse(synthetic.study_of(points, fit=(), reference=None, replicates=2), runs)
+    (rotation,), (swept,) = rotations_of(found), found_against(found)
+    paired = rotation.ratio("grain_rate", 2)
+    assert paired is not None
+    (place,) = (one for line in swept.lines for one in line.places if one.value == 0.32)
+    assert place.ratio is not None
+    assert (paired.n, place.pairs) == (1, 1)
+    assert place.ratio.value == pytest.approx(paired.value, rel=1e-6)
+    assert sentence(rotation).endswith(
+        "Each ratio rests on runs of equal seed: 1 pair at 0.32 Hz (at rest: 1 of 2 clogged)."
+    )
+    for ax in figures.flow_against_rotation([rotation]).axes:
+        hollow = [line for line in ax.lines if line.get_markerfacecolor() == "white"]
+        assert 0.0 in [float(np.asarray(line.get_xdata(), float)[0]) for line in hollow]
 
 
 def test_exports_hold_ratios_and_statements(analysis):
