@@ -34,7 +34,9 @@ def against_sections(results: Results, folder: Path) -> list[Section]:
 def _section(found: Against, results: Results, folder: Path) -> Section:
     name, called = display.spoken(found.key), _CALLED[found.quantity]
     title = f"{called} against {name}"
-    drawn = picture(figures.against_key(found), folder / f"against-{slug(found.key)}", title.lower(), _caption(found))
+    figure = figures.against_key(found)
+    cut = " Arrowheads: the interval goes on beyond the panel." if figures.has_cuts(figure) else ""
+    drawn = picture(figure, folder / f"against-{slug(found.key)}", title.lower(), f"{_caption(found)}{cut}")
     blocks: list[Block] = [Prose(text) for text in changes(found)]
     blocks += [drawn, against_table(found)]
     if found.unset:
@@ -148,7 +150,10 @@ def _caption(found: Against) -> str:
         frozenset({True}): "from pairs of runs that start from the same packing",
         frozenset({False}): "of independent runs (Welch)",
     }.get(frozenset(pairs), "from pairs of runs that start from the same packing, or of independent runs (Welch)")
-    text = f"Above: {name} with 95 % intervals. Below: over {name} at {_first(found)}, with 95 % intervals {how}."
+    ratios = [place.ratio for line in found.lines for place in line.places if place.ratio is not None]
+    with_intervals = "with 95 % intervals " if any(math.isfinite(one.half_width) for one in ratios) else ""
+    below = f" Below: over {name} at {_first(found)}, {with_intervals}{how}." if ratios else ""
+    text = f"Above: {name} with 95 % intervals.{below}"
     hollow = any(place.result.remark for line in found.lines for place in line.places)
     crossed = any(found.quantity not in place.result.pooled for line in found.lines for place in line.places)
     text += " Hollow: see the remarks in the table." if hollow else ""

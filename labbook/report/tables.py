@@ -333,12 +333,18 @@ def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> T
         shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
         cells.append((result.label, *shown, str(means["stagnant_fraction"].n)))
     headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
-    note = (
-        "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window; p_k is "
-        "the trace of the kinetic stress, S the largest eigenvalue of the mean orientation tensor. Errors need two "
-        "recorded runs (record.replicates)."
-    )
-    return Table(headings, tuple(cells), notes=(note,))
+    told = [_ORIFICE, *(meaning for name, meaning in _OF_ORIFICE.items() if name in names)]
+    alone = any(mean.n < 2 for _, means in rows for mean in means.values())
+    more = " Errors need two recorded runs (record.replicates)." if alone else ""
+    return Table(headings, tuple(cells), notes=(f"{'; '.join(told)}.{more}",))
+
+
+_ORIFICE = "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window"
+_OF_ORIFICE = {
+    "kinetic_pressure": "p_k is the trace of the kinetic stress",
+    "S": "S is the largest eigenvalue of the mean orientation tensor",
+}
+"""What columns of that table mean, by the quantity."""
 
 
 def _mean(name: str, pooled: Pooled) -> str:

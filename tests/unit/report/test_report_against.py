@@ -295,6 +295,21 @@ def test_what_is_drawn_is_what_was_found():
     assert below.get_ylabel() == "W / W at 0.1"
 
 
+def test_intervals_are_whole_or_marked_where_they_are_cut():
+    """Two pairs whose ratios scatter by 2 % are shown whole; by 40 %, beside 1 %, an arrowhead tells of the rest."""
+    base = {1: 1.0, 2: 1.0}
+    for scatter, cuts in ((0.02, 0), (0.4, 2)):
+        points = [result(0, {FRICTION: 0.1}, base), result(1, {FRICTION: 0.3}, {1: 0.9 - scatter, 2: 0.9 + scatter})]
+        (found,) = against(points)
+        ratio, _ = ratio_of(found)
+        figure = figures.against_key(found)
+        low, high = figure.axes[1].get_ylim()
+        assert (low < ratio.low and ratio.high < high) == (cuts == 0)
+        marks = [line.get_marker() for line in figure.axes[1].lines if line.get_label() == "_cut"]
+        assert sorted(marks) == ["^", "v"][:cuts]
+        assert figures.has_cuts(figure) == bool(cuts)
+
+
 def test_many_lines_of_two_other_keys_are_parted_into_panels():
     points, index = [], 0
     for orifice in (0.02, 0.03, 0.04, 0.05):

@@ -306,6 +306,25 @@ def test_runs_that_all_clogged_are_reported_without_a_fit(synthetic, tmp_path):
     assert "W of clogged runs while flowing" in text
 
 
+@pytest.mark.usefixtures("one_format")
+def test_captions_tell_of_nothing_that_is_not_drawn(synthetic, tmp_path):
+    """Without `fit` there are neither laws nor residuals; of spheres no order; of too few grains no window."""
+    points = [synthetic.point(2 * i + k, D, 0.5 * (i + 1)) for i in range(2) for k, D in enumerate((0.024, 0.03))]
+    runs = [synthetic.FinishedDouble(p, s, recorded=s == 1) for p in points for s in (1, 2)]
+    text = " ".join(read(write(analyse(synthetic.study_of(points, fit=(), reference=None), runs), tmp_path)).text)
+    assert {"orifice-1.svg", "orifice-2.svg"} <= {path.name for path in tmp_path.iterdir()}
+    assert not list(tmp_path.glob("fit*"))
+    assert "Points at one D are drawn side by side." in text
+    for absent in ("lines: fits", "residuals", "first law fitted", "orientation tensor", "Hollow points"):
+        assert absent not in text
+    few = [synthetic.point(k, D, count=80) for k, D in enumerate((0.024, 0.03))]
+    study = synthetic.study_of(few, fit=(), reference=None)
+    page = write(analyse(study, [synthetic.FinishedDouble(p, s) for p in few for s in (1, 2)]), tmp_path / "few")
+    text = " ".join(read(page).text)
+    assert "Shaded" not in text
+    assert "W(t) of every replicate. No run has enough grains in the window for a mean." in text
+
+
 def test_a_packing_fraction_that_could_not_be_measured_is_said(synthetic):
     points = [synthetic.point(0, 0.03, count=150), synthetic.point(1, 0.036)]
     runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2)]
