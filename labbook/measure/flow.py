@@ -1,6 +1,8 @@
 """Flow rate from crossing events."""
 
 import math
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +19,9 @@ from labbook.stats import Measured
 ENDED = "the run ended within the window ({})"
 CUT_SHORT = ENDED.format("finished")
 """Note on a run that met its stop rule before the window ended."""
+WIDER = "use more grains or a wider window"
+"""What helps against too few grains in the window."""
+_TOO_FEW = re.compile(r"too few grains: (\d+) of (\d+) left, fewer than (\d+) in the window")
 _GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
 _RATES = (
     Quantity("flow_rate", "W", "kg/s", "mass flow rate in the window", "g/s", 1e3),
@@ -85,6 +90,19 @@ class Trace:
             return None
         time, rate, window = (evaluation.arrays[name] for name in ("time", "rate", "window"))
         return cls(time, rate, (float(window[0]), float(window[1])) if len(window) else None)
+
+
+def summed_up(notes: Mapping[str, int]) -> dict[str, int]:
+    """Notes with the number of runs that carry each; those on too few grains are one, with a range and the remedy."""
+    few = [(found, n) for note, n in notes.items() if (found := _TOO_FEW.fullmatch(note))]
+    if not few:
+        return dict(notes)
+    left = sorted({int(found[1]) for found, _ in few})
+    some = " to ".join(map(str, dict.fromkeys((left[0], left[-1]))))
+    _, total, fewest = few[0][0].groups()
+    told = f"too few grains: {some} of {total} left, fewer than {fewest} in the window: {WIDER}"
+    others = {note: n for note, n in notes.items() if not _TOO_FEW.fullmatch(note)}
+    return {told: sum(n for _, n in few), **others}
 
 
 def _trace(run: RunData, times: np.ndarray, flow: SteadyFlow | None) -> dict[str, np.ndarray]:

@@ -32,6 +32,11 @@ _FEWEST_ABOUT_AN_INSTANT = 4  # frames: means over the azimuth of few already te
 _OF_FRAMES = ("x", "z", "vx", "vz")
 
 
+def instant(window: tuple[float, float]) -> float:
+    """How long [s] a bed is averaged about each instant of a window [s]."""
+    return min(_MOMENT, (window[1] - window[0]) / _MOMENTS)
+
+
 @dataclass(frozen=True, eq=False)
 class Bed:
     """Mean fields of a bed over `frames` recorded frames between the instants `window` [s]; `moment`: columns x, z [m],
@@ -131,7 +136,7 @@ class FlowMoments(OfRecording):
     def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
         begin, end = window
         part = (end - begin) / _MOMENTS
-        half = min(_MOMENT, part) / 2
+        half = instant(window) / 2
         arrays = {}
         for number in range(_MOMENTS):
             middle = begin + part * (number + 0.5)

@@ -34,7 +34,9 @@ def against_sections(results: Results, folder: Path) -> list[Section]:
 def _section(found: Against, results: Results, folder: Path) -> Section:
     name, called = display.spoken(found.key), _CALLED[found.quantity]
     title = f"{called} against {name}"
-    drawn = picture(figures.against_key(found), folder / f"against-{slug(found.key)}", title.lower(), _caption(found))
+    figure = figures.against_key(found)
+    cut = " Arrowheads: the interval goes on beyond the panel." if figures.has_cuts(figure) else ""
+    drawn = picture(figure, folder / f"against-{slug(found.key)}", title.lower(), f"{_caption(found)}{cut}")
     blocks: list[Block] = [Prose(text) for text in changes(found)]
     blocks += [drawn, against_table(found)]
     if found.unset:
@@ -62,12 +64,20 @@ def _told(found: Against, line: Line, place: Place, name: str) -> str:
     assert line.first is not None
     ends = [display.number(end, place.ratio.error, 100) for end in (place.ratio.low, place.ratio.high)]
     sure = math.isfinite(place.ratio.half_width)
-    interval = f"95 %: {ends[0]} to {ends[1]} %, {_rests(place)}" if sure else "one run: no interval"
+    interval = f"95 %: {ends[0]} to {ends[1]} %, {_rests(place)}" if sure else _unsure(found, line, place)
     open_one = "; no change is shown" if sure and place.ratio.low <= 1 <= place.ratio.high else ""
     at = f"at {display.setting(found.key, place.value)}"
     over = f"that at {_value(found, line.first.value)} {display.key(found.key).unit}".rstrip()
     before = f"{line.label}: " if line.label else ""
     return f"{before}{name} {at} is {_percent(place)} of {over} ({interval}){open_one}."
+
+
+def _unsure(found: Against, line: Line, place: Place) -> str:
+    """Why a ratio has no interval: one pair of runs, or one run at either value; and what became of others."""
+    assert line.first is not None
+    why = f"{_rests(place)}: no interval" if place.pairs else "one run: no interval"
+    ends = [(one.value, one.result.remark) for one in (line.first, place) if one.result.remark]
+    return "; ".join((why, *(f"at {_value(found, value)}: {remark}" for value, remark in ends)))
 
 
 def _where(found: Against, line: Line, place: Place) -> str:
@@ -130,7 +140,7 @@ def _ratio(place: Place, line: Line) -> tuple[str, str, str]:
 
 
 def _rests(place: Place) -> str:
-    return f"{place.pairs} pairs" if place.pairs else "independent runs"
+    return f"{place.pairs} pair{'' if place.pairs == 1 else 's'}" if place.pairs else "independent runs"
 
 
 def _caption(found: Against) -> str:
@@ -140,7 +150,10 @@ def _caption(found: Against) -> str:
         frozenset({True}): "from pairs of runs that start from the same packing",
         frozenset({False}): "of independent runs (Welch)",
     }.get(frozenset(pairs), "from pairs of runs that start from the same packing, or of independent runs (Welch)")
-    text = f"Above: {name} with 95 % intervals. Below: over {name} at {_first(found)}, with 95 % intervals {how}."
+    ratios = [place.ratio for line in found.lines for place in line.places if place.ratio is not None]
+    with_intervals = "with 95 % intervals " if any(math.isfinite(one.half_width) for one in ratios) else ""
+    below = f" Below: over {name} at {_first(found)}, {with_intervals}{how}." if ratios else ""
+    text = f"Above: {name} with 95 % intervals.{below}"
     hollow = any(place.result.remark for line in found.lines for place in line.places)
     crossed = any(found.quantity not in place.result.pooled for line in found.lines for place in line.places)
     text += " Hollow: see the remarks in the table." if hollow else ""

@@ -17,6 +17,7 @@ from labbook.lab.folder import write_bytes
 from labbook.report import figures, tables
 from labbook.report.against import against_sections
 from labbook.report.blocks import Block, Folded, Picture, Section, Verbatim, anchored, picture, slug
+from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import papers
 from labbook.report.result_box import concerns, result_box, summary
@@ -81,7 +82,9 @@ def _overview(results: Results, folder: Path) -> list[Section]:
     fitted = [one for one in results.series if one.used]
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
         figure = figures.overview(fitted)  # against one orifice there is nothing to see
-        pictures.append(picture(figure, folder / "overview", "a power of W against orifice, all series", _OVERVIEW))
+        lines = _FIRST_LAW if any(one.fits for one in fitted) else ""
+        caption = f"{_OVERVIEW}{_BESIDE if side_by_side(fitted) else ''}{lines}"
+        pictures.append(picture(figure, folder / "overview", "a power of W against orifice, all series", caption))
     sections = [Section("Flow rate against orifice, all series", tuple(pictures))] if pictures else []
     if trends := _trends(results, folder):
         sections.append(Section("Fitted parameters against swept keys", tuple(trends)))
@@ -168,7 +171,9 @@ PARTS: tuple[Part, ...] = (
     _provenance,
 )
 
-_OVERVIEW = "Flow rate of all series; lines are the first law fitted."
+_OVERVIEW = "Flow rates of all series with 95 % intervals."
+_BESIDE = " Points at one D are drawn side by side."
+_FIRST_LAW = " Lines: the first law fitted."
 
 
 @lru_cache(maxsize=8192)

@@ -196,6 +196,8 @@ def concerns(results: Results) -> list[str]:
         if ended:
             places = [f"{one.label or 'the only point'} ({n} of {len(one.runs)})" for one, n in ended]
             sentences.append(f"{_count(sum(n for _, n in ended), 'run')} {how}: {_listed(places)}.")
+    for why in dict.fromkeys(one.no_flow for one in points if one.no_flow):
+        sentences.append(f"No flow rate at {_listed(_labels(points, lambda one, why=why: one.no_flow == why))}: {why}.")
     suspects = [(one, run) for one in points for run in one.suspect]
     if suspects:
         verb = "is" if len(suspects) == 1 else "are"

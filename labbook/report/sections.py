@@ -7,6 +7,7 @@ from labbook.fields.pattern import FUNNEL, SLOW
 from labbook.measure.orifice import INTERVAL
 from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
+from labbook.report.figures.flow import drawn
 from labbook.report.fitted_tables import fit_table
 from labbook.report.paper import papers
 from labbook.report.tables import orifice_table
@@ -43,7 +44,8 @@ def _series(results: Results, index: int, folder: Path) -> Section:
     blocks: list[Block] = laws
     if series.fits or len(series.used) > 1:  # a single point shows nothing
         figure = figures.flow_against_orifice(series, results.comparisons, results.source)
-        fit = picture(figure, folder / f"fit{suffix}", f"a power of W against orifice{where}", _FIT)
+        stem = folder / f"{'fit' if series.fits else 'orifice'}{suffix}"
+        fit = picture(figure, stem, f"a power of W against orifice{where}", _fit_caption(series))
         blocks = [Beside((fit,), tuple(laws))]
     patterns, lacking = _patterns_if_they_can_be(results, series, folder, suffix, where)
     blocks += [Prose(f"Not fitted: {problem}.", note=True) for problem in series.problems]
@@ -68,7 +70,22 @@ def _together(results: Results, series: Sequence[Series], folder: Path, suffix: 
 
 def _flow(series: Series, folder: Path, suffix: str, where: str) -> Picture:
     figure = figures.flow_against_time(series)
-    return picture(figure, folder / f"flow{suffix}", f"W against time{where}", _FLOW)
+    return picture(figure, folder / f"flow{suffix}", f"W against time{where}", _flow_caption(series))
+
+
+def _fit_caption(series: Series) -> str:
+    hollow = " Hollow points have no steady flow." if series.flagged else ""
+    if not series.fits:
+        return f"{_POINTS}.{hollow}"
+    return f"{_POINTS}; {_FITS}{_OUTSIDE if series.flagged else ''}"
+
+
+def _flow_caption(series: Series) -> str:
+    shown = drawn(series)
+    if not shown.window:
+        return f"{_FLOW} No run has enough grains in the window for a mean."
+    interval = " and its 95 % interval" if shown.interval else ""
+    return f"{_FLOW} {_WINDOW}{f'; in it the pooled mean{interval}' if shown.mean else ''}."
 
 
 def _patterns_if_they_can_be(
@@ -104,15 +121,14 @@ def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, wher
     return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION)]
 
 
-_FIT = (
-    "Points: pooled mean with its 95 % interval; lines: fits, with the 95 % band of the law "
-    "and, fainter, of one more point of as many seeds; below: relative residuals. Hollow points "
-    "lie outside a law’s range or have no steady flow; they take part in the fit."
+_POINTS = "Points: pooled mean with its 95 % interval"
+_FITS = (
+    "lines: fits, with the 95 % band of the law and, fainter, of one more point of as many seeds; below: relative "
+    "residuals."
 )
-_FLOW = (
-    "W(t) of every replicate. Shaded: the window, between the requested fractions of mass discharged (mean over "
-    "replicates); in it the pooled mean and its 95 % interval."
-)
+_OUTSIDE = " Hollow points lie outside a law’s range or have no steady flow; they take part in the fit."
+_FLOW = "W(t) of every replicate."
+_WINDOW = "Shaded: the window, between the requested fractions of mass discharged (mean over replicates)"
 
 PATTERNS = (
     "First recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window; "

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+from labbook.measure.flow import FlowRate
 from labbook.results import display
 from labbook.results.budget import NOT_MEASURED, SOURCES, budgets
 from labbook.results.numerical import Numerical
@@ -43,7 +44,9 @@ _FLOW = ("flow_rate", "grain_rate", "flow_rate_drift", "gap_time")
 def flow_table(results: Results) -> Table:
     """Every point: what was swept, its pooled flow rate with errors, and what a reader must know of it."""
     swept = _swept(results)
-    flow, others = _measured(results, of_flow=True)[:1], _measured(results, of_flow=True)[1:]
+    found = _measured(results, of_flow=True)
+    flow = [one for one in found if one.quantity == FLOW_RATE]
+    others = [one for one in found if one.quantity != FLOW_RATE]
     rows = []
     for result in results.points:
         pooled = result.flow_rate
@@ -72,11 +75,13 @@ def _swept(results: Results) -> list[str]:
 
 
 def _measured(results: Results, of_flow: bool) -> list[Measured]:
-    """One example of each pooled quantity, flow rate first."""
+    """One example of each pooled quantity, flow rate first: that one wherever it was asked for."""
     found: dict[str, Measured] = {}
     for result in results.points:
         for run in result.runs:
             found |= {name: m for name, m in run.measured.items() if name in result.pooled and name not in found}
+    if FlowRate.name in results.study.measure and FLOW_RATE not in found:
+        found[FLOW_RATE] = Measured(FLOW_RATE, math.nan, math.nan, 0, "", "", "kg/s")
     ordered = sorted(found, key=lambda name: _FLOW.index(name) if name in _FLOW else len(_FLOW))
     return [found[name] for name in ordered if (name.removesuffix("_flowing") in _FLOW) == of_flow]
 
@@ -328,12 +333,18 @@ def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> T
         shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
         cells.append((result.label, *shown, str(means["stagnant_fraction"].n)))
     headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
-    note = (
-        "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window; p_k is "
-        "the trace of the kinetic stress, S the largest eigenvalue of the mean orientation tensor. Errors need two "
-        "recorded runs (record.replicates)."
-    )
-    return Table(headings, tuple(cells), notes=(note,))
+    told = [_ORIFICE, *(meaning for name, meaning in _OF_ORIFICE.items() if name in names)]
+    alone = any(mean.n < 2 for _, means in rows for mean in means.values())
+    more = " Errors need two recorded runs (record.replicates)." if alone else ""
+    return Table(headings, tuple(cells), notes=(f"{'; '.join(told)}.{more}",))
+
+
+_ORIFICE = "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window"
+_OF_ORIFICE = {
+    "kinetic_pressure": "p_k is the trace of the kinetic stress",
+    "S": "S is the largest eigenvalue of the mean orientation tensor",
+}
+"""What columns of that table mean, by the quantity."""
 
 
 def _mean(name: str, pooled: Pooled) -> str:

@@ -155,8 +155,10 @@ def ratio_of(result: PointResult, first: PointResult, quantity: str) -> tuple[Po
     rests on (0: the runs are independent). Both points have the quantity."""
     above, below = by_seed(result, quantity), by_seed(first, quantity)
     shared = _shared(result, first, sorted(above.keys() & below.keys()))
-    # two pairs among many runs that have none would leave most of what is known unused
-    if len(shared) > 1 and 2 * len(shared) >= min(len(above), len(below)):
+    # two pairs among many runs that have none would leave most of what is known unused; one pair has no interval, nor
+    # has any ratio to a single run
+    fewest = min(len(above), len(below))
+    if shared and (len(shared) > 1 or fewest == 1) and 2 * len(shared) >= fewest:
         return paired_ratio([above[s] for s in shared], [below[s] for s in shared]), len(shared)
     return independent_ratio(result.pooled[quantity], first.pooled[quantity]), 0
 

@@ -12,10 +12,10 @@ import numpy as np
 from labbook.fields import Fields
 from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window
 from labbook.measure.acceleration import AccelerationProfile
-from labbook.measure.flow import CUT_SHORT, FlowRate, Trace
+from labbook.measure.flow import CUT_SHORT, WIDER, FlowRate, Trace, summed_up
 from labbook.measure.orifice import OrificeMeans
 from labbook.measure.outlet import Outlet, OutletProfile, OutletProfiles
-from labbook.measure.steady import BLOCKS
+from labbook.measure.steady import BLOCKS, FEWEST
 from labbook.measure.stress import ContactStress
 from labbook.results import display
 from labbook.stats import Measured, Pooled, StoppingRule
@@ -25,6 +25,13 @@ from labbook.study import Point, Study
 
 FLOW_RATE, DRIFT = "flow_rate", "flow_rate_drift"
 ORIFICE = "container.orifice"
+_NO_FLOW = {
+    "few": f"fewer than {FEWEST} grains flowed out within the window ({WIDER})",
+    "clogged": "runs clogged (use a wider outlet)",
+    "diverged": "runs diverged (use a smaller time step)",
+    "suspect": "runs are suspect and left out",
+}
+"""Why a run gives no flow rate, and what would help."""
 
 
 class Evaluated(Protocol):
@@ -236,7 +243,15 @@ class PointResult:
     def notes(self) -> Counter[str]:
         """How many replicates carry which note on their flow rate (`trending` ...)."""
         carried = (run.measured[FLOW_RATE].notes for run in self.runs if FLOW_RATE in run.measured)
-        return Counter(note for notes in carried for note in notes)
+        return Counter(summed_up(Counter(note for notes in carried for note in notes)))
+
+    @property
+    def no_flow(self) -> str:
+        """Why no run gave a flow rate, with the remedy; empty if one did, or if none was measured for it."""
+        if self.flow_rate is not None:
+            return ""
+        reasons = dict.fromkeys(filter(None, map(_no_flow, self.runs)))
+        return " and ".join(_NO_FLOW[reason] for reason in reasons)
 
     @property
     def trending(self) -> bool:
@@ -273,6 +288,17 @@ class PointResult:
     def __repr__(self) -> str:
         names = ", ".join(self.pooled)
         return f"<PointResult {self.label or 'of the only point'}: {len(self.runs)} runs; pooled: {names}>"
+
+
+def _no_flow(run: RunResult) -> str:
+    """Which of `_NO_FLOW` holds of a run; empty if it was not asked for a flow rate, or is not evaluated yet."""
+    if FlowRate.name not in run.measures:
+        return ""
+    if run.outcome in _NO_FLOW:
+        return run.outcome
+    if not run.counted:
+        return "suspect" if run.suspect else ""
+    return "few" if FLOW_RATE in run.measured else ""
 
 
 def by_seed(result: PointResult, quantity: str) -> dict[int, float]:

@@ -56,7 +56,7 @@ class Pongo2022(Paper):
 
     def figures(self, results: Results) -> Mapping[str, Draw]:
         found: dict[str, Draw] = {}
-        if curves := rotations_of(results):
+        if curves := [one for one in rotations_of(results) if one.flows]:
             found["rotation"] = partial(figures.flow_against_rotation, curves)
         if scaled := pages.scaled(results):
             found["scaling"] = partial(figures.flow_scaling, scaled)

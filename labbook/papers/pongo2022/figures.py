@@ -46,29 +46,36 @@ _PANELS = {
 
 
 def flow_against_rotation(curves: Sequence[Rotation]) -> "Figure":
-    """Q(f) above and Q(f)/Q(0) below, a column a shape, a line an outlet; dots: seeds."""
+    """Q(f) above and, where any is known, Q(f)/Q(0) below; a column a shape, a line an outlet; dots: seeds.
+
+    Points with a remark are hollow, and so are ratios to one.
+    """
     from matplotlib.figure import Figure
 
+    rated = any(one.rated for one in curves)
     shapes = [(shape, list(group)) for shape, group in groupby(curves, key=lambda one: one.shape)]
     labels = sorted({one.label: one.orifice for one in curves}.items(), key=lambda item: item[1])
     place = {label: index for index, (label, _) in enumerate(labels)}
     with house():
         width = COLUMN if len(shapes) == 1 and len(place) == 1 else PAGE
-        figure = Figure(figsize=(width, 104 * MILLIMETRE))
-        axes = figure.subplots(2, len(shapes), sharex=True, sharey="row", squeeze=False)
+        figure = Figure(figsize=(width, (104 if rated else 62) * MILLIMETRE))
+        axes = figure.subplots(2 if rated else 1, len(shapes), sharex=True, sharey="row", squeeze=False)
         for column, (shape, group) in enumerate(shapes):
-            above, below = axes[:, column]
+            above, lowest = axes[0, column], axes[-1, column]
             above.set_title(shape)
             for curve in group:
                 _rates(above, curve, place[curve.label])
-                _ratios(below, curve, place[curve.label])
-            below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
-            below.set_xlabel(_FREQUENCY if len(shapes) < 3 else "$f$ [Hz]")
+                if curve.rated:
+                    _ratios(lowest, curve, place[curve.label])
+            if rated:
+                lowest.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
+            lowest.set_xlabel(_FREQUENCY if len(shapes) < 3 else "$f$ [Hz]")
+        if rated:
+            from_zero(axes[1, 0])
+            axes[1, 0].set_ylabel("$Q(f)/Q(0)$")
         from_zero(axes[0, 0])
-        from_zero(axes[1, 0])
         axes[0, 0].set_ylabel("$Q$ [grains/s]")
-        axes[1, 0].set_ylabel("$Q(f)/Q(0)$")
-        lines = {text: line for ax in axes[1] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
+        lines = {text: line for ax in axes[0] for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
         if lines:
             shown = [label for label in place if label in lines]
             figure.legend([lines[label] for label in shown], shown, loc="outside right upper")
@@ -84,27 +91,28 @@ def _rates(ax: "Axes", curve: Rotation, index: int) -> None:
         ax.plot([x] * len(seeds), seeds, color=style["color"], marker=".", markersize=2.5, alpha=0.4, linestyle="none")
     values = [one.pooled[FLOW].value for one in known]
     errors = [np.nan_to_num(one.pooled[FLOW].error) for one in known]
-    ax.errorbar(f, values, yerr=errors, **style)
-    _hollow(ax, f, values, [one.partial for one in known], style)
+    if known:
+        ax.errorbar(f, values, yerr=errors, label=curve.label or None, **style)
+    _hollow(ax, f, values, [bool(one.remark) for one in known], style)
 
 
 def _ratios(ax: "Axes", curve: Rotation, index: int) -> None:
-    rest, style = curve.points[0].partial, {**look(index), "markersize": 3}
+    rest, style = bool(curve.points[0].remark), {**look(index), "markersize": 3}
     found = [(0.0, 1.0, 0.0, rest)]
     for k in range(1, len(curve.points)):
         ratio = curve.ratio(FLOW, k)
         if ratio is not None:
             half = ratio.half_width if math.isfinite(ratio.half_width) else 0.0
-            found.append((float(curve.frequencies[k]), ratio.value, half, rest or curve.points[k].partial))
-    f, values, errors, partial = zip(*found, strict=True)
-    ax.errorbar(f, values, yerr=errors, label=curve.label or None, **style)
-    _hollow(ax, f, values, partial, style)
+            found.append((float(curve.frequencies[k]), ratio.value, half, rest or bool(curve.points[k].remark)))
+    f, values, errors, remarked = zip(*found, strict=True)
+    ax.errorbar(f, values, yerr=errors, **style)
+    _hollow(ax, f, values, remarked, style)
 
 
-def _hollow(ax: "Axes", f: Sequence[float], values: Sequence[float], partial: Sequence[bool], style: dict) -> None:
-    """Empty the markers of points that lack runs."""
+def _hollow(ax: "Axes", f: Sequence[float], values: Sequence[float], which: Sequence[bool], style: dict) -> None:
+    """Empty the markers of some points: those with a remark."""
     empty = {**style, "linestyle": "none", "markerfacecolor": "white", "zorder": 4}
-    for x, y in (at for at, lacks in zip(zip(f, values, strict=True), partial, strict=True) if lacks):
+    for x, y in (at for at, marked in zip(zip(f, values, strict=True), which, strict=True) if marked):
         ax.plot(x, y, **empty)
 
 
@@ -175,7 +183,7 @@ def above_orifice(curves: Sequence[Rotation]) -> "Figure":
                 style = {**look(index), "markersize": 3}
                 if known:
                     ax.errorbar(f, values, yerr=errors, label=label, **style)
-                    _hollow(ax, f, values, [curve.points[k].partial for k in known], style)
+                    _hollow(ax, f, values, [bool(curve.points[k].remark) for k in known], style)
             ax.set_ylabel(text)
             ax.set_xlabel("$f$ [Hz]")
             ax.tick_params(labelbottom=True)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labbook.fields import Fields
-from labbook.measure.orifice import INTERVAL
-from labbook.measure.recorded import FEWEST
+from labbook.measure.orifice import INTERVAL, OrificeMeans
+from labbook.measure.recorded import FEWEST, instant
 from labbook.papers.pongo2022 import figures
 from labbook.papers.pongo2022.rotation import FLOW, Rotation, aspect_ratio, rotations_of, turning_at
 from labbook.report.blocks import Picture, Prose, Section, picture
@@ -17,6 +17,7 @@ from labbook.results.recorded import Flowing, acceleration, flow_patterns, momen
 from labbook.results.series import Series
 from labbook.results.study import Results
 from labbook.scene.quantities import percent
+from labbook.stats import Pooled
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
 
@@ -27,7 +28,7 @@ def turning_sections(results: Results, folder: Path) -> list[Section]:
     if not curves:
         alone = scaling(results, folder)
         return [] if alone is None else [Section("Flow rate against orifice, logarithmic", (alone,))]
-    pictures, lacking = [_flow(curves, folder)], []
+    pictures, lacking = _flow(curves, folder)
     if len({aspect_ratio(one.points[0]) for one in curves if one.lowest() is not None}) > 1:
         pictures.append(picture(figures.drop_and_rise(curves), folder / "rotation-shapes", _SHAPES_ALT, _SHAPES))
     else:
@@ -46,15 +47,16 @@ def turning_sections(results: Results, folder: Path) -> list[Section]:
     pictures, lacking = pictures + shown, lacking + without
     if any(one.has(name) for one in curves for name in _MEANS):
         figure = figures.above_orifice([one for one in curves if any(map(one.has, _MEANS))])
-        pictures.append(picture(figure, folder / "rotation-orifice", "means above the orifice against f", _ORIFICE))
+        caption = f"{_ORIFICE}{_hollow(curves)}"
+        pictures.append(picture(figure, folder / "rotation-orifice", "means above the orifice against f", caption))
     else:
-        lacking.append("Means above the orifice need `orifice` among the measures.")
+        lacking.append(_lacks("Means above the orifice", results, curves))
     fallen = _falls(curves)
     if fallen:
         figure = figures.acceleration_against_rotation(fallen, curves[0].points[0].point.scene.gravity)
         pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", _FALL))
     else:
-        lacking.append("Accelerations need `orifice` among the measures.")
+        lacking.append(_lacks("Accelerations", results, curves))
     sentences = [Prose(text[:1].upper() + text[1:]) for one in curves if (text := sentence(one))]
     without = [Prose(text, note=True) for text in lacking]
     return [Section("Against the rotation of the bottom", (*sentences, *pictures, *without))]
@@ -82,15 +84,17 @@ def sentence(curve: Rotation) -> str:
     lowest = curve.lowest()
     if lowest is None:
         ratio = curve.ratio(FLOW, len(curve.points) - 1)
-        return (
-            "" if ratio is None else f"{who}: Q at {curve.frequencies[-1]:g} Hz is {_percent(ratio)} of that at rest."
-        )
+        if ratio is None:
+            return ""
+        text = f"{who}: Q at {curve.frequencies[-1]:g} Hz is {_percent(ratio)} of that at rest."
+        return text + _pairs(curve, (len(curve.points) - 1, ratio))
     if lowest == 0:
-        changes = [ratio for k in range(1, len(curve.points)) if (ratio := curve.ratio(FLOW, k)) is not None]
+        changes = [(k, ratio) for k in range(1, len(curve.points)) if (ratio := curve.ratio(FLOW, k)) is not None]
         if not changes:
             return ""
-        largest = max(changes, key=lambda ratio: abs(ratio.value - 1))
-        return f"{who}: Q is smallest at rest and reaches {_percent(largest)} of that when the bottom turns."
+        largest = max(changes, key=lambda one: abs(one[1].value - 1))
+        text = f"{who}: Q is smallest at rest and reaches {_percent(largest[1])} of that when the bottom turns."
+        return text + _pairs(curve, largest)
     drop, rise = curve.ratio(FLOW, lowest), curve.ratio(FLOW, len(curve.points) - 1, lowest)
     if drop is None:
         return ""
@@ -100,8 +104,17 @@ def sentence(curve: Rotation) -> str:
     text = f"{who}: Q falls to {_percent(drop)} of that at rest, its smallest, at {at}"
     last = len(curve.points) - 1
     if rise is None or lowest == last:
-        return f"{text}."
-    return f"{text}, and at {curve.frequencies[last]:g} Hz is {_percent(rise)} of the smallest."
+        return f"{text}.{_pairs(curve, (lowest, drop))}"
+    text = f"{text}, and at {curve.frequencies[last]:g} Hz is {_percent(rise)} of the smallest."
+    return text + _pairs(curve, (lowest, drop), (last, rise))
+
+
+def _pairs(curve: Rotation, *ratios: tuple[int, Pooled]) -> str:
+    """A sentence on how many pairs of runs ratios at these points rest on, and on runs at rest that gave no Q."""
+    counts = [f"{ratio.n} pair{'' if ratio.n == 1 else 's'} at {curve.frequencies[k]:g} Hz" for k, ratio in ratios]
+    remark = curve.points[0].remark
+    rest = f" (at rest: {remark})" if remark else ""
+    return f" Each ratio rests on runs of equal seed: {' and '.join(counts)}{rest}."
 
 
 def _percent(ratio) -> str:
@@ -111,8 +124,48 @@ def _percent(ratio) -> str:
     return f"{100 * ratio.value:.{digits}f} ± {100 * ratio.error:.{digits}f} %"
 
 
-def _flow(curves: Sequence[Rotation], folder: Path) -> Picture:
-    return picture(figures.flow_against_rotation(curves), folder / "rotation-flow", "flow rate against f", _FLOW)
+def _flow(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list[str]]:
+    """Q and its ratio to that at rest against f, of the curves that have any; and why others have none."""
+    flowing = [one for one in curves if one.flows]
+    lacking = dict.fromkeys(f"Q against f is not drawn: {_no_flow(one)}." for one in curves if not one.flows)
+    for one in flowing:
+        if not one.rated:
+            why = one.points[0].no_flow or "no seed gave Q both at rest and with the bottom turning"
+            lacking[f"{_who(one)}: Q(f)/Q(0) is not drawn: {why}."] = None
+    if not flowing:
+        return [], list(lacking)
+    below = _BELOW if any(one.rated for one in flowing) else ""
+    caption = f"{_FLOW if below else _FLOW_ALONE}{below}{_hollow(flowing)}"
+    figure = figures.flow_against_rotation(flowing)
+    return [picture(figure, folder / "rotation-flow", "flow rate against f", caption)], list(lacking)
+
+
+def _who(curve: Rotation) -> str:
+    """Shape and outlet, as a sentence begins with them."""
+    text = ", ".join(filter(None, (curve.shape, curve.label)))
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+def _no_flow(curve: Rotation) -> str:
+    reasons = dict.fromkeys(one.no_flow for one in curve.points if one.no_flow)
+    return " and ".join(reasons) or "no run has a flow rate"
+
+
+def _hollow(curves: Sequence[Rotation]) -> str:
+    """The end of a caption, if any point has a remark."""
+    any_one = any(point.remark for one in curves for point in one.points)
+    return " Hollow: see the remarks in the table of flow rates." if any_one else ""
+
+
+def _lacks(what: str, results: Results, curves: Sequence[Rotation]) -> str:
+    """Why means above the orifice or accelerations are not shown."""
+    if OrificeMeans.name not in results.study.measure:
+        return f"{what} need `orifice` among the measures."
+    points = [point for one in curves for point in one.points]
+    reasons = dict.fromkeys(point.no_flow for point in points if point.no_flow)
+    measured = (run.measured.get(_MEANS[0]) for point in points for run in point.runs)
+    reasons = reasons or dict.fromkeys(one.note for one in measured if one is not None and one.note)
+    return f"{what} are not shown: {' and '.join(reasons) or 'fewer than two frequencies have them'}."
 
 
 def _falls(curves: Sequence[Rotation]):
@@ -127,10 +180,9 @@ def _falls(curves: Sequence[Rotation]):
     return fallen
 
 
-_FLOW = (
-    "Q and Q(f)/Q(0) (Pongó et al. 2022, Fig. 2). Above: means with one standard error, dots: seeds. Below: ratios of "
-    "the means over the seeds that both have, with 90 % intervals from their pairs. Hollow: runs are missing."
-)
+_FLOW = "Q and Q(f)/Q(0) (Pongó et al. 2022, Fig. 2). Above: means with one standard error, dots: seeds."
+_FLOW_ALONE = "Q (Pongó et al. 2022, Fig. 2): means with one standard error, dots: seeds."
+_BELOW = " Below: ratios of the means over the seeds that both have, with 90 % intervals from their pairs."
 _SHAPES_ALT = "drop and rise of the flow rate against the aspect ratio"
 _SHAPES = (
     "The smallest flow over that at rest, and that with the fastest rotation over the smallest (Pongó et al. 2022, "
@@ -144,7 +196,7 @@ _ORIFICE = (
     "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window (Pongó et al. "
     "2022, Figs 8 and 9); p_k is the trace of the kinetic stress of the fluctuations about the mean over azimuth and "
     "window, the free-fall height the area under a_eff/g up to two widths of the outlet. Bars: one standard error over "
-    "seeds; hollow: runs are missing."
+    "seeds."
 )
 _FALL = (
     f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms of grains that start at this height within D/4 "
@@ -162,7 +214,7 @@ def maps(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list[
     lacking: set[str] = set()
     for number, curve in enumerate(curves, start=1):
         filmed = [k for k, one in enumerate(curve.points) if _filmed(one)]
-        found, without = _of(curve, [curve.points[k] for k in chosen(curve, filmed)])
+        found, without = maps_of(curve, [curve.points[k] for k in chosen(curve, filmed)])
         suffix = f"-{number}" if len(curves) > 1 else ""
         where = ", ".join(filter(None, (curve.shape, curve.label)))
         for name, alt, caption, figure in found:
@@ -181,18 +233,24 @@ def chosen(curve: Rotation, known: Sequence[int]) -> list[int]:
     return sorted({known[0], next((k for k in known[1:] if k == curve.lowest()), known[1]), known[-1]})
 
 
-def _of(curve: Rotation, points: Sequence[PointResult]):
+def maps_of(curve: Rotation, points: Sequence[PointResult]):
     """File name, what it shows in words, caption and figure of every map of these points; what is lacking."""
     found, lacking = [], []
-    rows = [row for result in points if (row := moments(result))]
+    known = [(result, moments(result)) for result in points]
+    rows = [row for _, row in known if row]
     # grains hardly move within an instant, but the bed shakes: velocities take more frames than positions
     quick = [row for row in rows if all(one.frames >= FEWEST for one in row)]
     if rows:
         found.append(("packing", "packing fraction", _PACKING, figures.packing_maps(rows)))
     if quick:
         found.append(("speed", "speed", _SPEED, figures.speed_maps(quick)))
-    if len(quick) < len(points):
-        lacking.append("Maps of speed at instants need frames 100 ms apart or closer: `record: {every: 100 ms}`.")
+    slow = [result for result, row in known if not row or any(one.frames < FEWEST for one in row)]
+    without = {result: why for result in slow if (why := _no_window(result))}
+    for why in dict.fromkeys(without.values()):
+        places = ", ".join(turning_at(result) for result in slow if without.get(result) == why)
+        lacking.append(f"{_who(curve)}: no maps at {places}, as {why}.")
+    if rare := [result for result in slow if result not in without]:
+        lacking.append(closer(rare))
     patterns = [every[0] for result in points if (every := flow_patterns(result))]
     if patterns:
         titles = [turning_at(one.result) for one in patterns]
@@ -206,6 +264,45 @@ def _of(curve: Rotation, points: Sequence[PointResult]):
 
 def _filmed(result: PointResult) -> bool:
     return any(run.recorded for run in result.runs)
+
+
+def _windows(result: PointResult) -> list[tuple[float, float]]:
+    """Windows [s] of the recorded runs that have one."""
+    traces = (run.trace for run in result.runs if run.recorded and run.counted)
+    return [trace.window for trace in traces if trace is not None and trace.window is not None]
+
+
+def _no_window(result: PointResult) -> str:
+    """Why no recorded run has a window to be shown; empty if one has."""
+    if _windows(result):
+        return ""
+    ended = dict.fromkeys(run.outcome for run in result.runs if run.recorded and run.outcome in ("clogged", "diverged"))
+    if ended:
+        return f"the recorded run {' or '.join(ended)} (record more: `record.replicates`)"
+    return result.no_flow or "no recorded run has a window"
+
+
+def closer(results: Sequence[PointResult]) -> str:
+    """How close to each other frames have to be for maps of speed, and how to get them."""
+    shortest = min(instant(window) for result in results for window in _windows(result))
+    needed = _rounded_down(shortest / FEWEST)
+    text = (
+        f"Maps of speed at instants need frames {needed * 1e3:g} ms apart or closer: "
+        f"`record: {{every: {needed * 1e3:g} ms}}`"
+    )
+    beat = max(result.point.numerics.beat for result in results)
+    if beat <= needed:
+        return f"{text}."
+    steps = max(1, min(int(needed / result.point.numerics.dt) for result in results))
+    return (
+        f"{text}, and `numerics.steps_per_beat` of {steps} or less, as frames are {beat * 1e3:.3g} ms apart at least."
+    )
+
+
+def _rounded_down(time: float) -> float:
+    """To one significant digit."""
+    digit = 10.0 ** math.floor(math.log10(time))
+    return float(f"{math.floor(time / digit) * digit:.1g}")
 
 
 def _stress(pattern: Flowing) -> Fields | None:

@@ -68,6 +68,16 @@ class Rotation:
         """Whether the quantity was measured at two frequencies at least."""
         return sum(quantity in one.pooled for one in self.points) > 1
 
+    @property
+    def flows(self) -> bool:
+        """Whether any point has a flow rate."""
+        return any(FLOW in one.pooled for one in self.points)
+
+    @property
+    def rated(self) -> bool:
+        """Whether a flow rate with the bottom turning can be divided by that at rest."""
+        return any(self.ratio(FLOW, k) is not None for k in range(1, len(self.points)))
+
     def ratio(self, quantity: str, index: int, over: int = 0) -> Pooled | None:
         """Quantity at a point over that at another one (at rest, unless said otherwise), paired by seeds.
 

@@ -1,7 +1,7 @@
 """Figures of a report; each function returns a matplotlib figure in the house style and writes nothing."""
 
 from labbook.report.figures.acceleration import acceleration_against_height
-from labbook.report.figures.against import against_key, ratio_heading
+from labbook.report.figures.against import against_key, has_cuts, ratio_heading
 from labbook.report.figures.flow import flow_against_time
 from labbook.report.figures.orifice import flow_against_orifice, overview
 from labbook.report.figures.parameters import parameters_against
@@ -13,6 +13,7 @@ __all__ = [
     "flow_against_orifice",
     "flow_against_time",
     "flow_patterns",
+    "has_cuts",
     "overview",
     "parameters_against",
     "ratio_heading",

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,11 +31,14 @@ _TOGETHER = 7
 """Lines that one panel holds."""
 _ACROSS = 3  # panels side by side
 _DECADES = 2  # of values, beyond which their axis is logarithmic
+_WHOLE = 4  # half widths of intervals up to which they are shown whole, in ranges of the ratios
+_CUT = "_cut"  # label of the marks on cut intervals, which no legend lists
 
 
 def against_key(found: Against) -> "Figure":
     """Above the quantity with 95 % intervals, a line for each value of the other keys; below, on the same axis, its
-    ratio to that at the first value. Hollow points carry a remark; a cross at the bottom is a point without a value.
+    ratio to that at the first value. Points with a remark are hollow, and so are ratios to one; a cross at the bottom
+    is a point without a value.
 
     Many lines of two other keys or more are parted into panels, one for each value of the key that takes fewest and
     leaves few lines in each.
@@ -60,12 +64,13 @@ def against_key(found: Against) -> "Figure":
         )
         for ax in axes.flat:
             ax.set_axis_off()
+        bars: list[_Bar] = []
         for number, (title, lines) in enumerate(panels.items()):
             row, column = divmod(number, across)
             main, below = axes[2 * row, column], axes[2 * row + 1, column]
             for ax in (main, below):
                 ax.set_axis_on()
-            _panel(main, below, found, lines, names)
+            bars += _panel(main, below, found, lines, names)
             main.set_title(mathtext(verbatim(title)))
             if not column:
                 main.set_ylabel(mathtext(display.quantity(found.quantity).heading))
@@ -80,8 +85,35 @@ def against_key(found: Against) -> "Figure":
             row, column = divmod(number, across)
             from_zero(axes[2 * row, column])
             axes[2 * row + 1, column].set_ylim(*_range(lines))
+        for bar in bars:
+            _mark_cuts(bar)
         figure.align_ylabels()
     return figure
+
+
+def has_cuts(figure: "Figure") -> bool:
+    """Whether any interval goes on beyond its panel."""
+    return any(line.get_label() == _CUT for ax in figure.axes for line in ax.lines)
+
+
+@dataclass(frozen=True)
+class _Bar:
+    """An interval at x as it is drawn."""
+
+    ax: "Axes"
+    x: float
+    low: float
+    high: float
+    color: str
+
+
+def _mark_cuts(bar: _Bar) -> None:
+    """An arrowhead at the edge of a panel where an interval goes on beyond it."""
+    bottom, top = bar.ax.get_ylim()
+    for beyond, edge, marker in ((bar.low < bottom, bottom, "v"), (bar.high > top, top, "^")):
+        if beyond:
+            mark = {"marker": marker, "markersize": 4, "color": bar.color, "linestyle": "none"}
+            bar.ax.plot(bar.x, edge, **mark, clip_on=False, scalex=False, scaley=False, label=_CUT)
 
 
 def ratio_heading(found: Against) -> str:
@@ -113,7 +145,9 @@ def _parted(lines: Sequence[Line], key: str) -> dict[str, dict[str, Line]]:
     return panels
 
 
-def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], names: Sequence[str]) -> None:
+def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], names: Sequence[str]) -> "list[_Bar]":
+    """Draw the lines of a panel; the intervals."""
+    bars: list[_Bar] = []
     values, scale = found.values, display.quantity(found.quantity).scale
     x = _abscissa(found)
     span = max(x.values()) - min(x.values())
@@ -121,7 +155,7 @@ def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], 
     for label, line in lines.items():
         place = names.index(label)
         style = look(place)
-        shift = (0.03 if found.words else 0.004) * (place - (len(names) - 1) / 2)
+        shift = (0.03 if found.words else min(0.012, 0.04 / len(names))) * (place - (len(names) - 1) / 2)
         at = {
             value: x[value] * (1 + 3 * shift) if logarithmic else x[value] + (1 if found.words else span) * shift
             for value in values
@@ -135,31 +169,37 @@ def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], 
             rated = [(at[p.value], p.ratio.value if p.ratio else 1.0) for p in known if p.ratio or p is line.first]
             below.plot(*np.transpose(rated) if rated else ([], []), **path)
         for one in line.places:
-            _draw(main, below, found, line, one, at[one.value], scale, style)
+            bars += _draw(main, below, found, line, one, at[one.value], scale, style)
     below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
     if logarithmic:
         main.set_xscale("log")
     elif found.words:
         main.set_xticks(list(x.values()), [verbatim(str(value)) for value in x])
         main.set_xlim(-0.5, len(x) - 0.5)
+    return bars
 
 
 def _draw(
     main: "Axes", below: "Axes", found: Against, line: Line, one: Place, x: float, scale: float, style: dict
-) -> None:
-    hollow = {"markerfacecolor": "white"} if one.result.remark else {}
-    points = {"color": style["color"], "marker": style["marker"], "linestyle": "none", **hollow}
+) -> "list[_Bar]":
+    hollow = {"markerfacecolor": "white"}
+    points = {"color": style["color"], "marker": style["marker"], "linestyle": "none"}
+    points |= hollow if one.result.remark else {}
     pooled = one.result.pooled.get(found.quantity)
     if pooled is None:
         main.plot(x, 0.03, marker="x", color=style["color"], transform=main.get_xaxis_transform(), clip_on=False)
-        return
+        return []
     half = pooled.half_width if math.isfinite(pooled.half_width) else 0.0
     main.errorbar(x, pooled.value * scale, yerr=half * scale, **points)
+    bars = [_Bar(main, x, (pooled.value - half) * scale, (pooled.value + half) * scale, style["color"])]
+    points |= hollow if line.first is not None and line.first.result.remark else {}
     if one is line.first:
         below.plot(x, 1.0, **points)
     elif one.ratio is not None:
         half = one.ratio.half_width if math.isfinite(one.ratio.half_width) else 0.0
         below.errorbar(x, one.ratio.value, yerr=half, **points)
+        bars.append(_Bar(below, x, one.ratio.value - half, one.ratio.value + half, style["color"]))
+    return bars
 
 
 def _abscissa(found: Against) -> dict[float | str, float]:
@@ -171,10 +211,10 @@ def _abscissa(found: Against) -> dict[float | str, float]:
 
 
 def _range(lines: Sequence[Line]) -> tuple[float, float]:
-    """Of all ratios with their intervals, but for those so wide that nothing else would be seen."""
+    """Of all ratios with their intervals; those so wide that nothing else would be seen are cut."""
     ratios = [place.ratio for line in lines for place in line.places if place.ratio is not None]
     values = [1.0, *(ratio.value for ratio in ratios)]
-    wide = max(max(values) - min(values), 0.02)
+    wide = _WHOLE * max(max(values) - min(values), 0.02)
     low = min([1.0, *(max(ratio.low, ratio.value - wide) for ratio in ratios)])
     high = max([1.0, *(min(ratio.high, ratio.value + wide) for ratio in ratios)])
     margin = 0.06 * (high - low) or 0.05

@@ -2,6 +2,7 @@
 
 import math
 import textwrap
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,8 +41,28 @@ def flow_against_time(series: Series) -> "Figure":
         figure.supylabel("flow rate, $W$ [g/s]", fontsize=7.5)
         if series.label:
             figure.suptitle(series.label, x=0.01, ha="left", fontsize=7.5)
-        figure.legend(handles=_key(), loc="outside upper right", ncols=3)
+        figure.legend(handles=_key(drawn(series)), loc="outside upper right", ncols=3)
     return figure
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Which parts of the figure any panel has, beside the replicates."""
+
+    window: bool
+    mean: bool
+    interval: bool
+
+
+def drawn(series: Series) -> Drawn:
+    """What the panels of these points show: a mean stands in its window only."""
+    with_window = [one for one in series.points if _windows(one)]
+    means = [one.flow_rate for one in with_window if one.flow_rate is not None]
+    return Drawn(bool(with_window), bool(means), any(math.isfinite(one.half_width) for one in means))
+
+
+def _windows(result: PointResult) -> list[tuple[float, float]]:
+    return [run.trace.window for run in result.runs if run.trace is not None and run.trace.window is not None]
 
 
 def _draw(ax: "Axes", result: PointResult, title: str) -> None:
@@ -50,8 +71,7 @@ def _draw(ax: "Axes", result: PointResult, title: str) -> None:
         if run.trace is not None:
             shade = _lighter(COLOURS[0], _SHADES[k % len(_SHADES)])
             ax.step(run.trace.time, run.trace.rate * 1e3, where="mid", color=shade, linewidth=0.7, zorder=2)
-    windows = [run.trace.window for run in result.runs if run.trace is not None and run.trace.window is not None]
-    if windows:
+    if windows := _windows(result):
         start, end = np.mean(windows, axis=0)
         ax.axvspan(start, end, color=FAINT, alpha=0.18, linewidth=0, zorder=0)
         if pooled is not None:
@@ -65,15 +85,17 @@ def _draw(ax: "Axes", result: PointResult, title: str) -> None:
     from_zero(ax)
 
 
-def _key() -> list:
+def _key(shown: Drawn) -> list:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    return [
-        Line2D([], [], color=COLOURS[0], linewidth=0.7, label="replicates"),
-        Line2D([], [], color=COLOURS[1], label="pooled mean, 95 % interval"),
-        Patch(facecolor=FAINT, alpha=0.3, label="window"),
-    ]
+    handles: list[Line2D | Patch] = [Line2D([], [], color=COLOURS[0], linewidth=0.7, label="replicates")]
+    if shown.mean:
+        label = "pooled mean, 95 % interval" if shown.interval else "pooled mean"
+        handles.append(Line2D([], [], color=COLOURS[1], label=label))
+    if shown.window:
+        handles.append(Patch(facecolor=FAINT, alpha=0.3, label="window"))
+    return handles
 
 
 def _lighter(colour: str, towards_white: float) -> tuple[float, ...]:

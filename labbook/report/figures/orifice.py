@@ -74,7 +74,7 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
 
 
 def overview(series: Sequence[Series]) -> "Figure":
-    """All series of a study in one picture, each with its first fit."""
+    """All series of a study in one picture, each with its first fit; points at one orifice stand side by side."""
     from matplotlib.figure import Figure
 
     power, written = _POWERS[series[0].outlet]
@@ -82,13 +82,15 @@ def overview(series: Sequence[Series]) -> "Figure":
         many = len(series) > 5
         figure = Figure(figsize=(PAGE * 0.75 if many else COLUMN, 78 * MILLIMETRE))
         ax = figure.subplots()
+        step = _apart(series)
         for index, one in enumerate(series):
             style = look(index)
             if one.fits:
                 diameters = np.linspace(min(one.diameters), max(one.diameters), 100)
                 value, _, _ = next(iter(one.fits.values())).predict(diameters)
                 ax.plot(diameters * 1e3, _scaled(value, power), color=style["color"], linestyle=style["linestyle"])
-            _points(ax, one.points, one.flagged, power, color=style["color"], marker=style["marker"], label=one.label)
+            look_of = {"color": style["color"], "marker": style["marker"], "label": one.label}
+            _points(ax, one.points, one.flagged, power, shift=step * (index - (len(series) - 1) / 2), **look_of)
         ax.set_xlabel("orifice, $D$ [mm]")
         ax.set_ylabel(_heading(written))
         from_zero(ax)
@@ -97,6 +99,22 @@ def overview(series: Sequence[Series]) -> "Figure":
         else:
             ax.legend(loc="upper left")
     return figure
+
+
+def side_by_side(series: Sequence[Series]) -> bool:
+    """Whether two series have a point at the same orifice."""
+    diameters = [D for one in series for D in set(one.diameters)]
+    return len(set(diameters)) < len(diameters)
+
+
+def _apart(series: Sequence[Series]) -> float:
+    """Distance [mm] of points of neighbouring series at one orifice; all of them take a third of the distance to the
+    next orifice at most."""
+    diameters = sorted({D * 1e3 for one in series for D in one.diameters})
+    if not side_by_side(series) or len(diameters) < 2:
+        return 0.0
+    nearest = float(np.diff(diameters).min())
+    return min(0.012 * (diameters[-1] - diameters[0]), nearest / 3 / len(series))
 
 
 def _bands(ax: "Axes", series: Series, power: float) -> None:
@@ -156,7 +174,9 @@ def _points(
     color: str,
     marker: str,
     label: str,
+    shift: float = 0.0,
 ) -> None:
+    """Points with 95 % intervals, `shift` [mm] beside their orifices."""
     shown = False
     for result in points:
         pooled = result.flow_rate
@@ -165,7 +185,7 @@ def _points(
         value, half = pooled.value, pooled.half_width if np.isfinite(pooled.half_width) else 0.0
         ends = _scaled(np.array([value - half, value, value + half]), power)
         ax.errorbar(
-            result.orifice * 1e3,
+            result.orifice * 1e3 + shift,
             ends[1],
             yerr=[[ends[1] - ends[0]], [ends[2] - ends[1]]],
             color=color,

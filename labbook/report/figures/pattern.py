@@ -20,6 +20,7 @@ _COLUMNS = 4
 _HEIGHT = 1.6  # widths of the hopper that are shown
 _TITLE = 21  # characters that there is room for above a panel
 _ARROW = 0.1  # widths of the hopper that the longest arrow is long
+_KEY = -0.06  # where arrows with their speeds are shown, in heights of a panel
 
 
 def flow_patterns(patterns: Sequence[Flowing], titles: Sequence[str] = ()) -> "Figure":
@@ -85,15 +86,18 @@ def _vectors(ax: "Axes", one: Flowing, norm) -> None:
     arrows = ax.quiver(x * 1e3, z * 1e3, u * shrink, w * shrink, color=INK, **arrow)
     digit = float(f"{norm.vmax / 2:.1g}")
     for speed, place in ((digit / 10, 0.4), (digit, 0.87)):
-        ax.quiverkey(
-            arrows,
-            place,
-            -0.06,
-            math.sqrt(speed),
+        # The arrow alone: a key's own label takes no room in the layout. As an image it is lost in SVG and PDF.
+        ax.quiverkey(arrows, place, _KEY, math.sqrt(speed), "", labelpos="W", coordinates="axes", rasterized=False)
+        ax.annotate(
             f"{speed:g} m/s",
-            labelpos="W",
-            coordinates="axes",
-            fontproperties={"size": 6},
+            (place, _KEY),
+            (-6, 0),
+            "axes fraction",
+            "offset points",
+            size=6,
+            ha="right",
+            va="center",
+            annotation_clip=False,
         )
 
 

@@ -1,13 +1,20 @@
 """Maps of a bed over a turning bottom, from made-up recordings with known answers."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_results import analyse
 from turning_runs import SINKING, Run, point
 
+from labbook.backend.numerics import Numerics
 from labbook.papers.pongo2022 import figures
+from labbook.papers.pongo2022.pages import closer, maps_of
+from labbook.papers.pongo2022.rotation import rotations_of
 from labbook.report import page
 from labbook.results.recorded import flow_patterns, moments
+from labbook.study.schema import Window
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +64,24 @@ def test_few_frames_make_maps_of_packing_but_not_of_speed(synthetic, tmp_path):
     made = {p.name for p in tmp_path.iterdir()}
     assert "rotation-packing.svg" in made
     assert "rotation-speed.svg" not in made
-    assert "Maps of speed at instants need frames 100 ms apart or closer" in text
+    assert "Maps of speed at instants need frames 60 ms apart or closer: `record: {every: 60 ms}`." in text
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("one_format")
+def test_how_close_frames_must_be_follows_from_the_window_and_from_the_beat(synthetic):
+    """The window lasts 0.6 s or more at 390 grains/s: instants of 0.2 s need 8 frames."""
+    points = [point(k, f) for k, f in enumerate((0.0, 1.28))]
+    study = synthetic.study_of(points, fit=(), reference=None, window=Window(start=0.15, end=0.25))
+    (curve,) = rotations_of(analyse(study, [Run(p, 1, filmed=True) for p in points]))
+    _, lacking = maps_of(curve, curve.points)
+    shortest = min(end - begin for one in curve.points for begin, end in [one.runs[0].trace.window]) / 3
+    (said,) = (one for one in lacking if one.startswith("Maps of speed"))
+    every = float(re.search(r"every: ([\d.]+) ms", said)[1]) * 1e-3
+    assert 0.5 * shortest / 8 < every <= shortest / 8
+    assert "steps_per_beat" not in said
+    slow = [replace(one, point=replace(one.point, numerics=Numerics(dt=1e-4))) for one in curve.points]
+    assert f"`numerics.steps_per_beat` of {int(every / 1e-4)} or less" in closer(slow)
 
 
 def test_maps_of_orientation_are_those_of_the_rods(analysis):

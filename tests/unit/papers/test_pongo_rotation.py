@@ -16,11 +16,12 @@ from labbook.papers.pongo2022.pages import sentence
 from labbook.papers.pongo2022.rotation import Rotation, rotations_of
 from labbook.papers.pongo2022.statements import judged
 from labbook.report import page
+from labbook.report.against import found_against
 from labbook.report.statement_tables import statement_table
 from labbook.results.frames import frames, to_json
 from labbook.results.statements import summed_up
 from labbook.stats import pool
-from labbook.study.schema import Reference
+from labbook.study.schema import Reference, Window
 
 
 @pytest.fixture(scope="module")
@@ -237,6 +238,49 @@ def test_figures_show_every_curve(analysis):
     assert [text.get_text() for text in scaling.legends[0].get_texts()] == ["rods, L/d = 3.33", "spheres", "slope 5/2"]
 
 
+def without(analysis, places):
+    """Rotations whose points at these indices have no flow rate."""
+    (found,) = rotations_of(analysis)
+    points = [
+        replace(one, runs=tuple(replace(run, measured={}) for run in one.runs), pooled={}) if k in places else one
+        for k, one in enumerate(found.points)
+    ]
+    return replace(found, points=tuple(points))
+
+
+def test_ratios_are_drawn_only_where_there_is_a_flow_rate_at_rest(synthetic):
+    points = [point(k, f) for k, f in enumerate((0.0, 0.16, 0.32))]
+    study = synthetic.study_of(points, fit=(), reference=None, replicates=2)
+    analysis = analyse(study, [Run(p, s) for p in points for s in (1, 2)])
+    (found,) = rotations_of(analysis)
+    assert len(figures.flow_against_rotation([found]).axes) == 2
+    turning_only = without(analysis, {0})
+    assert (turning_only.flows, turning_only.rated) == (True, False)
+    (above,) = figures.flow_against_rotation([turning_only]).axes
+    assert above.get_ylabel() == "$Q$ [grains/s]"
+    assert not without(analysis, {0, 1, 2}).flows
+
+
+@pytest.mark.usefixtures("one_format")
+def test_without_any_flow_rate_nothing_is_drawn_and_the_reason_is_said(synthetic, tmp_path):
+    """Too few grains pass within the window: of 1300 that leave fewer than 60 do between 0.01 and 0.03."""
+    points = [point(k, f) for k, f in enumerate((0.0, 0.32))]
+    window = Window(start=0.01, end=0.03)
+    study = synthetic.study_of(points, fit=(), reference=None, window=window, measure=("flow_rate", "orifice"))
+    text = page.write(analyse(study, [Run(p, s, filmed=s == 1) for p in points for s in (1, 2)]), tmp_path).read_text()
+    assert not (tmp_path / "rotation-flow.svg").exists()
+    few = "fewer than 60 grains flowed out within the window (use more grains or a wider window)."
+    for what in (
+        "Q against f is not drawn: ",
+        "Accelerations are not shown: ",
+        "no maps at f = 0 Hz, f = 0.32 Hz, as ",
+    ):
+        assert what + few in text
+    assert f"Means above the orifice are not shown: {few}" in text
+    assert "among the measures" not in text
+    assert "frames 100 ms apart" not in text
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
 def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
@@ -251,6 +295,26 @@ def test_the_page_shows_them_and_says_what_is_lacking(analysis, tmp_path):
     stated = json.loads(to_json(analysis))["statements"]
     assert stated[0]["verdict"] == "holds"
     assert (stated[2]["to"], stated[0]["to"]) == (0.32, 0.7)
+
+
+def test_both_texts_on_one_ratio_rest_on_the_same_runs(synthetic):
+    """A run at rest clogged: the other has one partner at each frequency."""
+    points = [point(k, f) for k, f in enumerate((0.0, 0.16, 0.32))]
+    runs = [Run(p, s, "clogged" if (p.index, s) == (0, 1) else "finished") for p in points for s in (1, 2)]
+    found = analyse(synthetic.study_of(points, fit=(), reference=None, replicates=2), runs)
+    (rotation,), (swept,) = rotations_of(found), found_against(found)
+    paired = rotation.ratio("grain_rate", 2)
+    assert paired is not None
+    (place,) = (one for line in swept.lines for one in line.places if one.value == 0.32)
+    assert place.ratio is not None
+    assert (paired.n, place.pairs) == (1, 1)
+    assert place.ratio.value == pytest.approx(paired.value, rel=1e-6)
+    assert sentence(rotation).endswith(
+        "Each ratio rests on runs of equal seed: 1 pair at 0.32 Hz (at rest: 1 of 2 clogged)."
+    )
+    for ax in figures.flow_against_rotation([rotation]).axes:
+        hollow = [line for line in ax.lines if line.get_markerfacecolor() == "white"]
+        assert 0.0 in [float(np.asarray(line.get_xdata(), float)[0]) for line in hollow]
 
 
 def test_exports_hold_ratios_and_statements(analysis):

@@ -153,6 +153,29 @@ def test_seeds_without_a_partner_are_left_out_and_few_pairs_among_many_are_no_pa
     assert ratio_of(found, place=2)[1] == 0  # two of six
 
 
+def test_one_run_that_both_share_a_packing_with_is_a_pair_and_the_text_says_so():
+    """Of two runs at rest one clogged: a ratio to the other has no interval, so its own packing alone is compared."""
+    rest = result(0, {FRICTION: 0.1}, {2: 0.040}, outcomes={1: "clogged"})
+    turning = result(1, {FRICTION: 0.5}, {1: 0.020, 2: 0.032})
+    (found,) = against([rest, turning])
+    ratio, pairs = ratio_of(found)
+    assert (pairs, ratio.value) == (1, pytest.approx(0.8))
+    assert math.isnan(ratio.error)
+    assert changes(found) == [
+        "W at friction = 0.5 is 80 % of that at 0.1 (1 pair: no interval; at 0.1: 1 of 2 clogged)."
+    ]
+    assert "1 pair" in against_table(found).rows[1]
+    main, below = figures.against_key(found).axes
+    hollow = [[line.get_markerfacecolor() == "white" for line in markers(ax)] for ax in (main, below)]
+    assert hollow == [[True, False], [True, True]], "a ratio to a point with a remark is hollow too"
+
+
+def markers(ax) -> list[Any]:
+    """Marked points from left to right."""
+    marked = [line for line in ax.lines if line.get_marker() == "o" and len(line.get_xdata()) == 1]
+    return sorted(marked, key=lambda line: float(np.asarray(line.get_xdata())[0]))
+
+
 def test_the_value_listed_first_is_what_others_are_compared_with():
     points = [result(k, {FRICTION: mu}, {1: w, 2: w}) for k, (mu, w) in enumerate(((0.5, 2.0), (0.1, 4.0), (0.9, 1.0)))]
     (found,) = against(points)
@@ -243,7 +266,9 @@ def test_one_value_is_no_sweep_and_one_run_has_no_interval():
     ratio, _ = ratio_of(found)
     assert ratio.value == 2
     assert math.isnan(ratio.error)
-    assert "one run: no interval" in changes(found)[0]
+    assert "(1 pair: no interval)" in changes(found)[0]
+    (found,) = against([result(k, {FRICTION: mu}, {1: 1.0 + k}, packing_of_its_own) for k, mu in enumerate((0.1, 0.2))])
+    assert "(one run: no interval)" in changes(found)[0]
     assert figures.against_key(found).axes
 
 
@@ -268,6 +293,21 @@ def test_what_is_drawn_is_what_was_found():
     np.testing.assert_allclose(segment, [ratio.low, ratio.high])
     assert main.get_ylabel() == "W [g/s]"
     assert below.get_ylabel() == "W / W at 0.1"
+
+
+def test_intervals_are_whole_or_marked_where_they_are_cut():
+    """Two pairs whose ratios scatter by 2 % are shown whole; by 40 %, beside 1 %, an arrowhead tells of the rest."""
+    base = {1: 1.0, 2: 1.0}
+    for scatter, cuts in ((0.02, 0), (0.4, 2)):
+        points = [result(0, {FRICTION: 0.1}, base), result(1, {FRICTION: 0.3}, {1: 0.9 - scatter, 2: 0.9 + scatter})]
+        (found,) = against(points)
+        ratio, _ = ratio_of(found)
+        figure = figures.against_key(found)
+        low, high = figure.axes[1].get_ylim()
+        assert (low < ratio.low and ratio.high < high) == (cuts == 0)
+        marks = [line.get_marker() for line in figure.axes[1].lines if line.get_label() == "_cut"]
+        assert sorted(marks) == ["^", "v"][:cuts]
+        assert figures.has_cuts(figure) == bool(cuts)
 
 
 def test_many_lines_of_two_other_keys_are_parted_into_panels():

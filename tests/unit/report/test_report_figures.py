@@ -59,6 +59,25 @@ def test_every_point_has_its_panel_with_window_and_replicates(analysis):
         np.testing.assert_allclose(np.asarray(ax.lines[-1].get_ydata()), result.flow_rate.value * 1e3)
 
 
+def test_a_figure_of_too_few_grains_has_no_window_and_no_mean_in_its_legend(analysis, synthetic):
+    point = synthetic.point(0, 0.03, count=80)
+    few = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, s) for s in (1, 2)])
+    for found, names in ((few, ["replicates"]), (analysis, ["replicates", "pooled mean, 95 % interval", "window"])):
+        (legend,) = figures.flow_against_time(found.series[0]).legends
+        assert [text.get_text() for text in legend.get_texts()] == names
+
+
+def test_series_at_the_same_orifice_stand_side_by_side_in_the_overview(synthetic):
+    points = [synthetic.point(2 * i + k, D, 0.5 * (i + 1)) for i in range(2) for k, D in enumerate((0.024, 0.03))]
+    found = analyse(synthetic.study_of(points), [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2)])
+    (ax,) = figures.overview(found.series).axes
+    at = sorted(float(np.asarray(bar.lines[0].get_xdata(), float)[0]) for bar in ax.containers)
+    np.testing.assert_allclose(at, [24, 24, 30, 30], atol=0.1)
+    assert at[1] - at[0] > 0.05
+    (alone,) = figures.overview(found.series[:1]).axes
+    assert [float(np.asarray(bar.lines[0].get_xdata(), float)[0]) for bar in alone.containers] == [24, 30]
+
+
 def test_parameters_are_drawn_against_what_was_swept(synthetic):
     angles = [math.radians(a) for a in (30, 60, 90)]
     points = [synthetic.point(10 * i + k, D, a) for i, a in enumerate(angles) for k, D in enumerate((0.02, 0.03, 0.04))]

@@ -18,7 +18,7 @@ from labbook.report.blocks import Beside, Folded, Prose, Section, Verbatim, anch
 from labbook.report.fitted_tables import parameter_row
 from labbook.report.formulas import mathml
 from labbook.report.page import summary, write
-from labbook.report.result_box import result_box
+from labbook.report.result_box import concerns, result_box
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.study.schema import Accuracy
@@ -127,6 +127,17 @@ def test_the_box_names_what_clogged_and_what_diverged(synthetic):
     attention = [text for term, text in box.rows if term in box.marked]
     assert "1 run clogged: D = 18 mm (1 of 3)." in attention
     assert "1 run diverged: D = 30 mm (1 of 3)." in attention
+
+
+def test_points_with_runs_but_without_a_flow_rate_are_named_with_reason_and_remedy(synthetic):
+    points = [synthetic.point(k, D, count=n) for k, (D, n) in enumerate(((0.03, 80), (0.036, 80), (0.018, 1200)))]
+    runs = [synthetic.FinishedDouble(p, s, "clogged" if p.index == 2 else "emptied") for p in points for s in (1, 2)]
+    said = [text for text in concerns(analyse(synthetic.study_of(points), runs)) if text.startswith("No flow rate")]
+    assert said == [
+        "No flow rate at D = 30 mm; D = 36 mm: fewer than 60 grains flowed out within the window "
+        "(use more grains or a wider window).",
+        "No flow rate at D = 18 mm: runs clogged (use a wider outlet).",
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -293,6 +304,25 @@ def test_runs_that_all_clogged_are_reported_without_a_fit(synthetic, tmp_path):
     text = " ".join(read(write(analyse(synthetic.study_of(points), runs), tmp_path)).text)
     assert "2 of 2 clogged" in text
     assert "W of clogged runs while flowing" in text
+
+
+@pytest.mark.usefixtures("one_format")
+def test_captions_tell_of_nothing_that_is_not_drawn(synthetic, tmp_path):
+    """Without `fit` there are neither laws nor residuals; of spheres no order; of too few grains no window."""
+    points = [synthetic.point(2 * i + k, D, 0.5 * (i + 1)) for i in range(2) for k, D in enumerate((0.024, 0.03))]
+    runs = [synthetic.FinishedDouble(p, s, recorded=s == 1) for p in points for s in (1, 2)]
+    text = " ".join(read(write(analyse(synthetic.study_of(points, fit=(), reference=None), runs), tmp_path)).text)
+    assert {"orifice-1.svg", "orifice-2.svg"} <= {path.name for path in tmp_path.iterdir()}
+    assert not list(tmp_path.glob("fit*"))
+    assert "Points at one D are drawn side by side." in text
+    for absent in ("lines: fits", "residuals", "first law fitted", "orientation tensor", "Hollow points"):
+        assert absent not in text
+    few = [synthetic.point(k, D, count=80) for k, D in enumerate((0.024, 0.03))]
+    study = synthetic.study_of(few, fit=(), reference=None)
+    page = write(analyse(study, [synthetic.FinishedDouble(p, s) for p in few for s in (1, 2)]), tmp_path / "few")
+    text = " ".join(read(page).text)
+    assert "Shaded" not in text
+    assert "W(t) of every replicate. No run has enough grains in the window for a mean." in text
 
 
 def test_a_packing_fraction_that_could_not_be_measured_is_said(synthetic):

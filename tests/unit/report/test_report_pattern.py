@@ -1,10 +1,15 @@
 """How beds flow, from recorded runs whose motion is known."""
 
+import re
+import xml.etree.ElementTree as ElementTree
+
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 from toy_results import analyse
 
-from labbook.report import figures, tables
+from labbook.report import figures, style, tables
 from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 
 
@@ -41,6 +46,23 @@ def test_each_point_has_its_two_panels(recorded):
     titles = [ax.get_title(loc="left") for ax in figure.axes]
     assert titles[:2] == ["D = 30 mm", "D = 42 mm"]
     assert all("funnel flow" in title for title in titles[2:4])
+
+
+def test_the_scale_of_the_arrows_is_shown_in_every_format_and_apart_from_the_titles(recorded):
+    figure = figures.flow_patterns([flow_patterns(result)[0] for result in recorded.points])
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    above, below = figure.axes[:2], figure.axes[2:4]
+    for upper, lower in zip(above, below, strict=True):
+        keys = [text.get_window_extent(renderer) for text in upper.texts]
+        title = next(one for one in lower.findobj(Text) if one.get_text() == lower.get_title("left"))
+        assert len(keys) == 2
+        assert not any(key.overlaps(title.get_window_extent(renderer)) for key in keys)
+    svg = style.encode(figure, "svg").decode()
+    assert len(re.findall(r"<!-- [\d.]+ m/s -->", svg)) == 4
+    drawn = ElementTree.fromstring(svg)
+    names = {one.get("id", "") for one in drawn.iter()}
+    assert sum(name.startswith("PolyCollection") for name in names) >= 4, "arrows of the key are no image"
 
 
 def test_means_above_the_orifice_are_pooled_over_recorded_runs(synthetic):

@@ -6,6 +6,7 @@ import pytest
 from toy_results import analyse
 
 from labbook.fit import Parameter
+from labbook.measure import flow
 from labbook.report import tables
 from labbook.report.fitted_tables import parameter_row
 from labbook.results.reference import Comparison
@@ -36,12 +37,30 @@ def test_rows_far_from_the_reference_are_marked():
 
 
 def test_flow_and_packing_are_shown_for_every_point(analysis):
-    flow, packing = tables.flow_table(analysis), tables.further_table(analysis)
+    rates, packing = tables.flow_table(analysis), tables.further_table(analysis)
     assert packing is not None
-    assert flow.headings[:3] == ("D [mm]", "W [g/s]", "95 % interval")
+    assert rates.headings[:3] == ("D [mm]", "W [g/s]", "95 % interval")
     assert packing.headings == ("D [mm]", "φ", "φ in 2D", "ψ₆ local", "ψ₆ global")
-    assert [row[0] for row in flow.rows] == ["18", "21", "24", "30", "36", "45", "52.5", "60"]
-    assert all(len(row) == len(flow.headings) for row in flow.rows)
+    assert [row[0] for row in rates.rows] == ["18", "21", "24", "30", "36", "45", "52.5", "60"]
+    assert all(len(row) == len(rates.headings) for row in rates.rows)
+
+
+def test_too_few_grains_are_told_once_a_point_and_w_keeps_its_column(synthetic):
+    """Of 80 grains fewer than 60 pass within the window."""
+    points = [synthetic.point(0, 0.03, count=80), synthetic.point(1, 0.036, count=80)]
+    runs = [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2)]
+    (first, second) = analyse(synthetic.study_of(points), runs).points
+    notes = {f"too few grains: {n} of 300 left, fewer than 60 in the window": 1 for n in (113, 105, 117)}
+    once = "too few grains: 105 to 117 of 300 left, fewer than 60 in the window: use more grains or a wider window"
+    assert flow.summed_up({**notes, "trending": 2}) == {once: 3, "trending": 2}
+    for result in (first, second):
+        assert list(result.notes.values()) == [2]
+    table = tables.flow_table(analyse(synthetic.study_of(points), runs))
+    assert table.headings[:3] == ("D [mm]", "W [g/s]", "95 % interval")
+    for row in table.rows:
+        assert row[1:3] == ("–", "–")
+        assert row[-1].count("too few grains") == 1
+        assert "use more grains or a wider window (2)" in row[-1]
 
 
 def test_facts_on_which_runs_agree_are_told_once(synthetic):
