@@ -196,8 +196,7 @@ def concerns(results: Results) -> list[str]:
         if ended:
             places = [f"{one.label or 'the only point'} ({n} of {len(one.runs)})" for one, n in ended]
             sentences.append(f"{_count(sum(n for _, n in ended), 'run')} {how}: {_listed(places)}.")
-    for why in dict.fromkeys(one.no_flow for one in points if one.no_flow):
-        sentences.append(f"No flow rate at {_listed(_labels(points, lambda one, why=why: one.no_flow == why))}: {why}.")
+    sentences.append(_no_flow(results))
     suspects = [(one, run) for one in points for run in one.suspect]
     if suspects:
         verb = "is" if len(suspects) == 1 else "are"
@@ -205,7 +204,10 @@ def concerns(results: Results) -> list[str]:
         why = [f"{one.label or 'the only point'}, seed {run.seed}: {run.suspect}" for one, run in suspects]
         sentences.append(f"{_count(len(suspects), 'run')} {verb} suspect and {fate}: {_listed(why)}.")
     sentences += _imprecise(results)
-    sentences += [_unknown(results, FLOW_RATE, "flow rate"), _unknown(results, PACKING_FRACTION, "packing fraction")]
+    measured = [run.measured for result in points for run in result.runs]
+    packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
+    if unknown := [one for one in packings if math.isnan(one.value)]:
+        sentences.append(f"No packing fraction in {len(unknown)} of {_count(len(packings), 'run')}: {unknown[0].note}.")
     if trending := _labels(points, lambda one: one.trending):
         sentences.append(f"No plateau of W within the window (trending): {_listed(trending)}.")
     if cut := _labels(points, lambda one: bool(one.notes[CUT_SHORT])):
@@ -227,25 +229,25 @@ def no_number(results: Results) -> str:
         return ""
     if results.unevaluated:
         return _unevaluated(results)
+    if known := _no_flow(results):
+        return known
     runs = [run for result in results.points for run in result.runs]
     if not any(run.counted for run in runs):
         return "No number: every run diverged or is suspect."
-    if known := _unknown(results, FLOW_RATE, "flow rate"):
-        return known
     notes = [one.note for run in runs for one in run.measured.values() if math.isnan(one.value) and one.note]
     if notes:
         return f"No run gave a number: {notes[0]}."
     return _unmeasured(results) if results.unmeasured else "No run gave a number."
 
 
-def _unknown(results: Results, quantity: str, called: str) -> str:
-    """In how many runs a quantity could not be measured, and why; empty if in none."""
-    found = [run.measured[quantity] for one in results.points for run in one.runs if quantity in run.measured]
-    notes = [one.note for one in found if math.isnan(one.value)]
-    if not notes:
-        return ""
-    why = notes[0] if len(set(notes)) == 1 else f"for example, {notes[0]}"
-    return f"No {called} in {len(notes)} of {_count(len(found), 'run')}: {why}."
+def _no_flow(results: Results) -> str:
+    """Which points have runs and no flow rate, why, and what would help; empty if there are none."""
+    points = results.points
+    found = [
+        f"at {_listed(_labels(points, lambda one, why=why: one.no_flow == why))}: {why}"
+        for why in dict.fromkeys(one.no_flow for one in points if one.no_flow)
+    ]
+    return f"No flow rate {'; '.join(found)}." if found else ""
 
 
 def _unevaluated(results: Results) -> str:
