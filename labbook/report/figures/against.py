@@ -215,8 +215,9 @@ def _range(lines: Sequence[Line]) -> tuple[float, float]:
     ratios = [place.ratio for line in lines for place in line.places if place.ratio is not None]
     values = [1.0, *(ratio.value for ratio in ratios)]
     wide = _WHOLE * max(max(values) - min(values), 0.02)
-    low = min([1.0, *(max(ratio.low, ratio.value - wide) for ratio in ratios)])
-    high = max([1.0, *(min(ratio.high, ratio.value + wide) for ratio in ratios)])
+    halves = [min(ratio.half_width, wide) if math.isfinite(ratio.half_width) else 0.0 for ratio in ratios]
+    low = min([1.0, *(ratio.value - half for ratio, half in zip(ratios, halves, strict=True))])
+    high = max([1.0, *(ratio.value + half for ratio, half in zip(ratios, halves, strict=True))])
     margin = 0.06 * (high - low) or 0.05
     return low - margin, high + margin
 

@@ -168,6 +168,7 @@ def test_one_run_that_both_share_a_packing_with_is_a_pair_and_the_text_says_so()
     main, below = figures.against_key(found).axes
     hollow = [[line.get_markerfacecolor() == "white" for line in markers(ax)] for ax in (main, below)]
     assert hollow == [[True, False], [True, True]], "a ratio to a point with a remark is hollow too"
+    assert below.get_ylim() == pytest.approx((0.8, 1), abs=0.02), "what has no interval takes no room for one"
 
 
 def markers(ax) -> list[Any]:
