@@ -306,7 +306,7 @@ def test_intervals_are_whole_or_marked_where_they_are_cut():
         figure = figures.against_key(found)
         low, high = figure.axes[1].get_ylim()
         assert (low < ratio.low and ratio.high < high) == (cuts == 0)
-        marks = [line.get_marker() for line in figure.axes[1].lines if line.get_label() == "_cut"]
+        marks = [str(line.get_marker()) for line in figure.axes[1].lines if line.get_label() == "_cut"]
         assert sorted(marks) == ["^", "v"][:cuts]
         assert figures.has_cuts(figure) == bool(cuts)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.container import ErrorbarContainer
 from toy_results import analyse
 
 from labbook.report import figures, style
@@ -67,15 +68,20 @@ def test_a_figure_of_too_few_grains_has_no_window_and_no_mean_in_its_legend(anal
         assert [text.get_text() for text in legend.get_texts()] == names
 
 
+def bars(ax):
+    """Points with error bars."""
+    return [found for found in ax.containers if isinstance(found, ErrorbarContainer)]
+
+
 def test_series_at_the_same_orifice_stand_side_by_side_in_the_overview(synthetic):
     points = [synthetic.point(2 * i + k, D, 0.5 * (i + 1)) for i in range(2) for k, D in enumerate((0.024, 0.03))]
     found = analyse(synthetic.study_of(points), [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2)])
     (ax,) = figures.overview(found.series).axes
-    at = sorted(float(np.asarray(bar.lines[0].get_xdata(), float)[0]) for bar in ax.containers)
+    at = sorted(float(np.asarray(bar.lines[0].get_xdata(), float)[0]) for bar in bars(ax))
     np.testing.assert_allclose(at, [24, 24, 30, 30], atol=0.1)
     assert at[1] - at[0] > 0.05
     (alone,) = figures.overview(found.series[:1]).axes
-    assert [float(np.asarray(bar.lines[0].get_xdata(), float)[0]) for bar in alone.containers] == [24, 30]
+    assert [float(np.asarray(bar.lines[0].get_xdata(), float)[0]) for bar in bars(alone)] == [24, 30]
 
 
 def test_parameters_are_drawn_against_what_was_swept(synthetic):
