@@ -1,7 +1,6 @@
 """Flow rate from crossing events."""
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing, window_in_words
 from labbook.measure.series import crossings, flow_series, mean_mass
-from labbook.measure.steady import BLOCKS, GAP, SteadyFlow, steady_flow, too_few
+from labbook.measure.steady import BLOCKS, GAP, TOO_FEW, SteadyFlow, steady_flow, too_few
 from labbook.scene import Scene
 from labbook.stats import Measured
 
@@ -21,7 +20,6 @@ CUT_SHORT = ENDED.format("finished")
 """Note on a run that met its stop rule before the window ended."""
 WIDER = "use more grains or a wider window"
 """What helps against too few grains in the window."""
-_TOO_FEW = re.compile(r"too few grains: (\d+) of (\d+) left, fewer than (\d+) in the window")
 _GRAINS_PER_BIN, _BINS = 25, 80  # of W(t): as fine as counting allows, and no finer than a figure shows
 _RATES = (
     Quantity("flow_rate", "W", "kg/s", "mass flow rate in the window", "g/s", 1e3),
@@ -94,14 +92,14 @@ class Trace:
 
 def summed_up(notes: Mapping[str, int]) -> dict[str, int]:
     """Notes with the number of runs that carry each; those on too few grains are one, with a range and the remedy."""
-    few = [(found, n) for note, n in notes.items() if (found := _TOO_FEW.fullmatch(note))]
+    few = [(found, n) for note, n in notes.items() if (found := TOO_FEW.fullmatch(note))]
     if not few:
         return dict(notes)
     left = sorted({int(found[1]) for found, _ in few})
     some = " to ".join(map(str, dict.fromkeys((left[0], left[-1]))))
     _, total, fewest = few[0][0].groups()
     told = f"too few grains: {some} of {total} left, fewer than {fewest} in the window: {WIDER}"
-    others = {note: n for note, n in notes.items() if not _TOO_FEW.fullmatch(note)}
+    others = {note: n for note, n in notes.items() if not TOO_FEW.fullmatch(note)}
     return {told: sum(n for _, n in few), **others}
 
 

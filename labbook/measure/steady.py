@@ -1,6 +1,7 @@
 """Rate of an outflow within a window, from the times at which grains left."""
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,6 +129,10 @@ def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray 
 def too_few(left: int, total: int) -> str:
     """Note on a run without a window, of whose `total` grains `left` have left."""
     return f"too few grains: {left} of {total} left, fewer than {FEWEST} in the window"
+
+
+TOO_FEW = re.compile(r"too few grains: (\d+) of (\d+) left, fewer than (\d+) in the window")
+"""Finds the numbers of such a note."""
 
 
 def _independent(values: np.ndarray, error: float) -> float:
