@@ -282,9 +282,13 @@ class Catalogue:
         return self._packings[key, seen]
 
     def measurements(self, run_key: str | None = None) -> "pd.DataFrame":
-        """Measured numbers of a run, or of all runs, with run, measure, version and window."""
+        """Measured numbers of a run, or of all runs, with run, measure, version and window: of every measure and window
+        those by its newest version."""
         query = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
-        return self._frame(query if run_key is None else query.where(measurements.c.run_key == run_key))
+        found = self._frame(query if run_key is None else query.where(measurements.c.run_key == run_key))
+        one = ["run_key", "measure", "window_start", "window_end", "window_timed"]
+        newest = found.groupby(one)["version"].transform("max")
+        return found[found["version"] == newest].reset_index(drop=True)
 
     def measured(
         self, run_keys: Iterable[str], window: "Window"

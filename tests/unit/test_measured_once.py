@@ -124,6 +124,10 @@ def test_another_window_or_version_is_measured_again_and_only_then(made, counted
     for _ in range(2):
         labbook("fit", path, *there)
         assert (counted["flow_rate"], counted["packing"]) == (8, 4)
+    listed = Catalogue(lab).measurements()
+    own = listed[(listed["window_start"] == 0.2) & (listed["quantity"] == "flow_rate")]
+    assert own["run_key"].is_unique, "each number is listed once"
+    assert set(own["version"]) == {99}
 
 
 def test_what_is_kept_is_what_was_evaluated(made):
