@@ -287,8 +287,8 @@ class Catalogue:
         query = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
         found = self._frame(query if run_key is None else query.where(measurements.c.run_key == run_key))
         one = ["run_key", "measure", "window_start", "window_end", "window_timed"]
-        newest = found.groupby(one)["version"].transform("max")
-        return found[found["version"] == newest].reset_index(drop=True)
+        older = found["version"].to_numpy() < found.groupby(one)["version"].transform("max").to_numpy()
+        return found.drop(index=found.index[older]).reset_index(drop=True)
 
     def measured(
         self, run_keys: Iterable[str], window: "Window"
