@@ -330,10 +330,8 @@ class Results(Found):
         `labbook.export.study`) without pyarrow, NotSpheres (of `labbook.export.packing`) for packings of rods, and
         Unreadable (of `labbook.lab`) for a damaged one.
         """
-        if kind not in (kinds := ("csv", "parquet")):
-            raise ValueError(f"kind: {kind!r} is none of {', '.join(kinds)}")
-        for point in self.study.points if packings else ():
-            check_spheres(point.scene)
+        if packings:
+            check_spheres(self.study)
         there = Path(folder or Path(self.lab.folder) / "exports" / self.study.name)
         paths = write_numbers(self, there, kind, every)
         if packings:

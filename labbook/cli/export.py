@@ -41,8 +41,8 @@ def register(app: typer.Typer) -> None:
         found = results(study, lab, backend)
         folder = out if out is not None else lab / "exports" / found.study.name
         try:
-            for point in found.study.points if packings else ():
-                check_spheres(point.scene)
+            if packings:
+                check_spheres(found.study)
             paths = found.export(folder, kind, every=_seconds(inside))
         except NoParquet as missing:
             raise typer.BadParameter(str(missing), param_hint="--format") from None

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shlex
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -132,9 +133,19 @@ _SAID = 20
 """Runs with a problem that are named one by one."""
 
 
-def again(path: Path | str, lab: Path, backend: str) -> str:
+def in_lab(lab: Path) -> str:
+    """The option that names a lab in a command; empty for the usual one."""
+    return f" --lab {shlex.quote(str(lab))}" if lab != LAB else ""
+
+
+def arguments(study: Path | str, lab: Path, backend: str) -> str:
+    """The arguments with which a verb of labbook takes a study, its lab and its backend."""
+    return shlex.quote(str(study)) + in_lab(lab) + (f" --backend {backend}" if backend != BACKEND else "")
+
+
+def again(study: Path | str, lab: Path, backend: str) -> str:
     """The command that makes the runs of a study."""
-    return f"labbook run {path} --lab {lab}" + (f" --backend {backend}" if backend != BACKEND else "")
+    return f"labbook run {arguments(study, lab, backend)}"
 
 
 def instead_of_none(name: str, path: Path | str, lab: Path, backend: str) -> str:

@@ -1,13 +1,26 @@
 """`labbook run`: carry out what a study still needs."""
 
-import shlex
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from labbook.cli.options import BACKEND, GO_ON, LAB, STOPPED, Device, Lab, RunsOn, StudyFile, fail, leave, read_study
+from labbook.cli.options import (
+    BACKEND,
+    GO_ON,
+    LAB,
+    STOPPED,
+    Device,
+    Lab,
+    RunsOn,
+    StudyFile,
+    arguments,
+    fail,
+    in_lab,
+    leave,
+    read_study,
+)
 from labbook.cli.screen import screen
 
 if TYPE_CHECKING:
@@ -171,8 +184,7 @@ def told(summary: "Summary") -> list[str]:
 
 def advice(summary: "Summary", study: Path, lab: Path, backend: str) -> list[str]:
     """What to do next, as commands."""
-    there = f" --lab {shlex.quote(str(lab))}" if lab != LAB else ""
-    given = shlex.quote(str(study)) + there + (f" --backend {backend}" if backend != BACKEND else "")
+    there, given = in_lab(lab), arguments(study, lab, backend)
     lines = (
         [f"Which runs diverged, and how: labbook runs --outcome diverged{there}; labbook show RUN{there}"]
         if summary.diverged

@@ -11,6 +11,7 @@ from labbook.results.study import Results
 from labbook.scene import Scene, Spheres
 from labbook.scene.bodies import Bodies
 from labbook.scene.packing import Packing
+from labbook.study import Study
 
 MARGIN, BELOW = 2.0, 20.0
 """Diameters by which the box of a data file is wider than the grains are spread, and deeper than the outlet."""
@@ -20,10 +21,16 @@ class NotSpheres(Exception):
     """A packing that these codes have no grains for; the message says which."""
 
 
-def check_spheres(scene: Scene) -> None:
-    """Raises NotSpheres for a scene of rods."""
+def check_spheres(study: Study) -> None:
+    """Raises NotSpheres for a study of rods."""
+    for point in study.points:
+        _spheres(point.scene)
+
+
+def _spheres(scene: Scene) -> Spheres:
     if not isinstance(scene.grains, Spheres):
         raise NotSpheres(f"data files hold spheres only, but the grains have the shape {scene.grains.shape}")
+    return scene.grains
 
 
 def data_file(packing: Packing, scene: Scene, title: str) -> str:
@@ -34,8 +41,7 @@ def data_file(packing: Packing, scene: Scene, title: str) -> str:
     with a margin, and reaches below z = 0, where grains fall to; walls are no part of such a file. title: its first
     line. Raises NotSpheres for rods.
     """
-    check_spheres(scene)
-    grains = scene.grains
+    grains = _spheres(scene)
     bodies = Bodies.of(grains, packing)
     densities = np.array([one.density for one in grains.species])[bodies.kind]
     low, high = packing.x.min(axis=0) - MARGIN * grains.diameter, packing.x.max(axis=0) + MARGIN * grains.diameter

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -23,10 +23,13 @@ class NoParquet(Exception):
 
 
 def write_numbers(results: Results, folder: Path, kind: Format, every: float | None = None) -> list[Path]:
-    """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet.
+    """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet, and
+    ValueError for another kind.
 
     every: also the table `inside`, how many grains are inside at times so far apart [s].
     """
+    if kind not in get_args(Format):
+        raise ValueError(f"kind: {kind!r} is none of {', '.join(get_args(Format))}")
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, frame in (frames(results) | ({} if every is None else {"inside": inside(results, every)})).items():

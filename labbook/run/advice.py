@@ -23,6 +23,7 @@ from labbook.run.lane import slots
 from labbook.run.plan import QUANTITY, Item, Plan, Planner, check
 from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
+from labbook.scene.contact import Softer
 from labbook.scene.quantities import percent, told_apart
 from labbook.study import Study
 from labbook.study.pilot import first_needed
@@ -281,17 +282,17 @@ def _soft(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterat
         grains = scene.grains
         youngs = by_youngs or "contact.youngs_modulus" in shared.point.at
         for where, by_e, law in _stiffnesses(scene, youngs) if one.height else ():
-            pressure = PACKED * grains.mean_density * scene.gravity * (one.height or 0.0)
+            pressure = _pressure(scene, one.height or 0.0)
             overlap, hard = law.overlap(pressure, grains.diameter), law.softer(pressure, SOFT, grains.diameter)
             if overlap is None or hard is None or overlap <= numerics.overlap_limit:
                 continue
-            key, ratio = hard.other if by_e and hard.other else (hard.key, 1.0)
+            key, enough = _stated(hard, by_e)
             reason = (
                 f"under the weight of the bed grains this soft overlap by about {overlap:.2g} d, and runs end at "
                 f"{numerics.overlap_limit:g} d (numerics.overlap_limit)"
             )
-            enough = _rounded(hard.enough * ratio / numerics.stiffness_scale)
-            yield _told(study.path, f"{where}.{key}", reason, f"with {enough} {hard.unit} it is {percent(SOFT)} of d")
+            remedy = f"with {_rounded(enough / numerics.stiffness_scale)} {hard.unit} it is {percent(SOFT)} of d"
+            yield _told(study.path, f"{where}.{key}", reason, remedy)
             return
 
 
@@ -299,21 +300,28 @@ def softer(scene: Scene, height: float, youngs: bool = False) -> tuple[str, floa
     """A stiffness at which grains overlap by SOFT d below a bed of the height [m]: key, value, unit, and how many times
     fewer steps it takes; None where that is less than a few. Where stiffness differs: of the stiffest.
 
-    youngs: whether the study states E in `contact`; the scene has G. The pressure p = phi rho g H presses grains with
-    p d^2 together. A step goes as one over the root of the stiffness.
+    youngs: whether the study states E in `contact`; the scene has G. A step goes as one over the root of the stiffness.
     """
-    grains = scene.grains
-    pressure = PACKED * grains.mean_density * scene.gravity * height
-    found = [
-        (where, by_e, law.softer(pressure, SOFT, grains.diameter)) for where, by_e, law in _stiffnesses(scene, youngs)
-    ]
+    pressure, d = _pressure(scene, height), scene.grains.diameter
+    found = [(where, by_e, law.softer(pressure, SOFT, d)) for where, by_e, law in _stiffnesses(scene, youngs)]
     told = [(where, by_e, one) for where, by_e, one in found if one is not None and one.enough > 0]
     if not told:
         return None
     where, by_e, one = max(told, key=lambda each: each[2].stated / each[2].enough)
-    key, ratio = one.other if by_e and one.other else (one.key, 1.0)
+    key, enough = _stated(one, by_e)
     times = math.sqrt(one.stated / one.enough)
-    return (f"{where}.{key}", one.enough * ratio, one.unit, times) if times > _SLOWER else None
+    return (f"{where}.{key}", enough, one.unit, times) if times > _SLOWER else None
+
+
+def _pressure(scene: Scene, height: float) -> float:
+    """p = phi rho g H [Pa] at the foot of a bed of the height H [m], which presses grains with p d^2 together."""
+    return PACKED * scene.grains.mean_density * scene.gravity * height
+
+
+def _stated(one: Softer, by_e: bool) -> tuple[str, float]:
+    """The key in which a study states a stiffness, and how much of that is enough. by_e: it states Young's modulus."""
+    key, ratio = one.other if by_e and one.other else (one.key, 1.0)
+    return key, one.enough * ratio
 
 
 def _stiffnesses(scene: Scene, youngs: bool) -> Iterator[tuple[str, bool, ContactLaw]]:

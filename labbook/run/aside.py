@@ -102,6 +102,7 @@ def serve() -> None:
 
 
 def _done(what: Callable[[], Any]) -> Any:
+    """What comes of it, or the error, which is raised where the run was handed over."""
     try:
         return what()
     except Exception as problem:

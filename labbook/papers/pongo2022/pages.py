@@ -57,8 +57,8 @@ def turning_sections(results: Results, folder: Path) -> list[Section]:
         pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", _FALL))
     else:
         lacking.append(_lacks("Accelerations", results, curves))
-    sentences = [Prose(text[:1].upper() + text[1:]) for one in curves if (text := sentence(one))]
-    without = [Prose(text, note=True) for text in lacking]
+    sentences = [Prose(_begun(text)) for one in curves if (text := sentence(one))]
+    without = [Prose(_begun(text), note=True) for text in lacking]
     return [Section("Against the rotation of the bottom", (*sentences, *pictures, *without))]
 
 
@@ -77,7 +77,7 @@ def scaled(results: Results) -> list[Series]:
 
 def sentence(curve: Rotation) -> str:
     """What turning does to the flow of one shape and outlet, in plain words; empty without ratios."""
-    who = ", ".join(filter(None, (curve.shape, curve.label)))
+    who = _who(curve)
     if curve.unfinished:
         places = ", ".join(f"{f:g}" for f in curve.unfinished)
         return f"{who}: runs are missing at f = {places} Hz, so the minimum of Q is not determined."
@@ -117,6 +117,11 @@ def _pairs(curve: Rotation, *ratios: tuple[int, Pooled]) -> str:
     return f" Each ratio rests on runs of equal seed: {' and '.join(counts)}{rest}."
 
 
+def _begun(sentence: str) -> str:
+    """With a capital letter."""
+    return sentence[:1].upper() + sentence[1:]
+
+
 def _percent(ratio) -> str:
     if not math.isfinite(ratio.error):
         return percent(ratio.value, ".0f")
@@ -141,9 +146,8 @@ def _flow(curves: Sequence[Rotation], folder: Path) -> tuple[list[Picture], list
 
 
 def _who(curve: Rotation) -> str:
-    """Shape and outlet, as a sentence begins with them."""
-    text = ", ".join(filter(None, (curve.shape, curve.label)))
-    return f"{text[:1].upper()}{text[1:]}"
+    """Shape and outlet."""
+    return ", ".join(filter(None, (curve.shape, curve.label)))
 
 
 def _no_flow(curve: Rotation) -> str:
