@@ -90,7 +90,7 @@ class Status:
     deepest: float | None = None
     """Largest overlap of any contact, in diameters of the smallest grains, as `numerics.overlap_limit` counts it."""
     fastest: float | None = None
-    """Largest speed of any grain [m/s], as `numerics.speed_limit` counts it: of rods it may be that of an end."""
+    """Largest speed of any grain [m/s], as `numerics.speed_limit` counts it: of rods that of an end."""
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from stands import Bundled, identical
 
-from labbook.backend import Unsupported
+from labbook.backend import Failed, Unsupported
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Table, Zone, columns
 from labbook.filling import opened, place
-from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spherocylinders
+from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Primitives, Scene, Spherocylinders
 from labbook.scene.orientation import axes
+from labbook.verify.rods import rods as rods_alone
+from labbook.verify.rods import rods_at
 from labbook.verify.stand import rows_of
 from labbook.verify.symmetry import hopper
 
@@ -156,3 +158,24 @@ def test_rods_cannot_start_from_a_packing_of_spheres(rods, bed):
     spheres = Packing(x=bed.x, v=bed.v, omega=bed.omega)
     with pytest.raises(ValueError, match="without orientations"):
         run(rods, silo(rods), spheres, (1,))
+
+
+def test_a_turning_rod_is_as_fast_as_its_ends(rods):
+    """|v| + h |omega x axis|, h half the distance of its two centres; the guard on speeds sees the same."""
+    free = rods_alone(1, Primitives())
+    spin, v = 100.0, 0.2
+    start = rods_at([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0, 0.0]], [[v, 0.0, 0.0]], [[0.0, spin, 0.0]])
+    along = np.linalg.norm(np.cross([0.0, spin, 0.0], axes(start.q)[0]))
+    fastest = v + free.grains.half_length * along
+    assert fastest > 2 * v
+    for limit, stopped in ((1.001 * fastest, False), (0.999 * fastest, True)):
+        how = rods.numerics(DT, steps_per_beat=20, speed_limit=limit)
+        ensemble = rods.backend.open(rods.backend.specialise(free, how, ()), 1, rods.device)
+        try:
+            member = ensemble.admit(free, how, start)
+            failures = [event for event in ensemble.advance(1) if isinstance(event, Failed)]
+            assert [event.guard for event in failures] == ["speed"] * stopped
+            if not stopped:
+                assert ensemble.status(member).fastest == pytest.approx(fastest, rel=1e-5)
+        finally:
+            ensemble.close()

@@ -112,6 +112,14 @@ def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc:
 
 
 @func
+def pace2(m: Material, g: Grain):
+    """Square of the largest speed [m^2/s^2] that an end of the grain may have."""
+    turning = cross(g.spin, narrow(g.axis))
+    speed = sqrt(dot(g.v, g.v)) + real(m.half) * sqrt(dot(turning, turning))
+    return speed * speed
+
+
+@func
 def at_rest(g: Grain, z: wide):
     """The grain at height z [m], where it stays."""
     none = vec3(real(0.0), real(0.0), real(0.0))

@@ -57,6 +57,11 @@ def store(a: System, q: Words, i: int, g: Grain, more: real) -> None:
     raise NotImplementedError(_OF_SHAPE)
 
 
+def pace2(m: Material, g: Grain) -> real:
+    """Square of the largest speed [m^2/s^2] of a grain, of rods of an end."""
+    raise NotImplementedError(_OF_SHAPE)
+
+
 def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc: wide3) -> Grain:
     """The grain at its new place, with new velocities, turned; w is not yet rounded. turn_acc: torque over I_t."""
     raise NotImplementedError(_OF_SHAPE)

@@ -99,6 +99,12 @@ def moved(m: Material, g: Grain, x: wide3, v: vec3, w: wide3, u: vec3, turn_acc:
 
 
 @func
+def pace2(m: Material, g: Grain):
+    """Square of the grain's speed [m^2/s^2]."""
+    return dot(g.v, g.v)
+
+
+@func
 def at_rest(g: Grain, z: wide):
     """The grain at height z [m], where it stays."""
     none = vec3(real(0.0), real(0.0), real(0.0))

@@ -7,7 +7,7 @@ from labbook_dem.words import dot, func, narrow, real, rounded, wide, wide3
 
 from labbook_warp.kernels.bodies import per_inertia, per_mass
 from labbook_warp.kernels.forces import forces, listed
-from labbook_warp.kernels.shape import Grain, Own, at_rest, grain, moved, own, spinning, store, whole
+from labbook_warp.kernels.shape import Grain, Own, at_rest, grain, moved, own, pace2, spinning, store, whole
 from labbook_warp.kernels.system import Material, System, entry, material
 from labbook_warp.kernels.words import (
     APART,
@@ -106,7 +106,6 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
         if x1[2] < plane:
             if a.gone[i] == 0:
                 crosses(a, plane, m.dt, s, i, now, g.x[2], new)
-    fast2 = dot(v1, v1)
     if OUTLET:
         if x1[2] < a.place[s].drop:  # nothing that is still to be counted touches it
             wp.atomic_add(a.left, s, 1)
@@ -116,8 +115,8 @@ def advance(a: System, q: Words, m: Material, s: int, i: int, now: int64, g: Gra
             if LEDGER:
                 a.deep[i] = wide(0.0)
             new = at_rest(new, wide(PARKED))
-            fast2 = real(0.0)
             more = real(0.0)
+    fast2 = pace2(m, new)
     if not fast2 <= m.speed2 or not dot(new.w, new.w) >= real(0.0):
         code = BAD_STATE
         if fast2 > m.speed2:
