@@ -296,6 +296,18 @@ def test_runs_are_filtered_in_place_and_back_goes_back(page, lab):
     expect(rows(page)).to_have_count(int(every["label"].str.contains("30 mm").sum()))
 
 
+def test_back_works_before_the_scripts_have_come(page, lab):
+    every = frame(lab, "/runs.csv")
+    page.goto("/runs")
+    page.get_by_label("Outcome").select_option("clogged")
+    expect(page).to_have_url(re.compile("outcome=clogged"))
+    page.route("**/htmx*", lambda route: None)  # never answered
+    page.reload(wait_until="commit")
+    expect(rows(page)).to_have_count(int((every["outcome"] == "clogged").sum()))
+    page.go_back(wait_until="commit")
+    expect(rows(page)).to_have_count(len(every))
+
+
 def test_runs_are_sorted_by_their_headings(page, lab):
     page.goto("/runs")
     page.get_by_role("link", name="took [s]").click()

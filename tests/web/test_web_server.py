@@ -4,6 +4,7 @@ import io
 import json
 import math
 import re
+import socket
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pandas as pd
 import pytest
 from labbook_web.pages import runs as runs_page
 from labbook_web.pages.curves import caption
+from labbook_web.serve import serve
 from toy_lab import WINDOW, carry_out, labbook, study_file
 from toy_web import ORIFICES, REPLICATES, Read, client, everything, keys_of, listing, make, pages, twins
 
@@ -379,6 +381,20 @@ def test_nothing_is_said_to_be_drawn_that_is_not(few, done):
 )  # fmt: skip
 def test_captions_name_what_is_drawn(curves, said):
     assert caption([{"window": window, "mean": mean, "why": "" if mean else "few"} for window, mean in curves]) == said
+
+
+def test_the_address_can_be_reached_as_soon_as_it_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("uvicorn.Server.run", lambda *_, **__: None)
+    monkeypatch.setattr("os.nice", lambda _: 0)
+    reached = []
+
+    def say(line: str) -> None:
+        host, port = re.findall(r"http://([\d.]+):(\d+)/", line)[0]
+        with socket.create_connection((host, int(port)), timeout=5):
+            reached.append(port)
+
+    serve(tmp_path, port=0, say=say)
+    assert reached
 
 
 @pytest.mark.parametrize("there", [False, True])

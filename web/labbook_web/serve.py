@@ -86,6 +86,7 @@ def _listen(host: str, port: int, or_any: bool) -> socket.socket:
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((host, port))
+        listening.listen()  # whoever reads the address may come before the server runs
     except OSError as error:
         listening.close()
         if or_any and error.errno == errno.EADDRINUSE:
