@@ -9,10 +9,12 @@ import gc
 import sys
 from importlib import import_module
 from importlib.metadata import entry_points
+from typing import Annotated
 
 import typer
 from typer.core import TyperGroup
 
+from labbook import __version__
 from labbook.cli.options import fail, told
 
 _ALLOCATED = 10_000
@@ -56,6 +58,20 @@ class Verbs(TyperGroup):
             fail(line)
 
 
+def _show_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"labbook {__version__}")
+        raise typer.Exit()
+
+
+def _about(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    pass
+
+
 def build() -> typer.Typer:
     """The application with all its verbs."""
     app = typer.Typer(
@@ -67,6 +83,7 @@ def build() -> typer.Typer:
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
+    app.callback()(_about)
     for verb in VERBS:
         import_module(f"labbook.cli.{verb}").register(app)
     for entry in sorted(entry_points(group="labbook.verbs"), key=lambda entry: entry.name):

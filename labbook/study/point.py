@@ -7,6 +7,7 @@ from typing import Any
 from labbook.accuracy import Choice
 from labbook.backend.numerics import Numerics
 from labbook.scene.scene import Scene
+from labbook.study.keys import find, nearest
 from labbook.study.schema import Fill
 
 
@@ -32,8 +33,14 @@ class Point:
     """Whether they could be chosen after a pilot: its time step is left out, and no scene like it was measured."""
 
     def value(self, key: str) -> float | str | None:
-        """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none."""
-        return value_of(key, self.scene, self.fill, self.numerics)
+        """SI value (or word) of the dotted `key` of the scene, `fill` or `numerics`; None where it has none.
+
+        Raises KeyError for a key that no scene has.
+        """
+        found = value_of(key, self.scene, self.fill, self.numerics)
+        if found is None and not find(key):
+            raise KeyError(f"{key}: no such key; {nearest(key)}")
+        return found
 
     def __repr__(self) -> str:
         return f"<Point {self.index + 1}: {self.label}>"

@@ -10,6 +10,7 @@ from sqlalchemy import event, text
 from toy_lab import APP, carry_out, study, study_file, unsealed
 from typer.testing import CliRunner
 
+import labbook
 from labbook.lab import Catalogue, Lab, NoCatalogue, RunRecord, Unreadable
 from labbook.lab.database import SCHEMA_VERSION, metadata, opened, runs
 from labbook.lab.index import Index
@@ -107,6 +108,18 @@ def test_an_outcome_that_no_run_has_is_named_with_those_that_there_are(lab):
     assert "bogus" in out
     assert "finished, precise, emptied, clogged, diverged, time-limit, unreadable, suspect" in out
     assert cli("runs", "--lab", lab, "--outcome", "clogged")[0] == 0
+
+
+def test_a_study_that_no_run_was_made_for_is_named_with_those_that_there_are(lab):
+    code, out = cli("runs", "--lab", lab, "--study", "toy-stduy")
+    assert code == 1
+    assert "toy-stduy" in out
+    assert "use one of: toy-study" in out
+    assert cli("runs", "--lab", lab, "--study", "toy-study")[0] == 0
+
+
+def test_the_version_is_told():
+    assert cli("--version") == (0, f"labbook {labbook.__version__}\n")
 
 
 def test_what_files_say_does_not_steer_the_terminal(lab, tmp_path):

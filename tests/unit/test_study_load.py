@@ -62,6 +62,8 @@ sweep:
     assert at == expected
     assert swept.points[0].value("container.gap") is None
     assert swept.points[4].at["container.gap"] == 0.0
+    with pytest.raises(KeyError, match=r"did you mean contact\.friction\?"):
+        swept.points[0].value("contact.frictoin")
 
 
 def test_whatever_is_a_single_value_can_be_swept(tmp_path):
