@@ -15,7 +15,7 @@ from labbook.backend.probes import Crossing, Ledger, Probe, Table, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
 from labbook.scene.quantities import told_apart
-from labbook_dem.features import covers, finest, specialise
+from labbook_dem.features import covers, specialise
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.reading import Readable, read
 
@@ -239,7 +239,7 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
     """
     where = f"grain {grain} at step {step} ({span(step * numerics.dt)}, dt = {span(numerics.dt)})"
     if guard == "overlap":
-        overlap, limit = told_apart(value / finest(scene), numerics.overlap_limit)
+        overlap, limit = told_apart(value / scene.grains.finest, numerics.overlap_limit)
         return (
             f"{where} overlaps by {overlap} d, more than numerics.overlap_limit "
             f"({limit}); use a smaller numerics.dt or stiffer grains, or raise the limit"

@@ -51,7 +51,7 @@ class Needs(NamedTuple):
         walls = scene.container.walls()
         kinds = frozenset([wall.shape.kind for wall in walls])
         moving = any([wall.motion is not AT_REST and wall.motion != AT_REST for wall in walls])
-        return cls(scene.grains, scene.contact, scene.surfaces, kinds, moving, outlet(scene) is not None)
+        return cls(scene.grains, scene.contact, scene.surfaces, kinds, moving, scene.outlet is not None)
 
 
 def features(scene: Scene, numerics: Numerics, probes: Sequence[Probe]) -> dict[str, object]:
@@ -133,25 +133,15 @@ def _rolling_springs(contact: ContactLaw, surfaces: Sequence[Surface]) -> bool:
     return contact.rolling_model == "epsd" and any(s.rolling_friction for s in surfaces)
 
 
-def finest(scene: Scene) -> float:
-    """Diameter [m] of the smallest grains, by which overlaps are judged."""
-    return min(grains.diameter for grains in scene.grains.smallest())
-
-
 def is_oriented(scene: Scene) -> bool:
     """Whether grains have an orientation."""
     return SHAPES[scene.grains.shape].oriented
 
 
-def outlet(scene: Scene) -> float | None:
-    """z [m] of the plane that grains leave through, or None if the container is closed or has none."""
-    return None if getattr(scene.container, "closed", False) else scene.container.outlet_plane
-
-
 def planes(scene: Scene, probes: Sequence[Probe]) -> tuple[float, float]:
     """z [m] of the plane whose crossings are recorded, and z below which grains are dropped."""
     crossed = [probe.plane for probe in probes if isinstance(probe, Crossing)]
-    bottom, size = outlet(scene), scene.grains.diameter + 2 * scene.grains.half_length
+    bottom, size = scene.outlet, scene.grains.extent
     drop = 0.0 if bottom is None else min([bottom, *crossed]) - FALL * size
     return (crossed[0] if crossed else 0.0), drop
 

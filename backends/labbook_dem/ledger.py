@@ -6,7 +6,6 @@ import numpy as np
 
 from labbook.backend import Status
 from labbook.scene import Bodies, Grains, Scene
-from labbook_dem.features import finest
 from labbook_dem.rotation import spins
 
 
@@ -30,7 +29,7 @@ def energy_scale(scene: Scene) -> float:
 def status(scene: Scene, step: int, time: float, grains: int, energy: float, deepest: float, fastest: float) -> Status:
     """Where a member stands, given the kinetic energy [J] of its grains, and the largest overlap [m] and speed [m/s] so
     far: infinite where they are not known."""
-    overlap = deepest / finest(scene) if math.isfinite(deepest) else None
+    overlap = deepest / scene.grains.finest if math.isfinite(deepest) else None
     kinetic_per_grain = energy / max(grains, 1) / energy_scale(scene)
     return Status(step, time, grains, kinetic_per_grain, overlap, fastest if math.isfinite(fastest) else None)
 

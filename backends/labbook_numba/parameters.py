@@ -5,7 +5,6 @@ from math import inf
 
 import numpy as np
 from labbook_dem import features
-from labbook_dem.features import finest
 from labbook_dem.rotation import slenderness
 
 from labbook.backend.numerics import Numerics
@@ -21,7 +20,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
     plane, drop = features.planes(scene, probes)
     # nothing passes a plane that is not asked for, also where kernels look for it all the same
     plane = plane if any(isinstance(probe, Crossing) for probe in probes) else -inf
-    drop = drop if features.outlet(scene) is not None else -inf
+    drop = drop if scene.outlet is not None else -inf
     pair_c = features.pair_table(scene, numerics)
     walls = features.wall_tables(scene, numerics)
     rolling_stiffness, rolling_damping = scene.contact.rolling_spring
@@ -38,7 +37,7 @@ def parameters(scene: Scene, numerics: Numerics, probes: Sequence[Probe], wall_n
         dt=numerics.dt,
         skin=numerics.skin * d,
         speed_limit=numerics.speed_limit,
-        overlap_limit=numerics.overlap_limit * finest(scene),
+        overlap_limit=numerics.overlap_limit * scene.grains.finest,
         plane=plane,
         drop=drop,
         wall_c=walls.c,

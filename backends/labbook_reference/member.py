@@ -11,7 +11,7 @@ from labbook_dem.contact import rolling_rate
 from labbook_dem.dispatch import PlainWall
 from labbook_dem.ensemble import LONGEST, UNKNOWN, Failure, Standing, explain
 from labbook_dem.ensemble import check_checkpoint as check_names
-from labbook_dem.features import features, finest, is_oriented, outlet, planes, rolling_springs
+from labbook_dem.features import features, is_oriented, planes, rolling_springs
 from labbook_dem.reading import CONTACT_COLUMNS, Grains, Inside, crossing_columns
 from labbook_dem.words import coefs, dot, vec3
 from scipy.spatial import KDTree
@@ -106,7 +106,7 @@ class Run(Standing):
         crossed = any(isinstance(probe, Crossing) for probe in probes)
         plane, drop = planes(scene, probes)
         self._plane = plane if crossed else -np.inf
-        self._drop = drop if outlet(scene) is not None else -np.inf
+        self._drop = drop if scene.outlet is not None else -np.inf
         self._crossed: list[tuple[float, ...]] = []
         with self._law() as law:
             scale, sorts = numerics.stiffness_scale, range(len(scene.grains.species))
@@ -242,7 +242,7 @@ class Run(Standing):
         forces, dt = self.forces(), self.numerics.dt
         deepest = max(forces.contacts, key=lambda one: one.overlap, default=None)
         self.max_overlap, self.touching = deepest.overlap if deepest else 0.0, len(forces.contacts)
-        if deepest and not deepest.overlap <= self.numerics.overlap_limit * finest(self.scene):
+        if deepest and not deepest.overlap <= self.numerics.overlap_limit * self.scene.grains.finest:
             return self._failed("overlap", deepest.i, deepest.overlap)
         self.deepest = max(self.deepest, self.max_overlap)
         kick_dt = dt if self.step else 0.5 * dt  # the first brings velocities from a whole to a half step

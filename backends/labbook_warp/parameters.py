@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from labbook_dem import features
 from labbook_dem.contact import rolling_rate
-from labbook_dem.features import finest
 from labbook_dem.laws import LAWS
 from labbook_dem.rotation import slenderness
 
@@ -31,14 +30,14 @@ def material(module: ModuleType, scene: Scene, numerics: Numerics) -> Any:
     most = largest_force(scene, numerics)
     made = module.Material()
     made.c = module.coefs(*table[0])
-    made.radius, made.mass, made.inertia = r, grains.mass, grains.inertia
+    made.radius, made.mass = r, grains.mass
     made.inertia_rate = rolling_rate(grains.inertia_axis, numerics.dt)
     made.reach, made.reach2, made.listed2, made.half_skin = r, d**2, (d + skin) ** 2, skin / 2
     made.half, made.slender, made.centres2 = grains.half_length, slenderness(grains), farthest(scene, numerics) ** 2
     made.per_mass, made.per_inertia = 1 / grains.mass, 1 / grains.inertia
     made.gravity, made.dt = scene.gravity, numerics.dt
     made.rolling_stiffness, made.rolling_damping = scene.contact.rolling_spring
-    made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * finest(scene)
+    made.speed2, made.deepest = numerics.speed_limit**2, numerics.overlap_limit * scene.grains.finest
     made.quantum_f, made.quantum_t = _quantum(most), _quantum(most * (r + grains.half_length))
     made.per_quantum_f, made.per_quantum_t = 1 / made.quantum_f, 1 / made.quantum_t
     return made

@@ -31,7 +31,7 @@ class Feeder:
         self._scene, self._start, self._key = scene, start, (scene.feed.version, seed)
         self._bodies = Bodies.of(grains, start)
         self._room = Room(scene.close(), grains.radius * APART, STARTS[fill].flat)
-        self._length = grains.diameter + 2 * grains.half_length
+        self._length = grains.extent
         self.level = float((start.x[:, 2] + self._bodies.radius).max()) + grains.half_length
         """z [m] above which grains are put."""
         self._roof = silo.height

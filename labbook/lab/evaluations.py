@@ -217,7 +217,7 @@ class FinishedRun:
         return read_recording(self.folder, self.record)
 
 
-class KeptRun(FinishedRun):
+class ReadOnlyRun(FinishedRun):
     """A finished run for those who only look: what was not evaluated of it stays so."""
 
     def evaluated(self, measure: Measure, window: Window) -> Evaluated:

@@ -49,7 +49,7 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
         "grains": grains,
         "contact": {**_dumped(scene.contact), **contact} if contact else _law(scene.contact),
         "walls": walls,
-        "outlet_plane": None if getattr(container, "closed", False) else container.outlet_plane,
+        "outlet_plane": scene.outlet,
         "gravity": scene.gravity,
         **({"feed": {**scene.feed.model_dump(), "version": scene.feed.version}} if scene.feed else {}),
     }

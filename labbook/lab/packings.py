@@ -132,9 +132,9 @@ def _read(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
 def _fault(record: PackingRecord, packing: Packing) -> str | None:
     """Why these cannot be the grains of the packing."""
     grains, count = record.scene.grains, record.scene.grains.count
-    container, ids = record.scene.container, packing.ids
+    ids = packing.ids
     assert ids is not None
-    lost = len(packing) < count and (getattr(container, "closed", False) or container.outlet_plane is None)
+    lost = len(packing) < count and record.scene.outlet is None
     if lost or record.grains != count:  # out of an open container of primitives grains may have fallen
         return f"{len(packing)} of {count} grains"
     if not (len(np.unique(ids)) == len(ids) > 0 and ids.min() >= 0 and ids.max() < count):

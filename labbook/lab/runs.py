@@ -16,10 +16,12 @@ from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_che
 from labbook.measure import RunData
 
 RECORDING = "recording.npz"
+MOST_FRAMES = 200
+"""Of a recording: one that has more is thinned when its run ends."""
 CHECKPOINT = "checkpoint.npz"
 _SIGNATURE, _END = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"\0\0\0\0IEND\xaeB`\x82"
 _WIDEST, _LARGEST = 1024, 2**20  # pixels along either side, and bytes, of a picture
-_FRAMES = 1000  # of a recording, at most
+_FRAMES = 5 * MOST_FRAMES  # of a recording that is read, at most
 _BYTES = 2**16  # of a grain in a checkpoint, at most
 
 

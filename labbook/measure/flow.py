@@ -9,7 +9,16 @@ import numpy as np
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing, window_in_words
+from labbook.measure.measure import (
+    Evaluation,
+    Measure,
+    MeasureError,
+    Quantity,
+    Window,
+    apart,
+    while_flowing,
+    window_in_words,
+)
 from labbook.measure.series import crossings, flow_series, mean_mass
 from labbook.measure.steady import BLOCKS, GAP, TOO_FEW, SteadyFlow, steady_flow, too_few
 from labbook.scene import Scene
@@ -64,7 +73,7 @@ class FlowRate(Measure):
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         (times, weights), total = crossings(run), len(run.start)
         clogged = run.outcome == "clogged"
-        suffix = "_flowing" if clogged else ""
+        suffix = apart(run)
         flow = steady_flow(times, total, window, weights)
         numbers = _rates(flow, suffix, run, times, window)
         if clogged:

@@ -8,7 +8,16 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe
 from labbook.measure.data import RunData
 from labbook.measure.expected import window_time
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing, window_in_words
+from labbook.measure.measure import (
+    Evaluation,
+    Measure,
+    MeasureError,
+    Quantity,
+    Window,
+    apart,
+    while_flowing,
+    window_in_words,
+)
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
 from labbook.scene import Scene
@@ -72,16 +81,11 @@ class EnergyLedger(Measure):
         rows = run.tables["ledger"]
         names = ("time", "kinetic", "potential", "contact_work", "max_overlap", "grains")
         arrays = {name: np.asarray(rows[name]) for name in names}
-        arrays["max_overlap"] = arrays["max_overlap"] / smallest_diameter(run.scene)
+        arrays["max_overlap"] = arrays["max_overlap"] / run.scene.grains.finest
         numbers = (_largest(run, arrays["time"], arrays["max_overlap"]),)
         if run.scene.container.outlet_plane is not None:
             numbers += _of_window(run, window, arrays)
         return Evaluation(numbers, arrays)
-
-
-def smallest_diameter(scene: Scene) -> float:
-    """Diameter [m] of the smallest grains, by which overlaps are judged."""
-    return min(grains.diameter for grains in scene.grains.smallest())
 
 
 def _every(scene: Scene, numerics: Numerics) -> int:
@@ -101,7 +105,7 @@ def _largest(run: RunData, time: np.ndarray, overlap: np.ndarray) -> Measured:
 
 
 def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> tuple[Measured, ...]:
-    kept = "_flowing" if run.outcome == "clogged" else ""  # apart from runs that flowed throughout
+    kept = apart(run)
     times, weights = crossings(run)
     flow = steady_flow(times, len(run.start), window, weights)
     time = arrays["time"]

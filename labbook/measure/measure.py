@@ -68,11 +68,21 @@ class Quantity:
     about_zero: bool = False
 
 
+FLOWING = "_flowing"
+"""How names end of quantities of a run that clogged, taken while it flowed."""
+
+
+def apart(run: "RunData") -> str:
+    """How names of a run's quantities end: FLOWING of one that clogged, to keep them apart from runs that flowed
+    throughout."""
+    return FLOWING if run.outcome == "clogged" else ""
+
+
 def while_flowing(quantity: Quantity) -> Quantity:
     """The same of a run that clogged, taken while it flowed, and kept apart from that of runs that did not clog."""
     return replace(
         quantity,
-        name=f"{quantity.name}_flowing",
+        name=f"{quantity.name}{FLOWING}",
         symbol=f"{quantity.symbol} of clogged runs while flowing",
         meaning=f"{quantity.meaning}, of clogged runs while they flowed",
     )

@@ -15,11 +15,13 @@ from labbook.measure.bed import cells, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
 from labbook.measure.measure import (
+    FLOWING,
     Evaluation,
     Measure,
     MeasureError,
     Quantity,
     Window,
+    apart,
     packed,
     while_flowing,
     window_in_words,
@@ -89,7 +91,7 @@ class OrificeMeans(Measure):
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
         rods = scene.grains.half_length > 0
-        return tuple(one for one in self.declared if rods or one.name.removesuffix("_flowing") not in _OF_RODS)
+        return tuple(one for one in self.declared if rods or one.name.removesuffix(FLOWING) not in _OF_RODS)
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         silo = round_silo(scene, NAME)
@@ -108,7 +110,7 @@ class OrificeMeans(Measure):
         frames = {} if flow is None else frames_of(run, flow, times)
         count = len(np.unique(frames["step"])) if frames else 0
         clogged = run.outcome == "clogged"
-        suffix = "_flowing" if clogged else ""
+        suffix = apart(run)
         profile = _profile(run.scene, frames) if count else None
         arrays = {} if profile is None or clogged else packed(profile)
         if flow is None or count < _FEWEST:

@@ -49,6 +49,10 @@ DEFINITIONS = {
 """What profiles are. Fast grains weigh more in the second: one flow, another v and phi."""
 
 
+def _velocity(flux: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    return np.divide(flux, fraction, out=np.full_like(flux, math.nan), where=fraction > 0)
+
+
 @dataclass(frozen=True, eq=False)
 class OutletProfile:
     """Profiles along one outlet, means over a window of time.
@@ -80,9 +84,7 @@ class OutletProfile:
     @property
     def velocity(self) -> np.ndarray:
         """v = phi v / phi [m/s], shape [m]; NaN where no grain ever was."""
-        return np.divide(
-            self.flux, self.area_fraction, out=np.full_like(self.flux, math.nan), where=self.area_fraction > 0
-        )
+        return _velocity(self.flux, self.area_fraction)
 
     @property
     def crossing_fraction(self) -> np.ndarray:
@@ -122,8 +124,7 @@ class Outlet:
     @property
     def velocity(self) -> np.ndarray:
         """v = phi v / phi [m/s], shape [m]; NaN where no grain ever was."""
-        empty = np.full_like(self.flux, np.nan)
-        return np.divide(self.flux, self.area_fraction, out=empty, where=self.area_fraction > 0)
+        return _velocity(self.flux, self.area_fraction)
 
     @property
     def inside(self) -> np.ndarray:

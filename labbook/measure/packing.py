@@ -10,7 +10,7 @@ from labbook.measure.clipped import disc_in_rectangle
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.order import hexatic
-from labbook.measure.region import MARGIN, SMALLEST, Bodies, Region, Ring, bulk, extent_of, has_bulk, margin_of
+from labbook.measure.region import MARGIN, SMALLEST, Outlines, Region, Ring, bulk, extent_of, has_bulk, margin_of
 from labbook.scene import Grains, Scene
 from labbook.scene.packing import Packing
 from labbook.stats import Measured
@@ -24,7 +24,7 @@ def packing_fraction(packing: Packing, diameter: float, region: Region | Ring, h
     diameter: of the grains [m], of the largest where the packing has diameters of its own; half_length: of the segment
     at the heart of rods [m].
     """
-    return region.filled(Bodies.of(packing, diameter, half_length)) / region.volume
+    return region.filled(Outlines.of(packing, diameter, half_length)) / region.volume
 
 
 def area_fraction(packing: Packing, diameter: float, region: Region) -> float:

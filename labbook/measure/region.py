@@ -21,7 +21,7 @@ _EMPTY = "nothing is left"
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
+class Outlines:
     """Grains of a packing: centres `x` [m], shape [n, 3], `radius` [m] of each or of all, and of rods unit vectors
     `axis` along them, shape [n, 3], and the `half_length` [m] of the segment at their heart."""
 
@@ -31,7 +31,7 @@ class Bodies:
     half_length: float = 0.0
 
     @classmethod
-    def of(cls, packing: Packing, diameter: float, half_length: float = 0.0) -> "Bodies":
+    def of(cls, packing: Packing, diameter: float, half_length: float = 0.0) -> "Outlines":
         """The grains of `packing`; diameter: of the largest [m]."""
 
         radius = diameter / 2 if packing.diameter is None else packing.diameter / 2
@@ -49,10 +49,10 @@ class Bodies:
         r = np.broadcast_to(np.asarray(self.radius, float), len(self.x))
         return math.pi * r**2 * 2 * self.half_length + 4 / 3 * math.pi * r**3
 
-    def only(self, chosen: np.ndarray) -> "Bodies":
+    def only(self, chosen: np.ndarray) -> "Outlines":
         """Those that a mask, shape [n], chooses."""
         radius = self.radius[chosen] if isinstance(self.radius, np.ndarray) else self.radius
-        return Bodies(self.x[chosen], radius, None if self.axis is None else self.axis[chosen], self.half_length)
+        return Outlines(self.x[chosen], radius, None if self.axis is None else self.axis[chosen], self.half_length)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Region:
         """Which centres, shape [n, 3], lie inside; shape [n]."""
         return np.all((x >= self.low) & (x < self.high), axis=1)
 
-    def filled(self, bodies: Bodies) -> float:
+    def filled(self, bodies: Outlines) -> float:
         """Volume [m^3] of grains within; those that its faces cut count in part."""
         low, high, reach = np.array(self.low), np.array(self.high), bodies.reach
         near = bodies.only(np.asarray(np.all((bodies.x > low - reach) & (bodies.x < high + reach), axis=1)))
@@ -134,7 +134,7 @@ class Ring:
         zs = np.linspace(self.low, self.high, n + 1)
         return [Ring(radii[i], radii[i + 1], zs[k], zs[k + 1]) for i in range(n) for k in range(n)]
 
-    def filled(self, bodies: Bodies) -> float:
+    def filled(self, bodies: Outlines) -> float:
         """Volume [m^3] of grains within; those that its faces cut count in part."""
         reach, off, z = bodies.reach, np.hypot(bodies.x[:, 0], bodies.x[:, 1]), bodies.x[:, 2]
         within = (off < self.outer + reach) & (off > self.inner - reach)
@@ -158,7 +158,7 @@ class Ring:
 
 def extent_of(grains: Grains) -> float:
     """Largest dimension of a grain [m]: its diameter, or the length of a rod."""
-    return grains.diameter + 2 * grains.half_length
+    return grains.extent
 
 
 def margin_of(grains: Grains) -> float:
@@ -205,7 +205,7 @@ def bulk(scene: Scene, packing: Packing) -> Region | Ring:
 
 def _tops(scene: Scene, packing: Packing) -> np.ndarray:
     """Height [m] of the highest point of each grain."""
-    bodies = Bodies.of(packing, scene.grains.diameter, scene.grains.half_length)
+    bodies = Outlines.of(packing, scene.grains.diameter, scene.grains.half_length)
     upright = 0.0 if bodies.axis is None else bodies.half_length * np.abs(bodies.axis[:, 2])
     return bodies.x[:, 2] + bodies.radius + upright
 

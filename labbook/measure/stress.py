@@ -11,7 +11,16 @@ from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
 from labbook.measure.bed import bed_grid, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
 from labbook.measure.expected import beats_of, window_time
-from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, while_flowing, window_in_words
+from labbook.measure.measure import (
+    Evaluation,
+    Measure,
+    MeasureError,
+    Quantity,
+    Window,
+    apart,
+    while_flowing,
+    window_in_words,
+)
 from labbook.measure.series import crossings
 from labbook.measure.steady import steady_flow
 from labbook.scene import Scene
@@ -58,7 +67,7 @@ class ContactStress(Measure):
         where = window_in_words(window, "grains")
         how = "contacts, coarse-grained; error from seeds only"
         found = stress_fields(run, window)
-        kept = "_flowing" if run.outcome == "clogged" else ""  # apart from runs that flowed throughout
+        kept = apart(run)
         if found is None:
             note = "no frame within the window"
             none = (math.nan, math.nan, 0, where, how, "Pa", note)

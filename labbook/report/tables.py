@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from labbook.measure.flow import FlowRate
+from labbook.measure.measure import FLOWING
 from labbook.results import display
 from labbook.results.budget import NOT_MEASURED, SOURCES, budgets
 from labbook.results.numerical import Numerical
@@ -83,7 +84,7 @@ def _measured(results: Results, of_flow: bool) -> list[Measured]:
     if FlowRate.name in results.study.measure and FLOW_RATE not in found:
         found[FLOW_RATE] = Measured(FLOW_RATE, math.nan, math.nan, 0, "", "", "kg/s")
     ordered = sorted(found, key=lambda name: _FLOW.index(name) if name in _FLOW else len(_FLOW))
-    return [found[name] for name in ordered if (name.removesuffix("_flowing") in _FLOW) == of_flow]
+    return [found[name] for name in ordered if (name.removesuffix(FLOWING) in _FLOW) == of_flow]
 
 
 def _headings(swept: Iterable[str], measured: Iterable[Measured]) -> tuple[str, ...]:

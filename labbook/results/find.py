@@ -7,7 +7,7 @@ from functools import partial
 from labbook.backend import BackendMissing, load
 from labbook.fit import LAWS
 from labbook.lab import Catalogue, evaluations
-from labbook.lab.evaluations import FinishedRun, KeptRun, NotEvaluated, Numbers
+from labbook.lab.evaluations import FinishedRun, NotEvaluated, Numbers, ReadOnlyRun
 from labbook.lab.records import Observe
 from labbook.lab.suspect import counts
 from labbook.results.numerical import numerical
@@ -80,7 +80,7 @@ def kept(
     fields that were not evaluated raise NotEvaluated (of `labbook.lab.evaluations`) when they are asked for; where fits
     or comparisons of a paper rest on such ones, they are left out, and the run is among the unevaluated.
     """
-    runs, lost = finished(catalogue, study, backend, asked, KeptRun), unreadable(catalogue, study, backend)
+    runs, lost = finished(catalogue, study, backend, asked, ReadOnlyRun), unreadable(catalogue, study, backend)
     observe = Observe.of(study.measure, study.window)
     found = evaluations.kept_numbers(catalogue, runs, observe)
     lacking = dict.fromkeys(found.lacking)

@@ -18,7 +18,8 @@ from labbook.measure.outlet import Outlet, OutletProfile, OutletProfiles
 from labbook.measure.steady import BLOCKS, FEWEST
 from labbook.measure.stress import ContactStress
 from labbook.results import display
-from labbook.stats import Measured, Pooled, StoppingRule
+from labbook.run.demand import stopping_rule
+from labbook.stats import Measured, Pooled
 from labbook.stats.pooling import student
 from labbook.stats.trend import MATERIAL
 from labbook.study import Point, Study
@@ -330,8 +331,7 @@ def swept(point: Point, extra: frozenset[str]) -> dict[str, float | str]:
 
 def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
     """A point with its numbers pooled over seeds, of the runs that count."""
-    cap = max(study.replicates, study.accuracy.max_replicates)
-    rule = StoppingRule(None if study.fed else study.accuracy.flow_rate, study.replicates, cap)
+    rule = stopping_rule(study)
     unpooled = {one.name for measure in MEASURES.values() for one in measure.declared if not one.pooled}
     values: dict[str, list[float]] = {}
     for run in runs:

@@ -31,7 +31,7 @@ from labbook.lab.index import RunRows, run_rows
 from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
 from labbook.lab.records import Coverage, Failure, Observe, Outcome, Precise, RunRecord, Unreadable
-from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings
+from labbook.lab.runs import CHECKPOINT, MOST_FRAMES, RECORDING, fault_of_crossings
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.measure.series import passages
 from labbook.measure.steady import steady_flow
@@ -45,8 +45,6 @@ from labbook.scene.quantities import percent
 from labbook.stats.stopping import looks
 
 _LOG = logging.getLogger("labbook")
-MOST_FRAMES = 200
-"""Of a recording."""
 _WHOLE = {"id": np.int32, "i": np.int32, "j": np.int32, "wall": np.int16, "step": np.int64, "time": np.float64}
 
 
@@ -453,7 +451,7 @@ def frame_rows(table: Table) -> Table:
 
 
 def thinned(table: Table, steps_between: int) -> Table:
-    """Every frame, every second, every fourth ... so that at most 200 are left.
+    """Every frame, every second, every fourth ... so that at most MOST_FRAMES are left.
 
     Frames lie on multiples of `steps_between`. Which are kept depends only on the last one, so that a run that is
     thinned, continued and thinned again keeps the same frames as one that was never interrupted.

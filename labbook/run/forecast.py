@@ -13,6 +13,7 @@ from labbook.filling import placing
 from labbook.filling.bed import PACKED, bed_height_ahead
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.records import RunRecord, Unreadable
+from labbook.lab.runs import MOST_FRAMES
 from labbook.measure.expected import mass_flow
 from labbook.run.demand import Demand, PointDemand
 from labbook.run.plan import Forecast, Plan, specified
@@ -91,7 +92,6 @@ _RECENT = 20
 _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
 _GRAIN = 400  # bytes of one grain's share of a checkpoint
 _FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
-_FRAMES = 200
 _NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
 
 
@@ -208,15 +208,13 @@ class _Speeds:
     def _find(self, shape: str, precision: str) -> Rate:
         rate = rate_of(self._backend, self._device, shape, precision)
         # on a GPU the speed of one run says little: others shared the device with it
-        recorded = self._recorded().get(shape, []) if self._device.partition(":")[0] == "cpu" else []
+        alone = self._device.partition(":")[0] == "cpu"
+        recorded = self._recorded().get(shape, []) if alone else []
         if recorded:
             self._told[f"median of {len(recorded)} runs on this machine"] = None
             return Rate(0, 1 / median(recorded), rate.compiling, "")
-        if rate.source:
-            self._told[f"speed of {rate.source}, as no such run was made on this machine yet"] = None
-        else:
-            assumed = f"{DEFAULT_SPEED:.0e} grain-steps/s per lane assumed"
-            self._told[f"no run was made on this machine yet: {assumed}"] = None
+        assumed = f"speed of {rate.source}" if rate.source else f"{DEFAULT_SPEED:.0e} grain-steps/s per lane assumed"
+        self._told[f"{assumed}, as this lab has no such run of this machine yet" if alone else assumed] = None
         return rate
 
     def _recorded(self) -> dict[str, list[float]]:
@@ -297,7 +295,7 @@ def fill_time(demand: Demand) -> float:
 def disk_of(demand: Demand) -> float:
     """Bytes that a run will keep."""
     count = demand.shared.scene.grains.count
-    film = _FRAME * _FRAMES * _inside(demand.shared) if demand.recorded else 0.0
+    film = _FRAME * MOST_FRAMES * _inside(demand.shared) if demand.recorded else 0.0
     seen = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
     return 5000 + count * (_ROW * _left(demand.shared) + _GRAIN) + film + seen
 
@@ -348,7 +346,7 @@ def outline(shared: PointDemand) -> Outline:
 def _outlined(shared: PointDemand) -> Outline:
     scene, dt = shared.scene, shared.numerics.dt
     grains = scene.grains
-    extent = grains.diameter + 2 * grains.half_length
+    extent = grains.extent
     orifice = vars(scene.container).get("orifice")
     limit = largest_stable_step(scene.stiffened(shared.numerics.stiffness_scale))
     if shared.filled_by == shared.numerics:

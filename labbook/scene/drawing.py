@@ -58,7 +58,7 @@ def describe(grains: Grains, container: Container) -> str:
     shape = "rods" if grains.half_length > 0 else "spheres"
     size = f"d = {_mm(grains.diameter)}"
     if grains.half_length > 0:
-        size += f", L = {_mm(grains.diameter + 2 * grains.half_length)}"
+        size += f", L = {_mm(grains.extent)}"
     orifice = getattr(container, "orifice", None)
     outlet = f", outlet {_mm(orifice)}" if orifice is not None else ""
     return f"{grains.count} {shape} ({size}) in a {container.kind}{outlet}"
@@ -97,7 +97,7 @@ def _between(container: Container, z: float) -> tuple[float, float] | None:
 
 def _placed(grains: Grains, container: Container) -> Iterator[tuple[float, float, float, int, float]]:
     """x, z, radius [m], kind and tilt [rad] of the grains that are drawn: a bed in rows, and a few that fall."""
-    d, long = grains.diameter, grains.diameter + 2 * grains.half_length
+    d, long = grains.diameter, grains.extent
     rng, left = np.random.default_rng(0), min(MOST, grains.count)
     high = float(getattr(container, "height", math.inf))
     level = _level(grains, container)

@@ -133,9 +133,19 @@ class Spheres(Model):
         return math.fsum(one.share * one.sizes.mean_cube(self.diameter) for one in self.species)
 
     @property
+    def finest(self) -> float:
+        """Diameter of the smallest grains [m], by which overlaps are judged."""
+        return min(one.diameter for one in self.smallest())
+
+    @property
     def half_length(self) -> float:
         """Half the length of the segment at the heart of the grain [m]: a point, 0."""
         return 0.0
+
+    @property
+    def extent(self) -> float:
+        """Length of the largest grains from end to end [m]: d."""
+        return self.diameter
 
     @property
     def aspect_ratio(self) -> float:
@@ -222,9 +232,19 @@ class Spherocylinders(Model):
         return self.diameter / 2
 
     @property
+    def finest(self) -> float:
+        """Diameter of the smallest rods [m], by which overlaps are judged: that of all."""
+        return self.diameter
+
+    @property
     def half_length(self) -> float:
         """Half the length of the segment that the surface is a radius away from [m]: (L - d)/2."""
         return (self.length - self.diameter) / 2
+
+    @property
+    def extent(self) -> float:
+        """Length from end to end [m]: L."""
+        return self.diameter + 2 * self.half_length  # to the last bit what places of grains were computed with
 
     @property
     def aspect_ratio(self) -> float:

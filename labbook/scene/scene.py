@@ -121,6 +121,11 @@ class Scene(Model):
         return self.svg() or None
 
     @property
+    def outlet(self) -> float | None:
+        """z [m] of the plane that grains leave through, or None if the container is closed or has none."""
+        return None if getattr(self.container, "closed", False) else self.container.outlet_plane
+
+    @property
     def wall_names(self) -> set[str]:
         """Names that `walls` may use: `all`, and every wall of the container, open or closed."""
         parts = (*self.container.walls(), *self.container.close().walls())

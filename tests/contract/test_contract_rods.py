@@ -165,6 +165,7 @@ def test_a_turning_rod_is_as_fast_as_its_ends(rods):
     free = rods_alone(1, Primitives())
     spin, v = 100.0, 0.2
     start = rods_at([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0, 0.0]], [[v, 0.0, 0.0]], [[0.0, spin, 0.0]])
+    assert start.q is not None
     along = np.linalg.norm(np.cross([0.0, spin, 0.0], axes(start.q)[0]))
     fastest = v + free.grains.half_length * along
     assert fastest > 2 * v

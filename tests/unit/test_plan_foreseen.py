@@ -152,6 +152,13 @@ def test_large_runs_of_the_lab_are_forecast_at_the_speed_that_they_had(tmp_path,
     assert forecast.forecast(small, lab, "here", "cpu", 1, backend).speed > 1.5e7
 
 
+def test_runs_of_the_lab_are_missed_only_where_they_would_tell_the_speed(tmp_path):
+    """On a GPU they do not: others shared the device with each."""
+    made, lab, backend = planned(tmp_path, count=1000)
+    assert "this lab has no such run" in forecast.forecast(made, lab, "here", "cpu", 1, backend).basis
+    assert "this lab" not in forecast.forecast(made, lab, "here", "cuda:0", 1, backend).basis
+
+
 def scene(container, grains=None) -> Scene:
     grains = grains or Spheres(diameter=3e-3, density=2500, count=4000)
     return Scene(grains=grains, contact=LAW, container=container)

@@ -41,7 +41,6 @@ class Material:
     c: coefs
     radius: real
     mass: real
-    inertia: real
     inertia_rate: real
     reach: wide  # radius; an overlap is a small difference of large lengths
     reach2: wide  # diameter squared

@@ -9,7 +9,7 @@ from typing import Any
 from labbook.backend import BackendMissing, load
 from labbook.lab import LabError, RunRecord, Unreadable
 from labbook.lab.catalogue import Entry, Listing
-from labbook.lab.evaluations import KeptRun, NotEvaluated
+from labbook.lab.evaluations import NotEvaluated, ReadOnlyRun
 from labbook.lab.folder import EVALUATION, PICTURE, stamp
 from labbook.lab.suspect import said, suspicion
 from labbook.measure import MEASURES
@@ -114,7 +114,7 @@ def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str,
     """W(t) with its window, and why there is none."""
     if record.scene.container.outlet_plane is None:
         return [], []
-    run = KeptRun(point_of_run(record), record.seed, folder, entry)
+    run = ReadOnlyRun(point_of_run(record), record.seed, folder, entry)
     try:
         found = run.evaluated(MEASURES["flow_rate"], record.observe).evaluation
     except NotEvaluated as problem:
@@ -133,7 +133,7 @@ def _ledger(folder: Path, entry: Entry, record: RunRecord) -> dict[str, Any] | N
     the run did not measure `ledger`, or that was not evaluated."""
     if EnergyLedger.name not in record.observe.measure:
         return None
-    run = KeptRun(point_of_run(record), record.seed, folder, entry)
+    run = ReadOnlyRun(point_of_run(record), record.seed, folder, entry)
     try:
         found = run.evaluated(MEASURES[EnergyLedger.name], record.observe).evaluation
     except NotEvaluated:
