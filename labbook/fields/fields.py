@@ -1,6 +1,6 @@
 """Fields from grains and contacts by coarse-graining (Goldhirsch, Granul. Matter 12 (2010) 239)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
 from functools import cached_property
@@ -128,11 +128,19 @@ def coarse_grain(
             sums = _on_lattice(compiled, grid, omega, grains, normalised, used)
         stress = None if contacts is None else _stress(compiled, grid, omega, contacts, used) / contacts.frames
     sums /= grains.frames
-    number, momentum, flux = sums[0], sums[1:4] * grains.mass, sums[4:10][_PLACE] * grains.mass
-    axes = sums[10:16][_PLACE] if grains.axis is not None else None
-    return Fields(
-        grid, omega, number * grains.mass, number * grains.volume, momentum, flux, number, axes, stress
-    )  # fmt: skip
+    number, axes = sums[0], sums[10:16][_PLACE] if grains.axis is not None else None
+    mass = 1.0 if grains.unlike else grains.mass  # else it is in the sums already
+    density, fraction = sums[-2:] if grains.unlike else (number * grains.mass, number * grains.volume)
+    momentum, flux = sums[1:4] * mass, sums[4:10][_PLACE] * mass
+    return Fields(grid, omega, density, fraction, momentum, flux, number, axes, stress)
+
+
+def _of_grains(grains: Grains, v: np.ndarray, squares: Sequence[np.ndarray], axes: Sequence[np.ndarray]) -> np.ndarray:
+    """What is summed over grains, shape [n, F]: their number, v and its squares, the tensors of rods; of unlike grains
+    v and squares times the mass, and at the end mass and volume."""
+    mass = grains.mass if grains.unlike else 1.0
+    own = [grains.mass, grains.volume] if grains.unlike else []
+    return np.column_stack([np.ones(len(v)), *(v.T * mass), *(one * mass for one in squares), *axes, *own])
 
 
 def _over(top: np.ndarray, bottom: np.ndarray) -> np.ndarray:
@@ -165,13 +173,14 @@ def _scale(grid: Grid, omega: float) -> float:
 
 def _on_lattice(compiled, grid: Grid, omega: float, grains: Grains, normalised: bool, threads: int) -> np.ndarray:
     low, step, shape = _lattice(grid)
-    values = [np.ones(len(grains.x)), *grains.v.T, *(grains.v[:, i] * grains.v[:, j] for i, j in _PAIRS)]
-    if grains.axis is not None:
-        values += [grains.axis[:, i] * grains.axis[:, j] for i, j in _PAIRS]
-    out = np.zeros((threads, len(values), *shape))
+    squares, axes = (
+        [] if one is None else [one[:, i] * one[:, j] for i, j in _PAIRS] for one in (grains.v, grains.axis)
+    )
+    values = _of_grains(grains, grains.v, squares, axes)
+    out = np.zeros((threads, values.shape[1], *shape))
     scale = 1 / float(grid.volumes.flat[0]) if normalised else _scale(grid, omega)
     order = _by_place(grains.x[:, 0], grains.x[:, 2], omega)
-    table, x = np.column_stack(values)[order], grains.x[order]
+    table, x = values[order], grains.x[order]
     compiled.on_lattice(x, table, low, step, omega, CUTOFF * omega, scale, normalised, out)
     return out.sum(axis=0).reshape(-1, *grid.shape)
 
@@ -183,20 +192,18 @@ def _by_place(a: np.ndarray, b: np.ndarray, omega: float) -> np.ndarray:
 
 def _about_axis(compiled, grid: Ring, omega: float, grains: Grains, normalised: bool, threads: int) -> np.ndarray:
     rho, v = _cylindrical(grains.x, grains.v)
-    parts = [np.ones(len(rho)), *v.T, *_harmonics(v)]
-    orders = [0, *_VECTOR, *_TENSOR]
-    if grains.axis is not None:
-        parts += _harmonics(_cylindrical(grains.x, grains.axis)[1])
-        orders += _TENSOR
+    axes = [] if grains.axis is None else _harmonics(_cylindrical(grains.x, grains.axis)[1])
+    tensors = 1 if grains.axis is None else 2
+    orders = [0, *_VECTOR, *(_TENSOR * tensors), *([0, 0] if grains.unlike else [])]
     by_place = _by_place(rho, grains.x[:, 2], omega)
-    values = np.column_stack(parts)[by_place]
+    values = _of_grains(grains, v, _harmonics(v), axes)[by_place]
     out = np.zeros((threads, values.shape[1], *grid.shape))
     scale = 1.0 if normalised else _scale(grid, omega)
     vertical = (grid.z[0], (grid.z[1] - grid.z[0]) / grid.nz)
     place, width, kinds = (rho[by_place], grains.x[by_place, 2]), grid.radius / grid.nr, np.array(orders)
     compiled.about_axis(*place, values, kinds, width, vertical, omega, CUTOFF * omega, scale, normalised, out)
     sums = out.sum(axis=0)
-    for first in range(4, len(sums), 6):  # rr and tt from their sum and difference
+    for first in range(4, 4 + 6 * tensors, 6):  # rr and tt from their sum and difference
         both, difference = sums[first].copy(), sums[first + 1].copy()
         sums[first], sums[first + 1] = (both + difference) / 2, (both - difference) / 2
     return sums

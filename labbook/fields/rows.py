@@ -12,16 +12,21 @@ Table = Mapping[str, np.ndarray]
 class Grains:
     """Rows of grains in `frames` frames.
 
-    `x` [m] and `v` [m/s], shape [n, 3]; `mass` [kg] and `volume` [m^3] of one grain; `axis`: unit vectors along rods,
-    of either sign, shape [n, 3], None for spheres.
+    `x` [m] and `v` [m/s], shape [n, 3]; `mass` [kg] and `volume` [m^3] of one grain, or of each, shape [n]; `axis`:
+    unit vectors along rods, of either sign, shape [n, 3], None for spheres.
     """
 
     x: np.ndarray
     v: np.ndarray
-    mass: float
-    volume: float
+    mass: float | np.ndarray
+    volume: float | np.ndarray
     frames: int
     axis: np.ndarray | None = None
+
+    @property
+    def unlike(self) -> bool:
+        """Whether each has a mass of its own."""
+        return isinstance(self.mass, np.ndarray)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +41,10 @@ class Contacts:
     frames: int
 
 
-def grains_of(sample: Table, mass: float, volume: float, begin: float, end: float) -> Grains:
-    """Grains of the rows of a sample with begin <= time <= end [s].
+def grains_of(
+    sample: Table, mass: float | np.ndarray, volume: float | np.ndarray, begin: float, end: float
+) -> Grains:  # fmt: skip
+    """Grains of the rows of a sample with begin <= time <= end [s]. mass, volume: of one grain, or of each row.
 
     Frames that have rows are counted. Rods have columns qw qx qy qz, the rotation of the z axis into theirs. Raises
     ValueError if there is no frame.
@@ -49,6 +56,7 @@ def grains_of(sample: Table, mass: float, volume: float, begin: float, end: floa
         raise ValueError(f"no frame was sampled between {begin:g} and {end:g} s")
     x, v = (_columns(rows, names, inside) for names in ("x y z", "vx vy vz"))
     axis = axes(_columns(rows, "qw qx qy qz", inside)) if "qw" in rows else None
+    mass, volume = (of[inside] if isinstance(of, np.ndarray) else of for of in (mass, volume))
     return Grains(x, v, mass, volume, count, axis)
 
 

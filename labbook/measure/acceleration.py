@@ -73,8 +73,8 @@ def acceleration_profile(
 
     `sample`: rows with step, time, id, x, y, z, vz; to each frame belongs the later one that is nearest to `interval`
     [s] after it, and none if that is half as long or half as long again. A grain is binned by the height it starts
-    from: in 50 ms a falling one passes 30 mm. Of a grain that has left by then, the last row that it has is continued
-    by free fall. Raises ValueError if no two frames are `interval` apart.
+    from: in 50 ms a falling one passes 30 mm. Of a grain that has left by then, or is a `radius` higher since it was
+    put back, the last row before is continued by free fall. Raises ValueError if no two frames are `interval` apart.
     """
     time, first = np.unique(np.asarray(sample["time"], float), return_inverse=True)
     starts, ends = _pairs(time, interval)
@@ -90,11 +90,12 @@ def acceleration_profile(
     near = np.zeros((len(time), most), bool)
     near[first, ids] = (abs(off) if planar else np.hypot(off, sample["y"])) <= radius
     start = near[starts] & ((time >= begin) & (time <= end))[starts, None]
-    later = v[ends]
+    later = np.where(height[ends] > height[starts] + radius, np.nan, v[ends])
     gone = np.isnan(later) & start
     for back in range(1, int((ends - starts).max()) + 1):  # the latest row that there is
         row = np.maximum(ends - back, starts)
         earlier = v[row] - gravity * (time[ends] - time[row])[:, None]
+        earlier[height[row] > height[starts] + radius] = np.nan
         later = np.where(np.isnan(later), earlier, later)
     gained = ((later - v[starts]) / after[:, None])[start]
     place = np.searchsorted(edges, height[starts][start], side="right") - 1

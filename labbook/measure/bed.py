@@ -7,7 +7,7 @@ import numpy as np
 
 from labbook.fields import Grains, Grid, Layer, Ring, grains_of
 from labbook.measure.measure import MeasureError
-from labbook.scene import ConicalSilo, CylinderSilo, Scene, WedgeHopper
+from labbook.scene import Bodies, ConicalSilo, CylinderSilo, Scene, WedgeHopper
 
 OMEGA = 0.5
 """Width of the coarse-graining function in diameters of the grains, or of spheres of their volume."""
@@ -31,14 +31,18 @@ def round_silo(scene: Scene, measure: str) -> CylinderSilo | ConicalSilo:
 
 
 def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float, end: float) -> Grains:
-    """Grains of the frames with begin <= time <= end [s]; rods without length are spheres and have no axes.
+    """Grains of the frames with begin <= time <= end [s], which of unlike ones have `radius` and `kind`; rods without
+    length are spheres and have no axes.
 
     Raises ValueError if there is no frame.
     """
     own = scene.grains
     if not getattr(own, "half_length", 0.0) > 0:
         frames = {name: column for name, column in frames.items() if name not in ("qw", "qx", "qy", "qz")}
-    return grains_of(frames, own.mass, own.volume, begin, end)
+    if not own.varied:
+        return grains_of(frames, own.mass, own.volume, begin, end)
+    each = Bodies.sized(own, 2 * np.asarray(frames["radius"]), np.asarray(frames["kind"]))
+    return grains_of(frames, each.mass, each.volume, begin, end)
 
 
 def bed_grid(scene: Scene, omega: float, x: np.ndarray, *, coarse: bool = False) -> Grid:

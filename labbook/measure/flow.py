@@ -53,7 +53,7 @@ class FlowRate(Measure):
     declared = (
         *_RATES,
         *map(while_flowing, _RATES),
-        Quantity("gap_time", "time without flow", "s", "sum of the times between grains longer than 1 s"),
+        Quantity("gap_time", "time without flow", "s", "sum of the times between grains longer than 1 s", pooled=False),
         Quantity(
             "waiting_time", "waiting time", "s", "time since the last grain of a clogged run (censored)", pooled=False
         ),

@@ -27,8 +27,10 @@ from labbook.measure.measure import (
     MeasureError,
     Quantity,
     Window,
+    apart,
     packed,
     unpacked,
+    while_flowing,
     window_in_words,
 )
 from labbook.measure.series import crossings, mean_mass
@@ -198,21 +200,24 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     )
 
 
+_MEANS = (
+    Quantity("outlet_closure", "flow of the profiles / W", "", "flow rate of the profiles over that counted"),
+    Quantity("outlet_area_fraction", "mean φ at the outlet", "", "mean of the area fraction along the outlet"),
+    Quantity("outlet_velocity", "mean v at the outlet", "m/s", "mean velocity along the outlet, weighted by φ"),
+)
+
+
 class OutletProfiles(Measure):
     """Profiles of velocity and area fraction along the outlet of a quasi-2D hopper.
 
     Quantities: `outlet_closure`, the flow rate of the profiles over that of the grains counted; `outlet_area_fraction`,
-    the mean of phi across the outlet; `outlet_velocity` [m/s], int(phi v dx) / int(phi dx). Arrays: those of
-    `OutletProfile`.
+    the mean of phi across the outlet; `outlet_velocity` [m/s], int(phi v dx) / int(phi dx). Those of a run that clogged
+    end in `_flowing`. Arrays: those of `OutletProfile`.
     """
 
     name = "outlet_profiles"
-    version = 2
-    declared = (
-        Quantity("outlet_closure", "flow of the profiles / W", "", "flow rate of the profiles over that counted"),
-        Quantity("outlet_area_fraction", "mean φ at the outlet", "", "mean of the area fraction along the outlet"),
-        Quantity("outlet_velocity", "mean v at the outlet", "m/s", "mean velocity along the outlet, weighted by φ"),
-    )
+    version = 3
+    declared = (*_MEANS, *map(while_flowing, _MEANS))
 
     def check(self, scene: Scene) -> None:
         _hopper(scene)
@@ -223,21 +228,20 @@ class OutletProfiles(Measure):
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         profile = outlet_profile(run, window)
-        where = window_in_words(window, "grains")
+        where, kept = window_in_words(window, "grains"), apart(run)
         if profile is None:
             note = "too few grains at the outlet within the window"
             none = (math.nan, math.nan, 0, where, "chords of grains on the outlet line", "", note)
-            return Evaluation((Measured("outlet_closure", *none),))
+            return Evaluation((Measured(f"outlet_closure{kept}", *none),))
         how = f"chords of grains on the outlet line in {profile.frames} frames"
+        of_grains = f"{how}; error from the scatter between grains"
         mean_phi = float(profile.area_fraction.mean())
         mean_v = float(profile.flux.sum() / profile.area_fraction.sum()) if mean_phi > 0 else math.nan
         error, n = profile.closure_error, profile.frames
         numbers = (
-            Measured(
-                "outlet_closure", profile.closure, error, n, where, f"{how}; error from the scatter between grains", ""
-            ),
-            Measured("outlet_area_fraction", mean_phi, math.nan, n, where, how, ""),
-            Measured("outlet_velocity", mean_v, math.nan, n, where, how, "m/s"),
+            Measured(f"outlet_closure{kept}", profile.closure, error, n, where, of_grains, ""),
+            Measured(f"outlet_area_fraction{kept}", mean_phi, math.nan, n, where, how, ""),
+            Measured(f"outlet_velocity{kept}", mean_v, math.nan, n, where, how, "m/s"),
         )
         return Evaluation(numbers, packed(profile))
 

@@ -20,7 +20,7 @@ from labbook.measure.flow import FlowRate
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed
 from labbook.measure.orifice import BINS, INTERVAL, UP_TO
 from labbook.measure.series import crossings
-from labbook.measure.steady import steady_flow
+from labbook.measure.steady import in_gap, steady_flow
 from labbook.scene import Scene, WedgeHopper
 from labbook.stats import Measured
 
@@ -71,7 +71,7 @@ class Bed:
 
 
 class OfRecording(Measure):
-    """What is evaluated of recorded frames within the window of the flow rate."""
+    """What is evaluated of recorded frames within the window of the flow rate, without its gaps."""
 
     def check(self, scene: Scene) -> None:
         FlowRate().check(scene)
@@ -86,7 +86,11 @@ class OfRecording(Measure):
         times, weights = crossings(run)
         flow = steady_flow(times, len(run.start), window, weights)
         frames = run.frames() if flow is not None else None
-        return Evaluation() if flow is None or frames is None else self.of(run.scene, frames, (flow.begin, flow.end))
+        if flow is None or frames is None:
+            return Evaluation()
+        flowed = ~in_gap(np.asarray(frames["time"], float), times, flow)
+        frames = {name: np.asarray(column)[flowed] for name, column in frames.items()}
+        return self.of(run.scene, frames, (flow.begin, flow.end))
 
     @abstractmethod
     def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
@@ -98,7 +102,7 @@ class FlowPattern(OfRecording):
     part of the bed. Arrays: those of `Bed`."""
 
     name = "flow_pattern"
-    version = 1
+    version = 2
     declared = (
         Quantity("orifice.packing_fraction", "φ", "", "packing fraction above the orifice, of recorded frames"),
         Quantity("orifice.v_z", "v_z", "m/s", "vertical velocity in this layer, weighted by φ"),
@@ -130,7 +134,7 @@ class FlowMoments(OfRecording):
     2022, Figs 6 and 7). Arrays: those of `Bed`, by `moment-1` and so on."""
 
     name = "flow_moments"
-    version = 1
+    version = 2
     declared = ()
 
     def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
@@ -156,7 +160,7 @@ class FreeFall(OfRecording):
     Arrays: those of `AccelerationProfile`."""
 
     name = "free_fall"
-    version = 1
+    version = 2
     declared = ()
 
     def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:

@@ -8,7 +8,7 @@ from typing import Literal
 from labbook.accuracy import Calibration, OutOfRange, bias_of
 from labbook.fit import Parameter
 from labbook.results import display
-from labbook.results.points import DRIFT, FLOW_RATE, PointResult
+from labbook.results.points import BED, DRIFT, FILLING, FLOW_RATE, NUMERICS, PointResult
 from labbook.results.series import PACKING_FRACTION, Series
 from labbook.results.study import Results
 from labbook.scene.quantities import percent
@@ -22,7 +22,7 @@ SOURCES: dict[Source, str] = {
     "filling": "filling of the packing",
     "bed": "number of grains",
 }
-_SWEPT: dict[Source, tuple[str, ...]] = {"numerics": ("numerics.",), "filling": ("fill.",), "bed": ("grains.count",)}
+_SWEPT: dict[Source, str] = {"numerics": NUMERICS, "filling": FILLING, "bed": BED}
 NOT_MEASURED = "not measured"
 
 
@@ -108,9 +108,10 @@ def _of_series(results: Results) -> Iterator[Budget]:
     """Numerics, filling and bed move a parameter by as much as it differs between series that differ in these only."""
     for law in dict.fromkeys(law for series in results.series for law in series.fits):
         there = [series for series in results.series if law in series.fits]
-        for name in there[0].parameters(law):
-            values = [(series.at, series.parameters(law)[name].value) for series in there]
-            for series, (at, value) in zip(there, values, strict=True):
+        for name in dict.fromkeys(name for series in there for name in series.parameters(law)):
+            known = [series for series in there if name in series.parameters(law)]
+            values = [(series.at, series.parameters(law)[name].value) for series in known]
+            for series, (at, value) in zip(known, values, strict=True):
                 swept = {source: _swept(source, at, value, values) for source in _SWEPT}
                 shares = [_fitted(series.parameters(law)[name]), swept["numerics"]]
                 shares += [Share("window", None, NOT_MEASURED), swept["filling"], swept["bed"]]

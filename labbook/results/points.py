@@ -26,6 +26,8 @@ from labbook.study import Point, Study
 
 FLOW_RATE, DRIFT = "flow_rate", "flow_rate_drift"
 ORIFICE = "container.orifice"
+NUMERICS, FILLING, BED = "numerics.", "fill.", "grains.count"
+"""How keys begin that say not what a scene is, but how it is computed, filled, and how large it is made."""
 _NO_FLOW = {
     "few": f"fewer than {FEWEST} grains flowed out within the window ({WIDER})",
     "clogged": "runs clogged (use a wider outlet)",
@@ -312,9 +314,11 @@ def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
 def redundant(points: Sequence[Point]) -> frozenset[str]:
     """Swept keys that follow from another one, such as a number of grains given for every width.
 
-    The orifice counts by itself: what varies with it makes series of its own.
+    The orifice counts by itself: what varies with it makes series of its own. Of keys that follow from one another, how
+    a scene is computed or filled follows from what it is, in whichever order they are listed.
     """
     names = list(dict.fromkeys(name for point in points for name in point.at if name != ORIFICE))
+    names.sort(key=lambda name: name.startswith((NUMERICS, FILLING, BED)))
     extra: set[str] = set()
     for place, name in enumerate(names):
         for other in (other for other in names[:place] if other not in extra):

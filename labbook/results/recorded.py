@@ -124,7 +124,9 @@ def pooled_means(patterns: list[Flowing]) -> dict[str, Pooled]:
     rows = [one.orifice for one in patterns]
     measured = patterns[0].result.pooled if patterns else {}
     means = {name: pool([row[name] for row in rows]) for name in rows[0]} if rows else {}
-    return {name: measured.get(f"orifice_{name}", mean) for name, mean in means.items()}
+    # of mean fields: not the mean of what S is in single frames
+    same = {name: f"orifice_{'S_of_mean' if name == 'S' else name}" for name in means}
+    return {name: measured.get(same[name], mean) for name, mean in means.items()}
 
 
 def _recorded(result: PointResult) -> list[RunResult]:

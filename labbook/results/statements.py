@@ -11,6 +11,7 @@ from labbook.results.points import PointResult
 from labbook.results.reference import Own, entry_of
 from labbook.results.series import Series
 from labbook.study import Reference, Statement
+from labbook.study.paper import of_fit
 
 Verdict = Literal["holds", "does not hold", "undecided"]
 
@@ -44,6 +45,8 @@ class Judged:
         return "does not hold" if self.high < stated.low or self.low > stated.high else "undecided"
 
 
+LACKING = "runs are missing, and runs that finish first are biased to fast flow"
+"""Why a statement about points that lack runs is undecided."""
 JudgedOwn = Callable[[Statement], Sequence[Judged] | None]
 """What papers judge of a statement themselves; None if its quantity is not theirs."""
 
@@ -94,8 +97,11 @@ def _judge(
     found = judged(statement)
     if found is None:
         every = entry_of(statement.quantity, statement.at, points, series, own)
+        fitted = of_fit(statement.quantity)  # of which a note tells which points lack runs
         found = [
-            Judged(statement, one.label, one.ours, one.error, one.low, one.high, one.why, points=one.points)
+            Judged(statement, one.label, None, why=LACKING, points=one.points)
+            if not fitted and any(point.partial for point in one.points)
+            else Judged(statement, one.label, one.ours, one.error, one.low, one.high, one.why, points=one.points)
             for one in every
         ]
     yield from found or [Judged(statement, display.label(statement.at), None, why="no finished point matches")]

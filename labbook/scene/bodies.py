@@ -37,8 +37,18 @@ class Bodies:
         diameter = np.full(n, grains.diameter) if packing.diameter is None else packing.diameter
         if len(diameter) and not (diameter.min() > 0 and diameter.max() <= grains.diameter):
             raise ValueError(f"packing: diameters are not above 0 and up to d = {grains.diameter:g} m; fill it anew")
+        return cls.sized(grains, diameter, kind)
+
+    @classmethod
+    def sized(cls, grains: Grains, diameter: np.ndarray, kind: np.ndarray) -> "Bodies":
+        """Spheres of these diameters [m] and kinds."""
         mass = np.array([one.density for one in grains.species])[kind] * math.pi / 6 * diameter**3
         return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)
+
+    @property
+    def volume(self) -> np.ndarray:
+        """Volume of each sphere [m^3]."""
+        return 4 / 3 * math.pi * self.radius**3
 
     def carried(self, grains: Grains) -> dict[str, np.ndarray | None]:
         """What a packing of these grains holds of them: `diameter` and `kind`."""

@@ -12,7 +12,8 @@ def one_more(values: Sequence[float], variances: Sequence[float], confidence: fl
     values: effects that were measured in cases of that kind; variances: of their errors of measurement. Effects are
     drawn from a normal distribution, whose mean has a flat prior, and whose standard deviation tau has one as
     1/(1 + (tau/a)^2), with a the error of measurement (Gelman, Bayesian Analysis 1 (2006) 515). So a single case says
-    little of others, and noise is not taken for scatter. Raises ValueError without values.
+    little of others, and noise is not taken for scatter. Of two or three cases that differ by far more than their
+    errors, 95 % intervals contain one more in some 80 to 89 % (by simulation). Raises ValueError without values.
     """
     from scipy.special import ndtr
 

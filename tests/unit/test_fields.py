@@ -76,6 +76,25 @@ def test_fields_are_means_over_frames(grid):
         np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("grid", GRIDS, ids=named)
+def test_unlike_grains_weigh_what_they_are(grid):
+    """Fields of two kinds together are sums of those of each alone."""
+    x, v = inside(60), np.random.default_rng(5).standard_normal((60, 3))
+    large = np.arange(60) < 25
+    mass, volume = np.where(large, 2e-5, 3e-6), np.where(large, 1e-8, 2e-9)
+    both = coarse_grain(grid, OMEGA, Grains(x, v, mass, volume, 1))
+    alone = [
+        coarse_grain(grid, OMEGA, Grains(x[one], v[one], float(mass[one][0]), float(volume[one][0]), 1))
+        for one in (large, ~large)
+    ]
+    for name in ("density", "packing_fraction", "momentum", "flux", "number"):
+        total = np.sum([getattr(one, name) for one in alone], axis=0)
+        np.testing.assert_allclose(getattr(both, name), total, rtol=1e-9, atol=1e-12 * abs(total).max())
+    turned = coarse_grain(grid, OMEGA, Grains(x, v, mass, volume, 1, np.tile([0.0, 0.0, 1.0], (60, 1))))
+    np.testing.assert_allclose(turned.density, both.density, rtol=1e-12)
+    np.testing.assert_allclose(known(turned.axes)[2, 2], both.number, rtol=1e-9, atol=1e-9 * both.number.max())
+
+
 def test_a_layer_is_a_direct_sum():
     rng = np.random.default_rng(2)
     x = rng.uniform((-0.022, -1e-4, -0.002), (0.022, 1e-4, 0.032), (40, 3))

@@ -116,6 +116,20 @@ def test_free_fall_is_g_at_every_height_also_of_grains_that_leave(interval):
     assert (found.left > 0.2) == (interval == 0.05)
 
 
+def test_grains_that_are_put_back_on_top_have_fallen_freely_until_then():
+    def put_back(z0, v0, t):
+        z, v = free_fall(z0, v0, t)
+        left = z < -0.006
+        rest = (v0 + np.sqrt(v0**2 + 2 * G * (z0 + 0.006))) / G  # when it left
+        return np.where(left, 0.2 - G * (t - rest) ** 2 / 2, z), np.where(left, -G * (t - rest), v)
+
+    rng = np.random.default_rng(2)
+    table = frames(rng.uniform(0, 0.06, 400), rng.uniform(-0.3, 0, 400), np.arange(0, 0.15, 0.005), put_back)
+    found = acceleration_profile(table, interval=0.05, radius=0.01, edges=np.linspace(0, 0.06, 6), gravity=G, end=0.1)
+    np.testing.assert_allclose(found.acceleration, -G, rtol=1e-9)
+    assert found.left > 0.2
+
+
 def test_it_is_binned_by_the_height_of_the_start_and_within_the_radius():
     z0 = np.array([0.01, 0.03, 0.03])
     table = frames(z0, np.zeros(3), np.arange(0, 0.02, 0.005), lambda z, v, t: (z, v - np.array([1.0, 2.0, 9.0]) * t))

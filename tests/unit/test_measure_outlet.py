@@ -1,6 +1,7 @@
 """Profiles along an outlet, of grains whose motion is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -200,6 +201,15 @@ def test_quantities_of_a_run():
     assert found["outlet_closure"].error == profile.closure_error
     product = 2 / 3 * D * 2500 * found["outlet_area_fraction"].value * found["outlet_velocity"].value * 2 * R
     assert product == pytest.approx(profile.flow, rel=1e-12)
+
+
+def test_numbers_of_a_run_that_clogged_are_kept_apart():
+    run = replace(run_of(*passing(2000, 7)), outcome="clogged")
+    found = {m.quantity for m in MEASURE.evaluate(run, Window()).numbers}
+    assert found == {"outlet_closure_flowing", "outlet_area_fraction_flowing", "outlet_velocity_flowing"}
+    assert found <= {one.name for one in MEASURE.declared}
+    few = replace(run_of(*passing(100, 8)), outcome="clogged")
+    assert [m.quantity for m in MEASURE.evaluate(few, Window()).numbers] == ["outlet_closure_flowing"]
 
 
 def test_too_few_grains_give_no_profile():

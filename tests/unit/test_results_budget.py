@@ -16,6 +16,7 @@ from labbook.report.tables import budget_table
 from labbook.results.budget import budgets, summed_up
 from labbook.results.frames import to_json
 from labbook.results.points import PointResult
+from labbook.results.series import Series
 from labbook.study.schema import Fill
 
 
@@ -154,6 +155,25 @@ def test_parameters_move_with_numerics_as_the_flow_rates_do(synthetic):
     named = [row[0] for row in budget_table(results).rows]
     assert named.count("W") == 16
     assert named.count("k, beverloo") == named.count("C (grain density), beverloo") == 2
+
+
+def test_series_may_differ_in_the_parameters_that_they_have(synthetic, monkeypatch):
+    """C of the bulk density needs a packing fraction, which a small bed may lack."""
+    points = [
+        synthetic.point(8 * k + at, D, angle)
+        for k, angle in enumerate((1.0, 1.5))
+        for at, D in enumerate(synthetic.DIAMETERS)
+    ]
+    runs = [synthetic.FinishedDouble(one, seed) for one in points for seed in (1, 2, 3)]
+    results = analyse(synthetic.study_of(points, reference=None, fit=("beverloo",)), runs)
+    whole, (first, _) = Series.parameters, results.series
+    monkeypatch.setattr(
+        Series, "parameters",
+        lambda self, law: {name: one for name, one in whole(self, law).items() if self is not first or name != "k"},
+    )  # fmt: skip
+    quantities = [one.quantity for one in budgets(results)]
+    assert quantities.count("beverloo.k") == 1
+    assert quantities.count("beverloo.C_particle") == 2
 
 
 def test_without_another_setting_numerics_of_a_parameter_are_not_measured(analysis):

@@ -124,14 +124,14 @@ def _ratios(results: Results) -> Iterator[Row]:
             numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
             row = {**of_point(one.result), "quantity": name, **numbers}
             if name.endswith("angle"):
-                yield row | {_column(law.name): law.factor(one.at) for law in angle_laws(one.result)}
+                yield row | {_column(law.author): law.factor(one.at) for law in angle_laws(one.result)}
             else:
                 yield row | {"s_star": one.at}
 
 
 def _column(law: str) -> str:
-    """`rose_tanaka` of a law's name."""
-    return law.partition(",")[0].lower().replace(" & ", "_")
+    """`rose_tanaka` of a law's author."""
+    return law.lower().replace(" & ", "_")
 
 
 def _outlets(results: Results) -> Iterator[Row]:

@@ -18,7 +18,7 @@ from labbook.papers.fan2023.laws import (
     tilted,
 )
 from labbook.papers.fan2023.profiles import Curve, FittedOutlet, ProfileFit, approaches, profile_fit
-from labbook.papers.fan2023.ratios import ANGLE, GAP, RATIOS, Ratio, angle_laws
+from labbook.papers.fan2023.ratios import ANGLE, GAP, RATIOS, Ratio, angle_factors, angle_laws
 from labbook.report.style import (
     COLOURS,
     COLUMN,
@@ -404,19 +404,22 @@ def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    laws = angle_laws(ratios[0].result)
+    laws = {law.name: law for one in ratios for law in angle_laws(one.result)}
+    authors = angle_factors(ratios)
     low = min(one.at for one in ratios)
     angles = np.linspace(0.9 * low, math.pi / 2, 200)
     with house():
-        figure = Figure(figsize=(COLUMN, (66 + 26 * len(laws)) * MILLIMETRE))
-        axes = figure.subplots(1 + len(laws), 1, sharex=True, height_ratios=(2.6, *[1] * len(laws)))
-        for law, below, dash in zip(laws, axes[1:], DASHES, strict=False):
-            axes[0].plot(
-                np.degrees(angles), [law.factor(a) for a in angles], color=INK, linestyle=dash, label=mathtext(law.name)
-            )
+        figure = Figure(figsize=(COLUMN, (66 + 26 * len(authors)) * MILLIMETRE))
+        axes = figure.subplots(1 + len(authors), 1, sharex=True, height_ratios=(2.6, *[1] * len(authors)))
+        for (author, factors), below, dash in zip(authors.items(), axes[1:], DASHES, strict=False):
+            for law in (law for law in laws.values() if law.author == author):
+                curve = [law.factor(a) for a in angles]
+                axes[0].plot(np.degrees(angles), curve, color=INK, linestyle=dash, label=mathtext(law.name))
             below.axhline(0, color=INK, linestyle=dash, linewidth=0.8, zorder=0)
-            _points(below, ratios, ANGLE, math.degrees, lambda one, law=law: law.factor(one.at))
-            below.set_ylabel(f"from {law.name.partition(',')[0]} [%]", fontsize=6.5)
+            own = {id(one): factor for one, factor in zip(ratios, factors, strict=True) if factor is not None}
+            judged = [one for one in ratios if id(one) in own]
+            _points(below, judged, ANGLE, math.degrees, lambda one, own=own: own[id(one)])
+            below.set_ylabel(f"from {author} [%]", fontsize=6.5)
         _points(axes[0], ratios, ANGLE, math.degrees)
         axes[-1].set_xlabel("angle of the bottom from the vertical, α [deg]")
         axes[0].set_ylabel("$W(α) / W(90°)$")

@@ -8,7 +8,7 @@ import numpy as np
 from labbook.measure.outlet import CROSSINGS, DEFINITIONS
 from labbook.papers.fan2023 import figures
 from labbook.papers.fan2023.profiles import ProfileFit, approaches, profile_fit
-from labbook.papers.fan2023.ratios import Ratio, angle_laws, by_angle, by_position
+from labbook.papers.fan2023.ratios import Ratio, angle_factors, by_angle, by_position
 from labbook.report.blocks import Block, Folded, Formula, Picture, Section, picture
 from labbook.report.fitted_tables import parameter_table
 from labbook.report.tables import Table
@@ -89,22 +89,22 @@ def farthest(ratios: list[Ratio]) -> str:
     if not inclined:
         return ""
     said = []
-    for law in angle_laws(inclined[0].result):
-        worst = max(inclined, key=lambda one: abs(one.value / law.factor(one.at) - 1))
-        apart = worst.value - law.factor(worst.at)
-        part, errors = percent(apart / law.factor(worst.at), "+.1f"), apart / worst.error
-        said.append(f"{law.name.partition(',')[0]} by {part} or {errors:+.1f} standard errors at {worst.result.label}")
+    for name, factors in angle_factors(inclined).items():
+        judged = [(one, factor) for one, factor in zip(inclined, factors, strict=True) if factor is not None]
+        worst, factor = max(judged, key=lambda pair: abs(pair[0].value / pair[1] - 1))
+        part, errors = percent(worst.value / factor - 1, "+.1f"), (worst.value - factor) / worst.error
+        said.append(f"{name} by {part} or {errors:+.1f} standard errors at {worst.result.label}")
     return f"Farthest from {'; from '.join(said)}.".replace("-", "−")
 
 
 def angle_table(ratios: list[Ratio]) -> Table:
     """Every ratio with its interval, and how far it lies from each angle law."""
-    laws = angle_laws(ratios[0].result)
+    laws = angle_factors(ratios)
     rows = []
-    for one in ratios:
-        cells = [cell for law in laws for cell in _apart(one, law.factor(one.at))]
+    for k, one in enumerate(ratios):
+        cells = [cell for factors in laws.values() for cell in _apart(one, factors[k])]
         rows.append((one.result.label, *_numbers(one), *cells))
-    named = [heading for law in laws for heading in (law.name.partition(",")[0], "difference", "in standard errors")]
+    named = [heading for name in laws for heading in (name, "difference", "in standard errors")]
     return Table(("point", "W/W of the flat bottom", "95 % interval", *named), tuple(rows))
 
 
@@ -130,7 +130,9 @@ def _numbers(one: Ratio) -> tuple[str, str]:
     )
 
 
-def _apart(one: Ratio, law: float) -> tuple[str, str, str]:
+def _apart(one: Ratio, law: float | None) -> tuple[str, str, str]:
+    if law is None:
+        return "–", "–", "–"
     if not (one.error > 0 and np.isfinite(one.error)):
         return f"{law:.3f}", "–", "–"
     apart = one.value - law

@@ -60,6 +60,11 @@ class AngleLaw:
     name: str
     factor: Callable[[float], float]
 
+    @property
+    def author(self) -> str:
+        """The name without the number of the law."""
+        return self.name.partition(",")[0]
+
 
 def angle_laws(result: PointResult) -> tuple[AngleLaw, ...]:
     """Brown's law, and Rose and Tanaka's with the arctangent of the grains' friction for phi_d."""
@@ -69,6 +74,14 @@ def angle_laws(result: PointResult) -> tuple[AngleLaw, ...]:
         name = f"Rose & Tanaka, φ_d = {math.degrees(friction):.3g}°"
         found.append(AngleLaw(name, lambda angle: rose_tanaka(angle, friction)))
     return tuple(found)
+
+
+def angle_factors(ratios: Sequence[Ratio]) -> dict[str, list[float | None]]:
+    """What each angle law gives at each point by the friction of its own grains, by the law's name; None where it gives
+    nothing."""
+    own = [{law.author: law.factor(one.at) for law in angle_laws(one.result)} for one in ratios]
+    authors = dict.fromkeys(author for laws in own for author in laws)
+    return {author: [laws.get(author) for laws in own] for author in authors}
 
 
 def _ratios(

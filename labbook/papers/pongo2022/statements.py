@@ -17,7 +17,7 @@ from labbook.papers.pongo2022.rotation import (
 from labbook.results import display
 from labbook.results.points import PointResult, by_seed
 from labbook.results.reference import matches
-from labbook.results.statements import Judged
+from labbook.results.statements import LACKING, Judged
 from labbook.stats import Pooled
 from labbook.stats.ratio import paired_ratio
 from labbook.study import Statement
@@ -36,7 +36,6 @@ FEATURES = ("drop", "minimum", "rise", "for_O_zz", "drop_with_length", "rise_wit
 | `drop_with_length` | drop less that of the next shorter grains, by L/d, at the same D or D/d*      |
 | `rise_with_length` | the same of the rise                                                          |
 """
-_LACKING = "runs are missing, and runs that finish first are biased to fast flow"
 _HOW = (
     "Ratios to the bottom at rest are of means over the seeds that both have, with 90 % intervals; so is the frequency "
     "of a minimum, from curves drawn from the scatter between seeds. The smallest of several means is a little too "
@@ -73,14 +72,14 @@ def _turning(statement: Statement, name: str, curve: Rotation) -> Iterator[Judge
             if k and matches(statement.at, result.point):
                 at = f"{where}, f = {curve.frequencies[k]:g} Hz"
                 if result.partial or curve.points[0].partial:
-                    yield Judged(statement, at, None, why=_LACKING)
+                    yield Judged(statement, at, None, why=LACKING)
                     continue
                 ratio = curve.ratio(quantity, k) if not feature else _exchange(curve, k)
                 yield _of_ratio(statement, at, ratio, (curve.points[0], result))
         return
     if curve.unfinished:
         places = ", ".join(f"{f:g}" for f in curve.unfinished)
-        yield Judged(statement, where, None, why=f"{_LACKING} (f = {places} Hz)")
+        yield Judged(statement, where, None, why=f"{LACKING} (f = {places} Hz)")
         return
     lowest = curve.lowest(quantity)
     if lowest is None:
@@ -110,7 +109,7 @@ def _with_length(statement: Statement, quantity: str, feature: str, turning: Seq
         if not (shorter.has(quantity) and longer.has(quantity)):
             yield Judged(statement, where, None, why=f"{quantity} was not measured at two frequencies")
         elif shorter.unfinished or longer.unfinished:
-            yield Judged(statement, where, None, why=_LACKING)
+            yield Judged(statement, where, None, why=LACKING)
         elif min(len(shorter.points), len(longer.points)) < 3:
             yield Judged(statement, where, None, why="a minimum needs three frequencies")
         else:

@@ -1,6 +1,7 @@
 """Flow rates relative to a plain hopper."""
 
 import gc
+import itertools
 import math
 import weakref
 from dataclasses import replace
@@ -121,6 +122,29 @@ def test_distances_from_the_laws_are_told(angles):
             assert float(row[5].replace("−", "-")) == pytest.approx(apart, abs=0.06)
     worst = max(found, key=lambda one: abs(one.value / brown(one.at) - 1))
     assert f"standard errors at {worst.result.label}" in farthest(found)
+
+
+def test_each_point_is_compared_with_the_law_of_its_own_friction(synthetic):
+    points = []
+    for k, (friction, angle) in enumerate(itertools.product((0.0, 0.2, 0.8), (math.radians(20), math.pi / 2))):
+        point = synthetic.point(k, 0.03, angle)
+        contact = point.scene.contact.model_copy(update={"friction": friction})
+        scene = point.scene.model_copy(update={"contact": contact})
+        points.append(replace(point, scene=scene, at={**point.at, "contact.friction": friction}))
+    runs = [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2, 3)]
+    found = by_angle(analyse(synthetic.study_of(points), runs).points)
+    laws = {one.result.at["contact.friction"]: one for one in found if one.at < 1}
+    rows = {row[0]: row for row in angle_table(found).rows}
+    for friction, one in laws.items():
+        theirs = rows[one.result.label][6]
+        if friction == 0:
+            assert theirs == "–"
+        else:
+            assert float(theirs) == pytest.approx(rose_tanaka(one.at, math.atan(float(friction))), abs=6e-4)
+    ax, *_ = figures.flow_against_angle(found).axes
+    labels = ax.get_legend_handles_labels()[1]
+    assert sum("Rose & Tanaka" in label for label in labels) == 2
+    assert "Rose & Tanaka" in farthest(found)
 
 
 def test_ratios_have_their_laws_beside_them(synthetic):

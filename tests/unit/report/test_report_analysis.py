@@ -207,6 +207,16 @@ def test_a_key_that_follows_from_another_is_not_told(synthetic):
     assert [series.label for series in found.series] == ["width = 100 mm", "width = 150 mm"]
 
 
+@pytest.mark.parametrize("making", ["numerics.dt", "fill.friction", "grains.count"])
+@pytest.mark.parametrize("first", [True, False])
+def test_of_keys_that_follow_from_one_another_the_scenes_own_is_kept(synthetic, making, first):
+    """Else a change by the angle would be told, and booked, as one by the time step."""
+    order = (making, "container.angle") if first else ("container.angle", making)
+    values = {making: (1.0, 2.0), "container.angle": (0.5, 1.5)}
+    points = [replace(synthetic.point(0, 0.03), at={key: values[key][k] for key in order}) for k in (0, 1)]
+    assert redundant(points) == {making}
+
+
 def test_keys_are_kept_where_neither_follows_from_the_other(synthetic):
     points = [replace(synthetic.point(0, 0.03), at={"a": a, "b": b}) for a, b in ((1, 1), (1, 2), (2, 1))]
     assert redundant(points) == frozenset()

@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from toy_results import analyse
 
 from labbook.report import figures, style, tables
 from labbook.results.recorded import acceleration, flow_patterns, pooled_means
+from labbook.stats import pool
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +81,15 @@ def test_means_above_the_orifice_are_pooled_over_recorded_runs(synthetic):
     assert table.headings[:5] == ("point", "φ", "v_z [m/s]", "p_k [Pa]", "stagnant [%]")
     assert table.rows[0][-1] == "3"
     assert "±" in table.rows[0][2]
+
+
+def test_order_is_that_of_the_mean_tensor_also_where_single_frames_were_measured(synthetic):
+    point = synthetic.point(0, 0.03)
+    (result,) = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, 1, recorded=True)]).points
+    pooled = {name: pool([value]) for name, value in (("orifice_S", 0.42), ("orifice_S_of_mean", 0.36))}
+    (found,) = flow_patterns(result)
+    measured = replace(found, result=replace(result, pooled=pooled), orifice={"S": 0.37})
+    assert pooled_means([measured])["S"].value == 0.36
 
 
 def test_accelerations_are_those_of_the_recorded_run(recorded, synthetic):

@@ -1,10 +1,12 @@
 """Statements of a paper: when one holds, and the row that tells how it fares at several places."""
 
 import pytest
+from toy_results import analyse
 from turning_runs import state
 
 from labbook.report.statement_tables import statement_digest
-from labbook.results.statements import Judged, summed_up
+from labbook.results.statements import LACKING, Judged, summed_up
+from labbook.study.schema import Reference
 
 
 def test_a_verdict_needs_the_whole_interval_on_one_side():
@@ -12,6 +14,20 @@ def test_a_verdict_needs_the_whole_interval_on_one_side():
     for low, high, verdict in ((0.96, 1.04, "holds"), (0.9, 1.0, "undecided"), (1.06, 1.2, "does not hold")):
         assert Judged(stated, "", (low + high) / 2, 0.01, low, high).verdict == verdict
     assert Judged(stated, "", 1.0).verdict == "undecided"
+
+
+def test_statements_on_points_that_lack_runs_stay_open(synthetic):
+    """Of runs that began together the first to end flow fast. A fit is judged, and a note names the points."""
+    stated = (state("flow_rate.flow_rate", 0.001, 1.0, **{}), state("beverloo.k", -100, 100))
+    points = [synthetic.point(k, D) for k, D in enumerate(synthetic.DIAMETERS)]
+    runs = [synthetic.FinishedDouble(point, seed) for point in points for seed in (1, 2, 3)]
+    for replicates, verdict in ((3, "holds"), (10, "undecided")):
+        study = synthetic.study_of(points, replicates=replicates, reference=Reference("Them", (), stated))
+        rates = [one for one in analyse(study, runs).judged if one.statement is stated[0]]
+        assert {one.verdict for one in rates} == {verdict}
+        assert {one.why for one in rates} == ({LACKING} if replicates == 10 else {""})
+        (fitted,) = [one for one in analyse(study, runs).judged if one.statement is stated[1]]
+        assert fitted.verdict == "holds"
 
 
 @pytest.mark.parametrize(
