@@ -60,6 +60,11 @@ if TYPE_CHECKING:
 __all__ = ["Conflict", "Lab", "LabWarning", "Results", "Run"]
 
 
+def _is_study(given: object) -> None:
+    if not isinstance(given, Study):
+        raise TypeError(f"a Study is needed, and not {given!r}; read a file with labbook.load(path)")
+
+
 class LabWarning(UserWarning):
     """Some runs of a study failed or cannot be read."""
 
@@ -87,6 +92,7 @@ class Lab:
 
         Raises Unsupported, Conflict or MeasureError if the backend cannot do it, TooLarge, BackendMissing, LabError.
         """
+        _is_study(study)
         with self._catalogue() as catalogue:
             return foresee(study, catalogue, load_backend(self.backend), self.device)
 
@@ -109,6 +115,7 @@ class Lab:
         last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
         Raises what `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
         """
+        _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
         other = None if base is None else Folder(Path(base))
         backend = load_backend(self.backend)
@@ -140,6 +147,7 @@ class Lab:
         Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be calibrated,
         PilotStopped after Ctrl-C.
         """
+        _is_study(study)
         return self._calibrated(study if is_pilot(study) else pilot(study, seeds or SEEDS), progress)
 
     def pilot(self, study: Study, progress: bool | Watcher = True) -> Study:
@@ -150,6 +158,7 @@ class Lab:
         in Python. A study that needs no pilot is returned as it is. Raises what `calibrate` raises, and OSError where
         the calibration cannot be written, before anything runs.
         """
+        _is_study(study)
         needed = first_needed(study)
         if needed is None:
             return study
@@ -172,6 +181,9 @@ class Lab:
         progress: whether to show how many runs are evaluated, or a function to call. Unreadable runs give a warning
         and are left out; measures that fail on a run give one too. Raises LabError.
         """
+        _is_study(study)
+        if not Path(self.folder).exists():
+            warnings.warn(f"there is no lab {self.folder} yet, so that it has no runs", LabWarning, stacklevel=2)
         with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
             found = find(study, catalogue, self.backend, told)
         for problem in found.unreadable:
@@ -186,9 +198,12 @@ class Lab:
         """All runs of the lab, the latest first: one row per run, with units in `attrs`.
 
         study: only runs first made for this study (or its name); outcome: only runs with this outcome, or
-        `unreadable`, or `suspect`; limit: largest number of rows. Raises LabError.
+        `unreadable`, or `suspect`; limit: largest number of rows. Raises LabError, and ValueError for an outcome or the
+        name of a study that no run has.
         """
         with self._catalogue() as catalogue:
+            if absent := catalogue.absent(study if isinstance(study, str) else None, outcome):
+                raise ValueError(absent)
             made = catalogue.runs(study.name if isinstance(study, Study) else study, outcome, limit)
         made.attrs = {"lab": str(self.folder), "units": {"duration": "s", "wall_time": "s", "rate": "1/s"}}
         return made
@@ -227,11 +242,11 @@ class Results(Found):
         import pandas as pd
 
         rows: list[dict[str, Any]] = []
-        units = self.study.units
+        units, asked = self.study.units, FLOW_RATE in self.study.measure
+        rates = [f"{FLOW_RATE}{end}" for end in ("", "_error", "_low", "_high") if asked]
         for result in self.points:
             row: dict[str, Any] = {"point": result.point.index + 1, **result.point.at}
-            if FLOW_RATE in self.study.measure:  # also where no run has one
-                row |= dict.fromkeys((f"{FLOW_RATE}{end}" for end in ("", "_error", "_low", "_high")), math.nan)
+            row |= dict.fromkeys(rates, math.nan)  # also where no run has one
             for name, pooled in result.pooled.items():
                 row |= {name: pooled.value, f"{name}_error": pooled.error}
                 row |= {f"{name}_low": pooled.low, f"{name}_high": pooled.high}
@@ -239,7 +254,9 @@ class Results(Found):
             for name, one in measured.items():
                 units |= {f"{name}{end}": one.unit for end in ("", "_error", "_low", "_high")}
             rows.append({**row, "replicates": len(result.runs), "remark": result.remark})
-        made = pd.DataFrame(rows)
+        swept = dict.fromkeys(key for point in self.study.points for key in point.at)
+        empty = ["point", *swept, *rates, "replicates", "remark"]
+        made = pd.DataFrame(rows, columns=None if rows else empty)
         made.attrs = {"study": self.study.name, "units": units}
         return made
 

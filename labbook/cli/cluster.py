@@ -1,5 +1,6 @@
 """`labbook cluster`: a Dask cluster for `labbook run --cluster`."""
 
+import shutil
 import time
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -72,6 +73,9 @@ def register(app: typer.Typer) -> None:
         except ValueError as problem:
             fail(problem)
 
+        if shutil.which("sbatch") is None:
+            fail("sbatch is not installed here; give this command where jobs of Slurm can be submitted")
+
         def made():
             from dask_jobqueue.slurm import SLURMCluster  # pyright: ignore[reportMissingImports]
 
@@ -98,6 +102,7 @@ def register(app: typer.Typer) -> None:
         """Start a scheduler on the first host and workers on the others, by ssh; Ctrl-C ends them."""
 
         def made():
+            import asyncssh  # noqa: F401  # pyright: ignore[reportMissingImports]
             from distributed import SSHCluster  # pyright: ignore[reportMissingImports]
 
             options: dict[str, Any] = {"nthreads": 1, "n_workers": workers}
@@ -113,7 +118,10 @@ def _serve(made: "Callable[[], Any]") -> None:
     try:
         cluster = made()
     except ImportError as missing:
-        fail(f"Dask is not installed ({missing}); try: pip install 'labbook[cluster]'")
+        package = "asyncssh" if missing.name == "asyncssh" else "'labbook[cluster]'"
+        fail(f"{missing.name or 'Dask'} is not installed ({missing}); try: pip install {package}")
+    except (OSError, RuntimeError) as problem:
+        fail(f"the cluster does not start: {problem}")
     try:
         typer.echo(f"Scheduler: {cluster.scheduler_address}")
         typer.echo(f"In another terminal: labbook run STUDY --cluster {cluster.scheduler_address}")

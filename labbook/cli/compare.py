@@ -75,7 +75,8 @@ def register(app: typer.Typer) -> None:
         except CannotCompare as problem:
             fail(problem)
         except NoVerdict as problem:
-            fail(f"{problem}; make one: labbook compare {study} --backends {backends} --lab {lab}")
+            precise = f" --precisions {precisions}" if precisions else ""
+            fail(f"{problem}; make one: labbook compare {study} --backends {backends}{precise} --lab {lab}")
         _tell(verdict, asked, path.parent, as_json)
         for why in failed:
             say(f"Failed: {why}", err=True)

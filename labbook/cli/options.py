@@ -64,11 +64,11 @@ def told(error: Exception) -> str | None:
 _REMEDIES = {
     errno.ENOSPC: "free some disk space and give the same command again; finished runs are safe",
     errno.EDQUOT: "free some disk space and give the same command again; finished runs are safe",
-    errno.EACCES: "get permission to read and write it, or use another folder (--lab, --out)",
-    errno.EPERM: "get permission to read and write it, or use another folder (--lab, --out)",
-    errno.EROFS: "it cannot be written: use a copy of the lab, or another folder (--lab, --out)",
-    errno.ENOTDIR: "there is a file where a folder is needed: use another folder (--lab, --out), or move the file",
-    errno.EEXIST: "there is a file where a folder is needed: use another folder (--lab, --out), or move the file",
+    errno.EACCES: "get permission to read and write it, or use another folder",
+    errno.EPERM: "get permission to read and write it, or use another folder",
+    errno.EROFS: "it cannot be written: use a copy of the lab, or another folder",
+    errno.ENOTDIR: "there is a file where a folder is needed: use another folder, or move the file",
+    errno.EEXIST: "there is a file where a folder is needed: use another folder, or move the file",
     errno.EISDIR: "there is a folder where a file is needed: move the folder away",
 }
 
@@ -123,6 +123,8 @@ def results(path: Path, lab: Path, backend: str) -> "Results":
             say(f"{what}: {problem}", err=True)
         if len(problems) > _SAID:
             say(f"{what}: {len(problems) - _SAID} more", err=True)
+    if found.unreadable:
+        say(f"Make what cannot be read again: {again(path, lab, backend)}", err=True)
     if not found.points:
         fail(f"no finished run of {study.name} on {backend} in {lab} can be read; make them again: "
              f"{again(path, lab, backend)}")  # fmt: skip

@@ -32,18 +32,9 @@ def register(app: typer.Typer) -> None:
         as_json: AsJson = False,
     ) -> None:
         """List runs, the latest first, with outcome, progress and speed."""
-        from typing import get_args
-
-        from labbook.lab.catalogue import SUSPECT
-        from labbook.lab.index import UNREADABLE
-        from labbook.lab.records import Ending
-
         catalogue = existing(lab)
-        if outcome is not None and outcome not in (known := (*get_args(Ending), UNREADABLE, SUSPECT)):
-            fail(f"--outcome {outcome}: no such outcome; use one of: {', '.join(known)}")
-        made = sorted({one.study for one in catalogue.studies()} - {""})
-        if study is not None and made and study not in made:
-            fail(f"--study {study}: no run was made for a study of this name; use one of: {', '.join(made)}")
+        if absent := catalogue.absent(study, outcome):
+            fail(absent)
         if tag is None:
             found = catalogue.runs(study, outcome, limit or None)
         else:

@@ -65,15 +65,21 @@ def parse(backends: str, devices: str, precisions: str | None = None) -> Pair:
     """From `numba,warp`, `cpu,cuda:0` and `double,mixed`. Raises CannotCompare or BackendMissing."""
     names, (here, there) = _two(backends, "--backends", "numba,warp"), _two(devices, "--devices", "cpu,cuda:0")
     one, other = _precisions(precisions)
-    if (names[0], one) == (names[1], other):
-        raise CannotCompare(f"--backends: {names[0]} is compared with itself; name two backends, such as numba,warp")
+    _differ((names[0], one), (names[1], other))
     return Side(load(names[0]), here, one), Side(load(names[1]), there, other)
 
 
 def names_of(backends: str, precisions: str | None = None) -> tuple[str, str]:
     """What both sides are called, without loading a backend. Raises CannotCompare."""
-    first, second = map(called, _two(backends, "--backends", "numba,warp"), _precisions(precisions))
-    return first, second
+    one, other = zip(_two(backends, "--backends", "numba,warp"), _precisions(precisions), strict=True)
+    _differ(one, other)
+    return called(*one), called(*other)
+
+
+def _differ(one: tuple[str, Precision | None], other: tuple[str, Precision | None]) -> None:
+    if one == other:
+        remedy = "name two backends, such as numba,warp, or --precisions double,mixed"
+        raise CannotCompare(f"--backends: {one[0]} is compared with itself; {remedy}")
 
 
 def _precisions(text: str | None) -> tuple[Precision | None, Precision | None]:

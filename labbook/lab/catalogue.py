@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic import ValidationError
 from sqlalchemy import ColumnElement, Connection, Engine, Row, func, select
@@ -28,7 +28,7 @@ from labbook.lab.database import (
 )
 from labbook.lab.folder import Lab, LabError, stamp
 from labbook.lab.packings import read_packing
-from labbook.lab.records import Coverage, RunRecord, Unreadable
+from labbook.lab.records import UNREADABLE, Coverage, Ending, RunRecord, Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import suspicion
 from labbook.measure import Window
@@ -178,6 +178,16 @@ class Catalogue:
         if outcome is not None:
             query = query.where(_ended(outcome))
         return self._frame(query.limit(limit) if limit is not None else query)
+
+    def absent(self, study: str | None, outcome: str | None) -> str:
+        """Why no run can be of a study of this name, or have this outcome: what there is instead; empty if one may."""
+        outcomes = (*get_args(Ending), UNREADABLE, SUSPECT)
+        if outcome is not None and outcome not in outcomes:
+            return f"no such outcome as {outcome}; use one of: {', '.join(outcomes)}"
+        made = sorted({one.study for one in self.studies()} - {""})
+        if study is not None and made and study not in made:
+            return f"no run was first made for a study {study}; use one of: {', '.join(made)}"
+        return ""
 
     def listed(self, wanted: "Listing") -> "tuple[pd.DataFrame, int]":
         """The part of all runs that a listing asks for, with the columns of `runs` and `packing_key`; and how many runs

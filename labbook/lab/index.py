@@ -32,7 +32,7 @@ from labbook.lab.database import (
 from labbook.lab.evaluations import derive, expected, finite
 from labbook.lab.folder import Lab, LabError, folders, is_beside, make_folder, remove, stamp
 from labbook.lab.packings import PackingRecord, read_packing
-from labbook.lab.records import Observe, RunRecord, Unreadable
+from labbook.lab.records import UNREADABLE, Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
 from labbook.lab.suspect import suspicion
 
@@ -273,10 +273,6 @@ def _replace_run(connection: Connection, row: dict[str, Any], rows: list[dict[st
 def _forget(connection: Connection, key: str) -> None:
     connection.execute(delete(measurements).where(measurements.c.run_key == key))
     connection.execute(delete(runs).where(runs.c.run_key == key))
-
-
-UNREADABLE = "unreadable"
-"""Outcome, in the index, of a run whose folder cannot be read."""
 
 
 _KNOWN = ("study", "label", "seed", "backend", "cache_version", "packing_key", "lineage_key")

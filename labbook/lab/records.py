@@ -152,6 +152,8 @@ class Ledger(Part):
 
 
 Ending = Literal["finished", "precise", "emptied", "clogged", "diverged", "time-limit"]
+UNREADABLE = "unreadable"
+"""Outcome, in the index, of a run whose folder cannot be read."""
 Outcome = Annotated[
     Ending,
     BeforeValidator(lambda word: "time-limit" if word == "interrupted" else word),  # as older runs have it

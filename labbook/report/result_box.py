@@ -161,8 +161,10 @@ def _of_series(law: str, names: Sequence[str], series: Series, labelled: bool) -
     for name in names:
         if name in fit.parameters:
             shown = display.quantity(f"{law}.{name}", fit.parameters[name].unit)
-            _, value, _ = parameter_row(f"{law}.{name}", fit.parameters[name])
+            _, value, interval = parameter_row(f"{law}.{name}", fit.parameters[name])
             known = f"= {value} {shown.unit}".rstrip() if value != NOT_DETERMINED else value
+            if value != NOT_DETERMINED and "±" not in value:  # its interval is all that tells how well it is known
+                known += f" (95 %: {interval})"
             parts.append(f"{shown.name} {known}")
     text = ", ".join(parts)
     if _misses(fit):

@@ -25,7 +25,7 @@ from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
 from labbook.scene.contact import Softer
 from labbook.scene.quantities import percent, told_apart
-from labbook.study import Study
+from labbook.study import Point, Study
 from labbook.study.pilot import first_needed
 from labbook.study.problems import and_others
 from labbook.study.window import HIGH, high_until
@@ -75,6 +75,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     """Warnings about `plan`, which is forecast to take `seconds`: file, key, what, and the remedy."""
     file = plan.study.path
     points = [(point.shared, outline(point.shared)) for point in plan.points]
+    yield from _alike(plan)
     yield from _narrow(file, points)
     yield from _overfull(file, points)
     yield from _low(plan)
@@ -190,6 +191,22 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
         reason = f"{stand}, above the walls ({walls} mm)"
         remedy = f"make the container {float(f'{1.1e3 * height:.3g}'):g} mm high or more, or lower grains.count"
         yield _told(file, "container.height", reason, remedy, over, points)
+
+
+def _alike(plan: Plan) -> Iterator[str]:
+    """Points whose runs are those of another one: what differs between them changes nothing."""
+    first: dict[str, Point] = {}
+    keys: dict[str, list[str]] = {}
+    for one in plan.points:
+        if one.items:
+            point = one.shared.point
+            other = first.setdefault(one.items[0].keys.run, point)
+            for key in (key for key in point.at if point.at[key] != other.at.get(key)):
+                keys.setdefault(key, [other.label]).append(point.label)
+    for key, labels in keys.items():
+        same = ", ".join(labels[:3]) + (f" and {len(labels) - 3} more" if len(labels) > 3 else "")
+        reason = f"it changes nothing in this scene: the runs of {same} are the same, and would count as several"
+        yield _told(plan.study.path, key, reason, "leave it out, or vary a key that the runs depend on")
 
 
 def _low(plan: Plan) -> Iterator[str]:

@@ -217,6 +217,8 @@ class Runner:
                 plan = planner.plan() if self.seeds is None else planner.these(self.seeds)
             self._keep_study()
             done = [item.keys.run for item in plan.items if item.state == "done"]
+            if base is not None:  # the others are measured where they are
+                done = [key for key in done if self.lab.run(key).exists()]
             if index.derive(done, observe) and self.base is None and self.seeds is None:
                 plan = planner.plan()
             bench = Bench(self.lab, self.backend, self.device)

@@ -93,6 +93,9 @@ def _complain(
         yield Complaint(location, _MISSING, f"add it: {_rule(name, chosen)}")
     elif kind == "extra_forbidden":
         known = siblings(name, chosen)
+        if str(location[-1]).isdigit():  # 0,5 in braces is two entries
+            yield Complaint(location, "unknown key", "write decimal fractions with a point, such as 0.5")
+            return
         close = meant(str(location[-1]), known)
         foreign = habit(name, beside.get(str(location[-1])), known)
         if foreign is not None:

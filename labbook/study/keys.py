@@ -23,6 +23,7 @@ from labbook.study.schema import Fill, Settings
 NEGLIGIBLE, ENORMOUS = 1e-3, 1e3
 """Limits of a range beyond these only keep numbers finite and are not shown as limits."""
 
+_PARTS = {"accuracy.flow_rate": "3 %", "window.start": "20 %", "window.end": "60 %", "stop.discharged": "70 %"}
 EXAMPLES = {
     "m": "30 mm",
     "rad": "45 deg",
@@ -79,6 +80,8 @@ class Key:
     @property
     def example(self) -> str:
         """A quantity of the right unit."""
+        if self.name in _PARTS:
+            return _PARTS[self.name]
         return EXAMPLES.get(self.unit or "", f"1 {self.unit}")
 
 
@@ -250,7 +253,7 @@ def nearest(name: str) -> str:
     leaf = name.rpartition(".")[2]
     inside = [known for known in names if known.startswith(f"{name}.") and known.count(".") == name.count(".") + 1]
     if inside:
-        some = ", ".join(sorted(inside)[:3])
+        some = ", ".join(sorted({*inside})[:3])
         return f"{name} is a section: name one of its keys, such as {some}"
     foreign = habit(name, None, siblings(name))
     if foreign is not None and foreign.key is not None:

@@ -147,6 +147,8 @@ def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
     Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array. keys and
     `stated`, a dict of the same, together are the study. Raises StudyError with all problems that were found.
     """
+    if not isinstance(stated or {}, Mapping):
+        raise TypeError(f"a dict of keys and values is needed, and not {stated!r}; read a file with labbook.load(path)")
     return _resolved(given(stated or {}, keys))
 
 
@@ -202,12 +204,12 @@ def _unknown_keys(source: Source) -> list[Problem]:
 
 def _at_top(key: str, data: dict[str, Any]) -> str:
     """The remedy for an unknown key at the top of a study."""
-    close = meant(key, TOP_KEYS)
-    if close:
-        return f"did you mean {close}?"
     foreign = habit(key, data[key], TOP_KEYS)
     if foreign is not None:
         return foreign.remedy
+    close = meant(key, TOP_KEYS)
+    if close:
+        return f"did you mean {close}?"
     return nearest(key) if any(known.name.rpartition(".")[2] == key for known in all_keys()) else instead(key, TOP_KEYS)
 
 

@@ -145,7 +145,12 @@ class Sweep:
     def _may_vary(self, key: str, place: Location) -> bool:
         meant = find(key)
         if not meant:
-            self._problem(place, "there is no such key", nearest(key))
+            inside: Any = self._source.data
+            for part in place:
+                inside = inside[part]
+            named = [f"{key}.{name}" for name in inside if find(f"{key}.{name}")] if isinstance(inside, dict) else []
+            remedy = f"write dotted keys, such as {named[0]}: ..." if named else nearest(key)
+            self._problem(place, "there is no such key", remedy)
         elif not any(known.sweepable for known in meant):
             self._problem(place, "this key cannot vary within a study", "state it once, or write two studies")
         else:

@@ -274,10 +274,12 @@ def test_results_show_themselves(found):
 
 def test_a_lab_without_runs_says_so(tmp_path):
     lab = labbook.Lab(tmp_path / "none", "toy")
-    results = lab.results(study(tmp_path), progress=False)
+    with pytest.warns(labbook.LabWarning, match="there is no lab"):
+        results = lab.results(study(tmp_path), progress=False)
     assert "no finished run" in repr(results)
     assert "no finished run" in results._repr_html_()
     assert results.frame().empty
+    assert list(results.frame()[["container.orifice", "flow_rate"]]) == ["container.orifice", "flow_rate"]
     with pytest.raises(LookupError, match="no series"):
         results.fit("beverloo")
     assert not (tmp_path / "none").exists()
@@ -313,7 +315,18 @@ def test_the_runs_of_a_lab_are_a_frame(found):
     assert set(frame["outcome"]) == {"finished"}
     assert len(found.lab.frame(limit=5)) == 5
     assert len(found.lab.frame(found.study)) == len(found.lab.frame(found.study.name)) == 12
-    assert found.lab.frame("another").empty
+    with pytest.raises(ValueError, match="study another; use one of: toy-study"):
+        found.lab.frame("another")
+    with pytest.raises(ValueError, match="no such outcome as finishd; use one of: finished"):
+        found.lab.frame(outcome="finishd")
+
+
+@pytest.mark.parametrize("verb", ["plan", "run", "results", "pilot", "calibrate"])
+def test_a_path_in_place_of_a_study_says_how_to_read_it(tmp_path, verb):
+    with pytest.raises(TypeError, match=r"toy\.yaml'; read a file with labbook\.load"):
+        getattr(labbook.Lab(tmp_path / "lab", "toy"), verb)("toy.yaml")
+    with pytest.raises(TypeError, match=r"labbook\.load"):
+        labbook.define("toy.yaml")  # pyright: ignore[reportArgumentType]
 
 
 def failing(runner: Runner) -> labbook.Summary:

@@ -41,6 +41,11 @@ def test_the_verb_from_nothing_to_a_stale_verdict(tmp_path):
         (("--backends", "toy,nobody"), "no backend is called nobody"),
         (("--point", "9"), "has the points 1 to 2"),
         (("--precisions", "double,half"), "no precision is called half"),
+        (("--show", "--backends", "toy,toy"), "compared with itself"),
+        (
+            ("--show", "--backends", "toy,toy", "--precisions", "double,mixed"),
+            "toy,toy --precisions double,mixed",
+        ),
         (("--show", "--backends", "toy"), "two names separated by a comma"),
     ],
 )

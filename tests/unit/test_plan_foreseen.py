@@ -152,6 +152,20 @@ def test_large_runs_of_the_lab_are_forecast_at_the_speed_that_they_had(tmp_path,
     assert forecast.forecast(small, lab, "here", "cpu", 1, backend).speed > 1.5e7
 
 
+def test_points_that_are_the_same_runs_are_warned_of(tmp_path):
+    """A wall that the bed has only while it is filled, with a friction of the filling."""
+    more = ("fill: {friction: 0.01}", "points: [{walls.bottom.friction: 0.1}, {walls.bottom.friction: 0.9}]")
+    made, *_ = planned(tmp_path, orifices="[24]", more=more)
+    (told,) = (line for line in advice(made) if "changes nothing" in line)
+    assert "walls.bottom.friction" in told
+    assert "bottom 0.1" in told
+    assert "bottom 0.9" in told
+    made, *_ = planned(
+        tmp_path, orifices="[24]", more=("points: [{walls.left.friction: 0.1}, {walls.left.friction: 0.9}]",)
+    )
+    assert not any("changes nothing" in line for line in advice(made))
+
+
 def test_runs_of_the_lab_are_missed_only_where_they_would_tell_the_speed(tmp_path):
     """On a GPU they do not: others shared the device with each."""
     made, lab, backend = planned(tmp_path, count=1000)

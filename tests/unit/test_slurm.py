@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from toy_lab import ROOT, arrays, labbook, study_file
 
-from labbook.lab import Lab
+from labbook.lab import Catalogue, Lab
 from labbook.run.slurm import seconds
 
 FOLDERS = os.pathsep.join(map(str, (ROOT, ROOT / "backends", ROOT / "tests/toy")))
@@ -131,6 +131,9 @@ def test_runs_that_the_lab_has_shorter_go_on_there(tmp_path):
     ended = labbook("run", path, "--lab", tmp_path / "part", "--backend", "toy", "--base", lab)
     assert "4 continued from a checkpoint" in ended.stdout
     assert "0 packings" in ended.stdout
+    again = labbook("run", path, "--lab", tmp_path / "other", "--backend", "toy", "--base", tmp_path / "part")
+    assert "unreadable" not in again.output.lower(), "runs that are in the base only are not of this lab"
+    assert not Catalogue(Lab(tmp_path / "other")).counts()
 
 
 @pytest.mark.slow
