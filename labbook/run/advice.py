@@ -76,6 +76,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     file = plan.study.path
     points = [(point.shared, outline(point.shared)) for point in plan.points]
     yield from _alike(plan)
+    yield from _of_fillings(plan)
     yield from _narrow(file, points)
     yield from _overfull(file, points)
     yield from _low(plan)
@@ -195,18 +196,33 @@ def _overfull(file: Path, points: Sequence[tuple[PointDemand, Outline]]) -> Iter
 
 def _alike(plan: Plan) -> Iterator[str]:
     """Points whose runs are those of another one: what differs between them changes nothing."""
-    first: dict[str, Point] = {}
-    keys: dict[str, list[str]] = {}
+    alike: dict[str, list[Point]] = {}
     for one in plan.points:
         if one.items:
-            point = one.shared.point
-            other = first.setdefault(one.items[0].keys.run, point)
-            for key in (key for key in point.at if point.at[key] != other.at.get(key)):
-                keys.setdefault(key, [other.label]).append(point.label)
-    for key, labels in keys.items():
-        same = ", ".join(labels[:3]) + (f" and {len(labels) - 3} more" if len(labels) > 3 else "")
-        reason = f"it changes nothing in this scene: the runs of {same} are the same, and would count as several"
+            alike.setdefault(one.items[0].keys.run, []).append(one.shared.point)
+    told: dict[str, list[Point]] = {}
+    for points in alike.values():
+        for key in points[0].at:
+            if len({point.at.get(key) for point in points}) > 1:
+                told.setdefault(key, points)
+    for key, points in told.items():
+        same = "; ".join(point.label for point in points[:3]) + (" ..." if len(points) > 3 else "")
+        reason = f"it changes nothing here: these points are the same runs, and would count as several ({same})"
         yield _told(plan.study.path, key, reason, "leave it out, or vary a key that the runs depend on")
+
+
+def _of_fillings(plan: Plan) -> Iterator[str]:
+    """Walls that stand only while the bed is filled, and have properties that the flow will not know."""
+    found: dict[str, list[str]] = {}
+    for point in plan.points:
+        scene = point.shared.scene
+        standing = [wall.name for wall in scene.container.walls()]
+        for name in scene.walls:
+            if name != "all" and name not in standing:
+                found[name] = [other for other in standing if other.startswith(name)] or standing
+    for name, standing in found.items():
+        reason = "this wall stands only while the bed is filled: the flow does not feel it"
+        yield _told(plan.study.path, f"walls.{name}", reason, f"for the flow use {', '.join(standing)}")
 
 
 def _low(plan: Plan) -> Iterator[str]:

@@ -158,12 +158,20 @@ def test_points_that_are_the_same_runs_are_warned_of(tmp_path):
     made, *_ = planned(tmp_path, orifices="[24]", more=more)
     (told,) = (line for line in advice(made) if "changes nothing" in line)
     assert "walls.bottom.friction" in told
-    assert "bottom 0.1" in told
-    assert "bottom 0.9" in told
+    assert "walls.bottom.friction 0.1, orifice 24 mm; walls.bottom.friction 0.9, orifice 24 mm" in told
     made, *_ = planned(
         tmp_path, orifices="[24]", more=("points: [{walls.left.friction: 0.1}, {walls.left.friction: 0.9}]",)
     )
     assert not any("changes nothing" in line for line in advice(made))
+
+
+def test_walls_that_stand_only_while_filling_are_warned_of(tmp_path):
+    made, *_ = planned(tmp_path, more=("walls: {bottom: {friction: 0.1}}",))
+    (told,) = (line for line in advice(made) if "walls.bottom" in line)
+    assert "only while the bed is filled" in told
+    assert "use bottom-left, bottom-right" in told
+    made, *_ = planned(tmp_path, more=("walls: {all: {friction: 0.1}, bottom-left: {friction: 0.2}}",))
+    assert not any("walls." in line for line in advice(made))
 
 
 def test_runs_of_the_lab_are_missed_only_where_they_would_tell_the_speed(tmp_path):
