@@ -412,14 +412,14 @@ def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
         figure = Figure(figsize=(COLUMN, (66 + 26 * len(authors)) * MILLIMETRE))
         axes = figure.subplots(1 + len(authors), 1, sharex=True, height_ratios=(2.6, *[1] * len(authors)))
         for (author, factors), below, dash in zip(authors.items(), axes[1:], DASHES, strict=False):
-            for law in (law for law in laws.values() if law.author == author):
-                curve = [law.factor(a) for a in angles]
-                axes[0].plot(np.degrees(angles), curve, color=INK, linestyle=dash, label=mathtext(law.name))
+            for k, law in enumerate(law for law in laws.values() if law.author == author):
+                curve, how = [law.factor(a) for a in angles], {"linestyle": dash, "linewidth": 1.5 / (1 + k)}
+                axes[0].plot(np.degrees(angles), curve, color=INK, label=mathtext(law.name), **how)
             below.axhline(0, color=INK, linestyle=dash, linewidth=0.8, zorder=0)
             own = {id(one): factor for one, factor in zip(ratios, factors, strict=True) if factor is not None}
             judged = [one for one in ratios if id(one) in own]
             _points(below, judged, ANGLE, math.degrees, lambda one, own=own: own[id(one)])
-            below.set_ylabel(f"from {author} [%]", fontsize=6.5)
+            below.set_ylabel(f"from\n{author} [%]", fontsize=6.5)
         _points(axes[0], ratios, ANGLE, math.degrees)
         axes[-1].set_xlabel("angle of the bottom from the vertical, α [deg]")
         axes[0].set_ylabel("$W(α) / W(90°)$")

@@ -84,8 +84,8 @@ def test_positions_are_compared_with_the_outlet_in_the_middle(synthetic):
 
 def test_the_angle_factors_are_drawn_beside_them(angles):
     ax, from_brown, from_rose = figures.flow_against_angle(by_angle(angles.points)).axes
-    assert from_brown.get_ylabel() == "from Brown [%]"
-    assert from_rose.get_ylabel() == "from Rose & Tanaka [%]"
+    assert from_brown.get_ylabel() == "from\nBrown [%]"
+    assert from_rose.get_ylabel() == "from\nRose & Tanaka [%]"
     brown, rose = ax.lines[:2]
     assert heights(brown)[-1] == pytest.approx(1)
     assert heights(rose)[-1] == 1
