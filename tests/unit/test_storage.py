@@ -125,7 +125,7 @@ def test_a_lab_that_cannot_be_written_is_one_line(place, monkeypatch):
 
 @pytest.mark.parametrize(("number", "remedy"), [
     (errno.ENOSPC, "free some disk space"),
-    (errno.EACCES, "--lab, --out"),
+    (errno.EACCES, "use another folder"),
     (errno.EROFS, "copy of the lab"),
     (errno.ENOTDIR, "move the file"),
     (errno.EIO, "check the disk"),
