@@ -10,7 +10,7 @@ from labbook.measure.clipped import disc_in_rectangle
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.order import hexatic
-from labbook.measure.region import MARGIN, SMALLEST, Outlines, Region, Ring, bulk, extent_of, has_bulk, margin_of
+from labbook.measure.region import MARGIN, SMALLEST, Outlines, Region, Ring, bulk, has_bulk, margin_of
 from labbook.scene import Grains, Scene
 from labbook.scene.packing import Packing
 from labbook.stats import Measured
@@ -82,7 +82,7 @@ class PackingStructure(Measure):
         d, half = scene.grains.diameter, scene.grains.half_length
         region = bulk(scene, packing)
         where = f"bulk, {_distance(scene.grains)} from walls, bottom and surface: {region}"
-        if region.smaller_than(max(SMALLEST * d, extent_of(scene.grains))):
+        if region.smaller_than(max(SMALLEST * d, scene.grains.extent)):
             return self._too_small(scene, where)
         cells = region.cells(_CELLS)
         fractions = np.array([packing_fraction(packing, d, cell, half) for cell in cells])
@@ -112,7 +112,7 @@ def _distance(grains: Grains) -> str:
 
 
 def _extent(grains: Grains) -> str:
-    d, most = grains.diameter, extent_of(grains)
+    d, most = grains.diameter, grains.extent
     return f"{SMALLEST:g} d" if most <= SMALLEST * d else f"a rod ({most * 1e3:.4g} mm)"
 
 

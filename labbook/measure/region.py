@@ -156,14 +156,9 @@ class Ring:
         return f"r = 0 to {self.outer * 1e3:.4g} mm, z = {self.low * 1e3:.4g} to {self.high * 1e3:.4g} mm"
 
 
-def extent_of(grains: Grains) -> float:
-    """Largest dimension of a grain [m]: its diameter, or the length of a rod."""
-    return grains.extent
-
-
 def margin_of(grains: Grains) -> float:
     """Distance [m] of the bulk from walls and surface."""
-    return max(MARGIN * grains.diameter, extent_of(grains))
+    return max(MARGIN * grains.diameter, grains.extent)
 
 
 def has_bulk(scene: Scene) -> bool:
@@ -212,7 +207,7 @@ def _tops(scene: Scene, packing: Packing) -> np.ndarray:
 
 def _columns(scene: Scene, planar: bool) -> tuple[float, float]:
     """Widths [m] of columns along x and y; a layer is one column thick."""
-    width = max(_COLUMN * scene.grains.diameter, extent_of(scene.grains))
+    width = max(_COLUMN * scene.grains.diameter, scene.grains.extent)
     return width, math.inf if planar else width
 
 
