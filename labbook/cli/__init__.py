@@ -69,7 +69,7 @@ def _about(
         bool, typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True)
     ] = False,
 ) -> None:
-    pass
+    """Options of `labbook` itself, which their callbacks carry out."""
 
 
 def build() -> typer.Typer:

@@ -2,6 +2,7 @@
 
 import shutil
 import time
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -101,8 +102,10 @@ def register(app: typer.Typer) -> None:
     def ssh(hosts: Hosts, workers: Workers = 1, gpus: Gpus = 0) -> None:
         """Start a scheduler on the first host and workers on the others, by ssh; Ctrl-C ends them."""
 
+        if find_spec("asyncssh") is None:
+            fail("asyncssh is not installed; try: pip install asyncssh")
+
         def made():
-            import asyncssh  # noqa: F401  # pyright: ignore[reportMissingImports]
             from distributed import SSHCluster  # pyright: ignore[reportMissingImports]
 
             options: dict[str, Any] = {"nthreads": 1, "n_workers": workers}
@@ -118,8 +121,7 @@ def _serve(made: "Callable[[], Any]") -> None:
     try:
         cluster = made()
     except ImportError as missing:
-        package = "asyncssh" if missing.name == "asyncssh" else "'labbook[cluster]'"
-        fail(f"{missing.name or 'Dask'} is not installed ({missing}); try: pip install {package}")
+        fail(f"Dask is not installed ({missing}); try: pip install 'labbook[cluster]'")
     except (OSError, RuntimeError) as problem:
         fail(f"the cluster does not start: {problem}")
     try:

@@ -7,6 +7,7 @@ import numpy as np
 
 from labbook.fields import Grains, Grid, Layer, Ring, grains_of
 from labbook.measure.measure import MeasureError
+from labbook.measure.region import Outlines
 from labbook.scene import Bodies, ConicalSilo, CylinderSilo, Scene, WedgeHopper
 
 OMEGA = 0.5
@@ -41,8 +42,9 @@ def grains_between(scene: Scene, frames: Mapping[str, np.ndarray], begin: float,
         frames = {name: column for name, column in frames.items() if name not in ("qw", "qx", "qy", "qz")}
     if not own.varied:
         return grains_of(frames, own.mass, own.volume, begin, end)
-    each = Bodies.sized(own, 2 * np.asarray(frames["radius"]), np.asarray(frames["kind"]))
-    return grains_of(frames, each.mass, each.volume, begin, end)
+    radius, x = np.asarray(frames["radius"]), np.column_stack([frames[axis] for axis in "xyz"])
+    mass = Bodies.sized(own, 2 * radius, np.asarray(frames["kind"])).mass
+    return grains_of(frames, mass, Outlines(x, radius).volumes, begin, end)
 
 
 def bed_grid(scene: Scene, omega: float, x: np.ndarray, *, coarse: bool = False) -> Grid:

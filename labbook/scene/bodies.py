@@ -45,11 +45,6 @@ class Bodies:
         mass = np.array([one.density for one in grains.species])[kind] * math.pi / 6 * diameter**3
         return cls(diameter / 2, mass, 0.4 * mass * (diameter / 2) ** 2, kind)
 
-    @property
-    def volume(self) -> np.ndarray:
-        """Volume of each sphere [m^3]."""
-        return 4 / 3 * math.pi * self.radius**3
-
     def carried(self, grains: Grains) -> dict[str, np.ndarray | None]:
         """What a packing of these grains holds of them: `diameter` and `kind`."""
         return {

@@ -7,7 +7,7 @@ import pytest
 
 from labbook.backend.numerics import Numerics
 from labbook.measure import MEASURES, RunData
-from labbook.measure.recorded import FlowPattern, FreeFall
+from labbook.measure.recorded import FlowPattern
 from labbook.scene import CylinderSilo, HertzMindlin, Packing, Scene, Spheres
 from labbook.scene.grains import Kind
 
@@ -59,7 +59,6 @@ def test_gaps_without_flow_are_left_out_as_of_the_flow_rate():
     assert of_pattern["orifice.v_z"] == pytest.approx(-0.2, rel=1e-9)
     assert of_pattern["orifice.v_z"] == pytest.approx(of_orifice["orifice_v_z"], rel=1e-9)
     assert of_pattern["orifice.kinetic_pressure"] == pytest.approx(0, abs=1e-9)
-    assert FreeFall.version == FlowPattern.version == 2, "results of a version without this are not shown"
 
 
 def test_grains_of_a_mixture_count_by_their_own_mass_and_volume():

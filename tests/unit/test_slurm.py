@@ -13,7 +13,8 @@ import time
 from pathlib import Path
 
 import pytest
-from toy_lab import ROOT, arrays, labbook, study_file
+from toy_lab import APP, ROOT, arrays, labbook, study_file
+from typer.testing import CliRunner
 
 from labbook.lab import Catalogue, Lab
 from labbook.run.slurm import seconds
@@ -120,6 +121,20 @@ def test_tasks_and_the_import_make_the_whole_and_go_on_in_a_longer_study(tmp_pat
     assert {one.name: one.stat().st_mtime_ns for one in (lab / "runs").iterdir()}.items() >= before.items()
     labbook("run", path, "--lab", tmp_path / "whole", "--backend", "toy")
     assert files(lab) == files(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("words", "lacking", "said"),
+    [
+        (("slurm",), "labbook.cli.cluster.shutil.which", "sbatch is not installed here"),
+        (("ssh", "here", "there"), "labbook.cli.cluster.find_spec", "pip install asyncssh"),
+    ],
+)
+def test_a_cluster_says_what_is_not_installed(monkeypatch, words, lacking, said):
+    monkeypatch.setattr(lacking, lambda _: None)
+    ended = CliRunner().invoke(APP, ["cluster", *words])
+    assert ended.exit_code == 1
+    assert said in ended.output
 
 
 @pytest.mark.slow

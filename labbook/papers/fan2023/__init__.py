@@ -15,7 +15,7 @@ from labbook.papers import Draw, Paper
 from labbook.papers.fan2023 import figures, pages
 from labbook.papers.fan2023.laws import FEWEST, TERMS
 from labbook.papers.fan2023.profiles import OF_OUTLET, SHAPE, approaches, fit_along, profile_fit
-from labbook.papers.fan2023.ratios import RATIOS, Ratio, angle_laws, by_position
+from labbook.papers.fan2023.ratios import RATIOS, Ratio, angle_factors, by_position
 from labbook.report.blocks import Block, Section
 from labbook.report.tables import Table
 from labbook.results.frames import of_point
@@ -124,14 +124,14 @@ def _ratios(results: Results) -> Iterator[Row]:
             numbers = {"value": one.value, "error": one.error, "low": one.low, "high": one.high}
             row = {**of_point(one.result), "quantity": name, **numbers}
             if name.endswith("angle"):
-                yield row | {_column(law.author): law.factor(one.at) for law in angle_laws(one.result)}
+                yield row | {_column(author): factor for author, factor in angle_factors(one).items()}
             else:
                 yield row | {"s_star": one.at}
 
 
-def _column(law: str) -> str:
+def _column(author: str) -> str:
     """`rose_tanaka` of a law's author."""
-    return law.lower().replace(" & ", "_")
+    return author.lower().replace(" & ", "_")
 
 
 def _outlets(results: Results) -> Iterator[Row]:

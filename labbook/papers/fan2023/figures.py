@@ -18,7 +18,7 @@ from labbook.papers.fan2023.laws import (
     tilted,
 )
 from labbook.papers.fan2023.profiles import Curve, FittedOutlet, ProfileFit, approaches, profile_fit
-from labbook.papers.fan2023.ratios import ANGLE, GAP, RATIOS, Ratio, angle_factors, angle_laws
+from labbook.papers.fan2023.ratios import ANGLE, GAP, RATIOS, Ratio, angle_factors, angle_laws, authors
 from labbook.report.style import (
     COLOURS,
     COLUMN,
@@ -405,20 +405,19 @@ def flow_against_angle(ratios: Sequence[Ratio]) -> "Figure":
     from matplotlib.figure import Figure
 
     laws = {law.name: law for one in ratios for law in angle_laws(one.result)}
-    authors = angle_factors(ratios)
+    names = authors(ratios)
     low = min(one.at for one in ratios)
     angles = np.linspace(0.9 * low, math.pi / 2, 200)
     with house():
-        figure = Figure(figsize=(COLUMN, (66 + 26 * len(authors)) * MILLIMETRE))
-        axes = figure.subplots(1 + len(authors), 1, sharex=True, height_ratios=(2.6, *[1] * len(authors)))
-        for (author, factors), below, dash in zip(authors.items(), axes[1:], DASHES, strict=False):
+        figure = Figure(figsize=(COLUMN, (66 + 26 * len(names)) * MILLIMETRE))
+        axes = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=(2.6, *[1] * len(names)))
+        for author, below, dash in zip(names, axes[1:], DASHES, strict=False):
             for k, law in enumerate(law for law in laws.values() if law.author == author):
                 curve, how = [law.factor(a) for a in angles], {"linestyle": dash, "linewidth": 1.5 / (1 + k)}
                 axes[0].plot(np.degrees(angles), curve, color=INK, label=mathtext(law.name), **how)
             below.axhline(0, color=INK, linestyle=dash, linewidth=0.8, zorder=0)
-            own = {id(one): factor for one, factor in zip(ratios, factors, strict=True) if factor is not None}
-            judged = [one for one in ratios if id(one) in own]
-            _points(below, judged, ANGLE, math.degrees, lambda one, own=own: own[id(one)])
+            judged = [one for one in ratios if author in angle_factors(one)]
+            _points(below, judged, ANGLE, math.degrees, lambda one, author=author: angle_factors(one)[author])
             below.set_ylabel(f"from\n{author} [%]", fontsize=6.5)
         _points(axes[0], ratios, ANGLE, math.degrees)
         axes[-1].set_xlabel("angle of the bottom from the vertical, α [deg]")

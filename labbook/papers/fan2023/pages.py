@@ -8,7 +8,7 @@ import numpy as np
 from labbook.measure.outlet import CROSSINGS, DEFINITIONS
 from labbook.papers.fan2023 import figures
 from labbook.papers.fan2023.profiles import ProfileFit, approaches, profile_fit
-from labbook.papers.fan2023.ratios import Ratio, angle_factors, by_angle, by_position
+from labbook.papers.fan2023.ratios import Ratio, angle_factors, authors, by_angle, by_position
 from labbook.report.blocks import Block, Folded, Formula, Picture, Section, picture
 from labbook.report.fitted_tables import parameter_table
 from labbook.report.tables import Table
@@ -89,8 +89,8 @@ def farthest(ratios: list[Ratio]) -> str:
     if not inclined:
         return ""
     said = []
-    for name, factors in angle_factors(inclined).items():
-        judged = [(one, factor) for one, factor in zip(inclined, factors, strict=True) if factor is not None]
+    for name in authors(inclined):
+        judged = [(one, laws[name]) for one in inclined if name in (laws := angle_factors(one))]
         worst, factor = max(judged, key=lambda pair: abs(pair[0].value / pair[1] - 1))
         part, errors = percent(worst.value / factor - 1, "+.1f"), (worst.value - factor) / worst.error
         said.append(f"{name} by {part} or {errors:+.1f} standard errors at {worst.result.label}")
@@ -99,12 +99,12 @@ def farthest(ratios: list[Ratio]) -> str:
 
 def angle_table(ratios: list[Ratio]) -> Table:
     """Every ratio with its interval, and how far it lies from each angle law."""
-    laws = angle_factors(ratios)
-    rows = []
-    for k, one in enumerate(ratios):
-        cells = [cell for factors in laws.values() for cell in _apart(one, factors[k])]
+    names, rows = authors(ratios), []
+    for one in ratios:
+        laws = angle_factors(one)
+        cells = [cell for name in names for cell in _apart(one, laws.get(name))]
         rows.append((one.result.label, *_numbers(one), *cells))
-    named = [heading for name in laws for heading in (name, "difference", "in standard errors")]
+    named = [heading for name in names for heading in (name, "difference", "in standard errors")]
     return Table(("point", "W/W of the flat bottom", "95 % interval", *named), tuple(rows))
 
 

@@ -76,12 +76,14 @@ def angle_laws(result: PointResult) -> tuple[AngleLaw, ...]:
     return tuple(found)
 
 
-def angle_factors(ratios: Sequence[Ratio]) -> dict[str, list[float | None]]:
-    """What each angle law gives at each point by the friction of its own grains, by the law's name; None where it gives
-    nothing."""
-    own = [{law.author: law.factor(one.at) for law in angle_laws(one.result)} for one in ratios]
-    authors = dict.fromkeys(author for laws in own for author in laws)
-    return {author: [laws.get(author) for laws in own] for author in authors}
+def angle_factors(one: Ratio) -> dict[str, float]:
+    """What each angle law gives at a point, by the friction of its own grains; by the law's author."""
+    return {law.author: law.factor(one.at) for law in angle_laws(one.result)}
+
+
+def authors(ratios: Sequence[Ratio]) -> list[str]:
+    """Those of the angle laws that give something at some point."""
+    return list(dict.fromkeys(author for one in ratios for author in angle_factors(one)))
 
 
 def _ratios(

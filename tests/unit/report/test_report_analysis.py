@@ -11,8 +11,9 @@ from toy_results import analyse
 
 from labbook.lab import Unreadable
 from labbook.results.frames import to_json
-from labbook.results.points import redundant
+from labbook.results.points import pooled_point, redundant
 from labbook.results.reference import Comparison, agreement
+from labbook.stats import Measured
 from labbook.study.schema import Accuracy, Reference, ReferenceEntry
 
 
@@ -215,6 +216,15 @@ def test_of_keys_that_follow_from_one_another_the_scenes_own_is_kept(synthetic, 
     values = {making: (1.0, 2.0), "container.angle": (0.5, 1.5)}
     points = [replace(synthetic.point(0, 0.03), at={key: values[key][k] for key in order}) for k in (0, 1)]
     assert redundant(points) == {making}
+
+
+def test_times_without_flow_are_not_averaged_over_those_runs_alone_that_had_some(synthetic, analysis):
+    (first, *others), point = analysis.points[0].runs, analysis.points[0].point
+    gap = Measured("gap_time", 2.0, math.nan, 1, "", "", "s", "")
+    runs = (replace(first, measured={**first.measured, "gap_time": gap}), *others)
+    pooled = pooled_point(analysis.study, point, frozenset(), runs).pooled
+    assert "flow_rate" in pooled
+    assert "gap_time" not in pooled
 
 
 def test_keys_are_kept_where_neither_follows_from_the_other(synthetic):

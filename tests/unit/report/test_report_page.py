@@ -119,6 +119,11 @@ def test_the_box_has_the_numbers_of_the_analysis(analysis):
     assert "Of 3 numbers of Fan et al. 2023" in found["Fan et al. 2023"]
 
 
+def test_the_box_has_the_interval_of_a_parameter_without_a_standard_error(analysis, monkeypatch):
+    monkeypatch.setattr("labbook.report.result_box.parameter_row", lambda *_: ("", "504.9", "9.964 to 611.4"))
+    assert "k = 504.9 (95 %: 9.964 to 611.4)" in dict(result_box(analysis).rows)["Beverloo"]
+
+
 def test_the_box_names_what_clogged_and_what_diverged(synthetic):
     points = [synthetic.point(k, D) for k, D in enumerate((0.018, 0.03))]
     ends = {(0, 1): "clogged", (1, 2): "diverged"}
