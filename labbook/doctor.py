@@ -10,6 +10,7 @@ import numpy as np
 from labbook import __version__
 from labbook.backend import Backend, BackendMissing, Device, Generates, Survey, Surveys, installed, load, machine
 from labbook.backend.numerics import Numerics
+from labbook.plugins import extensions
 from labbook.run.demand import PointDemand
 from labbook.scene import LinearSpringDashpot, Plane, Primitives, Scene, Spheres, Wall
 from labbook.scene.packing import Packing
@@ -73,6 +74,7 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
     say: called with what is going on.
     """
     packages = tuple(Package(name, found, PACKAGES[name]) for name, found in machine.versions(PACKAGES).items())
+    packages += tuple(Package(name, version, "extends labbook") for name, version in extensions().items())
     backends: list[BackendHealth] = []
     versions: dict[str, dict[str, str]] = {}
     for name in sorted(installed()):

@@ -15,6 +15,18 @@ from importlib.metadata import entry_points
 from typing import Any, Generic, TypeVar
 
 _T = TypeVar("_T")
+_OWN = "labbook"
+"""The distribution that announces what is bundled, and how all groups of entry points begin."""
+
+
+def extensions() -> dict[str, str]:
+    """Name and version of every installed distribution, beside labbook's own, that announces an entry point in one of
+    labbook's groups. Their code can change numbers."""
+    entries = (
+        entry for group in entry_points().groups if group.startswith(f"{_OWN}.") for entry in entry_points(group=group)
+    )
+    found = {entry.dist.name: entry.dist.version for entry in entries if entry.dist is not None}
+    return {name: version for name, version in sorted(found.items()) if name != _OWN}
 
 
 class BrokenPlugin(Exception):

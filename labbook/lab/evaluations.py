@@ -38,8 +38,10 @@ _TOLD = "_numbers"
 _MOST = 2.0**30
 """Bytes that an evaluation may unpack to."""
 _CANNOT_WRITE = (errno.EROFS, errno.EACCES, errno.EPERM)
-_ODD = (ValueError, ArithmeticError, LookupError, TypeError)
-"""What a measure raises on a run that it was not made for: one odd run must not stop the others."""
+_NOT_OF_THE_MEASURE = (ImportError, OSError, MemoryError)
+"""What ends an evaluation for reasons of the machine: the measure is tried again later."""
+_DAMAGED = (OSError, ValueError, ArithmeticError, LookupError, TypeError)
+"""What reading a damaged file of an evaluation raises."""
 Row = Mapping[str, Any]
 
 
@@ -89,11 +91,17 @@ def evaluate(measure: Measure, window: Window, data: RunData) -> Evaluated:
 
 def _evaluated(measure: Measure, evaluation: Callable[[], Evaluation]) -> Evaluated:
     try:
-        return Evaluated(evaluation())
+        result = evaluation()
     except MeasureError as error:
         return Evaluated(Evaluation(), str(error))
-    except _ODD as error:
+    except _NOT_OF_THE_MEASURE:
+        raise
+    except Exception as error:  # of a measure from outside it can be any: other measures and runs still count
         return Evaluated(Evaluation(), f"fails: {type(error).__name__}: {error}")
+    declared = {quantity.name for quantity in measure.declared}
+    if unknown := [number.quantity for number in result.numbers if number.quantity not in declared]:
+        return Evaluated(Evaluation(), f"fails: it gives {', '.join(unknown)}, and does not declare it")
+    return Evaluated(result)
 
 
 def _once(path: Path, make: Callable[[], Evaluated]) -> Evaluated:
@@ -125,7 +133,7 @@ def _kept(path: Path) -> Evaluated | None:
         if told["of"] != _content(path.parent):
             return None
         return Evaluated(Evaluation(tuple(Measured(**one) for one in told["numbers"]), arrays), told["problem"])
-    except (OSError, *_ODD):
+    except _DAMAGED:
         return None
 
 

@@ -158,9 +158,20 @@ class RunResult:
         """Whether frames of it were recorded."""
         return self.run.recorded
 
-    def evaluation(self, measure: Measure) -> Evaluation:
-        """What a measure gave of it; nothing if it cannot be taken of this run. Raises ImportError without a package
-        that it needs."""
+    def evaluation(self, measure: Measure | str) -> Evaluation:
+        """What a measure gave of it; nothing if it cannot be taken of this run.
+
+        Args:
+            measure: the measure, or its name in `labbook.measure.MEASURES`.
+
+        Raises:
+            ImportError: a package that the measure needs is missing.
+            LookupError: no measure has this name.
+        """
+        if isinstance(measure, str):
+            if measure not in MEASURES:
+                raise LookupError(f"no measure is called {measure!r}; there are: {', '.join(MEASURES)}")
+            measure = MEASURES[measure]
         return self.run.evaluated(measure, self.window).evaluation
 
     def frames(self) -> Mapping[str, np.ndarray] | None:

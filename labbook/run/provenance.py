@@ -10,9 +10,10 @@ from typing import Any
 
 import labbook
 from labbook.backend.machine import cores, gpu, processor, versions
+from labbook.plugins import extensions
 
 PACKAGES = ("labbook", "numpy", "scipy", "numba", "llvmlite", "warp-lang", "pydantic")
-"""Packages whose versions can change a number."""
+"""Packages whose versions can change a number, beside those that extend labbook."""
 
 
 def now() -> str:
@@ -28,7 +29,7 @@ def provenance(device: str) -> dict[str, Any]:
     machine = f"{processor()}, {os.cpu_count()} cores" + (f", {card[0]}" if card else "")
     return {
         **_commit(Path(labbook.__file__).parent),
-        "packages": {name: found for name, found in versions(PACKAGES).items() if found},
+        "packages": {name: found for name, found in versions(PACKAGES).items() if found} | extensions(),
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.release()}",
         "processor": processor(),

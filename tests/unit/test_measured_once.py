@@ -11,13 +11,14 @@ import pytest
 from toy_lab import WINDOW, carry_out, labbook, study_file
 
 from labbook.lab import Catalogue, Lab
-from labbook.lab.evaluations import NotEvaluated, evaluated
+from labbook.lab.evaluations import NotEvaluated, evaluate, evaluated
 from labbook.lab.folder import EVALUATION
 from labbook.lab.runs import open_run
 from labbook.measure import MEASURES, Evaluation, MeasureError
 from labbook.measure.packing import PackingStructure
 from labbook.results.find import find
 from labbook.results.find import kept as kept_results
+from labbook.stats import Measured
 from labbook.study import load
 from labbook.study.schema import Window
 
@@ -235,3 +236,29 @@ def test_a_lab_that_cannot_be_written_to_is_read_all_the_same(made, monkeypatch,
     assert counted["flow_rate"] == 4
     assert all(point.flow_rate is not None for point in results.points)
     assert not kept(lab)
+
+
+@pytest.mark.parametrize(
+    ("give", "problem"),
+    [
+        (
+            lambda: Evaluation((Measured("half_tiem", 1.0, 0.0, 1.0, "", "", "s"),)),
+            "fails: it gives half_tiem, and does not declare it",
+        ),
+        (lambda: curt, "fails: NameError: name 'curt' is not defined"),  # noqa: F821  # pyright: ignore
+        (lambda: None.nothing, "fails: AttributeError: 'NoneType' object has no attribute 'nothing'"),  # pyright: ignore
+    ],
+)
+def test_a_fault_of_a_measure_is_told_and_ends_nothing(give, problem, monkeypatch):
+    monkeypatch.setattr(type(MEASURES["flow_rate"]), "evaluate", lambda *_: give())
+    result = evaluate(MEASURES["flow_rate"], WINDOW, None)  # pyright: ignore[reportArgumentType]
+    assert (result.problem, result.evaluation.numbers) == (problem, ())
+
+
+def test_a_measure_that_lacks_memory_is_tried_again(monkeypatch):
+    def lacks(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(type(MEASURES["flow_rate"]), "evaluate", lacks)
+    with pytest.raises(MemoryError):
+        evaluate(MEASURES["flow_rate"], WINDOW, None)  # pyright: ignore[reportArgumentType]

@@ -64,6 +64,8 @@ def test_they_go_through_every_verb(study):
     assert len(halves) == 4
     fitted = {(row["law"], row["parameter"]) for row in found["fits"]}
     assert {("straight", "S"), ("straight", "c"), ("beverloo", "k"), ("drain", "p")} <= fitted
+    for record in (study.parent / "lab/runs").glob("*/run.json"):  # says which package made its physics
+        assert json.loads(record.read_text())["sessions"][-1]["provenance"]["packages"]["silo-extras"] == "1"
     ours = {row["quantity"]: row["ours"] for row in found["reference"]}
     assert set(ours) == {"half_time", "straight.c", "drain.p", "drained.first"}
     assert None not in ours.values()
