@@ -9,6 +9,7 @@ from toy_lab import carry_out, labbook, study, study_file
 from labbook.lab import Catalogue, Lab, identity
 from labbook.lab.packings import PackingRecord
 from labbook.lab.runs import open_run
+from labbook.results.calibrating import NotCalibrated, calibrate
 from labbook.results.find import find
 from labbook.results.frames import frames
 from labbook.run.plan import Planner
@@ -74,6 +75,8 @@ def test_runs_by_an_older_version_are_stale_and_enter_no_mean_of_newer_ones(tmp_
     only_old = find(study(tmp_path, replicates=3), Catalogue(lab), "toy")
     assert only_old.stale == {WHY: 6}
     assert {len(point.runs) for point in only_old.points} == {3}
+    with pytest.raises(NotCalibrated, match="its runs are stale"):
+        calibrate("toy", only_old.points)
     shown = frames(only_old)
     assert all(shown["points"]["stale"])
     assert all(shown["runs"]["stale"])
