@@ -10,7 +10,7 @@ What a law promises is its own definition (docs/contact-laws.md):
 
 * `hertz-mindlin` and `linear`: Coulomb's friction, with normal forces that never pull. J_t = mu J_n.
 * `hertz-liggghts`: its spring is cut at mu |F_n|, also while the contact pulls: J_t = mu int |F_n| dt, which exceeds
-  mu J_n. It has to slide so fast that the spring reaches its limit within the first step: before, it counts as sticking.
+  mu J_n. It has to slide so fast that the spring reaches its limit within the first step; before that it sticks.
 * `hertz-printed`: friction is mu F_n^e, without the dashpot's part. That part is a function of the overlap times its
   rate, so that over a whole contact it adds up to nothing: J_t = mu J_n, though F_t = mu F_n holds at no instant.
 * `hertz-lammps`: spring and dashpot together are cut at mu |F_n|, but what the spring keeps is the limit less the
