@@ -24,7 +24,7 @@ from labbook.stats.pooling import student
 PATH = Path(__file__).with_name("calibration.json")
 BESIDE = ".calibration.json"
 """End of the name of the file with the calibration of a study beside that of the study, in place of .yaml."""
-KINDS = ("shape", "outlet", "law")
+KINDS = ("shape", "outlet", "law", "version")
 """Groups that have to be those of the calibration."""
 RANGES = ("friction", "restitution", "rolling", "ratio", "angle", "eccentricity", "rotation")
 """Groups that have to lie within its range, whatever the numerics are."""
@@ -80,8 +80,8 @@ class Effects:
     mixed: tuple[float, float] | None = None
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        """Shape, outlet and law."""
+    def kinds(self) -> tuple[str | int, ...]:
+        """Shape, outlet, law and its version."""
         return tuple(getattr(self.here, name) for name in KINDS)
 
     @property
@@ -113,7 +113,7 @@ class Effects:
 
 @dataclass(frozen=True)
 class Alike:
-    """Effects in scenes of one shape, outlet and law."""
+    """Effects in scenes of one shape, outlet, law and version of it."""
 
     effects: tuple[Effects, ...]
     rounded: tuple[tuple[float, float], ...] = ()
@@ -142,8 +142,12 @@ class Alike:
     def misfits(self, here: Groups, names: tuple[str, ...]) -> Iterator[str]:
         """What of a scene was not measured: one phrase for each group of `names` and each kind."""
         for name, known in zip(KINDS, self.effects[0].kinds, strict=True):
-            if getattr(here, name) != known:
-                yield f"{_TITLES[name]} {getattr(here, name)}, calibrated: {known}"
+            if (mine := getattr(here, name)) == known:
+                continue
+            if name != "version":
+                yield f"{_TITLES[name]} {mine}, calibrated: {known}"
+            elif here.law == self.effects[0].here.law:
+                yield f"the law {here.law} has version {mine}, calibrated: version {known}"
         for name in names:
             low, high = self.range(name)
             if not low * (1 - 1e-6) <= getattr(here, name) <= high * (1 + 1e-6):
@@ -215,7 +219,7 @@ def calibration(effects: Iterable[Effects]) -> Calibration:
     scenes: dict[tuple[str | float, ...], Effects] = {}
     for one in effects:
         scenes[one.scene] = together(scenes[one.scene], one) if one.scene in scenes else one
-    kinds: dict[tuple[str, ...], list[Effects]] = defaultdict(list)
+    kinds: dict[tuple[str | int, ...], list[Effects]] = defaultdict(list)
     for one in scenes.values():
         kinds[one.kinds].append(one)
     return Calibration(tuple(Alike(tuple(some)) for some in kinds.values()))
@@ -303,7 +307,7 @@ def write(path: Path, effects: Iterable[Effects]) -> None:
     """Write a calibration file. Raises OSError."""
     entries = [
         {
-            "scene": asdict(one.here),
+            "scene": {name: value for name, value in asdict(one.here).items() if name != "version" or value > 1},
             "slopes": one.slopes,
             "covariance": [[None if math.isinf(v) else v for v in row] for row in one.covariance],
             "freedom": one.freedom,

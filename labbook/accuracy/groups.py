@@ -15,8 +15,8 @@ class Groups:
     `overlap`: of two grains under the pressure of the bed, in d; `step`: the time step over the duration of a
     collision. The rest says which calibration holds: `shape` of the grains, `outlet` (slot or hole), `law` of contact,
     `friction`, `restitution`, `rolling` (friction), `ratio`, the orifice over d, `angle` of the bottom from the
-    vertical [deg], `eccentricity` of the outlet, from 0 in the middle to 1 at a wall, and `rotation` of the bottom,
-    f sqrt(d/g).
+    vertical [deg], `eccentricity` of the outlet, from 0 in the middle to 1 at a wall, `rotation` of the bottom,
+    f sqrt(d/g), and `version` of the law.
     """
 
     overlap: float
@@ -31,6 +31,7 @@ class Groups:
     angle: float = 90.0
     eccentricity: float = 0.0
     rotation: float = 0.0
+    version: int = 1
 
 
 def has_groups(scene: Scene) -> bool:
@@ -73,4 +74,5 @@ def groups(scene: Scene, dt: float, stiffness_scale: float) -> Groups | None:
         angle=round(math.degrees(getattr(container, "angle", math.pi / 2)), 6),
         eccentricity=2 * abs(getattr(container, "eccentricity", 0.0)) / aside if aside else 0.0,
         rotation=getattr(container, "rotation", 0.0) * math.sqrt(d / scene.gravity),
+        version=scene.contact.version,
     )

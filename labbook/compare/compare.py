@@ -15,6 +15,7 @@ from labbook.lab.evaluations import numbers
 from labbook.lab.folder import Lab, stamp
 from labbook.lab.records import Observe
 from labbook.measure import MEASURES
+from labbook.run.demand import PointDemand
 from labbook.run.plan import Planner, PointPlan
 from labbook.run.provenance import now
 from labbook.run.runner import Runner, Summary
@@ -135,15 +136,27 @@ def stale(verdict: Verdict, study: Study) -> list[str]:
     reasons += [f"{name} was at version {was} and is now at {now}" for name, was, now in versions if was != now]
     if reasons:
         return reasons
-    seeds, now = range(1, verdict.replicates + 1), set()
+    now, before = set(), dict[tuple[tuple[str, ...], ...], str]()
     try:
         for point in study.points:
-            both = zip(sides, from_shared(study, point, (sides[0], sides[1])), strict=True)
-            now.add(tuple(tuple(shared.run(seed).keys(one.can).run for seed in seeds) for one, shared in both))
+            both = list(zip(sides, from_shared(study, point, (sides[0], sides[1])), strict=True))
+            now.add(_run_keys(both, verdict.replicates))
+            for outdated, scenes in both[0][1].older:
+                before[_run_keys(both, verdict.replicates, scenes)] = outdated
     except CannotCompare as problem:
         return [str(problem)]
-    changed = [point.label or "its point" for point in verdict.points if point.runs not in now]
-    return [f"the study has changed at {'; '.join(changed)}"] if changed else []
+    outdated = dict.fromkeys(before[point.runs] for point in verdict.points if point.runs in before)
+    missed = [point for point in verdict.points if point.runs not in now and point.runs not in before]
+    changed = [point.label or "its point" for point in missed]
+    return [*outdated, *([f"the study has changed at {'; '.join(changed)}"] if changed else [])]
+
+
+def _run_keys(
+    both: Sequence[tuple[Side, PointDemand]], replicates: int, scenes: tuple[str, str] | None = None
+) -> tuple[tuple[str, ...], ...]:
+    """Keys of the runs of a point on both sides; `scenes`: see `Demand.keys`."""
+    seeds = range(1, replicates + 1)
+    return tuple(tuple(shared.run(seed).keys(one.can, scenes).run for seed in seeds) for one, shared in both)
 
 
 def _run(study: Study, lab: Lab, pair: Pair, watcher: Watcher) -> list[Summary]:

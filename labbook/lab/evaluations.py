@@ -147,12 +147,14 @@ def _content(folder: Path) -> str:
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A run that covers what a study asks. `entry`: what the index knows of it."""
+    """A run that covers what a study asks. `entry`: what the index knows of it; `outdated`: what has changed of its law
+    and walls since it was made, empty if nothing."""
 
     point: Point
     seed: int
     folder: Path
     entry: Entry
+    outdated: str = ""
 
     @cached_property
     def record(self) -> RunRecord:

@@ -3,31 +3,72 @@
 A scene counts by its grains, its law, its walls (shape, motion and complete surface) and gravity, not by how
 a study spells them: two containers that amount to the same walls are one scene. Stop rules, probes, guards,
 threads, slots and devices are no part of any key; they are coverage or provenance.
+
+Formulas of laws and walls count by their `version`, where that is above 1. What is stored says by which versions it was
+made, so that its keys can be checked when a law or a wall has a newer one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from operator import attrgetter
 from typing import Any
 
 from labbook.backend import Capabilities
 from labbook.backend.numerics import Numerics
-from labbook.scene import ContactLaw, Scene, Surface, Wall
+from labbook.scene import CONTACT_LAWS, ContactLaw, Scene, Surface, Wall
 from labbook.scene.material import OwnMaterial
 from labbook.scene.model import Model, Text, canonical, digest, once
-from labbook.scene.walls import Frustum, Plane, Strip, SurfaceMotion, WallShape
+from labbook.scene.walls import WALL_SHAPES, Frustum, Plane, Strip, SurfaceMotion, WallShape
 
 _GUARDS = ("speed_limit", "overlap_limit")
+_LAW, _WALL = "law ", "wall "
+
+Versions = Mapping[str, int]
+"""Versions of formulas that are above 1, by `law NAME` and `wall KIND`."""
 
 
-def scene_key(scene: Scene) -> str:
-    """Key of what is simulated: grains, law, walls, motion, gravity, feed."""
-    return digest(scene_identity(scene))
+def versions(scene: Scene) -> dict[str, int]:
+    """Versions, as installed, of the law and of the walls of a scene."""
+    law, found = scene.contact, dict[str, int]()
+    if law.version > 1:
+        found[_LAW + law.law] = law.version
+    shapes = {type(wall.shape): wall.shape.kind for wall in scene.container.walls()}
+    return found | {_WALL + kind: shape.version for shape, kind in shapes.items() if shape.version > 1}
 
 
-def scene_identity(scene: Scene) -> dict[str, Any]:
+def older(now: Versions) -> Iterator[Versions]:
+    """All that these versions may have been before, the newest first."""
+    for each in product(*(range(version, 0, -1) for version in now.values())):
+        made = {name: version for name, version in zip(now, each, strict=True) if version > 1}
+        if made != now:
+            yield made
+
+
+def outdated(made: Versions, now: Versions) -> str:
+    """What has changed since something was made by the versions `made`: `law hertz-mindlin version 1, now 2: sliding
+    contacts carry mu F_n`; empty if nothing."""
+    return "; ".join(_changed(name, was, now[name]) for name in now if (was := made.get(name, 1)) != now[name])
+
+
+def _changed(name: str, was: int, now: int) -> str:
+    known = CONTACT_LAWS if name.startswith(_LAW) else WALL_SHAPES
+    changes = known[name.removeprefix(_LAW).removeprefix(_WALL)].changes
+    what = "; ".join(changes[version] for version in range(was + 1, now + 1) if version in changes)
+    return f"{name} version {was}, now {now}{what and f': {what}'}"
+
+
+def scene_key(scene: Scene, made: Versions | None = None) -> str:
+    """Key of what is simulated: grains, law, walls, motion, gravity, feed. `made`: versions of law and walls; None: as
+    installed."""
+    return digest(scene_identity(scene, made))
+
+
+def scene_identity(scene: Scene, made: Versions | None = None) -> dict[str, Any]:
     """What `scene_key` hashes. A law's friction, rolling friction and restitution are kept: they act between
     grains. Parts that many scenes have in common are canonical JSON already."""
+    made = versions(scene) if made is None else made
+    law = made.get(_LAW + scene.contact.law, 1)
     container, kinds = scene.container, range(len(scene.grains.kinds))
     grains: Any = _text(scene.grains)
     contact: dict[str, Any] = {}
@@ -37,17 +78,17 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
         grains = {**scene.grains.model_dump(mode="json"), "kinds": stated}
     walls: Any
     if scene.has_own_stiffness:
-        walls, sorts = _walls(scene), range(len(scene.grains.species))
+        walls, sorts = _walls(scene, made), range(len(scene.grains.species))
         pairs = [[_stiffness(scene.law_between(a, b), scene.contact) for b in sorts] for a in sorts]
         contact |= {"stiffness": pairs} if any(map(any, pairs)) else {}
         for entry, wall in zip(walls, container.walls(), strict=True):
             if any(own := [_stiffness(scene.law(wall, kind), scene.contact) for kind in sorts]):
                 entry["stiffness"] = own
     else:
-        walls = _written_walls(scene)
+        walls = _written_walls(scene, made)
     return {
         "grains": grains,
-        "contact": {**_dumped(scene.contact), **contact} if contact else _law(scene.contact),
+        "contact": {**_dumped(scene.contact, law), **contact} if contact else _law(scene.contact, law),
         "walls": walls,
         "outlet_plane": scene.outlet,
         "gravity": scene.gravity,
@@ -55,13 +96,22 @@ def scene_identity(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _walls(scene: Scene) -> list[dict[str, Any]]:
+def _walls(scene: Scene, made: Versions) -> list[dict[str, Any]]:
     """The walls of a scene, each with its surface."""
     by_kind = bool(scene.grains.kinds)
     return [
-        _wall(wall.name, wall.shape.model_dump(mode="json"), wall.motion, _surfaces(scene, wall), by_kind)
+        _wall(wall.name, _shape(wall.shape, made), wall.motion, _surfaces(scene, wall), by_kind)
         for wall in scene.container.walls()
     ]
+
+
+def _shape(shape: WallShape, made: Versions) -> dict[str, Any]:
+    return shape.model_dump(mode="json") | _version(made.get(_WALL + shape.kind, 1))
+
+
+def _version(version: int) -> dict[str, int]:
+    """As a law or a wall has it beside its parameters."""
+    return {"version": version} if version > 1 else {}
 
 
 def _wall(
@@ -86,12 +136,13 @@ _PLACES: dict[type[WallShape], Callable[[Any], tuple[tuple[float, ...], ...]]] =
 _SLOT = Text("\0")  # JSON has no such character
 
 
-def _written_walls(scene: Scene) -> Text:
+def _written_walls(scene: Scene, made: Versions) -> Text:
     """`_walls` as canonical JSON. Of the containers of a study only the numbers of walls differ: the text around these
     is made once."""
     walls = scene.container.walls()
-    if not all([type(wall.shape) in _PLACES for wall in walls]):  # of another package
-        return canonical(_walls(scene))
+    plain = all([type(wall.shape) in _PLACES for wall in walls])  # not of another package
+    if not plain or any(name.startswith(_WALL) for name in made):
+        return canonical(_walls(scene, made))
     blank = tuple([(wall.name, type(wall.shape), wall.motion) for wall in walls])
     if scene.walls:
         surfaces = tuple([_surfaces(scene, wall) for wall in walls])
@@ -125,13 +176,13 @@ def _text(part: Model) -> Text:
 
 
 @once(256)
-def _law(contact: ContactLaw) -> Text:
-    return canonical(_dumped(contact))
+def _law(contact: ContactLaw, version: int) -> Text:
+    return canonical(_dumped(contact, version))
 
 
-def _dumped(contact: ContactLaw) -> dict[str, Any]:
+def _dumped(contact: ContactLaw, version: int) -> dict[str, Any]:
     """A law without the pairs that it states, which count as what they come to."""
-    return contact.model_dump(mode="json", exclude={"between"})
+    return contact.model_dump(mode="json", exclude={"between"}) | _version(version)
 
 
 def _stiffness(law: ContactLaw, contact: ContactLaw) -> dict[str, Any]:
@@ -176,7 +227,7 @@ class Keys:
     """Scene and packing: two backends with the same one ran the same experiment."""
     run: str
     lineage: str
-    """As `run`, whatever the backend's version: what a stale run and its replacement have in common."""
+    """As `run`, whatever the backend's version: what a run that it made stale and its replacement have in common."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.folder import stamp
 from labbook.lab.identity import Filling
-from labbook.lab.records import Ledger, Measure, Record, StoredBackend, Unreadable, Whole
+from labbook.lab.records import Ledger, Measure, Record, StoredBackend, StoredVersions, Unreadable, Whole
 from labbook.lab.tables import MOST, read_table
 from labbook.scene import Bodies, Scene, Spheres
 from labbook.scene.packing import Packing
@@ -37,6 +37,8 @@ class PackingRecord(Record):
     cache_version: Whole
     scene: Scene
     """The closed scene, with the friction of the filling."""
+    versions: StoredVersions = Field(default_factory=dict)
+    """By which it was computed."""
     filling: Filling
     numerics: Numerics
     grains: Whole
@@ -110,7 +112,7 @@ def _only_just_written(folder: Path) -> bool:
 def _read(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
     record = PackingRecord.read(folder, key)
     path = folder / PackingRecord.FILE
-    if identity.scene_key(record.scene) != record.closed_key:
+    if identity.scene_key(record.scene, record.versions) != record.closed_key:
         raise Unreadable(f"{path}: closed_key: it does not match the scene")
     whose = identity.packing_key(
         record.closed_key, record.filling, record.numerics, record.backend, record.cache_version

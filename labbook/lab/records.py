@@ -27,6 +27,11 @@ Whole = Annotated[int, Field(ge=0, lt=2**63)]
 Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 """A time, a length or a fraction."""
 RunKey = Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
+StoredVersions = Annotated[
+    dict[str, Annotated[int, Field(gt=1, lt=2**31)]], Field(exclude_if=lambda versions: not versions)
+]
+"""Versions of the law and the walls of a scene that are above 1 (`labbook.lab.identity.Versions`); absent where none
+is, as of all runs and packings from before there were any."""
 StoredBackend = Annotated[str, Field(validation_alias="engine", serialization_alias="engine")]
 """Name of a backend; files have it under the key `engine`."""
 LONGEST = 2**26
@@ -300,6 +305,8 @@ class RunRecord(Record):
     at: dict[str, float | str]
     seed: Whole
     scene: Scene
+    versions: StoredVersions = Field(default_factory=dict)
+    """By which the scene was computed."""
     numerics: Numerics
     outcome: Outcome
     coverage: Coverage

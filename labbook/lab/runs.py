@@ -156,7 +156,7 @@ def fault_of_crossings(table: Mapping[str, np.ndarray], crossed: int, last: floa
 def check_keys(folder: Path, record: RunRecord) -> None:
     """Whether the keys are those of what is recorded. Raises Unreadable."""
     whose = {
-        "scene_key": identity.scene_key(record.scene),
+        "scene_key": identity.scene_key(record.scene, record.versions),
         "experiment_key": identity.experiment_key(record.scene_key, record.packing_key),
         "run_key": identity.run_key(record.experiment_key, record.numerics, record.backend, record.cache_version),
     }

@@ -180,6 +180,7 @@ def _misses(fit: FitResult) -> bool:
 def concerns(results: Results) -> list[str]:
     """What a reader must know before quoting a number, in plain sentences; nothing if all is as asked."""
     study, points, sentences = results.study, results.points, []
+    sentences += _stale(results)
     if results.missing:
         extra = redundant(study.points)
         names = [display.label(point.at, extra) for point in results.missing]
@@ -223,6 +224,16 @@ def concerns(results: Results) -> list[str]:
             f"window.until in {study.path.name}."
         )
     return list(dict.fromkeys(filter(None, (no_number(results), *sentences))))
+
+
+def _stale(results: Results) -> list[str]:
+    """Why runs are stale, a sentence for each reason."""
+    total = sum(len(one.runs) for one in results.points)
+    return [
+        f"{n} of {_count(total, 'run')} {'is' if n == 1 else 'are'} stale: {why}. labbook run makes "
+        f"{'it' if n == 1 else 'them'} again."
+        for why, n in results.stale.items()
+    ]
 
 
 def no_number(results: Results) -> str:

@@ -107,7 +107,9 @@ def calibrate(name: str, points: Sequence[PointResult]) -> tuple[Calibrated, ...
 
 
 def _scene(points: Sequence[PointResult], source: str) -> Calibrated:
-    """Of one scene with several numerics. Raises ValueError for too few runs."""
+    """Of one scene with several numerics. Raises ValueError for too few runs, or for those by an older law."""
+    if outdated := next((run.outdated for one in points for run in one.runs if run.outdated), ""):
+        raise ValueError(f"its runs are stale ({outdated}); labbook run makes them again")
     numerics = {one.point.index: flow_and_filling(one.point) for one in points}
     slopes = regress([run for one in points for run in _observed(one, *numerics[one.point.index])])
     known = [group for pair in numerics.values() for group in pair]

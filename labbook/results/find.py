@@ -7,7 +7,7 @@ from functools import partial
 from labbook.backend import BackendMissing, load
 from labbook.fit import LAWS
 from labbook.lab import Catalogue, evaluations
-from labbook.lab.evaluations import FinishedRun, NotEvaluated, Numbers, ReadOnlyRun
+from labbook.lab.evaluations import NotEvaluated, Numbers, ReadOnlyRun
 from labbook.lab.records import Observe
 from labbook.lab.suspect import counts
 from labbook.results.numerical import numerical
@@ -17,8 +17,7 @@ from labbook.results.reference import compare
 from labbook.results.series import series_of
 from labbook.results.statements import judge
 from labbook.results.study import Results
-from labbook.run.coverage import finished, unreadable
-from labbook.run.demand import Demand
+from labbook.run.coverage import Asked, finished, unreadable
 from labbook.study import Study
 
 
@@ -68,11 +67,11 @@ def find(
     runs, lost = finished(catalogue, study, backend), unreadable(catalogue, study, backend)
     observe = Observe.of(study.measure, study.window)
     results = results_of(study, runs, evaluations.numbers(catalogue, runs, observe, progress), lost)
-    return replace(results, stale=_stale(runs, backend))
+    return replace(results, installed=_installed(backend))
 
 
 def kept(
-    study: Study, catalogue: Catalogue, backend: str, asked: Mapping[str, Sequence[Demand]] | None = None
+    study: Study, catalogue: Catalogue, backend: str, asked: Mapping[str, Sequence[Asked]] | None = None
 ) -> Results:
     """The same for those who only look: nothing is evaluated, and no folder is looked at.
 
@@ -90,13 +89,12 @@ def kept(
         lacking |= {problem.run_key: None}
         plain = replace(study, fit=tuple(law for law in study.fit if law in LAWS), reference=None)
         results = replace(results_of(plain, runs, found, lost), study=study)
-    return replace(results, stale=_stale(runs, backend), unevaluated=tuple(lacking))
+    return replace(results, installed=_installed(backend), unevaluated=tuple(lacking))
 
 
-def _stale(runs: Sequence[FinishedRun], backend: str) -> frozenset[int]:
-    """Versions of runs other than the one installed; none where the backend is not: a lab may be read anywhere."""
+def _installed(backend: str) -> tuple[str, int] | None:
+    """Name and version of a backend; None where it is not installed: a lab may be read anywhere."""
     try:
-        installed = load(backend).capabilities.cache_version
+        return backend, load(backend).capabilities.cache_version
     except BackendMissing:
-        return frozenset()
-    return frozenset({run.cache_version for run in runs} - {installed})
+        return None

@@ -52,7 +52,7 @@ def frames(
     | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
 
     Papers add theirs (`labbook.papers`). What rests on several points names them (`points`, counted from 1); `stale`:
-    runs of another version of the backend than the one installed are among them.
+    runs of another version of the backend than the one installed, or of an older one of the law, are among them.
     """
     import pandas as pd
 
@@ -126,7 +126,7 @@ def _runs(results: Results) -> Iterator[Row]:
             head = {**of_point(result), "seed": run.seed, "run_key": run.run_key, "outcome": run.outcome}
             head |= {"suspect": run.suspect}
             for measured in run.measured.values():
-                yield {**head, **vars(measured), "stale": run.cache_version in results.stale}
+                yield {**head, **vars(measured), "stale": bool(results.stale_because(run))}
 
 
 def _points(results: Results) -> Iterator[Row]:
@@ -153,7 +153,7 @@ def _points(results: Results) -> Iterator[Row]:
                 "trending": result.trending,
                 "precise": result.precise,
                 "remark": result.remark,
-                "stale": any(run.cache_version in results.stale for run in result.runs),
+                "stale": any(map(results.stale_because, result.runs)),
             }
 
 
@@ -231,7 +231,7 @@ def _bands(results: Results) -> Iterator[Row]:
 def _resting(results: Results, points: Sequence[PointResult]) -> Row:
     """The points that a number rests on, and whether runs of theirs are stale."""
     numbers = sorted(result.point.index + 1 for result in points)
-    stale = any(run.cache_version in results.stale for result in points for run in result.runs)
+    stale = any(results.stale_because(run) for result in points for run in result.runs)
     return {"points": ", ".join(map(str, numbers)), "stale": stale}
 
 

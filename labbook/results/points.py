@@ -75,6 +75,11 @@ class Finished(Protocol):
     @property
     def backend(self) -> str: ...
     @property
+    def outdated(self) -> str:
+        """What has changed of its law and walls since it was made; empty if nothing."""
+        ...
+
+    @property
     def cache_version(self) -> int: ...
     @property
     def device(self) -> str: ...
@@ -142,6 +147,11 @@ class RunResult:
     def cache_version(self) -> int:
         """Version of that backend."""
         return self.run.cache_version
+
+    @property
+    def outdated(self) -> str:
+        """What has changed of its law and walls since it was made; empty if nothing."""
+        return self.run.outdated
 
     @property
     def device(self) -> str:

@@ -1,9 +1,11 @@
 """Results of a study: points, series with fits, and the comparison with a reference."""
 
+from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 
 from labbook.results.numerical import Numerical
-from labbook.results.points import PointResult
+from labbook.results.points import PointResult, RunResult
 from labbook.results.reference import Comparison
 from labbook.results.series import Series
 from labbook.results.statements import Judged
@@ -31,8 +33,21 @@ class Results:
     """Points that differ in numerics only."""
     unevaluated: tuple[str, ...] = ()
     """Keys of runs that are not fully evaluated, if nothing is evaluated now (`find.kept`)."""
-    stale: frozenset[int] = frozenset()
-    """Other versions of the backend with runs in these results: `labbook run` would make those runs again."""
+    installed: tuple[str, int] | None = None
+    """Backend and version of it with which stale runs would be made again; None if it is not installed here."""
+
+    @cached_property
+    def stale(self) -> Counter[str]:
+        """How many runs are stale, by reason: `labbook run` would make them again."""
+        every = (run for result in self.points for run in result.runs)
+        return Counter(why for run in every if (why := self.stale_because(run)))
+
+    def stale_because(self, run: RunResult) -> str:
+        """Why a run of these results is stale; empty if it is not."""
+        if run.outdated or self.installed is None or self.installed[1] == run.cache_version:
+            return run.outdated
+        name, version = self.installed
+        return f"made by version {run.cache_version} of {name}, now at version {version}"
 
     @property
     def source(self) -> str:

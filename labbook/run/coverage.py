@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
@@ -51,11 +52,22 @@ def shortfall(
     )
 
 
-def asked(study: Study, backend: str) -> Mapping[str, Sequence[Demand]]:
+class Asked(NamedTuple):
+    """A run that a study may have. `age`: 0 of one by the laws and walls as installed, more of older versions;
+    `outdated`: what has changed since."""
+
+    demand: Demand
+    age: int = 0
+    outdated: str = ""
+
+
+def asked(study: Study, backend: str) -> Mapping[str, Sequence[Asked]]:
     """All runs that a study may have on `backend`, by lineage: points that come to the same scene share theirs."""
-    found: dict[str, list[Demand]] = defaultdict(list)
+    found: dict[str, list[Asked]] = defaultdict(list)
     for demand in demands(study, stopping_rule(study).cap):
-        found[demand.lineage(backend)].append(demand)
+        found[demand.lineage(backend)].append(Asked(demand))
+        for age, (lineage, outdated) in enumerate(demand.older_lineages(backend), 1):
+            found[lineage].append(Asked(demand, age, outdated))
     return found
 
 
@@ -63,33 +75,34 @@ def finished(
     catalogue: Catalogue,
     study: Study,
     backend: str,
-    known: Mapping[str, Sequence[Demand]] | None = None,
+    known: Mapping[str, Sequence[Asked]] | None = None,
     kind: type[FinishedRun] = FinishedRun,
 ) -> list[FinishedRun]:
     """Runs of `study` on `backend` that cover its stop rule and measures, by point and seed.
 
-    Replicates beyond the minimum count too. The runs of one point are all of one version of the backend, the
-    newest that has any: what several versions computed is never pooled. `known`: what `asked` gives, where it is
-    known already; `kind`: what is made of each run.
+    Replicates beyond the minimum count too. The runs of one point are all of one version of its law and walls and of
+    one version of the backend, the newest that has any: what several versions computed is never pooled. `known`: what
+    `asked` gives, where it is known already; `kind`: what is made of each run.
     """
     wanted = asked(study, backend) if known is None else known
-    found: list[tuple[Demand, Entry]] = []
+    found: list[tuple[Asked, Entry]] = []
     for entry in catalogue.entries(lineages=wanted):
         if entry.coverage is None:
             continue
-        for demand in wanted[entry.lineage_key]:
-            shared = demand.shared
-            if not shortfall(entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names):
-                found.append((demand, entry))
-    newest: dict[int, int] = {}
-    for demand, entry in found:
-        newest[demand.point.index] = max(entry.cache_version, newest.get(demand.point.index, entry.cache_version))
-    found.sort(key=lambda pair: (pair[0].point.index, pair[0].seed))
+        for one in wanted[entry.lineage_key]:
+            shared = one.demand.shared
+            if not shortfall(entry.outcome, entry.coverage, shared.stop, one.demand.guards, shared.probe_names):
+                found.append((one, entry))
+    newest: dict[int, tuple[int, int]] = {}
+    for one, entry in found:
+        made, point = (-one.age, entry.cache_version), one.demand.point.index
+        newest[point] = max(made, newest.get(point, made))
+    found.sort(key=lambda pair: (pair[0].demand.point.index, pair[0].demand.seed))
     lab = catalogue.lab
     return [
-        kind(demand.point, demand.seed, lab.run(entry.run_key), entry)
-        for demand, entry in found
-        if entry.cache_version == newest[demand.point.index]
+        kind(one.demand.point, one.demand.seed, lab.run(entry.run_key), entry, one.outdated)
+        for one, entry in found
+        if (-one.age, entry.cache_version) == newest[one.demand.point.index]
     ]
 
 

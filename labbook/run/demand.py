@@ -11,7 +11,7 @@ from labbook.backend.numerics import Numerics, Precision
 from labbook.backend.probes import Crossing, Probe, Sample, describe_probe, film_probe, table_name
 from labbook.filling import bed, placing
 from labbook.lab import identity
-from labbook.lab.identity import Filling, Keys, Maker
+from labbook.lab.identity import Filling, Keys, Maker, Versions
 from labbook.lab.records import Precise, StopRule
 from labbook.measure import MEASURES
 from labbook.scene import Scene
@@ -48,6 +48,8 @@ class PointDemand:
     """What is foreseen of its runs (`labbook.run.forecast`), once that was asked for."""
     _scene_key: str = field(default="", init=False, repr=False)
     _closed_key: str = field(default="", init=False, repr=False)
+    _versions: Versions = field(default_factory=dict, init=False, repr=False)
+    _older: tuple[tuple[str, tuple[str, str]], ...] | None = field(default=None, init=False, repr=False)
     _probes: tuple[Probe, ...] | None = field(default=None, init=False, repr=False)
 
     @property
@@ -90,8 +92,28 @@ class PointDemand:
     def identify(self, closed: Scene | None = None) -> None:
         """Make the keys of both scenes, if there are none yet; `closed`: the closed one, if it is at hand."""
         if not self._scene_key:
-            self._closed_key = identity.scene_key(closed or self.closed)
+            closed = closed or self.closed
+            self._closed_key = identity.scene_key(closed)
             self._scene_key = identity.scene_key(self.scene)
+            self._versions = _same_versions(tuple((identity.versions(closed) | identity.versions(self.scene)).items()))
+
+    @property
+    def versions(self) -> Versions:
+        """Versions of the laws and walls of both scenes, as installed."""
+        self.identify()
+        return self._versions
+
+    @property
+    def older(self) -> tuple[tuple[str, tuple[str, str]], ...]:
+        """What has changed since each older version of laws and walls, the newest first, and the keys of the open and
+        of the closed scene by that version."""
+        if self._older is None:
+            closed, now = self.closed if self.versions else self.scene, self.versions
+            self._older = tuple(
+                (identity.outdated(made, now), (identity.scene_key(self.scene, made), identity.scene_key(closed, made)))
+                for made in identity.older(now)
+            )
+        return self._older
 
     @property
     def probes(self) -> tuple[Probe, ...]:
@@ -167,6 +189,11 @@ def _same(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
 
 
 @lru_cache(maxsize=1024)
+def _same_versions(found: tuple[tuple[str, int], ...]) -> Versions:
+    return dict(found)
+
+
+@lru_cache(maxsize=1024)
 def _names(probes: tuple[Probe, ...]) -> frozenset[str]:
     return frozenset(map(describe_probe, probes))
 
@@ -227,10 +254,11 @@ class Demand:
         """The guards of its numerics."""
         return identity.guards(self.shared.numerics)
 
-    def keys(self, backend: Capabilities) -> Keys:
-        """Identities of this run on `backend`."""
+    def keys(self, backend: Capabilities, scenes: tuple[str, str] | None = None) -> Keys:
+        """Identities of this run on `backend`; `scenes` as for `lineage`."""
         s = self.shared
-        return identity.run_keys(s.scene_key, s.closed_key, self.filling, s.numerics, backend, s.maker(backend))
+        opened, closed = scenes or (s.scene_key, s.closed_key)
+        return identity.run_keys(opened, closed, self.filling, s.numerics, backend, s.maker(backend))
 
     def run_key(self, backend: str, version: int) -> str:
         """Key of this run on one version of the backend called `backend`."""
@@ -241,11 +269,18 @@ class Demand:
         packing = identity.packing_key(s.closed_key, self.filling, s.filled_by, *made)
         return identity.run_key(identity.experiment_key(s.scene_key, packing), s.numerics, backend, version)
 
-    def lineage(self, backend: str) -> str:
-        """Identity of this run on any version of the backend called `backend`."""
+    def lineage(self, backend: str, scenes: tuple[str, str] | None = None) -> str:
+        """Identity of this run on any version of the backend called `backend`. `scenes`: keys of the open and of the
+        closed scene, if not by laws and walls as installed."""
         s = self.shared
+        opened, closed = scenes or (s.scene_key, s.closed_key)
         made = backend if s.packings_of is None else s.packings_of.backend.name
-        return identity.lineage_from(s.scene_key, s.closed_key, self.filling, s.filled_by, made, s.numerics, backend)
+        return identity.lineage_from(opened, closed, self.filling, s.filled_by, made, s.numerics, backend)
+
+    def older_lineages(self, backend: str) -> Iterator[tuple[str, str]]:
+        """Lineages of this run by older versions of laws and walls, the newest first, and what has changed since."""
+        for outdated, scenes in self.shared.older:
+            yield self.lineage(backend, scenes), outdated
 
 
 def demands(study: Study, seeds: int) -> Iterator[Demand]:

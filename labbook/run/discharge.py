@@ -25,6 +25,7 @@ from labbook.backend.probes import (
 )
 from labbook.filling import Feeder, PlacingError, opened
 from labbook.filling.bed import bed_height, parts_of_mass
+from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Claim
 from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows, run_rows
@@ -367,6 +368,7 @@ class DischargeJob(Job):
                 "at": dict(demand.point.at),
                 "seed": demand.seed,
                 "scene": self.scene,
+                "versions": identity.versions(self.scene),
                 "numerics": self.numerics,
                 "outcome": verdict,
                 "coverage": coverage,

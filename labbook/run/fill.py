@@ -11,6 +11,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.filling import PlacingError, place
 from labbook.filling.bed import at_rest
+from labbook.lab import identity
 from labbook.lab.folder import Claim
 from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows, packing_row
@@ -167,6 +168,7 @@ class FillJob(Job):
             backend=capabilities.name,
             cache_version=capabilities.cache_version,
             scene=self.scene,
+            versions=identity.versions(self.scene),
             filling=self.demand.filling,
             numerics=self.numerics,
             grains=self.scene.grains.count,

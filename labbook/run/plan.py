@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 State = Literal["done", "missing", "partial", "stale"]
-"""`partial`: begun, or covers less than is asked. `stale`: made by another version of the backend."""
+"""`partial`: begun, or covers less than is asked. `stale`: made by another version of the backend, or by an older
+one of the law or of a wall."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -244,6 +245,8 @@ class Planner:
         self._extends = True
         self._there: dict[str, Entry] = {}
         self._older: dict[str, Entry] = {}
+        self._outdated: dict[str, str] = {}
+        """By lineage: what has changed of laws and walls since a run was made."""
 
     def plan(self) -> Plan:
         """The whole study. Raises Conflict or MeasureError where observations cannot be made."""
@@ -329,12 +332,28 @@ class Planner:
     def _look_up(self, asked: Iterable[tuple[Demand, Keys]]) -> Listed | None:
         """Ask the catalogue for runs. What the lab has besides is listed where they are many, and looked for one by one
         (None) where they are few."""
+        asked = list(asked)
         keys = [keys for _, keys in asked]
         for entry in self.catalogue.entries([one.run for one in keys], [one.lineage for one in keys]):
             self._there[entry.run_key] = entry
             if entry.coverage is not None and entry.cache_version != self.backend.cache_version:
                 self._older[entry.lineage_key] = entry
+        self._look_up_outdated(asked)
         return Listed.of(self.catalogue.lab) if len(keys) > _FEW else None
+
+    def _look_up_outdated(self, asked: Iterable[tuple[Demand, Keys]]) -> None:
+        """Ask the catalogue, of runs that are not there, for those by older versions of laws and walls."""
+        lacking = [pair for pair in asked if pair[0].shared.versions and pair[1].run not in self._there]
+        if not lacking or not self.catalogue.counts():
+            return
+        known: dict[str, tuple[str, str]] = {}
+        for demand, keys in lacking:
+            for lineage, outdated in demand.older_lineages(self.backend.name):
+                known.setdefault(lineage, (keys.lineage, outdated))
+        there = {one.lineage_key for one in self.catalogue.entries((), known) if one.coverage is not None}
+        for lineage, (now, outdated) in known.items():
+            if lineage in there:
+                self._outdated.setdefault(now, outdated)
 
     def _item(self, demand: Demand, keys: Keys, listed: Listed | None) -> Item:
         entry = self._there.get(keys.run)
@@ -364,6 +383,8 @@ class Planner:
             if older:
                 was, name = older.cache_version, self.backend.name
                 return "stale", f"made by version {was} of {name}, now at version {self.backend.cache_version}"
+            if outdated := self._outdated.get(keys.lineage):
+                return "stale", outdated
             why = self._failed(keys.packing) if listed is None or keys.packing in listed.work else ""
             return "missing", f"its packing failed: {why}" if why else "not run yet"
         if entry.coverage is None:

@@ -118,6 +118,10 @@ class ContactLaw(Model, ABC):
     """The module of its formulas, as kernels take them; see `labbook_dem.laws`."""
     usual_step: ClassVar[str]
     """The time step where a study states none: a part of a time scale."""
+    version: ClassVar[int] = 1
+    """Raised whenever its formulas change what a run gives: runs and packings made by an older one are then stale."""
+    changes: ClassVar[Mapping[int, str]] = {}
+    """What a version changed, in a few words, which `plan` shows."""
 
     if TYPE_CHECKING:  # a field of each law, which stands in stored records where it always stood
         law: str
@@ -306,11 +310,13 @@ class Hertz(ContactLaw, ABC):
 class HertzMindlin(Hertz):
     """Hertz normal force with Mindlin's friction spring (Fan et al. 2023, eqs 6-8).
 
-    The normal force never pulls. The spring is cut where its force reaches mu F_n^e; then spring and dashpot together
-    are cut at mu F_n.
+    The normal force never pulls. A contact that sticks has Mindlin's spring and a dashpot, together at most mu F_n. The
+    spring is cut where its force reaches mu F_n^e; there the contact slides and friction is mu F_n.
     """
 
     physics: ClassVar[str] = "labbook_dem.laws.hertz_mindlin"
+    version: ClassVar[int] = 2
+    changes: ClassVar[Mapping[int, str]] = {2: "sliding contacts carry mu F_n"}
 
     law: Literal["hertz-mindlin"] = "hertz-mindlin"
 

@@ -6,7 +6,7 @@ middle between its front and back walls y = 0.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
@@ -26,6 +26,10 @@ class WallShape(Model, ABC):
 
     physics: ClassVar[str]
     """The module of its formulas, as kernels take them; see `labbook_dem.walls`."""
+    version: ClassVar[int] = 1
+    """Raised whenever its formulas change what a run gives: runs and packings made by an older one are then stale."""
+    changes: ClassVar[Mapping[int, str]] = {}
+    """What a version changed, in a few words, which `plan` shows."""
     if TYPE_CHECKING:  # a field of each shape
         kind: str
         """Its name."""

@@ -180,12 +180,13 @@ class Law:
     def friction(self, overlap: float, vn: float, s: float, vt: float, damped: float) -> float:
         """Tangential force [N]; damped: part of the dashpot that acts, if the law has one only while it sticks."""
         if self._mindlin:
-            return self._mindlins(overlap, vn, s, vt)
+            return self._mindlins(overlap, vn, s, vt, slides=damped == 0)
         k, dashpot = self.tangential(overlap)
         return -k * s - (damped if self.grips else 1.0) * dashpot * vt
 
-    def _mindlins(self, overlap: float, vn: float, s: float, vt: float) -> float:
-        """mu F_n^e (1 - u^{3/2}), u = 1 - s/s_max, and a dashpot of C_t sqrt(6 m* K_t sqrt(u))."""
+    def _mindlins(self, overlap: float, vn: float, s: float, vt: float, slides: bool) -> float:
+        """mu F_n^e (1 - u^{3/2}), u = 1 - s/s_max, and a dashpot of C_t sqrt(6 m* K_t sqrt(u)); where labbook's own law
+        slides it is mu F_n."""
         assert isinstance(self.law, Hertz)
         mu, overlap = self.surface.friction, max(overlap, 0.0)
         farthest = mu * self._ratio * overlap
@@ -199,7 +200,7 @@ class Law:
         if self.law.law == "hertz-printed":
             return force
         most = mu * self.normal(overlap, vn)
-        return min(max(force, -most), most)
+        return -math.copysign(most, s) if slides else min(max(force, -most), most)
 
     def first(self, vn: float, vt: float, duration: float) -> tuple[Regime, float, float]:
         """How a contact begins: regime, side to which it slides, and spring [m].

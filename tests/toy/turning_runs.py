@@ -32,6 +32,7 @@ class Run:
     filmed: bool = False
     every: float = 0.04
     cache_version: int = 1
+    outdated: str = ""
     backend: str = "double"
     device: str = "cpu"
 

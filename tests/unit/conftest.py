@@ -126,6 +126,7 @@ class FinishedDouble:
     outcome: str = "emptied"
     recorded: bool = False
     cache_version: int = 1
+    outdated: str = ""
     backend: str = "double"
     device: str = "cpu"
     suspect: str = ""

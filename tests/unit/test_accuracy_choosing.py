@@ -1,5 +1,6 @@
 """Numerics for a requested error: groups, regression, calibration and choice."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +38,7 @@ SCENE = Scene(
     contact=LAW,
     container=WedgeHopper(width=0.1, height=0.4, thickness=3.03e-3, orifice=0.03),
 )
-LARGEST = Groups(0.02, 0.06, "sphere", "slot", "hertz-mindlin", 0.5, 0.2, 0.01, 10.0)
+LARGEST = Groups(0.02, 0.06, "sphere", "slot", "hertz-mindlin", 0.5, 0.2, 0.01, 10.0, version=LAW.version)
 EXACT = ((0.0,) * 3,) * 3
 
 
@@ -260,6 +261,21 @@ def test_other_bottoms_than_those_that_were_measured_need_a_pilot(changed, said)
         choose(other, other.close(), 0.01, calibration=known())
     tilted = calibration([scene(angle=angle, eccentricity=e) for angle, e in ((45.0, 0.0), (90.0, 1.0))])
     assert choose(other, other.close(), 0.01, calibration=tilted).dt > 0
+
+
+def test_what_was_measured_by_another_version_of_the_law_does_not_count(tmp_path):
+    why = "^the law hertz-mindlin has version 2, calibrated: version 1$"
+    for older in (calibration([scene(version=1, ratio=ratio) for ratio in (10.0, 15.0)]), shipped()):
+        with pytest.raises(NotMeasured, match=why):
+            choose(SCENE, SCENE.close(), 0.01, calibration=older)
+        with pytest.raises(OutOfRange, match=why):
+            bias_of(SCENE, Numerics(dt=1e-6), Numerics(dt=1e-6), older)
+    both = calibration([scene(ratio=10.0), scene(ratio=10.0, version=1, slopes=(9.0, 0.0, 0.0))])
+    assert [one.effects[0].slopes[0] for one in both.known] == [0.5, 9.0], "they are never taken together"
+    write(tmp_path / "own.json", [scene(), scene(version=1)])
+    stored = json.loads((tmp_path / "own.json").read_text())["effects"]
+    assert [one["scene"].get("version") for one in stored] == [2, None], "of version 1 files have always been without"
+    assert [one.here.version for alike in load(tmp_path / "own.json").known[:2] for one in alike.effects] == [2, 1]
 
 
 def test_a_rotating_bottom_is_told_from_one_at_rest():

@@ -69,7 +69,7 @@ def test_a_calibration_finds_what_was_put_into_the_runs(synthetic):
     errors = np.sqrt(np.diag(found.slopes.covariance))[:2]
     assert np.all(np.abs(found.slopes.values[:2] - wanted) < 4 * errors)
     assert np.all(errors < 0.1 * wanted)
-    assert found.effects.kinds == ("sphere", "slot", "hertz-mindlin")
+    assert found.effects.kinds == ("sphere", "slot", "hertz-mindlin", 2)
     assert len(found.changes) == 5
     assert found.changes[4].change == pytest.approx(math.log(rates[4] / rates[0]), abs=1e-3)
     with pytest.raises(NotCalibrated, match="too few"):

@@ -12,6 +12,7 @@ from labbook.compare.sides import CannotCompare, Side, parse
 from labbook.compare.verdict import NoVerdict, Verdict, path_of
 from labbook.lab import Lab
 from labbook.measure import MEASURES
+from labbook.scene import HertzMindlin
 
 BIAS = 0.07
 
@@ -131,6 +132,10 @@ def test_a_device_that_is_not_there_is_said_before_anything_runs(tmp_path):
 def test_a_verdict_is_stale_when_what_it_rests_on_has_changed(equals, tmp_path, monkeypatch):
     asked, _, verdict = equals
     assert stale(verdict, asked) == []
+    with monkeypatch.context() as later:
+        later.setattr(HertzMindlin, "version", 3)
+        later.setattr(HertzMindlin, "changes", {3: "springs rest"})
+        assert stale(verdict, asked) == ["law hertz-mindlin version 2, now 3: springs rest"]
     monkeypatch.setenv("LABBOOK_TWIN_VERSION", "2")
     assert stale(verdict, asked) == ["twin was at version 1 and is now at 2"]
     monkeypatch.delenv("LABBOOK_TWIN_VERSION")

@@ -66,7 +66,8 @@ def test_a_surface_with_something_left_open_is_no_surface(given):
 
 
 def printed(delta, vn, s, vt, mu=0.5, nu=0.25):
-    """Fan's eqs 6 and 7 as printed, with the elastic part and the damping apart, and the limits of spec and text."""
+    """Fan's eqs 6 and 7 as printed, with the elastic part and the damping apart, and at most Coulomb's friction; a
+    contact that slides has exactly that."""
     e_star, c_n = 1e8 / (1 - nu), hertz_mindlin.coefficients(FAN, SURFACE)[1]
     elastic = 4 / 3 * e_star * math.sqrt(RS) * delta**1.5
     fn = max(elastic - c_n * math.sqrt(8 * MS * e_star * math.sqrt(RS * delta)) * vn, 0.0)
@@ -75,7 +76,7 @@ def printed(delta, vn, s, vt, mu=0.5, nu=0.25):
     spring = mu * elastic * (1 - (1 - part) ** 1.5)
     damping = c_n * math.sqrt(6 * mu * MS * elastic * math.sqrt(1 - part) / s_max) * vt
     ft = -(spring + damping)
-    return fn, math.copysign(min(abs(ft), mu * fn), ft)
+    return fn, -mu * fn if s >= s_max else math.copysign(min(abs(ft), mu * fn), ft)
 
 
 @pytest.mark.parametrize("delta", [1e-7, 3e-6])
@@ -91,6 +92,31 @@ def test_hertz_mindlin_is_the_printed_law(delta, vn, part, vt):
     assert ft.x == pytest.approx(expected[1], rel=1e-9, abs=1e-15)
     assert (ft.y, ft.z) == (0, 0)
     assert kept.x == pytest.approx(min(s, 0.5 * 7 / 6 * delta), rel=1e-12)
+
+
+@pytest.mark.parametrize("vn", [-0.3, 0.0, 0.02])
+@pytest.mark.parametrize("vt", [-0.4, 0.0, 0.4])
+def test_a_sliding_contact_has_coulomb_s_friction_whatever_the_normal_dashpot_does(vn, vt):
+    """|F_t| = mu F_n with the total normal force, which exceeds F_n^e while grains approach; opposite to the spring."""
+    c = hertz_mindlin.coefficients(FAN, SURFACE)
+    delta = 2e-6
+    elastic = hertz_mindlin.normal(c, RS, MS, delta, 0.0)
+    fn, ft, kept = hertz_mindlin.respond(c, RS, MS, delta, vn, vec3(3e-6, -4e-6, 0), vec3(vt, 0.1, 0))
+    assert (fn > elastic) == (vn < 0)
+    assert (ft.x, ft.y, ft.z) == pytest.approx((-0.6 * 0.5 * fn, 0.8 * 0.5 * fn, 0), rel=1e-12)
+    assert math.hypot(kept.x, kept.y) == pytest.approx(0.5 * 7 / 6 * delta, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("vn", "spring", "mu"),
+    [(5.0, 3e-6, 0.5), (-0.3, 0.0, 0.5), (-0.3, 0.0, 0.0), (-0.3, 3e-6, 0.0)],
+    ids=["no normal force", "no spring", "neither spring nor friction", "no friction"],
+)
+def test_a_contact_without_force_or_spring_or_friction_has_no_tangential_force(vn, spring, mu):
+    c = hertz_mindlin.coefficients(FAN, SURFACE.changed(SurfaceChange(friction=mu)))
+    _, ft, kept = hertz_mindlin.respond(c, RS, MS, 2e-6, vn, vec3(spring, 0, 0), vec3(0, 0, 0))
+    assert (ft.x, ft.y, ft.z) == (0, 0, 0)
+    assert kept.x == pytest.approx(min(spring, mu * 7 / 6 * 2e-6), abs=1e-15)
 
 
 def test_tangential_stiffness_at_first_is_mindlin_s():

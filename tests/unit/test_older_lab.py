@@ -18,6 +18,7 @@ from labbook.lab.packings import PackingRecord
 from labbook.lab.records import RunRecord
 from labbook.lab.runs import open_run
 from labbook.lab.tables import read_checkpoint, write_checkpoint
+from labbook.scene import HertzMindlin
 
 OLDER = Path(__file__).parents[1] / "toy/older_lab"
 (RUN,) = (OLDER / "runs").iterdir()
@@ -36,7 +37,8 @@ def test_what_is_read_is_written_with_the_same_bytes(kind, path):
 def test_keys_come_out_as_they_were():
     record, made = RunRecord.read(RUN), PackingRecord.read(PACKING)
     assert record.backend == made.backend == json.loads((RUN / "run.json").read_text())["engine"] == "toy"
-    scene, closed = identity.scene_key(record.scene), identity.scene_key(made.scene)
+    assert record.versions == made.versions == {}, "as of all that was made before laws had versions"
+    scene, closed = (identity.scene_key(one.scene, one.versions) for one in (record, made))
     assert (scene, closed) == (record.scene_key, made.closed_key)
     packing = identity.packing_key(closed, made.filling, made.numerics, made.backend, made.cache_version)
     assert packing == PACKING.name == record.packing_key
@@ -54,7 +56,9 @@ def test_a_checkpoint_names_its_backend_where_it_always_did(tmp_path):
         assert str(stored["_meta"]) == '{"engine": "toy", "cache_version": 1}'
 
 
-def test_nothing_is_run_again(tmp_path):
+def test_nothing_is_run_again(tmp_path, monkeypatch):
+    """As long as the contact law is that of the lab."""
+    monkeypatch.setattr(HertzMindlin, "version", 1)
     lab = tmp_path / "lab"
     shutil.copytree(OLDER, lab)
     study = study_file(tmp_path, count=30, orifices="[24]", replicates=1)
@@ -66,3 +70,21 @@ def test_nothing_is_run_again(tmp_path):
     assert (row["run_key"], row["backend"], row["outcome"]) == (RUN.name, "toy", "finished")
     shown = labbook("compare", study, "--backends", "toy,twin", "--show", "--lab", lab, "--json", check=False)
     assert [cost["backend"] for cost in json.loads(shown.stdout)["costs"]] == ["toy", "twin"]
+
+
+def test_runs_by_an_older_version_of_the_law_are_stale_and_stay(tmp_path):
+    """The older lab was made by version 1 of hertz-mindlin, in which sliding contacts carried too little friction."""
+    lab = tmp_path / "lab"
+    shutil.copytree(OLDER, lab)
+    study = study_file(tmp_path, count=30, orifices="[24]", replicates=1)
+    labbook("reindex", "--lab", lab)
+    why = "law hertz-mindlin version 1, now 2: sliding contacts carry mu F_n"
+    (item,) = json.loads(labbook("plan", study, "--lab", lab, "--backend", "toy", "--json").stdout)["runs"]
+    assert (item["state"], item["reason"]) == ("stale", why)
+    assert f"1 of 1 run is stale: {why}." in labbook("fit", study, "--lab", lab, "--backend", "toy").stdout
+    assert "1 of 1 runs done" in labbook("run", study, "--lab", lab, "--backend", "toy").stdout
+    assert "stale" not in labbook("fit", study, "--lab", lab, "--backend", "toy").stdout
+    (made,) = {folder.name for folder in (lab / "runs").iterdir()} - {RUN.name}
+    assert RunRecord.read(lab / "runs" / made).versions == {"law hertz-mindlin": 2}
+    assert RunRecord.read(lab / "runs" / made).lineage_key != RunRecord.read(RUN).lineage_key
+    assert open_run(lab / "runs" / RUN.name)[0] == RunRecord.read(RUN)

@@ -25,7 +25,7 @@ IN_ONE = {
     "unlike-materials-hertz-mindlin",
     "unlike-materials-linear",
     # of three laws no other case is in this shape; test_dem_laws and the other two are in both
-    *(f"impacts-{law}" for law in EVERY_LAW),
+    *(f"{case}-{law}" for law in EVERY_LAW for case in ("impacts", "sliding")),
     # of the walls at others: turntable-round; the hopper and rim-without-slip; rods of the contract
     "turntable",
     "edge-roll-off",
@@ -69,7 +69,7 @@ LONG_ON = {
         *("rest-on-incline", "incline-slip", "rolling-round-a-cylinder", "gas-energy-linear", "energy-cycle-linear"),
         *("edge-roll-off", "edge-without-slip", "rim-roll-off", "rim-without-slip"),
         *("rod-landing", "rod-over-rim", "rod-on-turntable", "rod-on-turning-rim"),
-        *(f"impacts-{law}" for law in EVERY_LAW),
+        *(f"{case}-{law}" for law in EVERY_LAW for case in ("impacts", "sliding")),
     },
     "reference": {
         *("rod-without-length", "turning-rim-impact", "energy-cycle-hertz-mindlin", "energy-cycle-linear"),

@@ -138,7 +138,7 @@ def test_results_are_old_only_while_a_study_runs(copied, monkeypatch):
     stamp = path.stat()
     labbook("run", copied / "toy.yaml", "--lab", copied / "lab", "--backend", "toy", LABBOOK_TOY_VERSION="2")
     assert path.stat().st_mtime_ns == stamp.st_mtime_ns
-    assert shelf.found(STUDY, "toy").results.stale == frozenset()
+    assert shelf.found(STUDY, "toy").results.stale == {}
     going.clear()
     assert shelf.found(STUDY, "toy").state
     assert {run.cache_version for one in shelf.found(STUDY, "toy").results.points for run in one.runs} == {2}

@@ -21,8 +21,7 @@ from labbook.lab.catalogue import StudyCount
 from labbook.lab.notes import Note
 from labbook.results.find import kept
 from labbook.results.study import Results
-from labbook.run.coverage import asked
-from labbook.run.demand import Demand
+from labbook.run.coverage import Asked, asked
 from labbook.run.live import Running, running
 from labbook.study import Study, StudyError, load
 
@@ -224,7 +223,7 @@ class Shelf:
         """Processes that run studies in this lab now."""
         return running(self.lab)
 
-    def _demands(self, path: Path, study: Study, backend: str) -> Mapping[str, Sequence[Demand]]:
+    def _demands(self, path: Path, study: Study, backend: str) -> Mapping[str, Sequence[Asked]]:
         return self._asked.get((path, backend), _stamps(path), lambda: asked(study, backend))
 
     def _files(self) -> dict[str, Path]:

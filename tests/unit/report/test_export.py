@@ -97,7 +97,7 @@ def test_what_rests_on_several_points_names_them_and_is_stale_with_them(syntheti
     entries = (ReferenceEntry("flow_rate", {"container.orifice": 0.02}, 0.05), ReferenceEntry("beverloo.k", {}, 1.5))
     stated = (Statement("flow_rate", {"container.orifice": 0.03}, 0.0, 1.0, "it flows", "kg/s"),)
     found = analyse(synthetic.study_of(points, reference=Reference("a paper", entries, stated)), runs)
-    made = frames(replace(found, stale=frozenset({2})))
+    made = frames(replace(found, installed=("double", 3)))
     assert made["fits"][["points", "stale"]].drop_duplicates().values.tolist() == [["1, 2, 3, 4", True]]
     assert made["series"][["points", "stale"]].values.tolist() == [["1, 2, 3, 4", True]]
     assert made["statements"][["points", "stale"]].values.tolist() == [["2", True]]

@@ -34,6 +34,7 @@ class Double:
     ended: str = "2026-01-02T03:04:05+00:00"
     recorded: bool = False
     cache_version: int = 1
+    outdated: str = ""
     backend: str = "double"
     device: str = "cpu"
 

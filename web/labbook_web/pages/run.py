@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from labbook.backend import BackendMissing, load
-from labbook.lab import LabError, RunRecord, Unreadable
+from labbook.lab import LabError, RunRecord, Unreadable, identity
 from labbook.lab.catalogue import Entry, Listing
 from labbook.lab.evaluations import NotEvaluated, ReadOnlyRun
 from labbook.lab.folder import EVALUATION, PICTURE, stamp
@@ -148,6 +148,8 @@ def _ledger(folder: Path, entry: Entry, record: RunRecord) -> dict[str, Any] | N
 
 def _stale(record: RunRecord) -> str:
     """Why `labbook run` would make the run again; empty if it would not."""
+    if outdated := identity.outdated(record.versions, identity.versions(record.scene)):
+        return outdated
     try:
         installed = load(record.backend).capabilities.cache_version
     except BackendMissing:
