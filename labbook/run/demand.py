@@ -58,7 +58,8 @@ class PointDemand:
     @property
     def closed(self) -> Scene:
         """The scene of its filling; made when it is asked for, since keeping it takes more memory than all the rest."""
-        return self.scene.close(self.point.fill.friction, self.point.fill.contact)
+        fill = self.point.fill
+        return self.scene.close(fill.friction, fill.contact, fill.surface_motion)
 
     @property
     def numerics(self) -> Numerics:
