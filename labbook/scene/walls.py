@@ -40,9 +40,10 @@ class WallShape(Model, ABC):
         return None
 
     @property
-    def ground(self) -> float | None:
-        """z [m] of its lowest point that grains can stand on; None of walls without one, such as vertical planes."""
-        return min((end[1] for line in self.section() for end in line), default=None)
+    def ground(self) -> float:
+        """z [m] of the lowest place at which it can hold a grain up: infinite of walls that hold none, such as vertical
+        planes, -infinite where that is unknown or unbounded."""
+        return min((end[1] for line in self.section() for end in line), default=-math.inf)
 
     def section(self) -> tuple[Segment, ...]:
         """The lines (x, z) [m] in which the plane y = 0 cuts plates; nothing of walls that are no plates."""
@@ -87,9 +88,11 @@ class Plane(WallShape):
         return _normal_speed(motion, self.normal)
 
     @property
-    def ground(self) -> float | None:
-        """Its height, if it is a floor."""
-        return self.point[2] if self.normal[:2] == (0, 0) and self.normal[2] > 0 else None
+    def ground(self) -> float:
+        """As of any wall: an inclined plane has no end."""
+        if self.normal[2] <= 0:
+            return math.inf
+        return self.point[2] if self.normal[:2] == (0, 0) else -math.inf
 
 
 class Strip(WallShape):
