@@ -23,7 +23,8 @@ from labbook.study.schema import Stop
 
 
 class Conflict(Exception):
-    """A study asks for observations that cannot be made in one run; the message says which."""
+    """A study asks for observations that cannot be made in one run, or for a container that cannot do what it is said
+    to; the message says which."""
 
 
 @dataclass(frozen=True)
