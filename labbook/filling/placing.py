@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from labbook.filling.placed import Placed
-from labbook.filling.room import Full, PlacingError, Room, first_come
+from labbook.filling.room import DENSEST, JAMMED, Full, PlacingError, Room, first_come
 from labbook.plugins import Registry
 from labbook.scene import Box, Container, Scene, Spheres, Spherocylinders, WedgeHopper
 from labbook.scene.model import Fault
@@ -87,7 +87,8 @@ class Column(Start):
         if isinstance(grains, Spheres) and grains.varied:
             diameter, sort = assort(grains, self.version, seed)
         solid, placed, highest = grains.count * grains.volume, 0, room.bottom
-        for top in room.tops(self.volume(closed), solid):
+        equal = diameter is None and isinstance(grains, Spheres)
+        for top in room.tops(self.volume(closed), solid, JAMMED if equal else DENSEST):
             rng = np.random.default_rng([self.version, seed])
             try:
                 if diameter is None:
