@@ -43,7 +43,8 @@ class Leak:
     @property
     def place(self) -> str:
         """`at`, in words."""
-        return "x, y, z = {:.3g}, {:.3g}, {:.3g} mm".format(*(1e3 * value + 0.0 for value in self.at))
+        x, y, z = (1e3 * value if abs(value) > 1e-6 * self.spacing else 0.0 for value in self.at)
+        return f"x, y, z = {x:.3g}, {y:.3g}, {z:.3g} mm"
 
 
 @once(256)
