@@ -16,9 +16,11 @@ def scene(*parts, count=300, outlet=None) -> Scene:
 
 
 def slot():
-    sides = (((0, -0.5 * D), (0, 1)), ((0, 0.5 * D), (0, -1)), ((-12 * D, 0), (1, 0)), ((12 * D, 0), (-1, 0)))
-    for k, (point, normal) in enumerate(sides):
-        yield Wall(name=f"side-{k}", shape=Plane(point=(*point, 0), normal=(*normal, 0)))
+    sides = (("y", -0.5, 1), ("y", 0.5, -1), ("x", -12, 1), ("x", 12, -1))
+    for k, (axis, at, sense) in enumerate(sides):
+        x, y = axis == "x", axis == "y"
+        shape = Plane(point=(x * at * D, y * at * D, 0), normal=(x * sense, y * sense, 0))
+        yield Wall(name=f"side-{k}", shape=shape)
     yield Wall(name="a", shape=Strip(start=(-12 * D, 0), end=(-4 * D, 0)))
     yield Wall(name="lid", shape=Strip(start=(-4 * D, 0), end=(4 * D, 0)), opens="start")
     yield Wall(name="b", shape=Strip(start=(4 * D, 0), end=(12 * D, 0)))
