@@ -35,6 +35,17 @@ def at_rest(scene: Scene, packing: Packing, below: float, moving: float) -> bool
     return len(still) - int(still.sum()) <= allowed
 
 
+def astray(closed: Scene, packing: Packing) -> np.ndarray:
+    """Which grains of a packing, made in the scene `closed`, are outside the container, shape [n]: behind a wall, below
+    the plane of its outlet, or below all that could hold them up."""
+    container = closed.container
+    lowest = min((wall.shape.ground for wall in container.walls()), default=math.inf)
+    floors = [-math.inf if lowest == math.inf else lowest]
+    if container.outlet_plane is not None:
+        floors.append(container.outlet_plane)
+    return ~container.holds(packing.x) | (packing.x[:, 2] < max(floors))
+
+
 def parts_of_mass(grains: Grains, packing: Packing) -> np.ndarray:
     """Of the mass of all grains, the part that each is, by id."""
     mass = Bodies.of(grains, packing).mass

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from labbook.filling.placed import Placed
-from labbook.filling.room import PlacingError, Room, first_come, full
+from labbook.filling.room import DENSEST, JAMMED, Full, PlacingError, Room, first_come
 from labbook.plugins import Registry
 from labbook.scene import Box, Container, Scene, Spheres, Spherocylinders, WedgeHopper
 from labbook.scene.model import Fault
@@ -82,16 +82,24 @@ class Column(Start):
             raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
         for fault in self.obstacles(closed):
             raise PlacingError(f"{fault.key}: {fault.reason}; {fault.remedy}")
-        rng = np.random.default_rng([self.version, seed])
         room = Room(closed, grains.radius * APART, self.flat)
-        top = room.height_for(self.volume(closed))
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
             diameter, sort = assort(grains, self.version, seed)
-        if diameter is None:
-            x, q = _place_equal(closed, rng, room, top)
+        solid, placed, highest = grains.count * grains.volume, 0, room.bottom
+        equal = diameter is None and isinstance(grains, Spheres)
+        for top in room.tops(self.volume(closed), solid, JAMMED if equal else DENSEST):
+            rng = np.random.default_rng([self.version, seed])
+            try:
+                if diameter is None:
+                    x, q = _place_equal(closed, rng, room, top)
+                else:
+                    x, q = place_graded(room, rng, top, diameter / 2 * APART), None
+                break
+            except Full as full:
+                placed, highest = full.placed, top
         else:
-            x, q = place_graded(room, rng, top, diameter / 2 * APART), None
+            raise no_room(closed, placed, highest)
         speed = self.speed * math.sqrt(closed.gravity * grains.diameter)
         v = rng.normal(0, speed, x.shape)
         if self.flat:
@@ -161,10 +169,36 @@ def place(closed: Scene, kind: str, seed: int) -> Packing:
     return STARTS[kind].place(closed, seed)
 
 
+_WIDTHS = {
+    "wedge-hopper": ("thickness", "width"),
+    "box": ("depth", "width"),
+    "cylinder-silo": ("diameter",),
+    "conical-silo": ("diameter",),
+    "primitives": ("parts",),
+}
+"""Keys of a container's width, the narrowest first."""
+
+
+def no_room(closed: Scene, placed: int, top: float) -> PlacingError:
+    """That only `placed` grains found a place, up to z = `top` [m]; with the keys of the study that make room."""
+    grains, container = closed.grains, closed.container
+    widths = [f"container.{key}" for key in _WIDTHS[container.kind]]
+    narrow = [
+        f"container.{key} ({size * 1e3:.4g} mm) to {grains.extent * 1e3:.4g} mm, the length of a rod, or more"
+        for key in _WIDTHS[container.kind]
+        if isinstance(size := getattr(container, key), float) and size < grains.extent
+    ]
+    remedy = f"widen {narrow[0]}" if narrow else f"use grains.count: {placed} or fewer, or widen {' or '.join(widths)}"
+    if placed == 0 and not narrow:
+        remedy = f"use a smaller grains.diameter ({grains.diameter * 1e3:.4g} mm), or widen {' or '.join(widths)}"
+    found = f"{placed} of {grains.count} grains found a place up to z = {top * 1e3:.4g} mm"
+    return PlacingError(f"grains.count: only {found}; {remedy}")
+
+
 def _place_equal(
     closed: Scene, rng: np.random.Generator, room: Room, top: float
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Centres [m], shape [n, 3], and of rods orientations, shape [n, 4], of grains that are alike."""
+    """Centres [m], shape [n, 3], and of rods orientations, shape [n, 4], of grains that are alike. Raises Full."""
     grains = closed.grains
     rods = isinstance(grains, Spherocylinders)
     there, q = Placed(np.empty((0, 3))), np.empty((0, 4))
@@ -183,7 +217,7 @@ def _place_equal(
         else:
             free = _apart(drawn, there, grains.diameter * APART)
         there.add(drawn[free][:wanted])
-    raise full(grains.count)
+    raise Full(len(there))
 
 
 def _apart(drawn: np.ndarray, there: Placed, distance: float) -> np.ndarray:
@@ -222,7 +256,7 @@ def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.nda
     """Centres [m], shape [n, 3], up to z = `top` of grains that keep `reach` [m], shape [n], free around them.
 
     Large grains come first, as they would find no room among small ones: at a time, those of nearly the largest size
-    that is left, each of which tries one place a round. Raises PlacingError.
+    that is left, each of which tries one place a round. Raises Full.
     """
     x, left = np.empty((len(reach), 3)), np.arange(len(reach))
     placed, there = left[:0], Placed(x[:0])
@@ -235,7 +269,7 @@ def place_graded(room: Room, rng: np.random.Generator, top: float, reach: np.nda
         there.add(x[found])
         placed = np.concatenate([placed, found])
         left = np.setdiff1d(left, found, assume_unique=True)
-    raise full(len(reach))
+    raise Full(len(placed))
 
 
 def free(

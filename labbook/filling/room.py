@@ -1,18 +1,35 @@
 """The inside of a closed container, where grains can be placed."""
 
 import math
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from labbook.scene import Frustum, Plane, Scene, Strip
 
-_HEIGHTS: dict[tuple[str, float, bool, float], float] = {}
-"""Of `Room.height_for` [m], by walls, clearance, flatness and volume: counting takes longer than placing a thousand
-grains, and every seed of a scene asks for it."""
+_COUNTED: dict[tuple[str, float, bool, str, float], float] = {}
+"""Heights and volumes that a `Room` counted, by walls, clearance, flatness, which of the two, and its argument:
+counting takes longer than placing a thousand grains, and every seed of a scene asks for it."""
+
+
+DENSEST = math.pi / math.sqrt(12)
+"""Solid fraction that neither spheres of any sizes within labbook's limits nor rods side by side exceed by much."""
+JAMMED = 0.55
+"""Solid fraction that equal spheres placed at random never reach: 0.38 in space, 0.36 in a layer, 0.50 in a row."""
+_LEVELS = 400
+_DOUBLINGS = 20
 
 
 class PlacingError(Exception):
     """Grains cannot be placed; the message says why and what to do."""
+
+
+class Full(Exception):
+    """No further grain found a place; `placed`: how many did."""
+
+    def __init__(self, placed: int):
+        super().__init__(f"{placed} grains found a place")
+        self.placed = placed
 
 
 class Room:
@@ -50,7 +67,13 @@ class Room:
             self.y = (0.0, 0.0)
         if not lowest:
             raise PlacingError("the container has no bottom that grains could settle on")
-        self.bottom = float(min(lowest))
+        self.bottom = max(float(min(lowest)), _start_of(closed))
+        self.poured = any(wall.opens for wall in closed.container.walls())
+        """Whether nothing lies below a plate: what parts that open let out goes on to where plates cover the room."""
+        upright = self.plates[:, 0, 0] == self.plates[:, 1, 0]
+        self.highest = float(np.max(np.where(upright, self.plates[..., 1].min(axis=1), self.plates[..., 1].max(axis=1)),
+                                    initial=self.bottom))  # fmt: skip
+        """z [m] above which the room has the same section everywhere, as far as plates and upright planes bound it."""
 
     def _range(self, axis: int, ends: list[float]) -> tuple[float, float]:
         low = [*ends, *(p.point[axis] for p in self.planes if _axis(p) == (axis, 1))]
@@ -76,12 +99,15 @@ class Room:
         if self.round:
             inside &= u <= self.x[1] + self.clearance - clearance
         beneath = np.full(len(x), any(_axis(plane) == (2, 1) for plane in self.planes))
+        covered = np.zeros(len(x), bool)
         for start, end in self.plates:
             along = end - start
             if along[0] != 0:
                 across = (u - start[0]) / along[0]
-                beneath |= (across >= 0) & (across <= 1) & (x[:, 2] - start[1] > across * along[1])
-        return inside & beneath
+                beside, above = (across >= 0) & (across <= 1), x[:, 2] - start[1] > across * along[1]
+                beneath |= beside & above
+                covered |= beside & ~above
+        return inside & beneath & ~(covered & self.poured)
 
     def draw(self, rng: np.random.Generator, n: int, top: float) -> np.ndarray:
         """Those of `n` uniform points up to z = `top` that are inside."""
@@ -101,15 +127,42 @@ class Room:
         most = np.array([self.x[1], self.y[1], top]) + nearer * (1, 1, 0)
         return rng.uniform(least, most)
 
-    def height_for(self, volume: float) -> float:
-        """z [m] up to which the container, walls included, holds `volume` [m^3].
+    def tops(self, volume: float, solid: float, most: float = DENSEST) -> Iterator[float]:
+        """z [m] up to which grains of the volume `solid` [m^3] are placed, to have `volume` [m^3] between them: the
+        heights to try, one after another.
 
-        Its section is counted on a grid of 200 x 400 points; what lies above is as wide as the widest part.
+        The first is the quicker estimate of `height_for`, which is too low where little of the container is as wide as
+        its widest part, as in a wide cone. It is left out where grains would need more than the solid fraction `most`
+        below it. Raises PlacingError where there is no room at all.
         """
-        key = repr(self.shapes), self.clearance, self.flat, volume
-        if key not in _HEIGHTS:
-            _HEIGHTS[key] = self._counted_height(volume)
-        return _HEIGHTS[key]
+        first = self.height_for(volume)
+        fits = solid <= most * self._once("volume", first + self.clearance, self._volume_below)
+        if fits:
+            yield first
+        level = self.level_for(volume)
+        if level == math.inf:
+            raise PlacingError(
+                "between the walls, above a bottom, there is no room for a grain; use smaller grains, or move "
+                "container.parts"
+            )
+        if level is not None:
+            yield level + 2 * self.clearance
+        elif not fits:  # a container that ends above: to see how many it holds
+            yield first
+
+    def height_for(self, volume: float) -> float:
+        """z [m] up to which the container, walls included, holds `volume` [m^3], estimated.
+
+        Its section is counted on a grid of 200 x 400 points up to where a straight container would hold the volume;
+        what lies above is as wide as the widest part.
+        """
+        return self._once("height", volume, self._counted_height)
+
+    def _once(self, name: str, of: float, count: Callable[[float], float]) -> float:
+        key = repr(self.shapes), self.clearance, self.flat, name, of
+        if key not in _COUNTED:
+            _COUNTED[key] = count(of)
+        return _COUNTED[key]
 
     def _counted_height(self, volume: float) -> float:
         wide, deep = self._size
@@ -121,6 +174,43 @@ class Room:
         part = np.average(held, weights=u if self.round else None)
         return flat + (1 - float(part)) * (flat - self.bottom) + 2 * self.clearance
 
+    def level_for(self, volume: float) -> float | None:
+        """z [m] below which there is room of `volume` [m^3] for the centres of grains; None if there never is, infinite
+        if there is none for any."""
+        wide, deep = self._size
+        high = volume / (math.pi / 4 * wide * deep if self.round else wide * deep)
+        some = False
+        for _ in range(_DOUBLINGS):
+            z = np.linspace(self.bottom, self.bottom + high, _LEVELS)
+            below = self._filled(z, self.clearance)
+            if below[-1] >= volume:
+                return float(np.interp(volume, below, z))
+            high *= 2
+            some = some or bool(below[-1])
+        return None if some else math.inf
+
+    def _volume_below(self, top: float) -> float:
+        """Volume [m^3] of the container below z = `top` [m], walls excluded."""
+        return float(self._filled(np.linspace(self.bottom, top, _LEVELS), 0.0)[-1])
+
+    def _filled(self, z: np.ndarray, clearance: float) -> np.ndarray:
+        """Volume [m^3] below each of the equidistant heights `z` [m], shape [n], that keeps `clearance` [m] from walls,
+        counted on a grid of 200 points across."""
+        wide, deep = self._size
+        area = math.pi / 4 * wide * deep if self.round else wide * deep
+        across = np.linspace(0 if self.round else self.x[0], self.x[1], 200)
+        height, u = (a.ravel() for a in np.meshgrid(z, across, indexing="ij"))
+        held = self.holds(np.column_stack([u, np.full(len(u), sum(self.y) / 2), height]), clearance)
+        part = np.average(held.reshape(len(z), -1), axis=1, weights=across if self.round else None)
+        return np.concatenate([[0.0], np.cumsum((part[1:] + part[:-1]) / 2 * np.diff(z) * area)])
+
+
+def _start_of(closed: Scene) -> float:
+    """z [m] above which a filling starts: the lowest part that opens; of containers without one the outlet's plane."""
+    opening = [wall.shape.ground for wall in closed.container.walls() if wall.opens]
+    plane = closed.container.outlet_plane
+    return min(filter(math.isfinite, opening), default=-math.inf if plane is None else plane)
+
 
 def first_come(kept: np.ndarray, pairs: np.ndarray) -> None:
     """Let go of the second of each of `pairs` (first < second) that are in each other's way."""
@@ -130,11 +220,6 @@ def first_come(kept: np.ndarray, pairs: np.ndarray) -> None:
         if stays[first]:
             stays[second] = False
     kept[:] = stays
-
-
-def full(count: int) -> PlacingError:
-    """That so many grains do not fit."""
-    return PlacingError(f"{count} grains found no room in the container; make it wider or use fewer grains")
 
 
 def _axis(plane: Plane) -> tuple[int, int] | None:

@@ -136,9 +136,8 @@ def _fault(record: PackingRecord, packing: Packing) -> str | None:
     grains, count = record.scene.grains, record.scene.grains.count
     ids = packing.ids
     assert ids is not None
-    lost = len(packing) < count and record.scene.outlet is None
-    if lost or record.grains != count:  # out of an open container of primitives grains may have fallen
-        return f"{len(packing)} of {count} grains"
+    if len(packing) != count or record.grains != count:
+        return f"{len(packing)} of {count} grains: the others were lost while the container was filled"
     if not (len(np.unique(ids)) == len(ids) > 0 and ids.min() >= 0 and ids.max() < count):
         return f"the ids of the grains are not different ones of 0 to {count - 1}"
     if packing.q is None and not isinstance(grains, Spheres):

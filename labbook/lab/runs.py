@@ -163,8 +163,12 @@ def check_keys(folder: Path, record: RunRecord) -> None:
     for name, key in whose.items():
         if getattr(record, name) != key:
             raise Unreadable(f"{folder / RunRecord.FILE}: {name}: it does not match the record ({key})")
-    if record.coverage.grains != record.scene.grains.count:
-        raise Unreadable(f"{folder / RunRecord.FILE}: coverage.grains: the scene has {record.scene.grains.count}")
+    count = record.scene.grains.count
+    if record.coverage.grains != count:
+        raise Unreadable(f"{folder / RunRecord.FILE}: coverage.grains: the scene has {count}")
+    if record.ledger is not None and record.ledger.started < count:
+        began = f"the run began with {record.ledger.started} of {count} grains: its packing had lost the others"
+        raise Unreadable(f"{folder / RunRecord.FILE}: ledger.started: {began}")
 
 
 def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None:

@@ -21,6 +21,7 @@ from labbook.run.devices import named, speeds
 from labbook.run.forecast import Outline, forecast, outline
 from labbook.run.lane import slots
 from labbook.run.plan import QUANTITY, Item, Plan, Planner, check
+from labbook.run.possible import leak_of
 from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
 from labbook.scene.contact import Softer
@@ -77,6 +78,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     points = [(point.shared, outline(point.shared)) for point in plan.points]
     yield from _alike(plan)
     yield from _of_fillings(plan)
+    yield from _leaky(plan)
     yield from _narrow(file, points)
     yield from _overfull(file, points)
     yield from _low(plan)
@@ -223,6 +225,22 @@ def _of_fillings(plan: Plan) -> Iterator[str]:
     for name, standing in found.items():
         reason = "this wall stands only while the bed is filled: the flow does not feel it"
         yield _told(plan.study.path, f"walls.{name}", reason, f"for the flow use {', '.join(standing)}")
+
+
+def _leaky(plan: Plan) -> Iterator[str]:
+    """Containers that may lose grains while they are filled, which only the filling will show."""
+    for point in plan.points:
+        found = leak_of(point.shared)
+        if found is not None:
+            d = point.shared.scene.grains.finest
+            reason = (
+                "whether grains reach it while the container is filled cannot be told: gaps about as wide as a grain "
+                f"({d * 1e3:.3g} mm) were looked for on a grid of {found.spacing * 1e3:.2g} mm, and one may be at "
+                f"{found.place}"
+            )
+            remedy = "make gaps clearly narrower or wider than the smallest grain; a filling that loses grains fails"
+            yield _told(plan.study.path, "container.outlet_plane", reason, remedy)
+            return
 
 
 def _low(plan: Plan) -> Iterator[str]:

@@ -23,7 +23,8 @@ from labbook.study.schema import Stop
 
 
 class Conflict(Exception):
-    """A study asks for observations that cannot be made in one run; the message says which."""
+    """A study asks for observations that cannot be made in one run, or for a container that cannot do what it is said
+    to; the message says which."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ class PointDemand:
     @property
     def closed(self) -> Scene:
         """The scene of its filling; made when it is asked for, since keeping it takes more memory than all the rest."""
-        return self.scene.close(self.point.fill.friction, self.point.fill.contact)
+        fill = self.point.fill
+        return self.scene.close(fill.friction, fill.contact, fill.surface_motion)
 
     @property
     def numerics(self) -> Numerics:

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from labbook.backend import Checkpoint, Ensemble, Event, Failed, Member, Settled, Status
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe, Table
 from labbook.filling import PlacingError, place
-from labbook.filling.bed import at_rest
+from labbook.filling.bed import astray, at_rest
 from labbook.lab import identity
 from labbook.lab.folder import Claim
 from labbook.lab.identity import Keys
@@ -23,12 +25,19 @@ from labbook.run.demand import Demand, PackingsOf
 from labbook.run.forecast import fill_time
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
-from labbook.scene import Packing
+from labbook.scene import Packing, Spheres
+from labbook.scene.container import Primitives
 from labbook.scene.timescales import collision
 
 _LOOK_EVERY = 20  # beats: a look copies the state of a member from its device
 _LOOKS = 2  # on end that have to find it at rest
-_REMEDY = "If it never rests, use a smaller numerics.dt, a larger fill.moving, or a larger fill.settled_below."
+HOVERING = 1e-4
+"""Kinetic energy per grain [m g d] below which a bed whose energy no longer falls counts as hovering: its grains jitter
+by much less than their overlap at rest."""
+_HOVERS = 5.0  # expected times of a filling in which the energy of a hovering bed has not halved,
+_LEAST = 100.0  # and so many times sqrt(d/g) at least
+_CREEP = 0.01  # d: by which the mean height of the grains of a hovering bed may change meanwhile
+_MANY = 100  # grains: of fewer, fill.moving is no remedy, since a single grain may move in any case
 
 
 class FillJob(Job):
@@ -47,7 +56,10 @@ class FillJob(Job):
         self.settled_below = demand.filling.settled_below
         self._longest = demand.point.fill.max_time
         self._quiet = 0
-        self._lowest, self._fell, self._warned = math.inf, 0.0, False
+        self._lowest, self._fell, self._most, self._warned = math.inf, 0.0, 0.0, False
+        self._levels: tuple[tuple[float, float], ...] = ()
+        self._seen: tuple[float, Packing] | None = None
+        self._lost = ""
 
     def begin(self) -> Packing | Checkpoint:
         """As every job, but a backend never fills in another one's place. Raises JobFailed."""
@@ -90,13 +102,24 @@ class FillJob(Job):
         """As every job; when the kinetic energy last fell to half of what it had been is noted."""
         super().after(status, tables, wall, process, grain_steps)
         if status.kinetic <= self._lowest / 2:
-            self._lowest, self._fell = status.kinetic, status.time
+            self._lowest, self._fell, self._most = status.kinetic, status.time, 0.0
+        self._most = max(self._most, status.kinetic)
 
     @property
     def stalled(self) -> bool:
         """Whether the kinetic energy has not halved for as long as a whole filling is expected to take."""
         usual = fill_time(self.demand)
         return self.status.time > 2 * usual and self.status.time - self._fell > usual
+
+    @property
+    def hovers(self) -> bool:
+        """Whether the bed stands still, but for a jitter slightly above the energy at rest that does not decay."""
+        grains = self.scene.grains
+        least = max(_HOVERS * fill_time(self.demand), _LEAST * math.sqrt(grains.diameter / self.scene.gravity))
+        if self._most >= HOVERING or self.status.time - self._fell < least or not self._levels:
+            return False
+        (_, before), (_, now) = self._levels
+        return abs(now - before) < _CREEP * grains.diameter
 
     def warning(self) -> str | None:
         """Said once, of a filling that does not seem to come to rest."""
@@ -105,8 +128,23 @@ class FillJob(Job):
         self._warned = True
         return (
             f"{self.label}: does not seem to come to rest: {self._standing()}. The filling goes on until fill.max_time "
-            f"({self._longest:g} s). {_REMEDY}"
+            f"({self._longest:g} s). If it never rests, {self._remedy()}."
         )
+
+    def _remedy(self) -> str:
+        """What lets this bed count as at rest, or come to rest, the most likely remedy first."""
+        scene, several = self.scene, self.scene.grains.count >= _MANY
+        enough = _rounded_up(1.2 * self._most)
+        accept = [f"use fill.settled_below: {short(enough)}, which accepts it as it is"] if enough < 1 else []
+        slows = []
+        if isinstance(scene.grains, Spheres) and scene.contact.rolling_friction == 0:
+            slows.append("use contact.rolling_friction: 0.01, without which spheres roll for ever")
+        if scene.contact.friction == 0:
+            slows.append("use fill.friction: 0.1, without which grains slide for ever")
+        moving = [f"let more grains move (fill.moving, now {self.demand.filling.moving:g})"] if several else []
+        step = ["use a smaller numerics.dt"]
+        known = self._most < HOVERING  # a jitter; what moves faster should rather be stopped than accepted
+        return ", or ".join([*accept, *slows, *step] if known else [*slows, *moving, *accept, *step])
 
     def _standing(self) -> str:
         """Energy, threshold and step, in words."""
@@ -127,25 +165,66 @@ class FillJob(Job):
         return self.status.kinetic >= self.settled_below
 
     def look(self, ensemble: Ensemble, member: Member) -> None:
-        """Where some grains may move, look now and then at each grain's speed."""
+        """Look now and then at each grain: whether it is still in the container, how high the bed stands, and where
+        some grains may move, at their speeds."""
+        lost = self.status.grains < self.scene.grains.count
+        if not lost and self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
+            return
+        packing = ensemble.packing(member)
+        self._lost = self._lost or self._losses(packing)
+        self._seen = self.status.time, packing
+        if len(packing):
+            level = self.status.time, float(packing.x[:, 2].mean())
+            since = self._levels[0] if self._levels and self._levels[0][0] >= self._fell else level
+            self._levels = since, level
         moving = self.demand.filling.moving
-        if moving == 0 or self.status.step % (_LOOK_EVERY * self.numerics.steps_per_beat):
+        if moving == 0:
             return
         assert self.settled_below is not None
-        calm = at_rest(self.scene, ensemble.packing(member), self.settled_below, moving)
+        calm = at_rest(self.scene, packing, self.settled_below, moving)
         self._quiet = self._quiet + 1 if calm else 0
 
+    def _losses(self, packing: Packing) -> str:
+        """How many grains are no longer in the container, which one, where and since when, in words; empty if all are
+        there."""
+        assert packing.ids is not None
+        count, plane = self.scene.grains.count, self.scene.container.outlet_plane
+        gone = np.setdiff1d(np.arange(count), packing.ids)
+        out = packing.ids[astray(self.scene, packing)]
+        number = len(gone) + len(out)
+        if not number:
+            return ""
+        when, seen = (self.status.time, packing) if len(out) else self._seen or (0.0, packing)
+        assert seen.ids is not None
+        found = seen.x[np.isin(seen.ids, out if len(out) else gone)]
+        where = ""
+        if len(found):
+            x, y, z = found[0] * 1e3
+            where = f"; one was last seen at x, y, z = {x:.3g}, {y:.3g}, {z:.3g} mm, {when:.3g} s after the start"
+        below = plane is not None and (len(gone) > 0 or bool((found[:, 2] < plane).any()))
+        how = "through a wall, or below the lowest one"
+        if plane is not None and below:
+            how = f"through container.outlet_plane (z = {plane * 1e3:g} mm)"
+        return f"{number} of {count} grains have left the container by {self.status.time:.3g} s, {how}{where}"
+
     def verdict(self, events: Sequence[Event]) -> str | None:
-        """Settled, stopped by a guard, or out of time."""
+        """Settled, stopped by a guard, with grains lost, hovering, or out of time."""
         self._failure = failure(events)
         if self._failure:
             return "failed"
+        if self._lost:
+            return "lost"
         if self._quiet >= _LOOKS or any(isinstance(event, Settled) for event in events):
             return "settled"
-        return "late" if self.status.time >= self._longest else None
+        if self.status.time >= self._longest:
+            return "late"
+        return "hovering" if self.hovers else None
 
     def kept(self, verdict: str, left: Left) -> "KeptPacking":
         """The packing; of a filling that came to nothing, the last state. Raises JobFailed for that."""
+        lost = self._lost or (self._losses(left.packing) if verdict == "settled" else "")
+        if lost:
+            raise JobFailed(f"{self.label}: {lost}. A discharge needs all grains: {self._closing()}")
         if verdict == "settled":
             self.made = KeptPacking(self.bench.lab, self.key, self.place, self.label, self._record(left), left.packing)
             return self.made
@@ -154,10 +233,21 @@ class FillJob(Job):
         if verdict == "late":
             raise JobFailed(
                 f"{self.label}: not at rest after {self.status.time:.3g} s: {self._standing()}. "
-                f"Raise fill.max_time (the filling goes on from here). {_REMEDY}"
+                f"Raise fill.max_time (the filling goes on from here). If it never rests, {self._remedy()}."
+            )
+        if verdict == "hovering":
+            raise JobFailed(
+                f"{self.label}: the bed hovers: {self._standing()}, while its height stayed the same. "
+                f"Remedy: {self._remedy()}. Its state is kept: the same command again lets the filling go on from here"
             )
         why = self._failure.message if self._failure else verdict
         raise JobFailed(f"{self.label}: {why} (while filling; the last good state is in {self.journal.folder})")
+
+    def _closing(self) -> str:
+        """What keeps grains in the container while it is filled."""
+        if isinstance(self.scene.container, Primitives):
+            return "close its outlet while it is filled by a part with opens: start, or add a wall where they leave"
+        return "use a smaller numerics.dt or stiffer grains, so that none is pressed through a wall"
 
     def _record(self, left: Left) -> PackingRecord:
         """How it was made."""
@@ -171,7 +261,7 @@ class FillJob(Job):
             versions=identity.versions(self.scene),
             filling=self.demand.filling,
             numerics=self.numerics,
-            grains=self.scene.grains.count,
+            grains=len(left.packing),
             duration=self.status.time,
             kinetic=self.status.kinetic,
             ledger=ledger(self.scene, self.status, left.packing),
@@ -217,5 +307,13 @@ class KeptPacking(Kept):
 
 
 def short(energy: float) -> str:
-    """A kinetic energy for people: 12, 0.3, 4e-5."""
-    return f"{energy:.2g}" if energy >= 0.01 else f"{energy:.0e}".replace("e-0", "e-")
+    """A kinetic energy for people: 12, 0.3, 4e-5, 0."""
+    return "0" if energy == 0 else f"{energy:.2g}" if energy >= 0.01 else f"{energy:.0e}".replace("e-0", "e-")
+
+
+def _rounded_up(value: float) -> float:
+    """To one digit."""
+    if not 0 < value < math.inf:
+        return math.inf
+    unit = 10.0 ** math.floor(math.log10(value))
+    return math.ceil(value / unit) * unit

@@ -20,6 +20,7 @@ from labbook.measure import MEASURES
 from labbook.measure.measure import window_in_words
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
+from labbook.run.possible import check_container
 from labbook.run.progress import duration, size
 from labbook.scene.quantities import percent
 from labbook.stats import Decision, StoppingRule
@@ -442,6 +443,7 @@ def check(backend: Backend, device: str, points: Iterable[PointDemand]) -> None:
         if shared.scene.feed is not None and not can.feeds:
             raise Unsupported("feed", f"the backend {can.name} cannot feed grains back; leave feed out")
         specified(backend, shared)
+        check_container(shared)
 
 
 def specified(backend: Backend, shared: PointDemand) -> tuple[Spec, Spec]:

@@ -27,15 +27,16 @@ _FLAT = 1e-12  # rad: an angle this close to 90 deg is a flat bottom
 # what a container of validated sizes is made of needs no validation: 100 000 points have more than a million walls
 @lru_cache(maxsize=KEPT)  # many containers have these in common
 def _plane(name: str, point: Vector, normal: Vector) -> Wall:
-    return Wall.of(name=name, shape=Plane.of(kind="plane", point=point, normal=normal), motion=AT_REST)
+    return Wall.of(name=name, shape=Plane.of(kind="plane", point=point, normal=normal), motion=AT_REST, opens=None)
 
 
 def _strip(name: str, start: Pair, end: Pair) -> Wall:
-    return Wall.of(name=name, shape=Strip.of(kind="strip", start=start, end=end), motion=AT_REST)
+    return Wall.of(name=name, shape=Strip.of(kind="strip", start=start, end=end), motion=AT_REST, opens=None)
 
 
 def _frustum(name: str, lower: Pair, upper: Pair, motion: SurfaceMotion = AT_REST) -> Wall:
-    return Wall.of(name=name, shape=Frustum.of(kind="frustum", lower=lower, upper=upper), motion=motion)
+    shape = Frustum.of(kind="frustum", lower=lower, upper=upper)
+    return Wall.of(name=name, shape=shape, motion=motion, opens=None)
 
 
 class WedgeHopper(Model):
@@ -131,7 +132,7 @@ class WedgeHopper(Model):
         left, right = self.outlet
         return (x[:, 0] >= left) & (x[:, 0] <= right) & (np.abs(x[:, 1]) <= self.thickness / 2)
 
-    def close(self) -> "WedgeHopper":
+    def close(self, surface_motion: bool = False) -> "WedgeHopper":
         """The closed container in which a packing is made; flat bottoms lose their outlet altogether."""
         if self.flat:
             return self.model_copy(
@@ -192,9 +193,11 @@ class CylinderSilo(Model):
         """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
         return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
 
-    def close(self) -> "CylinderSilo":
-        """The closed container in which a packing is made; it has neither outlet nor rotation."""
-        return self.model_copy(update={"closed": True, "orifice": self.diameter / 2, "rotation": 0.0})
+    def close(self, surface_motion: bool = False) -> "CylinderSilo":
+        """The closed container in which a packing is made; it has no outlet, and its bottom turns only if
+        `surface_motion` says so."""
+        rotation = self.rotation if surface_motion else 0.0
+        return self.model_copy(update={"closed": True, "orifice": self.diameter / 2, "rotation": rotation})
 
     @lru_cache(maxsize=KEPT)  # noqa: B019  (at most so many)
     def walls(self) -> tuple[Wall, ...]:
@@ -257,7 +260,7 @@ class ConicalSilo(Model):
         """Which of the centres x [m], shape [n, 3], of grains that pass the outlet's plane do so in the outlet."""
         return np.hypot(x[:, 0], x[:, 1]) <= self.orifice / 2
 
-    def close(self) -> "ConicalSilo":
+    def close(self, surface_motion: bool = False) -> "ConicalSilo":
         """The closed container in which a packing is made, with a lid over its outlet."""
         return self.model_copy(update={"closed": True})
 
@@ -307,7 +310,7 @@ class Box(Model):
         """None: a box has no outlet."""
         return np.zeros(len(x), bool)
 
-    def close(self) -> "Box":
+    def close(self, surface_motion: bool = False) -> "Box":
         """The box as a packing is made in it: without a lid, since grains may start above."""
         return self.model_copy(update={"closed": True, "lid": False})
 
@@ -328,13 +331,15 @@ class Box(Model):
 
 
 class Primitives(Model):
-    """Walls listed one by one; without walls: free space."""
+    """Walls listed one by one; without walls: free space. Parts that open at the start stand only in the closed one."""
 
     kind: Literal["primitives"] = "primitives"
     parts: tuple[Wall, ...] = ()
     """The walls."""
     outlet_plane: Coordinate | None = None
     """Height z at which grains count as discharged; none: there is no outlet."""
+    # only of those closed by parts that open; else it is left out of what is stored
+    closed: Annotated[InternalFlag, Field(exclude_if=lambda closed: not closed)] = False
 
     @model_validator(mode="after")
     def _names_differ(self):
@@ -345,20 +350,30 @@ class Primitives(Model):
 
     def holds(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], lie behind no plane, shape [n]; plates have no inner side."""
-        planes = [wall.shape for wall in self.parts if isinstance(wall.shape, Plane)]
+        planes = [wall.shape for wall in self.walls() if isinstance(wall.shape, Plane)]
         return np.all([np.ones(len(x), bool), *(plane.distance(x) >= 0 for plane in planes)], axis=0)
 
     def lets_out(self, x: np.ndarray) -> np.ndarray:
         """Which of the centres x [m], shape [n, 3], of grains that pass `outlet_plane` lie behind no plane."""
         return self.holds(x)
 
-    def close(self) -> "Primitives":
-        """Itself: nothing is known that could be closed."""
-        return self
+    def close(self, surface_motion: bool = False) -> "Primitives":
+        """The container in which a packing is made: with the parts that open, whose outlet plane then does not act.
+
+        Without such parts, itself: nothing is known that could be closed. Surfaces move only if `surface_motion` says
+        so.
+        """
+        parts = self.parts
+        if not surface_motion and any(part.motion != AT_REST for part in parts):
+            parts = tuple(part.model_copy(update={"motion": AT_REST}) for part in parts)
+        closed = any(part.opens for part in parts)
+        if parts is self.parts and closed == self.closed:
+            return self
+        return self.model_copy(update={"parts": parts, "closed": closed})
 
     def walls(self) -> tuple[Wall, ...]:
-        """The walls as given."""
-        return self.parts
+        """The walls as given; opened, without those that open."""
+        return self.parts if self.closed else tuple(part for part in self.parts if part.opens is None)
 
 
 Silo = WedgeHopper | CylinderSilo | ConicalSilo

@@ -2,14 +2,14 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from html import escape
 
 import numpy as np
 
-from labbook.scene.container import Box, Container, Silo, WedgeHopper
+from labbook.scene.container import Box, Container, Primitives, Silo, WedgeHopper
 from labbook.scene.grains import Grains
-from labbook.scene.walls import Segment
+from labbook.scene.walls import Plane, Segment
 
 WIDTH, HEIGHT = 300.0, 300.0
 """Most that the container takes [pixels]."""
@@ -21,6 +21,9 @@ _INK, _FAINT = "#3c4250", "#8a8a8a"
 _COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442")
 _MARGIN, _BELOW, _BESIDE = 8.0, 46.0, 74.0
 
+_Grain = tuple[float, float, float, int, float]  # x, z, radius [m], kind and tilt [rad]
+_Frame = tuple[float, float, float, float]
+_EMPTY = 1000  # rows without a place for a grain after which there is none above
 Pixels = Callable[[float, float], tuple[float, float]]
 """From x and z [m] to a place in the picture."""
 
@@ -30,7 +33,12 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
 
     Grains are placed for the eye, not by physics.
     """
-    walls = list(sections(container))
+    shown, walls = list[_Grain](), list(sections(container))
+    if isinstance(container, Primitives):
+        frame = _frame(container)
+        shown = [] if frame is None else list(_poured(grains, container, frame))
+        top = max([one[1] for one in shown], default=-math.inf) + 2 * grains.diameter
+        walls = [] if frame is None else [*walls, *_upright(container, (*frame[:3], max(frame[3], top)))]
     if not walls:
         return ""
     ends = np.array(walls).reshape(-1, 2)
@@ -40,10 +48,12 @@ def svg(grains: Grains, container: Container, sized: bool = True) -> str:
     def at(x: float, z: float) -> tuple[float, float]:
         return _MARGIN + (x - left) * scale, _MARGIN + (high - z) * scale
 
-    bed = _drawn(grains, container, at, scale)
+    bed = _drawn(grains, shown or _placed(grains, container), at, scale)
     lines = "".join(_line(at(*start), at(*end)) for start, end in walls)
+    lines += "".join(_line(at(*start), at(*end), _FAINT, 1) for start, end in _opening(container))
     width, height = (right - left) * scale + 2 * _MARGIN, (high - low) * scale
-    sizes = _sizes(grains, container, at, width, height) if sized else ""
+    wide = right - left if isinstance(container, Primitives) else None
+    sizes = _sizes(grains, container, at, width, height, wide) if sized else ""
     across, down = width + (_BESIDE if sized else 0.0), height + _MARGIN + _BELOW
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{across:.0f}" height="{down:.0f}" '
@@ -80,6 +90,68 @@ def sections(container: Container) -> Iterator[Segment]:
         yield from wall.shape.section()
 
 
+def _opening(container: Container) -> list[Segment]:
+    """Lines of parts that stand only while the container is filled."""
+    parts = container.parts if isinstance(container, Primitives) else ()
+    return [line for part in parts if part.opens for line in part.shape.section()]
+
+
+def _frame(container: Primitives) -> _Frame | None:
+    """Left, right, low and high end [m] of what walls listed one by one enclose; None where that is open sideways."""
+    planes = [part.shape for part in container.parts if isinstance(part.shape, Plane)]
+    ends = [end for part in container.parts for line in part.shape.section() for end in line]
+    x = [end[0] for end in ends] + [plane.point[0] for plane in planes if plane.normal[1:] == (0, 0)]
+    z = [end[1] for end in ends] + [plane.point[2] for plane in planes if plane.normal[:2] == (0, 0)]
+    return (min(x), max(x), min(z), max(z)) if z and min(x, default=0) < max(x, default=0) else None
+
+
+def _upright(container: Primitives, frame: _Frame) -> Iterator[Segment]:
+    """Planes that are seen as lines, cut where the picture ends."""
+    left, right, low, high = frame
+    for plane in (wall.shape for wall in container.walls()):
+        if not isinstance(plane, Plane) or abs(plane.normal[1]) > 1e-9 * math.hypot(*plane.normal):
+            continue
+        (x, _, z), (nx, _, nz) = plane.point, plane.normal
+        points = [(left, z - nx / nz * (left - x)), (right, z - nx / nz * (right - x))] if nz else []
+        points += [(x - nz / nx * (low - z), low), (x - nz / nx * (high - z), high)] if nx else []
+        inside = [(a, b) for a, b in points if left <= a <= right and low <= b <= high]
+        if inside and min(inside) != max(inside):
+            yield min(inside), max(inside)
+
+
+def _poured(grains: Grains, container: Primitives, frame: _Frame) -> Iterator[_Grain]:
+    """Grains in rows between walls listed one by one, wherever nothing covers them."""
+    left, right, low, _ = frame
+    closed, d = container.close().walls(), grains.diameter
+    plates = [line for wall in closed for line in wall.shape.section()]
+    depths = [wall.shape.point[1] for wall in closed if isinstance(wall.shape, Plane) and wall.shape.normal[1]]
+    middle = sum(depths) / len(depths) if depths else 0.0
+    deep = max(depths) - min(depths) if depths else None
+    volume = grains.count * grains.volume / 0.58
+    rng, missing = np.random.default_rng(0), min(MOST, grains.count)
+    z = (low if container.outlet_plane is None else max(low, container.outlet_plane)) + 0.55 * d
+    row = empty = 0
+    while missing > 0 and volume > 0 and empty < _EMPTY:
+        x = np.arange(left + (0.5 + row % 2 / 2) * grains.extent, right, 1.04 * grains.extent)
+        free = np.ones(len(x), bool)
+        for end in (-grains.half_length, 0.0, grains.half_length):
+            points = np.column_stack([x + end, np.full((len(x), 2), (middle, z))])
+            for wall in closed:
+                upright = isinstance(wall.shape, Plane) and wall.shape.normal[1]
+                free &= np.full(len(x), True) if upright else wall.shape.distance(points) >= 0.45 * d
+        for (x0, z0), (x1, z1) in plates:
+            if x0 != x1:
+                under = z < z0 + (x - x0) * (z1 - z0) / (x1 - x0)
+                free &= ~((x >= min(x0, x1)) & (x <= max(x0, x1)) & under)
+        for one in x[free][:missing]:
+            yield _one(grains, rng, float(one), z)
+        missing -= int(free.sum())
+        wide = 1.04 * grains.extent * int(free.sum())
+        volume -= 0.95 * d * (math.pi / 4 * wide**2 if deep is None else wide * deep)  # without a depth it is round
+        row, empty = row + 1, 0 if free.any() else empty + 1
+        z += 0.95 * d
+
+
 def _between(container: Container, z: float) -> tuple[float, float] | None:
     """x of the walls on both sides at the height z [m]; None where the picture shows no grains."""
     if isinstance(container, WedgeHopper):
@@ -95,7 +167,7 @@ def _between(container: Container, z: float) -> tuple[float, float] | None:
     return None
 
 
-def _placed(grains: Grains, container: Container) -> Iterator[tuple[float, float, float, int, float]]:
+def _placed(grains: Grains, container: Container) -> Iterator[_Grain]:
     """x, z, radius [m], kind and tilt [rad] of the grains that are drawn: a bed in rows, and a few that fall."""
     d, long = grains.diameter, grains.extent
     rng, left = np.random.default_rng(0), min(MOST, grains.count)
@@ -120,7 +192,7 @@ def _placed(grains: Grains, container: Container) -> Iterator[tuple[float, float
             yield _one(grains, rng, middle + rng.uniform(-0.3, 0.3) * (outlet - d), -(0.9 + 1.5 * k) * d)
 
 
-def _one(grains: Grains, rng: np.random.Generator, x: float, z: float) -> tuple[float, float, float, int, float]:
+def _one(grains: Grains, rng: np.random.Generator, x: float, z: float) -> _Grain:
     parts = grains.species
     kind = int(rng.choice(len(parts), p=[part.share / sum(p.share for p in parts) for part in parts]))
     radius = float(parts[kind].sizes.draw(rng, 1, grains.diameter)[0]) / 2
@@ -158,12 +230,10 @@ def _level(grains: Grains, container: Container) -> float:
     return grains.count * grains.volume / (packed * area) + lost
 
 
-def _drawn(
-    grains: Grains, container: Container, at: Callable[[float, float], tuple[float, float]], scale: float
-) -> str:
+def _drawn(grains: Grains, shown: Iterable[_Grain], at: Pixels, scale: float) -> str:
     """All grains: those of one colour and size are one path of strokes with round ends, of no length for spheres."""
     half, strokes = grains.half_length * scale, defaultdict[tuple[str, str], list[str]](list)
-    for x, z, r, kind, tilt in _placed(grains, container):
+    for x, z, r, kind, tilt in shown:
         px, pz = at(x, z)
         dx, dz = half * math.cos(tilt), half * math.sin(tilt)
         look = _COLOURS[kind % len(_COLOURS)], f"{max(round(2 * r * scale * 4) / 4, _LEAST):g}"
@@ -190,8 +260,11 @@ def _text(x: float, y: float, text: str, anchor: str = "middle") -> str:
     )
 
 
-def _sizes(grains: Grains, container: Container, at: Pixels, width: float, height: float) -> str:
-    """The sizes in words: of the outlet below it, of the container, and of a grain."""
+def _sizes(
+    grains: Grains, container: Container, at: Pixels, width: float, height: float, wide: float | None = None
+) -> str:
+    """The sizes in words: of the outlet below it, of the container, and of a grain. wide [m]: of one without a key for
+    its width."""
     c, found = container, []
     bottom = _MARGIN + height
     orifice = getattr(c, "orifice", None)
@@ -202,7 +275,7 @@ def _sizes(grains: Grains, container: Container, at: Pixels, width: float, heigh
         found += [_line((x1, y), (x2, y), _FAINT, 1), _line((x1, y - 3), (x1, y + 3), _FAINT, 1)]
         found += [_line((x2, y - 3), (x2, y + 3), _FAINT, 1)]
         found.append(_text(min(max((x1 + x2) / 2, 40), width - 10), y + 16, f"D = {_mm(orifice)}"))
-    across = getattr(c, "width", getattr(c, "diameter", None))
+    across = getattr(c, "width", getattr(c, "diameter", wide))
     tall = getattr(c, "height", None)
     words = [f"{_mm(across)} wide"] if across is not None else []
     words += [f"{_mm(tall)} high"] if tall is not None else []

@@ -227,10 +227,12 @@ class Scene(Model):
             grains = grains.model_copy(update={"kinds": kinds})
         return self.model_copy(update={"grains": grains, "contact": contact, "walls": walls})
 
-    def close(self, friction: float | None = None, contact: ContactLaw | None = None) -> "Scene":
+    def close(
+        self, friction: float | None = None, contact: ContactLaw | None = None, surface_motion: bool = False
+    ) -> "Scene":
         """The scene in which its packing is made, by the law `contact` if that is given; `friction` replaces that of
-        grains and of walls."""
-        container, walls = self.container.close(), self.walls
+        grains and of walls. `surface_motion`: whether the surfaces of its walls already move."""
+        container, walls = self.container.close(surface_motion), self.walls
         if walls:
             names = {"all", *(wall.name for wall in container.walls())}
             walls = {name: surface for name, surface in walls.items() if name in names}

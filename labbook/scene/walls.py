@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from labbook.scene.model import Choice, Fault, Model, refuse
 from labbook.scene.quantities import AngularSpeed, Coordinate, Ratio, Speed
@@ -37,6 +37,17 @@ class WallShape(Model, ABC):
     @abstractmethod
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Distance [m] of points x, shape [n, 3], from the wall, shape [n]; behind a plane it is negative."""
+
+    def normal_speed(self, motion: "SurfaceMotion") -> float | None:
+        """Largest speed [m/s] along its normal that `motion` would give a point of the wall: 0 if the motion is along
+        the surface everywhere, infinite if it grows with the distance from the axis. None: the shape does not say."""
+        return None
+
+    @property
+    def ground(self) -> float:
+        """z [m] of the lowest place at which it can hold a grain up: infinite of walls that hold none, such as vertical
+        planes, -infinite where that is unknown or unbounded."""
+        return min((end[1] for line in self.section() for end in line), default=-math.inf)
 
     def section(self) -> tuple[Segment, ...]:
         """The lines (x, z) [m] in which the plane y = 0 cuts plates; nothing of walls that are no plates."""
@@ -76,6 +87,17 @@ class Plane(WallShape):
         """Signed distance [m] of points x, shape [n, 3]."""
         return (x - self.point) @ (np.array(self.normal) / np.linalg.norm(self.normal))
 
+    def normal_speed(self, motion: "SurfaceMotion") -> float:
+        """As of any wall: a plane can spin in itself only if it is horizontal."""
+        return _normal_speed(motion, self.normal)
+
+    @property
+    def ground(self) -> float:
+        """As of any wall: an inclined plane has no end."""
+        if self.normal[2] <= 0:
+            return math.inf
+        return self.point[2] if self.normal[:2] == (0, 0) else -math.inf
+
 
 class Strip(WallShape):
     """A thin plate: the segment from `start` to `end` in the x-z plane [m], infinite along y.
@@ -100,6 +122,11 @@ class Strip(WallShape):
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Distance [m] of points x, shape [n, 3]."""
         return _from_segment(x[:, [0, 2]], self.start, self.end)
+
+    def normal_speed(self, motion: "SurfaceMotion") -> float:
+        """As of any wall: a strip can spin in itself only if it is horizontal."""
+        (x0, z0), (x1, z1) = self.start, self.end
+        return _normal_speed(motion, (z0 - z1, 0.0, x1 - x0))
 
     def section(self) -> tuple[Segment, ...]:
         """Itself."""
@@ -138,6 +165,12 @@ class Frustum(WallShape):
         """Distance [m] of points x, shape [n, 3]."""
         return _from_segment(np.stack([np.hypot(x[:, 0], x[:, 1]), x[:, 2]], axis=1), self.lower, self.upper)
 
+    def normal_speed(self, motion: "SurfaceMotion") -> float:
+        """As of any wall: it can always spin; upright it can also move along z, flat along x and y."""
+        rise, run = self.upper[1] - self.lower[1], self.upper[0] - self.lower[0]
+        x, y, z = motion.velocity
+        return _negligible((abs(rise) * math.hypot(x, y) + abs(run * z)) / math.hypot(rise, run), motion)
+
     def section(self) -> tuple[Segment, ...]:
         """A line on either side of the axis."""
         (r, z), (upper, top) = self.lower, self.upper
@@ -152,22 +185,68 @@ AnyShape = Annotated[WallShape, WALL_SHAPES]
 
 
 class SurfaceMotion(Model):
-    """Motion of a wall's surface; the wall itself stays."""
+    """Motion of a wall's surface, as of a conveyor belt or a turntable; the wall itself stays where it is."""
 
     velocity: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)
-    """Velocity along x, y and z."""
+    """Velocity of the surface along x, y and z, within the surface; the wall itself stays where it is."""
     spin: AngularSpeed = 0.0
-    """Angular velocity about the vertical axis x = y = 0."""
+    """Angular velocity of the surface about the vertical axis x = y = 0."""
+
+    def speed(self, reach: float) -> float:
+        """Largest speed [m/s] of the surface out to the distance `reach` [m] from the axis x = y = 0."""
+        return math.hypot(*self.velocity) + (abs(self.spin) * reach if self.spin else 0.0)
 
 
 AT_REST = SurfaceMotion()
 """Of walls that do not move."""
 
 
+def _normal_speed(motion: SurfaceMotion, normal: tuple[float, float, float]) -> float:
+    """Of a flat wall, from its normal, of any length."""
+    if motion.spin and math.hypot(normal[0], normal[1]) > _ALONG * abs(normal[2]):
+        return math.inf
+    along = sum(v * n for v, n in zip(motion.velocity, normal, strict=True)) / math.hypot(*normal)
+    return _negligible(abs(along), motion)
+
+
+def _negligible(speed: float, motion: SurfaceMotion) -> float:
+    """`speed`, or 0 where it is round-off of the velocity."""
+    return speed if speed > _ALONG * math.hypot(*motion.velocity) else 0.0
+
+
+_ALONG = 1e-9  # normals and velocities that a study states to so many parts are taken to be perpendicular
+
+
 class Wall(Model):
-    """One wall: a name that springs and observations are keyed by, a shape, its surface's motion."""
+    """One wall: a name that springs and observations are keyed by, a shape, its surface's motion, and whether it
+    vanishes when the outlet opens."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$", max_length=40)]
     """Name that `walls` and friction springs refer to: lower-case letters, digits and hyphens."""
     shape: AnyShape
     motion: SurfaceMotion = AT_REST
+    # where it is not stated it is left out of what is stored
+    opens: Annotated[Literal["start"] | None, Field(exclude_if=lambda opens: opens is None)] = None
+    """`start`: the wall stands while the container is filled and vanishes when the discharge starts; none: it stays."""
+
+    @model_validator(mode="after")
+    def _moves_along_itself(self, info: ValidationInfo):
+        if (info.context or {}).get("units") == "required":  # runs of older versions stay readable
+            refuse(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Fault]:
+        if self.motion == AT_REST:
+            return
+        off = self.shape.normal_speed(self.motion)
+        if off is None:
+            reason = f"a surface motion of a {self.shape.kind} cannot be checked: the shape has no normal_speed"
+            yield Fault("motion", reason, "leave motion out, or add normal_speed to the shape")
+        elif off > 0:
+            key, remedy = "velocity", "keep the components along the wall"
+            part = f"has a component of {off:g} m/s along the wall's normal"
+            if math.isinf(off):
+                key, part = "spin", "turns the surface out of itself"
+                remedy = "spin only horizontal planes and strips, or frustums"
+            reason = f"the motion is that of the surface only, the wall itself stays, and this {key} {part}"
+            yield Fault(f"motion.{key}", reason, f"{remedy}; walls that move are not available")

@@ -51,6 +51,9 @@ class Fill(Model):
     """Fraction of the grains that may still move in a bed at rest: each slow grain has less than `settled_below`.
     None: 1 % for rods and for spheres without rolling friction, which may roll for ever; else 0, and 0
     if `settled_below` is stated."""
+    # by default it is left out of what is stored
+    surface_motion: Annotated[StrictBool, Field(exclude_if=lambda moves: not moves)] = False
+    """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
     max_time: Duration = 60.0
     """Longest filling; a bed that moves after this time is an error."""
 

@@ -8,16 +8,23 @@ from scipy.spatial import KDTree
 from scipy.stats import kstest
 
 from labbook.filling import PlacingError, opened, place
+from labbook.filling.placing import no_room
+from labbook.filling.room import JAMMED, Room
 from labbook.scene import (
     Box,
+    ConicalSilo,
     CylinderSilo,
+    Frustum,
     HertzMindlin,
     Packing,
+    Plane,
     Primitives,
     Scene,
     Spheres,
     Spherocylinders,
+    Strip,
     Uniform,
+    Wall,
     WedgeHopper,
 )
 
@@ -185,3 +192,83 @@ def test_walls_that_stay_keep_their_springs_and_the_lid_loses_them():
     open_ = hopper(55, orifice=0.03)
     packing = resting([-0.04, 0.0, 0.04, 0.0], ["bottom-left", "lid", "right", "front"])
     assert springs(opened(packing, open_.close(), open_)) == {"bottom-left": [0], "right": [2], "front": [3]}
+
+
+def funnel(width, count, d=1.0) -> Scene:
+    """A wide cone of 24.2 deg above a hole of 4 m, with grains of 1 m."""
+    cone = ConicalSilo(diameter=width, height=60, angle=math.radians(24.2), orifice=4)
+    return scene(cone, count, grains=Spheres(diameter=d, density=1, count=count))
+
+
+def level_in(cone: ConicalSilo, volume: float) -> float:
+    """Height below which the cone holds a volume: pi ((r + s z)^3 - r^3) / (3 s), s = tan(angle)."""
+    r, s = cone.orifice / 2, math.tan(cone.angle)
+    return ((3 * s * volume / math.pi + r**3) ** (1 / 3) - r) / s
+
+
+@pytest.mark.parametrize(("width", "count"), [(40, 500), (40, 2000)])
+@pytest.mark.parametrize("sizes", [None, Uniform(smallest=0.5)])
+def test_a_low_bed_in_a_wide_cone_is_placed_where_its_volume_is(width, count, sizes):
+    """The tip of a cone holds little: rain has a solid fraction of 0.12 by volume of the room for centres, which begins
+    half a grain from walls."""
+    closed = funnel(width, count)
+    closed = closed.model_copy(update={"grains": closed.grains.model_copy(update={"sizes": sizes})}).close()
+    packing = place(closed, "rain", 1)
+    assert len(packing.x) == count
+    assert closed.container.holds(packing.x).all()
+    assert isinstance(closed.container, ConicalSilo)
+    cube = 1.0 if sizes is None else (1 - 0.5**4) / (4 * 0.5)  # mean of d^3 between d/2 and d
+    level = level_in(closed.container, count * math.pi / 6 * cube / 0.12)
+    assert level < packing.x[:, 2].max() < level + 4.5, "a grain from the walls: 0.5/sin(24.2 deg), then both ends"
+    d = np.ones(count) if packing.diameter is None else packing.diameter
+    i, j = KDTree(packing.x).query_pairs(1.0, output_type="ndarray").T
+    assert (np.linalg.norm(packing.x[i] - packing.x[j], axis=1) >= (d[i] + d[j]) / 2).all()
+
+
+def test_a_start_that_found_room_before_is_where_it_was():
+    """Positions of a narrower cone, which the quicker estimate of the height fits, are part of the keys of packings."""
+    room = Room(funnel(12, 2000).close(), 0.5)
+    volume = 2000 * math.pi / 6 / 0.12
+    assert next(room.tops(volume, 0.12 * volume, JAMMED)) == room.height_for(volume)
+
+
+@pytest.mark.parametrize("angle", [5, 20, 60])
+@pytest.mark.parametrize("count", [1, 30])
+def test_few_grains_in_a_v_of_two_strips(angle, count):
+    """A grain touches both plates at the height r/sin(angle)."""
+    a = math.radians(angle)
+    high = 0.2
+    ends = [(sign * high * math.tan(a), high) for sign in (-1, 1)]
+    parts = [Wall(name=f"plate-{k}", shape=Strip(start=(0, 0), end=end)) for k, end in enumerate(ends)]
+    for name, side in (("front", -1), ("back", 1)):
+        shape = Plane(point=(0, side * 0.505 * D, 0), normal=(0, -side, 0))
+        parts.append(Wall(name=name, shape=shape))
+    x = place(scene(Primitives(parts=tuple(parts)), count).close(), "rain", 1).x
+    assert len(x) == count
+    assert (x[:, 2] >= D / 2 / math.sin(a)).all()
+
+
+def test_grains_that_find_no_room_are_told_which_key_makes_it():
+    roof = Plane(point=(0, 0, 5 * D), normal=(0, 0, -1))
+    box = (*Box(width=5 * D, depth=5 * D, height=1).walls(), Wall(name="roof", shape=roof))
+    with pytest.raises(PlacingError, match=r"only (\d+) of 300 .* use grains.count: \1 or fewer, or widen container"):
+        place(scene(Primitives(parts=box), 300).close(), "rain", 1)
+    rods = Spherocylinders(diameter=D, length=10 * D, density=2500, count=20)
+    thin = WedgeHopper(width=0.1, height=0.9, thickness=1.01 * D, orifice=0.03)
+    told = str(no_room(scene(thin, grains=rods).close(), 0, 0.1))
+    assert "0 of 20 grains" in told
+    assert "widen container.thickness (3.03 mm) to 30 mm, the length of a rod" in told
+
+
+def test_what_a_part_that_opens_lets_out_starts_empty():
+    """An hourglass: grains start above the lid at its neck, and none below its upper plates."""
+    parts = (
+        Wall(name="side", shape=Frustum(lower=(0.03, 0.02), upper=(0.03, 0.3))),
+        Wall(name="cone", shape=Frustum(lower=(0.008, 0.0), upper=(0.03, 0.02))),
+        Wall(name="lid", shape=Frustum(lower=(0.0, 0.0), upper=(0.008, 0.0)), opens="start"),
+        Wall(name="bin", shape=Frustum(lower=(0.03, -0.1), upper=(0.03, -0.005))),
+        Wall(name="floor", shape=Frustum(lower=(0.0, -0.1), upper=(0.03, -0.1))),
+    )
+    x = place(scene(Primitives(parts=parts, outlet_plane=-0.02), 400).close(), "rain", 1).x
+    off = np.hypot(x[:, 0], x[:, 1])
+    assert (x[:, 2] > np.maximum(0, (off - 0.008) / 0.022 * 0.02)).all()

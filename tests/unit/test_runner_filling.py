@@ -1,5 +1,6 @@
 """When a filling ends: at rest, at rest but for a grain that rolls on, or not at all."""
 
+import json
 import math
 
 import labbook_toy
@@ -8,6 +9,9 @@ import pytest
 from toy_lab import carry_out, study
 
 from labbook.filling.bed import at_rest, fastest_points
+from labbook.lab.packings import ARRAYS, read_packing
+from labbook.lab.records import Unreadable
+from labbook.lab.tables import write_table
 from labbook.run.demand import demands
 from labbook.run.watch import Unwatched
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spheres, Spherocylinders
@@ -146,3 +150,97 @@ def test_a_bed_that_comes_to_rest_is_not_told(tmp_path):
     heard = Listening()
     assert not carry_out(asked_of(tmp_path), tmp_path / "lab", watcher=heard).tally.failed
     assert not heard.told
+
+
+def jitters(energy: float, times: float = math.inf):
+    """The toy's beat, but grains of a closed container keep a kinetic energy per grain [m g d] for so many seconds."""
+    beat = labbook_toy.Glass.beat
+
+    def shaking(glass):
+        rows = beat(glass)
+        if labbook_toy._outlet(glass.scene) is None and glass.time < times:
+            glass.v[:] = [0.0, 0.0, math.sqrt(2 * energy * 9.81 * 3e-3)]
+        return rows
+
+    return shaking
+
+
+def test_a_bed_that_hovers_ends_early_with_the_threshold_that_accepts_it(tmp_path, monkeypatch):
+    """8e-6 m g d is what a bed with strong rolling springs keeps; 1.2 times that, to one digit upwards, is 1e-5."""
+    monkeypatch.setattr(labbook_toy.Glass, "beat", jitters(8e-6))
+    (said,) = carry_out(asked_of(tmp_path, braked=True), tmp_path / "lab").tally.failed
+    assert "the bed hovers: at " in said
+    assert float(said.split("at ")[1].split(" s")[0]) < 10, "not after 60 s"
+    assert "use fill.settled_below: 1e-5, which accepts it as it is" in said
+    assert "rolling_friction" not in said, "these grains have it"
+    accepted = asked_of(tmp_path, "fill: {settled_below: 1e-5}", braked=True)
+    assert not carry_out(accepted, tmp_path / "lab").tally.failed
+
+
+def test_a_filling_that_hovered_goes_on_when_asked_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(labbook_toy.Glass, "beat", jitters(8e-6))
+    asked = asked_of(tmp_path, braked=True)
+    (said,) = carry_out(asked, tmp_path / "lab").tally.failed
+    end = float(said.split("at ")[1].split(" s")[0])
+    monkeypatch.undo()
+    monkeypatch.setattr(labbook_toy.Glass, "beat", jitters(8e-6, end + 0.5))
+    assert not carry_out(asked, tmp_path / "lab").tally.failed, "it came to rest by itself"
+    (packing,) = (tmp_path / "lab/packings").iterdir()
+    assert end < json.loads((packing / "packing.json").read_text())["duration"] < end + 2
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_few_grains_that_roll_on_are_told_what_helps(tmp_path, monkeypatch, count):
+    """A single grain on a plane rolls for ever; that more of them may move does not help."""
+    monkeypatch.setattr(labbook_toy.Glass, "beat", jitters(5e-6))
+    asked = asked_of(tmp_path, "window: {start: 0, end: 1}", count=count)
+    (said,) = carry_out(asked, tmp_path / "lab").tally.failed
+    assert "use fill.settled_below: 6e-6, which accepts it as it is" in said
+    assert "contact.rolling_friction" in said
+    assert "fill.moving" not in said
+
+
+def test_grains_that_are_lost_while_filling_end_it(tmp_path, monkeypatch):
+    beat = labbook_toy.Glass.beat
+
+    def leaking(glass):
+        rows = beat(glass)
+        if labbook_toy._outlet(glass.scene) is None and glass.time > 0.003:
+            glass.x[[3, 7]] = [0.001, 0.0, -0.05]
+        return rows
+
+    monkeypatch.setattr(labbook_toy.Glass, "beat", leaking)
+    (said,) = carry_out(asked_of(tmp_path), tmp_path / "lab").tally.failed
+    assert "2 of 200 grains have left the container by 0.0" in said
+    assert "x, y, z = 1, 0, -50 mm" in said
+    assert not (tmp_path / "lab/packings").exists()
+
+
+def test_grains_that_a_backend_dropped_while_filling_end_it(tmp_path, monkeypatch):
+    beat = labbook_toy.Glass.beat
+
+    def leaking(glass):
+        rows = beat(glass)
+        if labbook_toy._outlet(glass.scene) is None and glass.step == 2 * glass.numerics.steps_per_beat:
+            glass.x, glass.v, glass.ids = glass.x[1:], glass.v[1:], glass.ids[1:]
+        return rows
+
+    monkeypatch.setattr(labbook_toy.Glass, "beat", leaking)
+    (said,) = carry_out(asked_of(tmp_path), tmp_path / "lab").tally.failed
+    assert "1 of 200 grains have left the container by 0.004 s" in said
+    assert "through container.outlet_plane (z = 0 mm)" in said
+    assert not (tmp_path / "lab/packings").exists()
+
+
+def test_a_packing_that_lost_grains_is_refused(tmp_path):
+    """As older versions kept them: the record counts all grains of the scene."""
+    lab, asked = tmp_path / "lab", asked_of(tmp_path)
+    carry_out(asked, lab)
+    (folder,) = (lab / "packings").iterdir()
+    record, packing = read_packing(folder)
+    assert record.grains == len(packing) == 200
+    there = {name: array[:-5] if name in ("x", "v", "omega", "ids") else array
+             for name, array in packing.arrays().items()}  # fmt: skip
+    write_table(folder / ARRAYS, there)
+    with pytest.raises(Unreadable, match="195 of 200 grains"):
+        read_packing(folder)

@@ -1,0 +1,135 @@
+"""Whether grains can reach the plane of the outlet while the container is filled: then they are lost before the start.
+
+Centres of the smallest grains are followed on a grid, from where the filling starts to the plane. The grid is a section
+where walls have a symmetry (strips along y, frustums round the axis), else it fills the space. On a grid of spacing h,
+
+* nodes that keep h/2 more than a radius from every wall, joined along the grid, are a way for certain: between two of
+  them a distance changes by no more than that (from a plane, and from front and back walls, it needs no margin);
+* nodes that keep at least a radius less half the diagonal of a cell hold every way there is, in steps to all
+  neighbours, while h is below a third of the diameter.
+
+So a gap is certain if it is wider than the grain by h, and a container is tight for certain if all its gaps are
+narrower by the diagonal. What lies between, or needs a finer grid than MOST nodes allow, stays undecided. Walls are
+taken to go on upwards and sideways: grains that fall over the upper edge of a side wall are not foreseen.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from labbook.filling.room import Room
+from labbook.scene import Frustum, Plane, Scene, Strip
+from labbook.scene.model import once
+
+MOST = 400_000
+"""Nodes of a grid: less than a second of work."""
+_BUDGET = 4_000_000  # nodes times walls
+LOOSE = 0.12
+"""Solid fraction of grains at the start of the loosest filling."""
+_FINE, _COARSE = 12.0, 3.5  # nodes in a diameter: no more are useful, and with fewer a way may pass through a plate
+
+
+@dataclass(frozen=True)
+class Leak:
+    """Where grains can leave a container that is being filled: `at` [m], the centre of a grain on its way through the
+    plane of the outlet. `certain`: false where the grid cannot tell whether they fit through; `spacing` [m]: its."""
+
+    certain: bool
+    at: tuple[float, float, float]
+    spacing: float
+
+    @property
+    def place(self) -> str:
+        """`at`, in words."""
+        x, y, z = (1e3 * value if abs(value) > 1e-6 * self.spacing else 0.0 for value in self.at)
+        return f"x, y, z = {x:.3g}, {y:.3g}, {z:.3g} mm"
+
+
+@once(256)
+def leak(closed: Scene, flat: bool = False) -> Leak | None:
+    """The leak of a closed scene with an outlet plane; None if there is none, or no such plane.
+
+    flat: whether all grains start in the plane y = 0. Raises PlacingError where grains cannot be placed at all.
+    """
+    plane = closed.container.outlet_plane
+    if plane is None:
+        return None
+    radius = closed.grains.finest / 2
+    room = Room(closed, radius, flat)
+    shapes = [wall.shape for wall in closed.container.walls()]
+    symmetry = _symmetry(shapes)
+    top = room.height_for(closed.grains.count * closed.grains.volume / LOOSE)
+    axes, spacing = _axes(room, plane, radius, symmetry, top)
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    size, points = x.shape[:-1], x.reshape(-1, 3)
+    planes = np.full(len(points), np.inf)
+    others = np.full(len(points), np.inf)
+    for shape in shapes:
+        if isinstance(shape, Plane):
+            planes = np.minimum(planes, shape.distance(points))
+        else:
+            others = np.minimum(others, shape.distance(points))
+    start = (room.holds(points) & (points[:, 2] > max(plane, room.bottom))).reshape(size)
+    diagonal = spacing * math.sqrt(sum(len(axis) > 1 for axis in axes))
+    sure = (planes >= radius * (1 - 1e-9)) & (others >= radius + spacing / 2)
+    maybe = (planes >= radius - diagonal / 2) & (others >= radius - diagonal / 2)
+    for certain, clear in ((True, sure), (False, maybe)):
+        found = _reached(clear.reshape(size), start, x[..., 2] <= plane, all_neighbours=not certain)
+        if found.any():
+            highest = found & (x[..., 2] == x[..., 2][found].max())
+            px, py, _ = x.reshape(-1, 3)[np.argmax(np.where(highest.ravel(), others, -np.inf))]
+            return Leak(certain, (float(px), float(py), plane), spacing)
+    if spacing > 2 * radius / _COARSE:  # too coarse a grid may see a way through nothing, and none where there is one
+        return Leak(False, (0.0, 0.0, plane), spacing)
+    return None
+
+
+def _symmetry(shapes: list) -> Literal["slice", "round", "none"]:
+    """Of a container: the same in every plane y = const between its front and back walls, or round the axis."""
+    across = [shape.normal for shape in shapes if isinstance(shape, Plane)]
+    plates = {type(shape) for shape in shapes} - {Plane}
+    if plates <= {Strip} and all(y == 0 or (x == 0 and z == 0) for x, y, z in across):
+        return "slice"
+    if plates <= {Frustum} and all(x == y == 0 for x, y, _ in across):
+        return "round"
+    return "none"
+
+
+def _axes(room: Room, plane: float, radius: float, symmetry: str, top: float) -> tuple[tuple[np.ndarray, ...], float]:
+    """x, y and z of the nodes [m], and their spacing, as fine as is useful and MOST allows."""
+    (left, right), (front, back), low = room.x, room.y, plane
+    if symmetry == "round":
+        left = 0.0
+    known = all(isinstance(shape, Plane | Strip | Frustum) for shape in room.shapes)
+    upright = all(shape.normal[2] == 0 or shape.normal[:2] == (0, 0) for shape in room.planes)
+    high = max(room.highest, plane + 4 * radius) + 4 * radius
+    if not known or not upright:  # up to where grains start
+        high = max(high, top)
+    deep = symmetry == "none" and back - front > 0
+    sides = [right - left, back - front if deep else 0.0, high - low]
+    spacing = 2 * radius / _FINE
+    for _ in range(60):
+        counts = [max(1, math.ceil(side / spacing)) + 1 if side > 0 else 1 for side in sides]
+        if math.prod(counts) <= min(MOST, _BUDGET / len(room.shapes)):
+            break
+        spacing *= 1.1
+    middle = np.array([(front + back) / 2]) if symmetry != "round" else np.zeros(1)
+    y = _nodes(front, back, spacing) if deep else middle
+    return (_nodes(left, right, spacing), y, _nodes(low, high, spacing)), spacing
+
+
+def _nodes(low: float, high: float, spacing: float) -> np.ndarray:
+    """Nodes no further apart than `spacing` [m], among them both ends and the middle."""
+    return np.linspace(low, high, 2 * math.ceil((high - low) / spacing / 2) + 1) if high > low else np.array([low])
+
+
+def _reached(clear: np.ndarray, start: np.ndarray, end: np.ndarray, all_neighbours: bool) -> np.ndarray:
+    """Which nodes of `end` clear nodes join to one of `start`."""
+    from scipy.ndimage import generate_binary_structure, label
+
+    joined = generate_binary_structure(3, 3 if all_neighbours else 1)
+    parts, _ = label(clear, joined)  # pyright: ignore[reportGeneralTypeIssues]
+    begun = np.unique(parts[start & clear])
+    return np.isin(parts, begun[begun > 0]) & end
