@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from labbook.fields.pattern import FUNNEL, SLOW
+from labbook.fields.pattern import SLOW
 from labbook.measure.orifice import INTERVAL
 from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
@@ -17,7 +17,6 @@ from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
-from labbook.scene.quantities import percent
 
 
 def series_sections(results: Results, folder: Path) -> list[Section]:
@@ -134,7 +133,7 @@ PATTERNS = (
     "First recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window; "
     "arrows are as long as the square root of the speed. Below: mean speed in the window with streamlines; hatched: "
     f"stagnant, that is slower than {SLOW:g} times the speed at which the section at that height sinks as a whole. "
-    f"More than {percent(FUNNEL)} of the mass stagnant is funnel flow."
+    "Percentages: stagnant part of the bed’s mass."
 )
 _ACCELERATION = (
     f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms (whole frames), of grains that start at this "

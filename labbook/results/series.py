@@ -10,7 +10,7 @@ import numpy as np
 
 from labbook.fit import LAWS, Context, FitError, FitResult, Parameter, contenders, fit
 from labbook.results import display
-from labbook.results.points import ORIFICE, PointResult
+from labbook.results.points import ORIFICE, PointResult, names_scene
 from labbook.scene import outlet_shape
 
 PACKING_FRACTION = "packing_fraction"
@@ -70,7 +70,17 @@ class Series:
     @property
     def label(self) -> str:
         """What the points have in common; empty if nothing else was swept."""
-        return self.label_without("")
+        return ", ".join(filter(None, (self.label_without(""), display.label(self.along))))
+
+    @property
+    def along(self) -> Mapping[str, float | str]:
+        """Swept keys that follow from `at`, and say what the scene is."""
+        first = self.points[0].along if self.points else {}
+        return {
+            name: value
+            for name, value in first.items()
+            if names_scene(name) and all(one.along.get(name) == value for one in self.points)
+        }
 
     def label_without(self, key: str) -> str:
         """The label, leaving out what it says of `key`."""

@@ -75,7 +75,7 @@ def against_key(found: Against) -> "Figure":
             if not column:
                 main.set_ylabel(mathtext(display.quantity(found.quantity).heading))
                 below.set_ylabel(mathtext(ratio_heading(found)))
-            below.set_xlabel(mathtext(display.key(found.key).heading))
+            below.set_xlabel(mathtext(found.heading))
             below.xaxis.set_tick_params(labelbottom=True)
         if legend:
             handles, labels = _legend(names)
