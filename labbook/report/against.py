@@ -194,10 +194,12 @@ def _caption(found: Against) -> str:
     with_intervals = "with 95 % intervals " if any(math.isfinite(one.half_width) for one in ratios) else ""
     below = f" Below: over {name} at {_first(found)}, {with_intervals}{how}." if ratios else ""
     text = f"Above: {name} with 95 % intervals.{below}"
-    hollow = any(place.result.remark for line in found.lines for place in line.places)
-    crossed = any(found.quantity not in place.result.pooled for line in found.lines for place in line.places)
-    text += " Hollow: see the remarks in the table." if hollow else ""
-    text += f" Cross: no {name}." if crossed else ""
+    places = [place.result for line in found.lines for place in line.places]
+    known = [one.pooled[found.quantity] for one in places if found.quantity in one.pooled]
+    unknown = not all(math.isfinite(one.half_width) for one in (*known, *ratios))
+    text += " Hollow: see the remarks in the table." if any(one.remark for one in places) else ""
+    text += " Hollow with a dashed bar: the interval is unknown." if unknown else ""
+    text += f" Cross at the foot: no {name}." if len(known) < len(places) else ""
     if found.along:
         with_it = _listed([display.spoken(other) for other in found.along])
         text += f" {with_it} {'change' if len(found.along) > 1 else 'changes'} along."

@@ -272,6 +272,18 @@ class PointResult:
         return self.notes["trending"] > len(self.runs) / 2 or together
 
     @property
+    def hollow(self) -> bool:
+        """Whether figures mark it: there is a remark on it, or its flow rate rests on one run and has no interval."""
+        return bool(self.remark) or (self.flow_rate is not None and not math.isfinite(self.flow_rate.half_width))
+
+    @property
+    def lacking(self) -> str:
+        """Why it has no flow rate, in the fewest words: `4 of 4 clogged`; empty if it has one."""
+        if self.flow_rate is not None:
+            return ""
+        return self.remark or "too few grains"
+
+    @property
     def precise(self) -> bool | None:
         """Whether the half width of the flow rate's interval, with the bias of numerics that were chosen, meets the
         requested error; None if the study requests none."""

@@ -33,12 +33,13 @@ class FurtherFit:
 
 @dataclass(frozen=True)
 class Residual:
-    """What the flow rate of a point lies off a law, relative to the law: `value`, and `half_width` of its own 95 %
-    interval (infinite for one replicate)."""
+    """What the flow rate of a point lies off a law, relative to the law: `value`, `half_width` of its own 95 % interval
+    (infinite for one replicate), and `error`, the standard error that fit and test use, pooled over points."""
 
     orifice: float
     value: float
     half_width: float
+    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +108,15 @@ class Series:
     def residuals(self, law: str) -> tuple[Residual, ...]:
         """Of every point with a flow rate, in order of the orifice."""
         known = [(result.orifice, result.flow_rate) for result in self.points if result.flow_rate is not None]
-        expected, _, _ = self.fits[law].predict(np.array([orifice for orifice, _ in known]))
+        fit = self.fits[law]
+        expected, _, _ = fit.predict(np.array([orifice for orifice, _ in known]))
+        errors = fit.relative_error * fit.W  # the same points in the same order
         return tuple(
-            Residual(orifice, float(pooled.value / of_law - 1), float(pooled.half_width / of_law))
-            for (orifice, pooled), of_law in zip(known, expected, strict=True)
+            Residual(
+                orifice,
+                *(float(one) for one in (pooled.value / of_law - 1, pooled.half_width / of_law, error / of_law)),
+            )
+            for (orifice, pooled), of_law, error in zip(known, expected, errors, strict=True)
         )
 
     def __repr__(self) -> str:
@@ -199,11 +205,16 @@ def _named(laws: Iterable[str]) -> str:
 
 
 def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
-    """A note on fitted points that lack runs, if any do."""
-    partial = [f"{r.orifice * 1e3:g} mm with {len(r.runs)} of {r.asked} runs" for r in points if r.partial]
-    if not partial:
-        return ()
-    return (f"fitted with missing runs: {', '.join(partial)}; runs that finish first are biased to fast flow",)
+    """Notes on fitted points that lack runs, because they have not finished or clogged."""
+    notes = []
+    if partial := [f"{r.orifice * 1e3:g} mm with {len(r.runs)} of {r.asked} runs" for r in points if r.partial]:
+        notes.append(f"fitted with missing runs: {', '.join(partial)}; runs that finish first are biased to fast flow")
+    if clogged := sum(r.outcomes["clogged"] for r in points):
+        alone = sum(r.flow_rate is not None and r.flow_rate.n == 1 for r in points)
+        of_one = f"{alone} of {len(points)} points from one run; " if alone else ""
+        runs = f"{clogged} clogged run{'' if clogged == 1 else 's'}"
+        notes.append(f"{of_one}{runs} left out: survivors are biased to fast flow")
+    return tuple(notes)
 
 
 def context(points: Sequence[PointResult]) -> Context:

@@ -298,7 +298,7 @@ def test_a_single_run_has_no_error_and_says_so(synthetic, tmp_path):
     analysis = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, 1)])
     text = " ".join(read(write(analysis, tmp_path)).text)
     assert "unknown" in text
-    assert "1 orifices are too few" in text
+    assert "1 orifice is too few" in text
 
 
 @pytest.mark.usefixtures("one_format")
