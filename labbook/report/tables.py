@@ -21,8 +21,8 @@ from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
 
 CONVENTIONS = (
-    "± is one standard error, from the scatter between replicates; intervals are 95 %, by Student’s t on the "
-    "replicates."
+    "Intervals are 95 %, by Student’s t on n replicates: those that gave a flow rate. ± is one standard error, from "
+    "the scatter between replicates."
 )
 ALONE = "For points with one fed run: from the scatter within the run, by Student’s t on its blocks."
 
@@ -51,15 +51,25 @@ def flow_table(results: Results) -> Table:
     rows = []
     for result in results.points:
         pooled = result.flow_rate
-        interval = "–"
+        scale = display.quantity(FLOW_RATE).scale
+        value, interval, n = ("–", "–", 0)
         if pooled is not None:
-            interval = display.percentage(pooled.relative)
-        cells = (*_cells(result, flow), interval, *_cells(result, others))
-        rows.append((*_at(result, swept), *cells, str(len(result.runs)), "; ".join(_remarks(result))))
-    headings = (*_headings(swept, flow), "95 % interval", *_headings((), others), "runs", "remarks")
+            value, interval, n = display.number(pooled.value, pooled.error, scale), _interval(pooled, scale), pooled.n
+        own = (value, interval) if flow else ()
+        runs = str(n) if n == len(result.runs) else f"{n} of {len(result.runs)}"
+        rows.append((*_at(result, swept), *own, *_cells(result, others), runs, "; ".join(_remarks(result))))
+    headings = (*_headings(swept, flow), *(("95 % interval",) if flow else ()), *_headings((), others), "n", "remarks")
     alone = results.study.fed and any(len(result.runs) == 1 for result in results.points)
     notes = (CONVENTIONS, ALONE) if alone else (CONVENTIONS,)
     return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=notes)
+
+
+def _interval(pooled: Pooled, scale: float) -> str:
+    """`66.5 to 73.4 (±4.9 %)`, or `unknown`."""
+    if not math.isfinite(pooled.half_width):
+        return display.percentage(pooled.relative)
+    low, high = (display.number(end, pooled.error, scale) for end in (pooled.low, pooled.high))
+    return f"{low} to {high} ({display.percentage(pooled.relative)})"
 
 
 def further_table(results: Results) -> Table | None:

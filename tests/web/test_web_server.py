@@ -191,7 +191,7 @@ def test_the_page_of_a_study_shows_every_point(asked, results):
     page = Read(asked.get(f"/study/{STUDY}").text)
     head, *rows = page.rows["points"]
     assert len(rows) == POINTS == len(results.points)
-    runs = head.index("runs")
+    runs = head.index("n")
     assert [row[runs] for row in rows] == [str(REPLICATES)] * POINTS
     for row, one in zip(rows, results.points, strict=True):
         number = one.point.index + 1

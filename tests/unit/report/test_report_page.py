@@ -86,7 +86,9 @@ def test_every_figure_lies_beside_it_in_three_formats(written):
 def test_it_shows_the_numbers_of_the_analysis(analysis, written):
     text = " ".join(" ".join(read(written).text).split())
     for result in analysis.points:
-        assert display.with_error(result.flow_rate.value, result.flow_rate.error, 1e3) in text
+        flow = result.flow_rate
+        value, low, high = (display.number(one, flow.error, 1e3) for one in (flow.value, flow.low, flow.high))
+        assert f"{value} {low} to {high} (±" in text
     assert "C (grain density)" in text
     assert "C (bulk density)" in text
     assert "inside our 95 % interval" in text

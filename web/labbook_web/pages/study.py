@@ -25,7 +25,7 @@ from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.results.frames import to_json
-from labbook.results.points import ORIFICE, PointResult
+from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
@@ -218,13 +218,16 @@ def plotted(results: Results) -> dict[str, Any]:
         "series": [_series(one) for one in results.series if one.fits],
         "source": results.source,
         "nothing": no_number(results),
+        "outlet": next((one.outlet for one in results.series), ""),
     }  # fmt: skip
 
 
 def _shown_key(name: str, results: Results) -> dict[str, Any]:
     shown = display.key(name)
     words = any(isinstance(result.at.get(name), str) for result in results.points)
-    return {"label": shown.name, "unit": shown.unit, "scale": shown.scale, "words": words, "orifice": name == ORIFICE}
+    along = [display.key(one).name for one in followers(results.points, name) if names_scene(one)]
+    label = f"{shown.name} (with {', '.join(along)})" if along else shown.name
+    return {"label": label, "unit": shown.unit, "scale": shown.scale, "words": words, "orifice": name == ORIFICE}
 
 
 def _shown_quantity(name: str, unit: str) -> dict[str, Any]:
@@ -244,6 +247,7 @@ def _point(result: PointResult) -> dict[str, Any]:
         "trending": result.trending,
         "clogged": outcomes["clogged"],
         "values": {name: [one.value, one.error, one.low, one.high, one.n] for name, one in result.pooled.items()},
+        "said": {name: display.with_interval(one, display.quantity(name).scale) for name, one in result.pooled.items()},
     }
 
 
@@ -266,6 +270,7 @@ def _series(series: Series) -> dict[str, Any]:
             "at": [one.orifice for one in residuals],
             "residuals": [100 * one.value for one in residuals],
             "half_widths": [100 * one.half_width for one in residuals],
+            "errors": [100 * one.error for one in residuals],
         }
     return {"label": series.label, "at": dict(series.at), "points": [one.point.index + 1 for one in series.points],
             "laws": laws}  # fmt: skip
