@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from datetime import date
 from html.parser import HTMLParser
 from pathlib import Path
@@ -81,6 +82,33 @@ def test_the_page_is_one_file_that_fetches_nothing(written):
 def test_every_figure_lies_beside_it_in_three_formats(written):
     made = {path.name for path in written.parent.iterdir()}
     assert made == {"report.html", *(f"{stem}.{kind}" for stem in ("fit", "flow") for kind in ("png", "svg", "pdf"))}
+
+
+def test_warnings_of_the_plan_that_limit_numbers_reach_the_results(synthetic):
+    """400 grains in a hopper 33 diameters wide are less than 1.2 widths high from the start: W may fall with that."""
+    from labbook.run.advice import limits
+
+    points = [synthetic.point(k, D, count=400) for k, D in enumerate((0.024, 0.03))]
+    low = analyse(synthetic.study_of(points), [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2)])
+    (warned,) = limits(low.study)
+    said = [text for text in concerns(low) if "widths high before the window ends" in text]
+    assert [warned.split(": ", 1)[1].replace("\n    remedy: ", " (remedy: ") + ")."] == said
+    assert ("Attention", said[0]) in result_box(low).rows
+    high = [synthetic.point(0, 0.03, count=4000)]
+    enough = analyse(synthetic.study_of(high), [synthetic.FinishedDouble(high[0], s) for s in (1, 2)])
+    assert not any("widths high" in text for text in concerns(enough))
+
+
+def test_points_that_are_the_same_runs_are_told(synthetic):
+    class SameRun(synthetic.FinishedDouble):
+        run_key = property(lambda self: f"{self.seed:032x}")
+
+    points = [
+        synthetic.point(0, 0.03),
+        replace(synthetic.point(1, 0.03), at={"container.orifice": 0.03, "unused": 2.0}),
+    ]
+    found = analyse(synthetic.study_of(points), [SameRun(one, seed) for one in points for seed in (1, 2)])
+    assert any(text.startswith("These points are the same runs") for text in concerns(found))
 
 
 def test_it_shows_the_numbers_of_the_analysis(analysis, written):
