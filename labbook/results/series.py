@@ -168,20 +168,20 @@ def _series(
     outlet = outlet_shape(points[0].point.scene.container)
     for name in (law for law in laws if law in LAWS):
         if LAWS[name].outlet not in (outlet, "any"):
-            problems.append(f"{name}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")
+            problems.append(f"{display.law(name)}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")
             continue
         try:
             found = fit(LAWS[name], D, W, error, context(points), replicates)
             fits[name] = replace(found, notes=(*found.notes, *_lacking([result for result, _ in used])))
         except FitError as failure:
-            problems.append(str(failure))
+            problems.append(f"{display.law(name)}: {str(failure).removeprefix(f'{name}: ')}")
     others: dict[str, FurtherFit] = {}
     for name in (law for law in laws if law in further):
         try:
             other = further[name](points)
             others[name] = replace(other, notes=(*other.notes, *_lacking(other.points)))
         except FitError as failure:
-            problems.append(f"{name}: {failure}")
+            problems.append(f"{display.law(name)}: {failure}")
     outside = np.zeros(len(used), bool)
     for one in fits.values():
         outside |= one.outside

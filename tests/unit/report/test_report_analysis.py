@@ -91,7 +91,7 @@ def test_series_are_points_that_differ_in_their_orifice_only(synthetic):
     assert all(series.diameters == [0.02, 0.03, 0.04] for series in found)
     assert found[0].label == "angle = 30 deg"
     # Three orifices are too few for the three parameters of Janda's law: said, not skipped.
-    assert all("janda" in series.problems[0] and "beverloo" in series.fits for series in found)
+    assert all("Janda" in series.problems[0] and "beverloo" in series.fits for series in found)
 
 
 def test_a_difference_is_told_in_standard_errors_of_both(analysis):
