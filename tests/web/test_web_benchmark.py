@@ -16,9 +16,9 @@ def test_the_benchmark_asks_for_every_page_of_a_made_up_lab(tmp_path):
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    found = module.pages(tmp_path / "lab", wanted=90, repeats=1, side=3)
+    found = module.pages(tmp_path / "lab", wanted=250, repeats=1, side=5)
     assert [one["page"] for one in found] == list(module.PAGES)
     assert all(one["first"] > 0 and one["kilobytes"] > 0 for one in found)
     catalogue = Catalogue(module.Lab(tmp_path / "lab"))
-    assert len(catalogue.runs()) == 90  # two studies of 3 x 3 points with five runs each
+    assert len(catalogue.runs()) == 250  # two studies of 5 x 5 points with five runs each
     catalogue.close()
