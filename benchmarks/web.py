@@ -22,6 +22,7 @@ import time
 import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,7 @@ def large_lab(folder: Path, wanted: int, side: int = _SIDE) -> Lab:
             rows, numbers = [], []
             for demand in demands(study, _REPLICATES):
                 keys = demand.keys(can)
-                rows.append(_row(study, demand, vars(keys), can.cache_version))
+                rows.append(_row(study, demand, asdict(keys), can.cache_version))
                 numbers += _numbers(study, demand, keys.run, rng)
             with writing(engine, lab) as connection:
                 upsert(connection, runs, rows)
@@ -117,7 +118,7 @@ def _row(study: Study, demand: Demand, keys: dict[str, str], version: int) -> di
     told |= {"grains": 700, "discharged": 0.66, "duration": 3.0, "wall_time": 9.0, "rate": 7e6, "bytes": 300_000}
     known = {"study": study.name, "label": demand.point.label, "seed": demand.seed, "backend": "numba", "device": "cpu"}
     named = {f"{name}_key": key for name, key in keys.items()}
-    blank = dict.fromkeys(column.key for column in runs.columns)
+    blank = {column.key: None if column.default is None else column.default.arg for column in runs.columns}
     return {**blank, **told, **known, **named, "cache_version": version, "coverage": coverage.model_dump_json()}
 
 

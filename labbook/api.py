@@ -23,6 +23,7 @@ from labbook.export.recording import NotRecorded, of_run
 from labbook.export.study import write_numbers, write_recordings
 from labbook.export.viewer import show
 from labbook.fit import LAWS, FitError, FitResult
+from labbook.fit import named as named_law
 from labbook.lab import Catalogue, LabError
 from labbook.lab import Lab as Folder
 from labbook.lab.folder import DEFAULT
@@ -273,12 +274,13 @@ class Results(Found):
         return made
 
     def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult:
-        """Fit of the law with this name to flow rates against the orifice; the study need not list it.
+        """Fit of the law with this name (`beverloo_3d` or `Beverloo 3d`) to flow rates against the orifice; the study
+        need not list it.
 
         at: the series, if other keys than the orifice are swept (`{"container.angle": "30 deg"}`). Raises FitError,
         LookupError if `at` is missing or matches no series.
         """
-        series = self._series(at)
+        series, law = self._series(at), named_law(law)
         if law not in series.fits:
             (series,) = series_of(series.points, (law,)) or (series,)
         if law in series.fits:
@@ -295,11 +297,12 @@ class Results(Found):
         return tuple(dict.fromkeys([*own, *shared] if len(series) == 1 else [*shared, *own]))
 
     def plot(self, name: str | None = None, at: Mapping[str, Any] | None = None) -> "Figure":
-        """One of the report's figures, by its name in `figures()` (None: the first); a notebook displays it.
+        """One of the report's figures, by its name in `figures()` (None: the first) or that of its file in the report
+        (`flow`, `fit`); a notebook displays it.
 
         at: the series, as for `fit`. Raises LookupError for an unknown figure.
         """
-        name = name or next(iter(self.figures(at)), "flow_rate")
+        name = gallery.FILES.get(name or "", name) or next(iter(self.figures(at)), "flow_rate")
         draw = gallery.of_results(self).get(name)
         if draw is None and self.series:
             draw = gallery.of_series(self, self._series(at)).get(name)
@@ -387,13 +390,15 @@ class Results(Found):
         return f"<div><b>{escape(self.study.name)}</b></div>{shown}{_html(tables.flow_table(self))}{self._picture()}"
 
     def _picture(self) -> str:
-        """The first figure of all, as the notebook's own."""
+        """The first figure of all: of several series the one that shows them all."""
         from base64 import b64encode
 
+        drawn = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
         for one in self.series[:1]:
-            for draw in list(gallery.of_series(self, one).values())[:1]:
-                data, size = style.for_a_screen(draw())
-                return f'<img width="{size["width"]}" src="data:image/png;base64,{b64encode(data).decode()}"/>'
+            drawn |= gallery.of_series(self, one)
+        for draw in list(drawn.values())[:1]:
+            data, size = style.for_a_screen(draw())
+            return f'<img width="{size["width"]}" src="data:image/png;base64,{b64encode(data).decode()}"/>'
         return ""
 
 

@@ -1,7 +1,6 @@
-"""What kind of flow: where grains stand still, and whether all of the bed moves."""
+"""Where grains stand still while a bed flows."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -9,8 +8,6 @@ from labbook.fields.fields import Fields
 
 SLOW = 0.1
 """A point is stagnant where the mean velocity is below this part of the speed at which the whole section would sink."""
-FUNNEL = 0.05
-"""A flow is a funnel where more than this part of the bed is stagnant, else mass flow."""
 _BED = 0.2
 """Part of the median density below which a point is above the surface. It is low since at a wall, from which centres
 keep a radius away, the kernel leaves a sixth to a quarter of the density inside, and above an outlet grains are few."""
@@ -28,11 +25,6 @@ class Pattern:
     bed: np.ndarray
     fraction: float
     sinking: np.ndarray
-
-    @property
-    def kind(self) -> Literal["funnel flow", "mass flow"]:
-        """`funnel flow` if more than 5 % of the bed's mass is stagnant."""
-        return "funnel flow" if self.fraction > FUNNEL else "mass flow"
 
 
 def pattern_of(fields: Fields, bottom: float = 0.0, top: float = np.inf) -> Pattern:

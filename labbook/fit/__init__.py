@@ -16,6 +16,13 @@ LAWS: Registry[Law] = Registry[Law](
 )
 """Laws of the flow rate against the orifice: those built in, and those of other packages."""
 
+
+def named(law: str) -> str:
+    """The name of a law that is written as reports show it: `beverloo_3d` for `Beverloo 3d`; others as they are."""
+    plain = law.strip().lower().replace(" ", "_")
+    return plain if plain in LAWS else law
+
+
 __all__ = [
     "LAWS",
     "Context",
@@ -25,4 +32,5 @@ __all__ = [
     "Parameter",
     "contenders",
     "fit",
+    "named",
 ]

@@ -1,10 +1,14 @@
 """Beverloo's law, for a slot and for a circular hole."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from labbook.fit.law import Context, Law, Reported, exponential, extended_log
+
+_NO_BETTER = 1e-6
+"""Fall of chi2 below that of a constant flow rate which is only rounding."""
 
 
 class Beverloo(Law):
@@ -29,6 +33,36 @@ class Beverloo(Law):
         if slope <= 0:
             return np.array([math.log(float(np.mean(W)) / unit), 0.0])
         return np.array([self.power * math.log(slope), min(-shift / slope, 0.9 * smallest)])
+
+    def without_minimum(
+        self, D: np.ndarray, W: np.ndarray, relative: np.ndarray, context: Context, allowed: Callable[[float], float]
+    ) -> str:
+        """As k runs to minus infinity and C to 0 the law becomes a constant. Where no finite k fits better than that
+        constant, k has an upper limit only."""
+        from scipy.optimize import brentq
+
+        x, weights, log_W = D / context.d, relative**-2.0, np.log(W)
+        middle = float(np.average(x, weights=weights))
+
+        def chi2(gap: float) -> float:
+            """Least sum of squares with k at `gap` [d] below the smallest orifice, over all C."""
+            with np.errstate(divide="ignore"):
+                left = log_W - self.power * np.log1p((x - middle) / (middle - x.min() + gap))
+            return float(np.sum(weights * (left - np.average(left, weights=weights)) ** 2))
+
+        constant = chi2(math.inf)
+        gaps = float(np.ptp(x)) * np.logspace(-6, 9, 151)
+        found = [chi2(gap) for gap in gaps]
+        if min(found) < constant * (1 - 1e-9) - _NO_BETTER:
+            return ""
+        rise = allowed(constant)
+        inside = [gap for gap, one in zip(gaps, found, strict=True) if one - constant > rise]
+        limit = ""
+        if inside:
+            low = math.log(max(inside))
+            gap = math.exp(float(brentq(lambda at: chi2(math.exp(at)) - constant - rise, low, low + 1)))  # type: ignore[arg-type]
+            limit = f" (its upper limit is {x.min() - gap:.4g})"
+        return f"W does not rise with D: k cannot be determined{limit}"
 
     def reported(self, context: Context) -> tuple[Reported, ...]:
         by_particle = self._unit(context) / context.d**self.power

@@ -1,7 +1,7 @@
 """Fitting a law to flow rates with known errors."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,6 +14,14 @@ from labbook.stats.choice import aicc, deviance, unbeaten
 from labbook.stats.pooling import student
 
 _RESTARTS = 8
+_SAME = 1e-3
+"""Orifices that differ by less, in diameters of a grain, count as one."""
+_EXACT = 1e-6
+"""Relative scatter about a law below which it is that of numerics: flow rates are counts of grains."""
+_DIVERGES = (
+    "the fit did not converge: these flow rates do not determine its parameters; use outlets over a wider range or "
+    "more replicates, or leave the law out of `fit`"
+)
 
 
 def fit(
@@ -31,10 +39,11 @@ def fit(
     (see `labbook.fit.weights`); left out, the errors count as exactly known. Residuals are those of ln W, in
     which the relative scatter of flow rates has one size. Intervals come from the profile likelihood with
     Student's t on the degrees of freedom of the errors; without any replicates, from the scatter about the
-    law. Raises FitError for unusable data or a fit that does not converge.
+    law. Raises FitError for unusable data, data that do not determine the parameters, and a fit that does not
+    converge.
     """
     D, W, error = (np.asarray(a, float) for a in (D, W, error))
-    _check(law, D, W, error, replicates)
+    _check(law, D, W, error, replicates, context)
     weights = pooled_weights(W, error, None if replicates is None else np.asarray(replicates))
     if not (weights.relative > 0).all():
         raise FitError(f"{law.name}: the errors of the flow rates are zero; give more replicates")
@@ -46,18 +55,25 @@ def fit(
     dof = len(D) - len(law.free)
     t = student(confidence, freedom(weights.degrees_of_freedom, dof))
     replicated = weights.degrees_of_freedom > 0
+    allowed = _allowed(t, dof, replicated)
+    if why := law.without_minimum(D, W, weights.relative, context, allowed):
+        raise FitError(f"{law.name}: {why}; use outlets over a wider range or more replicates")
     start = law.start(D, W, context)
     for _ in range(_RESTARTS):
         try:
             minimum = minimise(residuals, start)
             misfit = math.sqrt(minimum.chi2 / dof)
-            widening = max(1.0, misfit) if replicated else misfit
-            parameters = _parameters(law, context, residuals, minimum, t, widening)
+            if not replicated and misfit < _EXACT:
+                no_scatter = "the points lie on the law, so that their scatter gives no errors; give more replicates"
+                raise FitError(f"{law.name}: {no_scatter}")
+            rise = allowed(minimum.chi2)
+            widening = math.sqrt(rise) / t
+            parameters = _parameters(law, context, residuals, minimum, rise, widening)
             break
         except LowerMinimum as lower:
             start = lower.found
         except RuntimeError as failure:
-            raise FitError(f"{law.name}: {failure}") from failure
+            raise FitError(f"{law.name}: {_DIVERGES}") from failure
     else:
         raise FitError(f"{law.name}: the fit keeps finding lower minima; the data do not determine its parameters")
     outside = law.outside(D, context)
@@ -83,12 +99,25 @@ def fit(
     )
 
 
-def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates) -> None:
+def _allowed(t: float, dof: int, replicated: bool) -> Callable[[float], float]:
+    """The rise of chi2 over its least value that bounds the intervals: t^2, widened by the misfit."""
+
+    def allowed(least: float) -> float:
+        misfit = least / dof
+        return t**2 * (max(1.0, misfit) if replicated else misfit)
+
+    return allowed
+
+
+def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates, context: Context) -> None:
     if not D.shape == W.shape == error.shape or D.ndim != 1:
         raise FitError(f"{law.name}: orifices, flow rates and errors must be lists of equal length")
-    orifices, least = len(np.unique(D)), len(law.free) + 1
+    given, least = np.unique(D), len(law.free) + 1
+    orifices = min(len(given), 1) + int(np.sum(np.diff(given) >= _SAME * context.d))
     if orifices < least:
-        raise FitError(f"{law.name}: {orifices} orifices are too few; its {least - 1} parameters need {least}")
+        same = f" (those that differ by less than {_SAME:g} d count as one)" if orifices < len(given) else ""
+        few = "orifice is" if orifices == 1 else "orifices are"
+        raise FitError(f"{law.name}: {orifices} {few} too few{same}; its {least - 1} parameters need {least}")
     if not (np.isfinite(W).all() and (W > 0).all() and np.isfinite(D).all() and (D > 0).all()):
         raise FitError(f"{law.name}: orifices and flow rates must be positive and finite; leave out clogged points")
     known = np.ones(len(D), bool) if replicates is None else np.asarray(replicates) > 1
@@ -96,9 +125,8 @@ def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates
         raise FitError(f"{law.name}: the error of a point with several replicates must be finite and not negative")
 
 
-def _parameters(law, context, residuals, minimum: Minimum, t: float, widening: float) -> dict[str, Parameter]:
+def _parameters(law, context, residuals, minimum: Minimum, rise: float, widening: float) -> dict[str, Parameter]:
     reported = law.reported(context)
-    rise = (t * widening) ** 2
     ends = {i: interval(residuals, minimum, i, rise) for i in {entry.free for entry in reported}}
     errors = np.sqrt(np.diag(minimum.covariance)) * widening
     parameters = {}
@@ -106,7 +134,7 @@ def _parameters(law, context, residuals, minimum: Minimum, t: float, widening: f
         free = minimum.best[entry.free]
         slope = (entry.of(free + 1e-6) - entry.of(free - 1e-6)) / 2e-6
         low, high = sorted(entry.of(end) for end in ends[entry.free])
-        error = abs(slope) * errors[entry.free]
+        error = abs(slope) * errors[entry.free] if math.isfinite(errors[entry.free]) else math.inf
         parameters[entry.name] = Parameter(entry.of(free), low, high, float(error), entry.unit)
     return parameters
 

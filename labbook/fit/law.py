@@ -96,6 +96,21 @@ class Law(ABC):
     def reported(self, context: Context) -> tuple[Reported, ...]:
         """The parameters as a physicist reads them."""
 
+    def without_minimum(
+        self, D: np.ndarray, W: np.ndarray, relative: np.ndarray, context: Context, allowed: Callable[[float], float]
+    ) -> str:
+        """Why chi2 has no minimum at finite parameters, with the limits that the data set all the same; empty if it has
+        one, or if the law has no limit that it could run into.
+
+        Args:
+            D: Orifices [m], shape [n].
+            W: Flow rates [kg/s], shape [n].
+            relative: Relative standard errors of W, shape [n].
+            context: What else the law needs to know.
+            allowed: Rise of chi2 over a least value that bounds the intervals.
+        """
+        return ""
+
     @property
     def parameters(self) -> Mapping[str, Reported]:
         """What may be reported, by name: of a slot with a measured packing fraction."""

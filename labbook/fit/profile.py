@@ -121,4 +121,4 @@ def _end(residuals: Residuals, minimum: Minimum, index: int, rise: float, unit: 
         inner, outer = outer, 1.6 * outer
         if outer > _FARTHEST:
             return math.copysign(math.inf, unit)
-    return float(centre + unit * brentq(excess, inner, outer, xtol=1e-4, rtol=1e-6))  # type: ignore[arg-type]
+    return float(centre + unit * brentq(excess, inner, outer, xtol=1e-9, rtol=1e-6))  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from labbook.report import figures
@@ -9,9 +10,10 @@ from labbook.report.blocks import Block, Prose, Section, picture, slug
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.results.against import Against, Line, Place, against
-from labbook.results.points import FLOW_RATE
+from labbook.results.points import FLOW_RATE, names_scene
 from labbook.results.series import PACKING_FRACTION
 from labbook.results.study import Results
+from labbook.stats import Pooled
 
 _CALLED = {FLOW_RATE: "Flow rate", PACKING_FRACTION: "Packing fraction"}
 _LISTED = 3
@@ -47,27 +49,64 @@ def _section(found: Against, results: Results, folder: Path) -> Section:
 
 
 def changes(found: Against) -> list[str]:
-    """Sentences on where the quantity differs most from that at the first value: one a line, or one for many lines."""
+    """Sentences on where the quantity differs most from that at the first value: one a line; for many lines one, on the
+    line that changes most and the one that changes least, or on those that rise and fall most."""
     name = display.quantity(found.quantity).name
     largest = [(line, place) for line in found.lines if (place := line.largest) is not None]
     if len(largest) <= _LISTED:
-        return [_told(found, line, place, name) for line, place in largest]
-    sizes = [(place.ratio.value, line, place) for line, place in largest if place.ratio is not None]
-    ends = [min(sizes, key=lambda one: one[0]), max(sizes, key=lambda one: one[0])]
-    low, high = (f"{_percent(place)} ({_where(found, line, place)})" for _, line, place in ends)
-    first = _first(found)
-    return [f"Largest changes relative to {name} at {first}: {low} to {high}."]
+        return [_ratio_sentence(found, line, place, name) for line, place in largest]
+    known = [(line, place) for line, place in largest if math.isfinite(_change(place).error)]
+    unknown = len(largest) - len(known)
+    ranked = sorted(known or largest, key=lambda one: _change(one[1]).value)
+    if _change(ranked[0][1]).value < 0:
+        ends = [ranked[0], ranked[-1]]
+    else:  # all rise: the largest change first
+        ends = [ranked[-1], ranked[0]]
+    said: list[str] = []
+    for line, place in ends if len(ranked) > 1 else ends[:1]:
+        phrase, span = _change_phrase(place), _span(found, line, place)
+        if said and phrase.partition(" ")[0] == said[0].partition(" ")[0]:
+            phrase = phrase.partition(" ")[2]
+        span = "" if said and f" {span}" in said[0] else f" {span}"
+        said.append(f"{phrase}{span}{f' at {line.label}' if line.label else ''}")
+    without = f" {unknown} of {len(largest)} lines rest on one run and have no interval." if unknown and known else ""
+    return [f"{name} {', '.join(said)}.{without}"]
 
 
-def _told(found: Against, line: Line, place: Place, name: str) -> str:
+def _change(place: Place) -> Pooled:
+    """The change relative to the value at the first place of the line."""
+    assert place.ratio is not None
+    return replace(place.ratio, value=place.ratio.value - 1)
+
+
+def _change_phrase(place: Place) -> str:
+    """`falls by 41 ± 4 %`, or `does not change` where the interval holds zero."""
+    change = _change(place)
+    size = f"{display.with_error(abs(change.value), change.error, 100)} %"
+    unsure = " (no change is shown)" if change.low <= 0 <= change.high else ""
+    return f"{'falls' if change.value < 0 else 'rises'} by {size}{unsure if math.isfinite(change.error) else ''}"
+
+
+def _span(found: Against, line: Line, place: Place) -> str:
+    """`from 20 to 90 deg`: the two values that a change lies between; words with their key."""
+    assert line.first is not None
+    if found.words or any(map(names_scene, found.along)):
+        return f"from {found.setting(line.first)} to {found.setting(place)}"
+    ends = f"from {_value(found, line.first.value)} to {_value(found, place.value)}"
+    unit = display.key(found.key).unit
+    return f"{ends} {unit}" if unit else f"from {display.spoken(found.key)} {ends.removeprefix('from ')}"
+
+
+def _ratio_sentence(found: Against, line: Line, place: Place, name: str) -> str:
     assert place.ratio is not None
     assert line.first is not None
     ends = [display.number(end, place.ratio.error, 100) for end in (place.ratio.low, place.ratio.high)]
     sure = math.isfinite(place.ratio.half_width)
     interval = f"95 %: {ends[0]} to {ends[1]} %, {_rests(place)}" if sure else _unsure(found, line, place)
     open_one = "; no change is shown" if sure and place.ratio.low <= 1 <= place.ratio.high else ""
-    at = f"at {display.setting(found.key, place.value)}"
-    over = f"that at {_value(found, line.first.value)} {display.key(found.key).unit}".rstrip()
+    at = f"at {found.setting(place)}"
+    first = f"{_value(found, line.first.value)} {display.key(found.key).unit}".rstrip()
+    over = f"that at {found.setting(line.first) if any(map(names_scene, found.along)) else first}"
     before = f"{line.label}: " if line.label else ""
     return f"{before}{name} {at} is {_percent(place)} of {over} ({interval}){open_one}."
 
@@ -78,10 +117,6 @@ def _unsure(found: Against, line: Line, place: Place) -> str:
     why = f"{_rests(place)}: no interval" if place.pairs else "one run: no interval"
     ends = [(one.value, one.result.remark) for one in (line.first, place) if one.result.remark]
     return "; ".join((why, *(f"at {_value(found, value)}: {remark}" for value, remark in ends)))
-
-
-def _where(found: Against, line: Line, place: Place) -> str:
-    return ", ".join(filter(None, (line.label, display.setting(found.key, place.value))))
 
 
 def _first(found: Against) -> str:
@@ -109,8 +144,12 @@ def against_table(found: Against) -> Table:
             pooled = place.result.pooled.get(found.quantity)
             value = "–" if pooled is None else display.with_error(pooled.value, pooled.error, shown.scale)
             interval = "–" if pooled is None else display.percentage(pooled.relative)
-            rows.append((*at, _value(found, place.value), value, interval, *_ratio(place, line), place.result.remark))
-    keys = (*others, found.key)
+            known = {**place.result.at, **place.result.along}
+            along = (display.amount(name, known[name]) if name in known else "–" for name in found.along)
+            rows.append(
+                (*at, _value(found, place.value), *along, value, interval, *_ratio(place, line), place.result.remark)
+            )
+    keys = (*others, found.key, *found.along)
     headings = (*(display.key(name).heading for name in keys), shown.heading, "95 % interval")
     last = len(headings) + 3
     ratio = figures.ratio_heading(found)
@@ -124,7 +163,8 @@ def against_table(found: Against) -> Table:
 
 
 def _worded(found: Against, name: str) -> bool:
-    values = found.values if name == found.key else [line.at.get(name) for line in found.lines]
+    places = [place.result for line in found.lines for place in line.places]
+    values = found.values if name == found.key else [{**one.at, **one.along}.get(name) for one in places]
     return any(isinstance(value, str) for value in values)
 
 
@@ -154,10 +194,12 @@ def _caption(found: Against) -> str:
     with_intervals = "with 95 % intervals " if any(math.isfinite(one.half_width) for one in ratios) else ""
     below = f" Below: over {name} at {_first(found)}, {with_intervals}{how}." if ratios else ""
     text = f"Above: {name} with 95 % intervals.{below}"
-    hollow = any(place.result.remark for line in found.lines for place in line.places)
-    crossed = any(found.quantity not in place.result.pooled for line in found.lines for place in line.places)
-    text += " Hollow: see the remarks in the table." if hollow else ""
-    text += f" Cross: no {name}." if crossed else ""
+    places = [place.result for line in found.lines for place in line.places]
+    known = [one.pooled[found.quantity] for one in places if found.quantity in one.pooled]
+    unknown = not all(math.isfinite(one.half_width) for one in (*known, *ratios))
+    text += " Hollow: see the remarks in the table." if any(one.remark for one in places) else ""
+    text += " Hollow with a dashed bar: the interval is unknown." if unknown else ""
+    text += f" Cross at the foot: no {name}." if len(known) < len(places) else ""
     if found.along:
         with_it = _listed([display.spoken(other) for other in found.along])
         text += f" {with_it} {'change' if len(found.along) > 1 else 'changes'} along."

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
 from labbook.fit import FitResult, Parameter
-from labbook.report.tables import Table, in_errors
+from labbook.report.tables import INSIDE, Table, inside
 from labbook.results import display
-from labbook.results.reference import CLOSE, Comparison
+from labbook.results.reference import Comparison
 from labbook.scene.quantities import percent
 
 NOT_DETERMINED = "not determined"
@@ -55,23 +55,23 @@ def parameter_table(
     source: str,
     notes: tuple[str, ...] = (),
 ) -> Table:
-    """Parameters of `law` with intervals and, where the reference has any (`known`), how far ours lie from it."""
+    """Parameters of `law` with intervals and, where the reference has any (`known`), whether it lies inside."""
     rows = [parameter_row(f"{law}.{name}", parameter) for name, parameter in parameters.items()]
     headings = ("parameter", "value", "95 % interval")
     theirs = [known.get(name) for name in parameters]
     if not any(theirs):
         return Table(headings, tuple(rows), notes=notes)
     rows = [(*row, *_beside(one)) for row, one in zip(rows, theirs, strict=True)]
-    far = frozenset(k for k, one in enumerate(theirs) if one is not None and abs(one.in_errors) > CLOSE)
-    return Table((*headings, source, "in standard errors"), tuple(rows), marked=far, notes=notes)
+    far = frozenset(k for k, one in enumerate(theirs) if one is not None and one.inside is False)
+    return Table((*headings, source, INSIDE), tuple(rows), marked=far, notes=notes)
 
 
 def _beside(one: Comparison | None) -> tuple[str, str]:
-    """The reference's number, and how many standard errors ours lies from it."""
+    """The reference's number, and whether it lies inside our interval."""
     if one is None:
         return "–", "–"
     scale = display.quantity(one.quantity, one.unit).scale
-    return display.with_error(one.reference, one.reference_error or math.nan, scale), in_errors(one)
+    return display.with_error(one.reference, one.reference_error or math.nan, scale), inside(one)
 
 
 def parameter_row(quantity: str, parameter: Parameter) -> tuple[str, str, str]:

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+FILES = {"fit": "flow_rate", "orifice": "flow_rate", "flow": "flow_over_time"}
+"""Names of figures whose files in a report are called otherwise, by the name of the file."""
+
+
 class NothingToShow(LookupError):
     """There is no such figure of these results; the message says why and what to do."""
 

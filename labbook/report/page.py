@@ -21,7 +21,7 @@ from labbook.report.figures.orifice import side_by_side
 from labbook.report.formulas import mathml
 from labbook.report.paper import papers
 from labbook.report.result_box import concerns, result_box, summary
-from labbook.report.sections import series_sections
+from labbook.report.sections import marks, series_sections
 from labbook.report.setting import setting
 from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.results import display
@@ -83,7 +83,10 @@ def _overview(results: Results, folder: Path) -> list[Section]:
     if len(fitted) > 1 and len({result.orifice for one in fitted for result in one.points}) > 1:
         figure = figures.overview(fitted)  # against one orifice there is nothing to see
         lines = _FIRST_LAW if any(one.fits for one in fitted) else ""
-        caption = f"{_OVERVIEW}{_BESIDE if side_by_side(fitted) else ''}{lines}"
+        marked = marks(
+            [result for one in fitted for result in one.points], frozenset().union(*(one.flagged for one in fitted))
+        )
+        caption = f"{_OVERVIEW}{_BESIDE if side_by_side(fitted) else ''}{lines}{marked}"
         pictures.append(picture(figure, folder / "overview", "a power of W against orifice, all series", caption))
     sections = [Section("Flow rate against orifice, all series", tuple(pictures))] if pictures else []
     if trends := _trends(results, folder):

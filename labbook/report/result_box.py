@@ -18,6 +18,7 @@ from labbook.results.reference import agreement
 from labbook.results.series import PACKING_FRACTION, Series
 from labbook.results.statements import summed_up
 from labbook.results.study import Results
+from labbook.run.advice import limits
 from labbook.scene.quantities import percent
 
 ATTENTION = "Attention"
@@ -207,6 +208,7 @@ def concerns(results: Results) -> list[str]:
         why = [f"{one.label or 'the only point'}, seed {run.seed}: {run.suspect}" for one, run in suspects]
         sentences.append(f"{_count(len(suspects), 'run')} {verb} suspect and {fate}: {_listed(why)}.")
     sentences += _imprecise(results)
+    sentences += _limits(results)
     measured = [run.measured for result in points for run in result.runs]
     packings = [one[PACKING_FRACTION] for one in measured if PACKING_FRACTION in one]
     if unknown := [one for one in packings if math.isnan(one.value)]:
@@ -234,6 +236,22 @@ def _stale(results: Results) -> list[str]:
         f"{'it' if n == 1 else 'them'} again."
         for why, n in results.stale.items()
     ]
+
+
+def _limits(results: Results) -> list[str]:
+    """What `labbook plan` warns of and limits the numbers that there are, without the name of the file."""
+    if not any(result.pooled for result in results.points):
+        return []
+    runs: dict[tuple[str, ...], list[str]] = {}
+    for result in results.points:
+        runs.setdefault(tuple(run.run_key for run in result.runs), []).append(result.label)
+    same = [
+        f"These points are the same runs, as what differs between them changes nothing: {_listed(labels)}."
+        for labels in runs.values()
+        if len(labels) > 1
+    ]
+    told = (text.removeprefix(f"{results.study.path}: ").partition("\n    remedy: ") for text in limits(results.study))
+    return [*same, *(f"{reason} (remedy: {remedy})." for reason, _, remedy in told)]
 
 
 def no_number(results: Results) -> str:

@@ -1,9 +1,10 @@
 """What the page shows of one series after the other: figures with their captions, and tables."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from labbook.fields.pattern import FUNNEL, SLOW
+from labbook.fields.pattern import SLOW
 from labbook.measure.orifice import INTERVAL
 from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
@@ -17,7 +18,6 @@ from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
-from labbook.scene.quantities import percent
 
 
 def series_sections(results: Results, folder: Path) -> list[Section]:
@@ -74,10 +74,22 @@ def _flow(series: Series, folder: Path, suffix: str, where: str) -> Picture:
 
 
 def _fit_caption(series: Series) -> str:
-    hollow = " Hollow points have no steady flow." if series.flagged else ""
-    if not series.fits:
-        return f"{_POINTS}.{hollow}"
-    return f"{_POINTS}; {_FITS}{_OUTSIDE if series.flagged else ''}"
+    fits = f"; {_FITS}" if series.fits else "."
+    return f"{_POINTS}{fits}{marks(series.points, series.flagged if series.fits else frozenset())}"
+
+
+def marks(points: Sequence[PointResult], flagged: frozenset[int] = frozenset()) -> str:
+    """What hollow points, dashed bars and crosses mean, as far as a figure of these points has any. `flagged`: those
+    that lie outside a law's range or have no plateau."""
+    known = [one for one in points if one.flow_rate is not None]
+    outside = any(one.point.index in flagged for one in known)
+    text = ""
+    if any(one.hollow for one in known) or outside:
+        text += f" Hollow: {'outside a law’s range, or ' if outside else ''}with a remark in the table"
+        text += "; they take part in the fit." if outside else "."
+    if any(one.flow_rate and not math.isfinite(one.flow_rate.half_width) for one in known):
+        text += " Dashed bar: one run, the interval is unknown."
+    return text + (" Cross at the foot: no flow rate." if len(known) < len(points) else "")
 
 
 def _flow_caption(series: Series) -> str:
@@ -123,10 +135,10 @@ def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, wher
 
 _POINTS = "Points: pooled mean with its 95 % interval"
 _FITS = (
-    "lines: fits, with the 95 % band of the law and, fainter, of one more point of as many seeds; below: relative "
-    "residuals."
+    "lines: fits, dotted beyond the fitted points; bands of 95 % of the law and, fainter, of one more point of as many "
+    "seeds; below: relative residuals with their 95 % intervals (thin) and with the standard errors that fit and test "
+    "use, pooled over points (thick)."
 )
-_OUTSIDE = " Hollow points lie outside a law’s range or have no steady flow; they take part in the fit."
 _FLOW = "W(t) of every replicate."
 _WINDOW = "Shaded: the window, between the requested fractions of mass discharged (mean over replicates)"
 
@@ -134,7 +146,7 @@ PATTERNS = (
     "First recorded run of each point. Above: velocities of the grains at one moment, in the middle of the window; "
     "arrows are as long as the square root of the speed. Below: mean speed in the window with streamlines; hatched: "
     f"stagnant, that is slower than {SLOW:g} times the speed at which the section at that height sinks as a whole. "
-    f"More than {percent(FUNNEL)} of the mass stagnant is funnel flow."
+    "Percentages: stagnant part of the bed’s mass."
 )
 _ACCELERATION = (
     f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms (whole frames), of grains that start at this "

@@ -160,8 +160,8 @@ def _swept(points: Sequence[Point]) -> Iterator[str]:
 def _measured(results: Results) -> str:
     study = results.study
     window = f"in the window from {window_in_words(study.window)}"
-    fits = f"; fitted: {', '.join(study.fit)}" if study.fit else ""
-    return f"{', '.join(study.measure)}, {window}{fits}".replace("_", " ")
+    fits = f"; fitted: {', '.join(map(display.law, study.fit))}" if study.fit else ""
+    return f"{', '.join(study.measure)}, {window}".replace("_", " ") + fits
 
 
 def _replicates(results: Results) -> str:

@@ -1,9 +1,10 @@
 """House style of all figures: vector, colour-blind safe, readable in grey, and the same bytes on every run."""
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,6 +14,7 @@ from labbook.lab.folder import write_bytes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.markers import MarkerStyle
     from numpy import ndarray
 
 INK, FAINT = "#1a1a1a", "#8a8a8a"
@@ -127,6 +129,62 @@ def band(ax: "Axes", x: "ndarray", law: Sequence["ndarray"], point: Sequence["nd
     """Shade the interval of a law between its two ends and, fainter, that of one more point."""
     for (low, high), alpha in ((point, 0.09), (law, 0.2)):
         ax.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0, zorder=0)
+
+
+def point(
+    ax: "Axes", x: float, value: float, ends: tuple[float, float], *, color: str, hollow: bool = False, **look: Any
+) -> None:
+    """A marker at `value` with its interval from `ends[0]` to `ends[1]`: hollow, with a dashed bar without ends, where
+    the interval is not known. `look`: marker, its size, zorder."""
+    known = all(map(math.isfinite, ends))
+    face = "white" if hollow or not known else color
+    shown = {"color": color, "linestyle": "none", "markerfacecolor": face, **look}
+    if known:
+        ax.errorbar(x, value, yerr=[[max(value - ends[0], 0.0)], [max(ends[1] - value, 0.0)]], **shown)
+        return
+    bar = {"marker": _open_bar(), "markersize": _OPEN, "markeredgewidth": 0.8, "label": OPEN_BAR}
+    ax.plot(x, value, color=color, linestyle="none", zorder=shown.get("zorder", 2), clip_on=False, **bar)
+    ax.errorbar(x, value, yerr=0.0, capsize=0, **shown)
+
+
+def legend_point(ax: "Axes", label: str, **look: Any) -> None:
+    """An entry of the legend for points of one look, filled: whatever the first of them has to say of itself."""
+    ax.plot([], [], linestyle="none", label=label, **look)
+
+
+def crosses(ax: "Axes", places: Sequence[tuple[float, str]], color: str) -> None:
+    """A cross at the foot of the panel for each x without a value, and above it why, if there is anything to say."""
+    from matplotlib.patheffects import withStroke
+
+    foot = ax.get_xaxis_transform()
+    for x, why in places:
+        ax.plot(x, _FOOT, marker="x", color=color, linestyle="none", transform=foot, clip_on=False, zorder=3)
+        if why:
+            beside = {"rotation": 90, "ha": "center", "va": "bottom", "size": 5.5, "color": color}
+            beside["path_effects"] = [withStroke(linewidth=1.5, foreground="white")]  # curves may pass here
+            ax.annotate(verbatim(why), (x, _FOOT), (0, 5), xycoords=foot, textcoords="offset points", **beside)
+
+
+_FOOT = 0.03  # height of crosses in a panel
+_OPEN = 28  # length of a bar without ends [points]
+OPEN_BAR = "_open"
+"""Label of bars without ends, which no legend lists."""
+
+
+def has_open_bars(figure: "Figure") -> bool:
+    """Whether the interval of any point is unknown."""
+    return any(line.get_label() == OPEN_BAR for ax in figure.axes for line in ax.lines)
+
+
+@cache
+def _open_bar() -> "MarkerStyle":
+    """A dashed vertical line as a marker: its length is the same on every scale, and sets no limits of axes."""
+    from matplotlib.markers import MarkerStyle
+    from matplotlib.path import Path as Outline
+
+    dashes = 7
+    ends = [-1 + 2 * (k + part) / (dashes - 0.5) for k in range(dashes) for part in (0.0, 0.5)]
+    return MarkerStyle(Outline([(0, end) for end in ends], [Outline.MOVETO, Outline.LINETO] * dashes), fillstyle="none")
 
 
 def beside_title(title: str) -> Literal["outside upper right", "outside lower center"]:

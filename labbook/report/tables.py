@@ -13,7 +13,7 @@ from labbook.results import display
 from labbook.results.budget import NOT_MEASURED, SOURCES, budgets
 from labbook.results.numerical import Numerical
 from labbook.results.points import FLOW_RATE, PointResult
-from labbook.results.reference import CLOSE, Comparison
+from labbook.results.reference import Comparison
 from labbook.results.series import Series
 from labbook.results.study import Results
 from labbook.scene.quantities import percent
@@ -21,8 +21,8 @@ from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
 
 CONVENTIONS = (
-    "± is one standard error, from the scatter between replicates; intervals are 95 %, by Student’s t on the "
-    "replicates."
+    "Intervals are 95 %, by Student’s t on n replicates: those that gave a flow rate. ± is one standard error, from "
+    "the scatter between replicates."
 )
 ALONE = "For points with one fed run: from the scatter within the run, by Student’s t on its blocks."
 
@@ -51,15 +51,25 @@ def flow_table(results: Results) -> Table:
     rows = []
     for result in results.points:
         pooled = result.flow_rate
-        interval = "–"
+        scale = display.quantity(FLOW_RATE).scale
+        value, interval, n = ("–", "–", 0)
         if pooled is not None:
-            interval = display.percentage(pooled.relative)
-        cells = (*_cells(result, flow), interval, *_cells(result, others))
-        rows.append((*_at(result, swept), *cells, str(len(result.runs)), "; ".join(_remarks(result))))
-    headings = (*_headings(swept, flow), "95 % interval", *_headings((), others), "runs", "remarks")
+            value, interval, n = display.number(pooled.value, pooled.error, scale), _interval(pooled, scale), pooled.n
+        own = (value, interval) if flow else ()
+        runs = str(n) if n == len(result.runs) else f"{n} of {len(result.runs)}"
+        rows.append((*_at(result, swept), *own, *_cells(result, others), runs, "; ".join(_remarks(result))))
+    headings = (*_headings(swept, flow), *(("95 % interval",) if flow else ()), *_headings((), others), "n", "remarks")
     alone = results.study.fed and any(len(result.runs) == 1 for result in results.points)
     notes = (CONVENTIONS, ALONE) if alone else (CONVENTIONS,)
     return Table(headings, tuple(rows), frozenset({len(headings) - 1}), notes=notes)
+
+
+def _interval(pooled: Pooled, scale: float) -> str:
+    """`66.5 to 73.4 (±4.9 %)`, or `unknown`."""
+    if not math.isfinite(pooled.half_width):
+        return display.percentage(pooled.relative)
+    low, high = (display.number(end, pooled.error, scale) for end in (pooled.low, pooled.high))
+    return f"{low} to {high} ({display.percentage(pooled.relative)})"
 
 
 def further_table(results: Results) -> Table | None:
@@ -72,7 +82,9 @@ def further_table(results: Results) -> Table | None:
 
 
 def _swept(results: Results) -> list[str]:
-    return list(dict.fromkeys(name for result in results.points for name in result.at))
+    """Keys that were swept, and after them those that follow from them."""
+    along = (name for result in results.points for name in result.along)
+    return list(dict.fromkeys((*(name for result in results.points for name in result.at), *along)))
 
 
 def _measured(results: Results, of_flow: bool) -> list[Measured]:
@@ -93,7 +105,7 @@ def _headings(swept: Iterable[str], measured: Iterable[Measured]) -> tuple[str, 
 
 
 def _at(result: PointResult | Series, swept: Iterable[str]) -> tuple[str, ...]:
-    at = result.at
+    at = {**result.at, **result.along}
     return tuple(display.amount(name, at[name]) if name in at else "–" for name in swept)
 
 
@@ -160,28 +172,32 @@ def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
     """Of each quantity of a reference: how many numbers, how many agree, and how far the others are; None for few."""
     groups: dict[str, list[Comparison]] = {}
     for one in comparisons:
-        if math.isfinite(one.in_errors):
+        if one.inside is not None:
             groups.setdefault(one.quantity, []).append(one)
     if sum(map(len, groups.values())) < _MANY:
         return None
     rows = []
     for quantity, group in groups.items():
-        close = sum(abs(one.in_errors) <= CLOSE for one in group)
+        close = sum(one.inside is True for one in group)
         sizes = sorted(abs(one.relative) for one in group if math.isfinite(one.relative))
         middle = percent(statistics.median(sizes)) if sizes else "–"
         largest = percent(sizes[-1]) if sizes else "–"
         rows.append((display.quantity(quantity).name, str(len(group)), str(close), middle, largest))
-    headings = ("quantity", "numbers", f"within {CLOSE:g} standard errors", "median difference", "largest")
+    headings = ("quantity", "numbers", "inside our 95 % intervals", "median difference", "largest")
     return Table(headings, tuple(rows))
 
 
-def in_errors(one: Comparison) -> str:
-    """How many standard errors ours lies from the reference, as text."""
-    return "–" if math.isnan(one.in_errors) else f"{one.in_errors:+.1f}".replace("-", "−")
+INSIDE = "inside our 95 % interval"
+"""Heading of what `inside` gives."""
+
+
+def inside(one: Comparison) -> str:
+    """Whether the reference lies inside our 95 % interval, as text."""
+    return {True: "yes", False: "no", None: "–"}[one.inside]
 
 
 def comparison_table(comparisons: Iterable[Comparison]) -> Table:
-    """The reference's numbers beside ours; rows farther apart than two standard errors are marked."""
+    """The reference's numbers beside ours; rows of numbers outside our 95 % intervals are marked."""
     rows, marked, reasons = [], set(), []
     for place, c in enumerate(comparisons):
         shown = display.quantity(c.quantity, c.unit)
@@ -193,13 +209,13 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         interval = f"{display.number(c.low, c.error, shown.scale)} to {display.number(c.high, c.error, shown.scale)}"
         ours = display.with_error(c.ours, c.error, shown.scale)
         part = "–" if math.isnan(c.relative) else percent(c.relative, "+.1f").replace("-", "−")
-        rows.append((shown.heading, c.label, reference, ours, interval, part, in_errors(c)))
-        if abs(c.in_errors) > CLOSE:
+        rows.append((shown.heading, c.label, reference, ours, interval, part, inside(c)))
+        if c.inside is False:
             marked.add(place)
-    headings = ("quantity", "at", "reference", "ours", "95 % interval", "difference", "in standard errors")
+    headings = ("quantity", "at", "reference", "ours", "95 % interval", "difference", INSIDE)
     notes = (
-        "The last column is the difference over its standard error: ours and, where the reference gives one, the "
-        "reference’s. Rows with differences above two standard errors are bold.",
+        "The last column: whether the reference lies inside our 95 % interval, widened by the reference’s error if it "
+        "gives one. Rows with numbers outside are bold.",
         *reasons,
     )
     return Table(headings, tuple(rows), frozenset({0, 1}), frozenset(marked), notes)

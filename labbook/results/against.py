@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from labbook.results import display
-from labbook.results.points import FLOW_RATE, ORIFICE, PointResult, by_seed
+from labbook.results.points import FLOW_RATE, ORIFICE, PointResult, by_seed, followers, names_scene
 from labbook.stats import Pooled
 from labbook.stats.ratio import independent_ratio, paired_ratio
 
@@ -62,6 +62,18 @@ class Against:
     lines: tuple[Line, ...]
     along: tuple[str, ...] = ()
     unset: tuple[PointResult, ...] = ()
+
+    def setting(self, place: Place) -> str:
+        """`L = 6 mm, d = 3 mm`: the key at a place, with the keys that change along."""
+        known = {**place.result.at, **place.result.along}
+        along = {name: known[name] for name in self.along if name in known and names_scene(name)}
+        return display.label({self.key: place.value, **along})
+
+    @property
+    def heading(self) -> str:
+        """The key as on an axis, with the keys that change along."""
+        along = [display.key(name).name for name in self.along if names_scene(name)]
+        return display.key(self.key).heading + (f" (with {', '.join(along)})" if along else "")
 
     @property
     def words(self) -> bool:
@@ -115,7 +127,7 @@ def _of_key(key: str, points: Sequence[PointResult], quantity: str, over: Value 
     words = any(isinstance(place.value, str) for place in places)
     start = over if over is not None else places[0].value if places else None
     lines = tuple(_line(dict(at), group, quantity, start, words) for at, group in groups.items())
-    return Against(key, quantity, lines, along, unset)
+    return Against(key, quantity, lines, (*along, *followers(points, key)), unset)
 
 
 def _groups(places: Sequence[Place], others: Sequence[str]) -> dict[tuple[tuple[str, Value], ...], list[Place]]:

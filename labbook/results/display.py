@@ -9,6 +9,7 @@ from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.measure.recorded import FlowPattern
 from labbook.scene.quantities import percent
+from labbook.stats import Pooled
 from labbook.study.paper import PAPERS
 
 
@@ -143,6 +144,14 @@ def with_error(value: float, error: float, scale: float = 1.0) -> str:
     if not math.isfinite(error):
         return number(value, None, scale)
     return f"{number(value, error, scale)} ± {number(error, error, scale)}"
+
+
+def with_interval(pooled: Pooled, scale: float = 1.0) -> str:
+    """`70.0 (66.5 to 73.4, 95 %), n = 3`: a mean with its interval, to the digits that its error asks for."""
+    value, low, high = (number(one, pooled.error, scale) for one in (pooled.value, pooled.low, pooled.high))
+    known = math.isfinite(pooled.half_width)
+    interval = f"{low} to {high}, {percent(pooled.confidence)}" if known else "interval unknown"
+    return f"{value} ({interval}), n = {pooled.n}"
 
 
 def _minus(text: str) -> str:

@@ -2,8 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -222,8 +222,8 @@ class RunResult:
 class PointResult:
     """One point of a study with its replicates.
 
-    `at`: what was swept, without what follows from the rest; `pooled`: means over seeds, by quantity, with Student
-    intervals; `tolerance`: the requested relative half-width; `asked`: how many replicates it asks for at
+    `at`: what was swept, without what follows from the rest, which is `along`; `pooled`: means over seeds, by quantity,
+    with Student intervals; `tolerance`: the requested relative half-width; `asked`: how many replicates it asks for at
     least.
     """
 
@@ -233,11 +233,18 @@ class PointResult:
     pooled: Mapping[str, Pooled]
     tolerance: float | None
     asked: int
+    along: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
         """What was swept, in the units of the field."""
-        return display.label(self.at)
+        return self.label_without(())
+
+    def label_without(self, known: Collection[str]) -> str:
+        """The label, without keys that are known already, and without those that say only how a scene is made."""
+        return display.label(
+            {**self.at, **{name: value for name, value in self.along.items() if names_scene(name)}}, known
+        )
 
     @property
     def orifice(self) -> float:
@@ -286,6 +293,18 @@ class PointResult:
         return self.notes["trending"] > len(self.runs) / 2 or together
 
     @property
+    def hollow(self) -> bool:
+        """Whether figures mark it: there is a remark on it, or its flow rate rests on one run and has no interval."""
+        return bool(self.remark) or (self.flow_rate is not None and not math.isfinite(self.flow_rate.half_width))
+
+    @property
+    def lacking(self) -> str:
+        """Why it has no flow rate, in the fewest words: `4 of 4 clogged`; empty if it has one."""
+        if self.flow_rate is not None:
+            return ""
+        return self.remark or "too few grains"
+
+    @property
     def precise(self) -> bool | None:
         """Whether the half width of the flow rate's interval, with the bias of numerics that were chosen, meets the
         requested error; None if the study requests none."""
@@ -332,6 +351,11 @@ def by_seed(result: PointResult, quantity: str) -> dict[int, float]:
     return {seed: value for seed, value in found.items() if math.isfinite(value)}
 
 
+def names_scene(name: str) -> bool:
+    """Whether a key says what a scene is, and not how it is computed, filled or how large it is made."""
+    return not name.startswith((NUMERICS, FILLING, BED))
+
+
 def redundant(points: Sequence[Point]) -> frozenset[str]:
     """Swept keys that follow from another one, such as a number of grains given for every width.
 
@@ -339,7 +363,7 @@ def redundant(points: Sequence[Point]) -> frozenset[str]:
     a scene is computed or filled follows from what it is, in whichever order they are listed.
     """
     names = list(dict.fromkeys(name for point in points for name in point.at if name != ORIFICE))
-    names.sort(key=lambda name: name.startswith((NUMERICS, FILLING, BED)))
+    names.sort(key=lambda name: not names_scene(name))
     extra: set[str] = set()
     for place, name in enumerate(names):
         for other in (other for other in names[:place] if other not in extra):
@@ -354,6 +378,17 @@ def swept(point: Point, extra: frozenset[str]) -> dict[str, float | str]:
     return {name: value for name, value in point.at.items() if name not in extra}
 
 
+def followers(points: Sequence[PointResult], key: str) -> tuple[str, ...]:
+    """Swept keys that change with `key` and are known as soon as it is: a diameter that is given for every length."""
+    valued = [({**one.at, **one.along}, value) for one in points if (value := one.at.get(key)) is not None]
+    found = []
+    for name in dict.fromkeys(name for one in points for name in one.along):
+        pairs = {(value, known.get(name)) for known, value in valued}
+        if len(pairs) == len({value for value, _ in pairs}) and len({other for _, other in pairs}) > 1:
+            found.append(name)
+    return tuple(found)
+
+
 def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[RunResult, ...]) -> PointResult:
     """A point with its numbers pooled over seeds, of the runs that count."""
     rule = stopping_rule(study)
@@ -366,7 +401,8 @@ def pooled_point(study: Study, point: Point, extra: frozenset[str], runs: tuple[
     pooled = {name: rule.pool(found) for name, found in values.items()}
     if study.fed and len(values.get(FLOW_RATE, ())) == 1:
         pooled |= _of_one_run(runs)
-    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, study.replicates)
+    along = {name: value for name, value in point.at.items() if name in extra}
+    return PointResult(point, swept(point, extra), runs, pooled, study.accuracy.flow_rate, study.replicates, along)
 
 
 def _of_one_run(runs: tuple[RunResult, ...]) -> dict[str, Pooled]:

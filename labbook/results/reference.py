@@ -11,8 +11,8 @@ from labbook.scene.quantities import percent
 from labbook.study import Point, Reference
 from labbook.study.paper import of_fit
 
-CLOSE = 2.0
-"""Standard errors within which two numbers are said to agree."""
+_NORMAL = 1.96
+"""Half of a 95 % interval in standard errors that are known."""
 NEAR = 0.1
 """Relative difference within which numbers that do not agree are said to be near."""
 
@@ -41,6 +41,22 @@ class Comparison:
         if self.ours is None or self.reference == 0:
             return math.nan
         return self.ours / self.reference - 1
+
+    @property
+    def inside(self) -> bool | None:
+        """Whether the reference lies inside our 95 % interval, widened by that of the reference where it has an error:
+        an interval by Student's t, as two or three seeds know their own standard error too badly to count it. None
+        where we have no number or no interval."""
+        if self.ours is None or not (math.isfinite(self.low) or math.isfinite(self.high)):
+            return None
+        half = self.ours - self.low if self.reference < self.ours else self.high - self.ours
+        return abs(self.ours - self.reference) <= math.hypot(half, _NORMAL * (self.reference_error or 0.0))
+
+    @property
+    def n(self) -> int | None:
+        """How many runs our number is a mean of; None of a fitted one."""
+        pooled = self.points[0].pooled.get(self.quantity) if len(self.points) == 1 else None
+        return None if pooled is None else pooled.n
 
     @property
     def in_errors(self) -> float:
@@ -81,21 +97,24 @@ def of_reference(comparisons: Sequence[Comparison], law: str, series: Series) ->
 
 def agreement(comparisons: Sequence[Comparison], source: str) -> str:
     """A plain sentence on how ours agree with the source."""
-    known = [c for c in comparisons if math.isfinite(c.in_errors)]
+    known = [c for c in comparisons if c.inside is not None]
     if not known:
         return f"No numbers to compare with {source} yet."
-    apart = [c for c in known if abs(c.in_errors) > CLOSE]
+    apart = [c for c in known if not c.inside]
     near = sum(abs(c.relative) <= NEAR for c in apart)
     more = f", and {near} more lie within {percent(NEAR)}" if near else ""
-    farthest = max(known, key=lambda c: abs(c.in_errors))
+    inside = len(known) - len(apart)
+    text = f"Of {len(known)} numbers of {source}, {inside} lie inside our 95 % intervals{more}."
+    sized = [c for c in apart or known if math.isfinite(c.relative)]
+    if not sized:
+        return text
+    farthest = max(sized, key=lambda c: abs(c.relative))
     name = display.quantity(farthest.quantity).name
     where = f" at {farthest.label}" if farthest.label else ""
-    agree = len(known) - len(apart)
-    text = f"Of {len(known)} numbers of {source}, {agree} agree with ours within {CLOSE:g} standard errors{more}."
-    return (
-        f"{text} The largest difference is in {name}{where}: ours is {percent(farthest.relative, '+.1f')}, "
-        f"or {farthest.in_errors:+.1f} standard errors, away.".replace("-", "−")
-    )
+    runs = "" if farthest.n is None else f" (n = {farthest.n})"
+    side = "inside" if farthest.inside else "outside"
+    difference = percent(farthest.relative, "+.1f").replace("-", "−")
+    return f"{text} The largest difference is in {name}{where}: {difference}, {side} the 95 % interval{runs}."
 
 
 def sought(quantity: str, asked: Mapping[str, float | str]) -> Comparison:

@@ -10,7 +10,7 @@ import numpy as np
 
 from labbook.fit import LAWS, Context, FitError, FitResult, Parameter, contenders, fit
 from labbook.results import display
-from labbook.results.points import ORIFICE, PointResult
+from labbook.results.points import ORIFICE, PointResult, names_scene
 from labbook.scene import outlet_shape
 
 PACKING_FRACTION = "packing_fraction"
@@ -33,12 +33,13 @@ class FurtherFit:
 
 @dataclass(frozen=True)
 class Residual:
-    """What the flow rate of a point lies off a law, relative to the law: `value`, and `half_width` of its own 95 %
-    interval (infinite for one replicate)."""
+    """What the flow rate of a point lies off a law, relative to the law: `value`, `half_width` of its own 95 % interval
+    (infinite for one replicate), and `error`, the standard error that fit and test use, pooled over points."""
 
     orifice: float
     value: float
     half_width: float
+    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,17 @@ class Series:
     @property
     def label(self) -> str:
         """What the points have in common; empty if nothing else was swept."""
-        return self.label_without("")
+        return ", ".join(filter(None, (self.label_without(""), display.label(self.along))))
+
+    @property
+    def along(self) -> Mapping[str, float | str]:
+        """Swept keys that follow from `at`, and say what the scene is."""
+        first = self.points[0].along if self.points else {}
+        return {
+            name: value
+            for name, value in first.items()
+            if names_scene(name) and all(one.along.get(name) == value for one in self.points)
+        }
 
     def label_without(self, key: str) -> str:
         """The label, leaving out what it says of `key`."""
@@ -97,10 +108,15 @@ class Series:
     def residuals(self, law: str) -> tuple[Residual, ...]:
         """Of every point with a flow rate, in order of the orifice."""
         known = [(result.orifice, result.flow_rate) for result in self.points if result.flow_rate is not None]
-        expected, _, _ = self.fits[law].predict(np.array([orifice for orifice, _ in known]))
+        fit = self.fits[law]
+        expected, _, _ = fit.predict(np.array([orifice for orifice, _ in known]))
+        errors = fit.relative_error * fit.W  # the same points in the same order
         return tuple(
-            Residual(orifice, float(pooled.value / of_law - 1), float(pooled.half_width / of_law))
-            for (orifice, pooled), of_law in zip(known, expected, strict=True)
+            Residual(
+                orifice,
+                *(float(one) for one in (pooled.value / of_law - 1, pooled.half_width / of_law, error / of_law)),
+            )
+            for (orifice, pooled), of_law, error in zip(known, expected, errors, strict=True)
         )
 
     def __repr__(self) -> str:
@@ -152,20 +168,20 @@ def _series(
     outlet = outlet_shape(points[0].point.scene.container)
     for name in (law for law in laws if law in LAWS):
         if LAWS[name].outlet not in (outlet, "any"):
-            problems.append(f"{name}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")
+            problems.append(f"{display.law(name)}: it is a law for a {LAWS[name].outlet}, and this is a {outlet}")
             continue
         try:
             found = fit(LAWS[name], D, W, error, context(points), replicates)
             fits[name] = replace(found, notes=(*found.notes, *_lacking([result for result, _ in used])))
         except FitError as failure:
-            problems.append(str(failure))
+            problems.append(f"{display.law(name)}: {str(failure).removeprefix(f'{name}: ')}")
     others: dict[str, FurtherFit] = {}
     for name in (law for law in laws if law in further):
         try:
             other = further[name](points)
             others[name] = replace(other, notes=(*other.notes, *_lacking(other.points)))
         except FitError as failure:
-            problems.append(f"{name}: {failure}")
+            problems.append(f"{display.law(name)}: {failure}")
     outside = np.zeros(len(used), bool)
     for one in fits.values():
         outside |= one.outside
@@ -189,11 +205,16 @@ def _named(laws: Iterable[str]) -> str:
 
 
 def _lacking(points: Sequence[PointResult]) -> tuple[str, ...]:
-    """A note on fitted points that lack runs, if any do."""
-    partial = [f"{r.orifice * 1e3:g} mm with {len(r.runs)} of {r.asked} runs" for r in points if r.partial]
-    if not partial:
-        return ()
-    return (f"fitted with missing runs: {', '.join(partial)}; runs that finish first are biased to fast flow",)
+    """Notes on fitted points that lack runs, because they have not finished or clogged."""
+    notes = []
+    if partial := [f"{r.orifice * 1e3:g} mm with {len(r.runs)} of {r.asked} runs" for r in points if r.partial]:
+        notes.append(f"fitted with missing runs: {', '.join(partial)}; runs that finish first are biased to fast flow")
+    if clogged := sum(r.outcomes["clogged"] for r in points):
+        alone = sum(r.flow_rate is not None and r.flow_rate.n == 1 for r in points)
+        of_one = f"{alone} of {len(points)} points from one run; " if alone else ""
+        runs = f"{clogged} clogged run{'' if clogged == 1 else 's'}"
+        notes.append(f"{of_one}{runs} left out: survivors are biased to fast flow")
+    return tuple(notes)
 
 
 def context(points: Sequence[PointResult]) -> Context:

@@ -1,6 +1,7 @@
 """A plan with what it will cost, and what the study may well want otherwise: warnings with key and remedy. Refused is
 only what does not fit into memory."""
 
+import itertools
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -77,11 +78,9 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     file = plan.study.path
     points = [(point.shared, outline(point.shared)) for point in plan.points]
     yield from _alike(plan)
-    yield from _of_fillings(plan)
+    yield from limits(plan.study)
     yield from _leaky(plan)
     yield from _narrow(file, points)
-    yield from _overfull(file, points)
-    yield from _low(plan)
     yield from _too_few_grains(plan)
     yield from _too_few_outlets(plan)
     yield from _endless(plan)
@@ -89,9 +88,17 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     if alone:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
         yield _told(file, "replicates", "with one run per point no number has an error from replicates", remedy)
-    yield from _soft(plan.study, points)
     if seconds > _LONG:
         yield from _stiff(plan.study, points)
+
+
+def limits(study: Study) -> tuple[str, ...]:
+    """The warnings that limit what the numbers of a study mean, however many runs it has: file, key, what, remedy.
+    Results repeat them."""
+    shared = [PointDemand(study, point) for point in study.points]
+    points = [(one, outline(one)) for one in shared]
+    found = _of_fillings(study), _overfull(study.path, points), _low(study), _soft(study, points)
+    return tuple(itertools.chain(*found))
 
 
 def too_large(plan: Plan, lanes: int, available: float) -> str | None:
@@ -213,18 +220,17 @@ def _alike(plan: Plan) -> Iterator[str]:
         yield _told(plan.study.path, key, reason, "leave it out, or vary a key that the runs depend on")
 
 
-def _of_fillings(plan: Plan) -> Iterator[str]:
+def _of_fillings(study: Study) -> Iterator[str]:
     """Walls that stand only while the bed is filled, and have properties that the flow will not know."""
     found: dict[str, list[str]] = {}
-    for point in plan.points:
-        scene = point.shared.scene
+    for scene in (point.scene for point in study.points):
         standing = [wall.name for wall in scene.container.walls()]
         for name in scene.walls:
             if name != "all" and name not in standing:
                 found[name] = [other for other in standing if other.startswith(name)] or standing
     for name, standing in found.items():
         reason = "this wall stands only while the bed is filled: the flow does not feel it"
-        yield _told(plan.study.path, f"walls.{name}", reason, f"for the flow use {', '.join(standing)}")
+        yield _told(study.path, f"walls.{name}", reason, f"for the flow use {', '.join(standing)}")
 
 
 def _leaky(plan: Plan) -> Iterator[str]:
@@ -243,9 +249,8 @@ def _leaky(plan: Plan) -> Iterator[str]:
             return
 
 
-def _low(plan: Plan) -> Iterator[str]:
+def _low(study: Study) -> Iterator[str]:
     """Beds that are too low for a steady flow when the window ends, in a study that leaves that to labbook."""
-    study = plan.study
     if study.fed or study.window.timed or "end" in study.stated.get("window", {}) or "flow_rate" not in study.measure:
         return
     low = [(point, until) for point in study.points

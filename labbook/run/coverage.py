@@ -7,7 +7,7 @@ from typing import NamedTuple
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
 from labbook.lab.records import Coverage, StopRule
-from labbook.run.demand import Demand, demands, stopping_rule
+from labbook.run.demand import Demand, PackingsOf, demands, stopping_rule
 from labbook.scene.quantities import percent
 from labbook.study import Study
 
@@ -61,10 +61,11 @@ class Asked(NamedTuple):
     outdated: str = ""
 
 
-def asked(study: Study, backend: str) -> Mapping[str, Sequence[Asked]]:
-    """All runs that a study may have on `backend`, by lineage: points that come to the same scene share theirs."""
+def asked(study: Study, backend: str, packings_of: PackingsOf | None = None) -> Mapping[str, Sequence[Asked]]:
+    """All runs that a study may have on `backend`, by lineage: points that come to the same scene share theirs.
+    `packings_of`: the backend whose packings they start from, None for their own."""
     found: dict[str, list[Asked]] = defaultdict(list)
-    for demand in demands(study, stopping_rule(study).cap):
+    for demand in demands(study, stopping_rule(study).cap, packings_of):
         found[demand.lineage(backend)].append(Asked(demand))
         for age, (lineage, outdated) in enumerate(demand.older_lineages(backend), 1):
             found[lineage].append(Asked(demand, age, outdated))

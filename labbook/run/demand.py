@@ -285,9 +285,10 @@ class Demand:
             yield self.lineage(backend, scenes), outdated
 
 
-def demands(study: Study, seeds: int) -> Iterator[Demand]:
-    """Runs 1..`seeds` of every point: first the first seed of all points, then the second, and so on."""
-    shared = [PointDemand(study, point) for point in study.points]
+def demands(study: Study, seeds: int, packings_of: PackingsOf | None = None) -> Iterator[Demand]:
+    """Runs 1..`seeds` of every point: first the first seed of all points, then the second, and so on. `packings_of`:
+    the backend whose packings they start from, None for their own."""
+    shared = [PointDemand(study, point, packings_of) for point in study.points]
     for seed in range(1, seeds + 1):
         yield from (point.run(seed) for point in shared)
 

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field, StrictBool, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, StrictBool, TypeAdapter, ValidationError, field_validator, model_validator
 
 from labbook.backend.numerics import Numerics
 from labbook.filling.placing import STARTS
+from labbook.fit import named
 from labbook.scene.contact import AnyLaw
 from labbook.scene.model import Among, Fault, Model, refuse
 from labbook.scene.quantities import Coefficient, Duration, Instant, Length, Ratio
@@ -177,6 +178,11 @@ class Settings(Model):
     window: Window = Window()
     stop: Stop = Stop()
     record: Record | None = None
+
+    @field_validator("fit")
+    @classmethod
+    def _named(cls, laws: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(map(named, laws))
 
     @model_validator(mode="after")
     def _fits_together(self):

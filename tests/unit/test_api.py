@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -270,6 +271,24 @@ def test_results_show_themselves(found):
     assert repr(found.points[0]).startswith("<PointResult D = 18 mm: 3 runs")
     assert repr(found.series[0]) == "<Series of 4 points; fits: beverloo>"
     assert repr(found.run(1).point) == "<Point 1: orifice 18 mm>"
+
+
+def test_figures_and_laws_go_by_the_names_of_files_and_pages_as_well(found):
+    for file, name in (("flow", "flow_over_time"), ("fit", "flow_rate")):
+        assert found.plot(file)._repr_png_() == found.plot(name)._repr_png_()
+    assert found.fit("Beverloo") is found.fit("beverloo")
+
+
+def test_results_of_several_series_show_the_overview(found, monkeypatch):
+    """Each angle alone would be a part of the study."""
+    from labbook.report import gallery
+
+    drawn = []
+    monkeypatch.setattr(gallery, "of_results", lambda results: {"overview": lambda: drawn.append(0) or found.plot()})
+    found._repr_html_()
+    assert not drawn
+    replace(found, series=(*found.series, *found.series))._repr_html_()
+    assert drawn == [0]
 
 
 def test_a_lab_without_runs_says_so(tmp_path):

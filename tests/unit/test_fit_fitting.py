@@ -296,6 +296,67 @@ def test_unusable_errors_are_refused(error):
         fit(LAWS["beverloo"], D, W, np.full(8, error), FAN)
 
 
+SIX = np.array([18, 21, 24, 27, 30, 33]) * 1e-3
+
+
+def scanned_limit(law, W, relative):
+    """k at which chi2, least over C, has risen by t^2 (18 degrees of freedom) over that of a constant W, widened by the
+    misfit of the constant: by a scan in steps of 0.1 %, and C by an average."""
+    weights = np.full(len(W), relative**-2)
+
+    def chi2(shape):
+        off = np.log(W) - np.log(shape)
+        return np.sum(weights * (off - np.average(off, weights=weights)) ** 2)
+
+    constant = chi2(np.ones(len(W)))
+    allowed = stats.t.ppf(0.975, 18) ** 2 * max(1, constant / (len(W) - 2))
+    gaps = np.geomspace(1e-3, 1e5, 20_000)
+    ks = SIX.min() / FAN.d - gaps
+    rises = np.array([chi2((SIX / FAN.d - k) ** law.power) - constant for k in ks])
+    assert rises.min() > -1e-6  # no k fits better than a constant
+    return ks[np.flatnonzero(rises < allowed)[0]]
+
+
+@pytest.mark.parametrize("name", ["beverloo", "beverloo_3d"])
+@pytest.mark.parametrize(
+    "W", [np.full(6, 30.0), 30 * np.linspace(1, 0.99, 6), np.array([60, 50, 40, 30, 20, 10]), [10, 20, 30, 30, 20, 10]]
+)
+def test_flow_rates_that_do_not_rise_leave_k_an_upper_limit_only(name, W):
+    W = np.asarray(W, float) * 1e-3
+    with pytest.raises(FitError, match=r"W does not rise with D: k cannot be determined .* wider range") as refused:
+        fit(LAWS[name], SIX, W, 0.01 * W, FAN, [4] * 6)
+    told = float(str(refused.value).partition("upper limit is ")[2].partition(")")[0])
+    expected = scanned_limit(LAWS[name], W, 0.01)
+    assert told == pytest.approx(expected, abs=1e-3 * abs(expected - 6) + 1e-3)  # steps of the scan, four digits
+
+
+def test_the_upper_limit_of_k_of_a_slow_rise_is_that_of_a_scan():
+    """W that rises by a tenth of its error has a best k, far below, without a lower limit."""
+    W = 0.03 * np.linspace(1, 1.001, 6)
+    found = fit(LAWS["beverloo"], SIX, W, 0.01 * W, FAN, [4] * 6).parameters["k"]
+    gaps = np.geomspace(1, 1e5, 20_000)
+    off = np.log(W) - 1.5 * np.log(SIX / FAN.d - 6 + gaps[:, None])
+    chi2 = 1e4 * ((off - off.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
+    expected = 6 - gaps[np.flatnonzero(chi2 < stats.t.ppf(0.975, 18) ** 2)[0]]
+    assert found.high == pytest.approx(expected, rel=1e-3)
+    assert found.low == -math.inf
+
+
+@pytest.mark.parametrize("apart", [1e-7, 1e-5])
+@pytest.mark.parametrize("name", OF_A_SLOT)
+def test_orifices_that_are_practically_one_are_too_few(name, apart):
+    near = 0.018 * (1 + apart * np.arange(4))
+    with pytest.raises(FitError, match=r"1 orifice is too few \(those that differ by less than 0.001 d count as one\)"):
+        fit(LAWS[name], near, np.array([30, 30.1, 30.2, 30]) * 1e-3, np.full(4, 3e-4), FAN, [4] * 4)
+
+
+@pytest.mark.parametrize("name", OF_A_SLOT)
+def test_points_on_the_law_without_replicates_tell_no_error(name):
+    W = LAWS[name].flow(D, TRUE[name], FAN)
+    with pytest.raises(FitError, match="scatter gives no errors; give more replicates"):
+        fit(LAWS[name], D, W, np.full(8, math.nan), FAN, [1] * 8)
+
+
 def test_lists_of_unequal_length_are_refused():
     with pytest.raises(FitError, match="equal length"):
         fit(LAWS["beverloo"], D, D[:3], D, FAN)

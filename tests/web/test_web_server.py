@@ -191,7 +191,7 @@ def test_the_page_of_a_study_shows_every_point(asked, results):
     page = Read(asked.get(f"/study/{STUDY}").text)
     head, *rows = page.rows["points"]
     assert len(rows) == POINTS == len(results.points)
-    runs = head.index("runs")
+    runs = head.index("n")
     assert [row[runs] for row in rows] == [str(REPLICATES)] * POINTS
     for row, one in zip(rows, results.points, strict=True):
         number = one.point.index + 1
@@ -687,3 +687,30 @@ def test_what_cannot_be_compared_is_refused(asked):
         assert answer.status_code == (200 if item == "" else 400), item
     for item in ("study:none", "point:none:1", f"point:{STUDY}:99", "run:ffffffff", f"study:{STUDY}@none"):
         assert asked.get("/compare", params=[("item", item)]).status_code == 404, item
+
+
+@pytest.mark.slow
+def test_compared_backends_are_known_to_the_pages(tmp_path):
+    """Runs that start from the other backend's packings count; the verdict, its figure and its recording are shown."""
+    path, lab = study_file(tmp_path, count=400, orifices="[24, 30]", replicates=2), tmp_path / "lab"
+    labbook("compare", path, "--lab", lab, "--backends", "toy,twin")
+    (lab / "compare/toy-study/toy-twin.rrd").write_bytes(b"both side by side")
+    asked = client(lab, [path])
+    page = asked.get(f"/study/{STUDY}?backend=twin").text
+    assert "4 of 4 runs" in page
+    assert "These runs start from the packings of toy" in page
+    assert "No finished run" not in page
+    assert "Backends toy and twin" in page
+    assert "equivalent within 3 % in all 4 tests" in page
+    assert "Stale" not in page
+    figure = asked.get(f"/study/{STUDY}/figure/compare-toy-twin.svg?backend=twin")
+    assert figure.status_code == 200
+    assert b"<svg" in figure.content
+    assert asked.get(f"/study/{STUDY}/compare/toy-twin.rrd").content == b"both side by side"
+    assert asked.get(f"/study/{STUDY}/compare/..%2Ftoy-twin.rrd").status_code == 404
+    both = asked.get(f"/compare?item=study:{STUDY}@toy&item=study:{STUDY}@twin").text
+    assert "equivalent within 3 % in all 4 tests" in both
+    assert "only the seeds do" not in both
+    numbers = asked.get(f"/compare.json?item=study:{STUDY}@toy&item=study:{STUDY}@twin").json()
+    assert numbers["differences"] == [["backend", ["toy", "twin"]]]
+    assert "--backend toy" in asked.get(f"/study/{STUDY}?backend=toy").text

@@ -84,6 +84,7 @@ class App:
             Route("/progress/{name}", self._threaded(self._progress)),
             Route("/study/{name}/figure/{figure}", self._threaded(self._figure)),
             Route("/study/{name}/{file}.yaml", self._threaded(self._yaml)),
+            Route("/study/{name}/compare/{pair}.rrd", self._threaded(self._both)),
             Route("/note/{kind}/{name}", self._write_note, methods=["POST"]),
             Route("/run/{key}/picture.png", self._threaded(self._picture)),
             Route("/run/{key}/viewer", self._threaded(self._viewer)),
@@ -209,6 +210,16 @@ class App:
         return Response(
             text, media_type="text/yaml; charset=utf-8", headers=saved_as(f"{request.path_params['name']}.yaml")
         )
+
+    def _both(self, request: Request) -> Response:
+        name, pair = request.path_params["name"], request.path_params["pair"]
+        found = self.shelf.found(name, self.shelf.backend_of(name, None))
+        for one in found.compared:
+            if one.name == pair and one.recording is not None:
+                return FileResponse(
+                    one.recording, media_type="application/octet-stream", headers=saved_as(f"{name}-{pair}.rrd")
+                )
+        raise NotThere(f"{name} has no recording of {pair[:80]}: labbook compare --record makes one")
 
     def _picture(self, request: Request) -> Response:
         key = key_of(self.shelf, hex_of(request))

@@ -8,13 +8,18 @@ import threading
 import time
 from collections import OrderedDict, defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from labbook.accuracy import BESIDE
-from labbook.backend import installed
+from labbook.backend import BackendMissing, installed
+from labbook.backend import load as load_backend
+from labbook.compare.compare import stale
+from labbook.compare.sides import CannotCompare, Side
+from labbook.compare.verdict import NoVerdict, Verdict, path_of
 from labbook.lab import Catalogue, LabError, notes, studies
 from labbook.lab import Lab as Folder
 from labbook.lab.catalogue import StudyCount
@@ -25,6 +30,8 @@ from labbook.run.coverage import Asked, asked
 from labbook.run.live import Running, running
 from labbook.study import Study, StudyError, load
 
+BACKEND = "numba"
+"""The backend of a study that has no runs, and of commands that name none."""
 _KEPT = 64
 """Studies of which results are kept in memory."""
 _SERVER_AGE = 2.0
@@ -72,6 +79,21 @@ class Listed:
 
 
 @dataclass(frozen=True, eq=False)
+class Compared:
+    """A stored comparison of two backends on a study. `name`: of its files; `recording`: of both side by side."""
+
+    name: str
+    verdict: Verdict
+    study: Study
+    recording: Path | None
+
+    @cached_property
+    def stale(self) -> list[str]:
+        """Why it is out of date, in words; nothing if it holds."""
+        return stale(self.verdict, self.study)
+
+
+@dataclass(frozen=True, eq=False)
 class Found:
     """What the lab holds of a study on a backend."""
 
@@ -80,6 +102,10 @@ class Found:
     """Of its file."""
     backend: str
     results: Results
+    compared: tuple[Compared, ...] = ()
+    """Stored comparisons of backends on this study."""
+    packings_of: str = ""
+    """The backend whose packings these runs start from, if it is another one."""
     _made: dict[str, Any] = field(default_factory=dict)
 
     def once(self, name: str, make: Callable[[], _T]) -> _T:
@@ -96,7 +122,8 @@ class Found:
             for result in self.results.points
             for run in result.runs
         ]
-        return hashlib.blake2b(repr((self.text, runs)).encode(), digest_size=5).hexdigest()
+        shown = (self.text, runs, *([one.verdict.made for one in self.compared],) * bool(self.compared))
+        return hashlib.blake2b(repr(shown).encode(), digest_size=5).hexdigest()
 
 
 class Kept:
@@ -202,7 +229,7 @@ class Shelf:
         """The backend whose runs are shown: the one that is wanted, else the one with most runs. Raises NotThere."""
         made = next((one.backends for one in self.listed() if one.name == name), ())
         if wanted is None:
-            return made[0] if made else "numba"
+            return made[0] if made else BACKEND
         if wanted in made or wanted in installed():
             return wanted
         raise NotThere(f"no backend is called {wanted}; use one of: {', '.join(sorted({*made, *installed()}))}")
@@ -214,10 +241,32 @@ class Shelf:
 
         def find() -> Found:
             results = kept(study, self.catalogue, backend, self._demands(path, study, backend))
-            return Found(study, text, backend, results)
+            compared, packings_of = self._compared(study), ""
+            for first, second in (one.verdict.entrants for one in compared if not results.points):
+                if second.called == backend and first.called == first.name:
+                    with suppress(BackendMissing, CannotCompare):
+                        packings = Side(load_backend(first.name), first.device).packings(study)
+                        results = kept(study, self.catalogue, backend, asked(study, backend, packings))
+                        packings_of = first.name if results.points else ""
+            return Found(study, text, backend, results, compared, packings_of)
 
         spare = _SPARED if self.running() else 0.0  # what a study leaves when it ends is shown at once
-        return self._results.get((path, backend), (_stamps(path), self.state), find, spare)
+        verdicts = tuple(_stamp(one) for one in self._verdicts(study.name))
+        return self._results.get((path, backend), (_stamps(path), self.state, verdicts), find, spare)
+
+    def _verdicts(self, name: str) -> list[Path]:
+        folder = path_of(self.lab, name, "", "").parent
+        return sorted(one for one in folder.glob("*.json") if not one.is_symlink())
+
+    def _compared(self, study: Study) -> tuple[Compared, ...]:
+        """Stored comparisons that can be read."""
+        found = []
+        for path in self._verdicts(study.name):
+            with suppress(NoVerdict):
+                recording = path.with_suffix(".rrd")
+                there = recording.is_file() and not recording.is_symlink()
+                found.append(Compared(path.stem, Verdict.read(path), study, recording if there else None))
+        return tuple(found)
 
     def running(self) -> list[Running]:
         """Processes that run studies in this lab now."""

@@ -11,7 +11,7 @@ from labbook.papers.fan2023.profiles import ProfileFit, approaches, profile_fit
 from labbook.papers.fan2023.ratios import Ratio, angle_factors, authors, by_angle, by_position
 from labbook.report.blocks import Block, Folded, Formula, Picture, Section, picture
 from labbook.report.fitted_tables import parameter_table
-from labbook.report.tables import Table
+from labbook.report.tables import INSIDE, Table
 from labbook.results import display
 from labbook.results.reference import Comparison, at_series
 from labbook.results.series import Series
@@ -84,7 +84,7 @@ def ratio_sections(results: Results, folder: Path) -> list[Section]:
 
 
 def farthest(ratios: list[Ratio]) -> str:
-    """A sentence on how far the flow rates lie from each angle law at most, and in how many standard errors."""
+    """A sentence on how far the flow rates lie from each angle law at most, inside or outside the 95 % interval."""
     inclined = [one for one in ratios if one.error > 0]
     if not inclined:
         return ""
@@ -92,8 +92,8 @@ def farthest(ratios: list[Ratio]) -> str:
     for name in authors(inclined):
         judged = [(one, laws[name]) for one in inclined if name in (laws := angle_factors(one))]
         worst, factor = max(judged, key=lambda pair: abs(pair[0].value / pair[1] - 1))
-        part, errors = percent(worst.value / factor - 1, "+.1f"), (worst.value - factor) / worst.error
-        said.append(f"{name} by {part} or {errors:+.1f} standard errors at {worst.result.label}")
+        part, side = percent(worst.value / factor - 1, "+.1f"), "inside" if worst.holds(factor) else "outside"
+        said.append(f"{name} by {part} ({side} the 95 % interval, {worst.runs}) at {worst.result.label}")
     return f"Farthest from {'; from '.join(said)}.".replace("-", "−")
 
 
@@ -104,7 +104,7 @@ def angle_table(ratios: list[Ratio]) -> Table:
         laws = angle_factors(one)
         cells = [cell for name in names for cell in _apart(one, laws.get(name))]
         rows.append((one.result.label, *_numbers(one), *cells))
-    named = [heading for name in names for heading in (name, "difference", "in standard errors")]
+    named = [heading for name in names for heading in (name, "difference", INSIDE)]
     return Table(("point", "W/W of the flat bottom", "95 % interval", *named), tuple(rows))
 
 
@@ -136,13 +136,13 @@ def _apart(one: Ratio, law: float | None) -> tuple[str, str, str]:
     if not (one.error > 0 and np.isfinite(one.error)):
         return f"{law:.3f}", "–", "–"
     apart = one.value - law
-    part, errors = percent(apart / law, "+.1f"), f"{apart / one.error:+.1f}"
-    return f"{law:.3f}", part.replace("-", "−"), errors.replace("-", "−")
+    return f"{law:.3f}", percent(apart / law, "+.1f").replace("-", "−"), "yes" if one.holds(law) else "no"
 
 
 _ANGLES = (
     "Flow rate over that of a flat bottom with the same outlet, with 95 % intervals. Lines have no free parameter; "
-    "the angle φ_d of Rose and Tanaka, which papers seldom give, is the arctangent of the grains’ friction."
+    "φ_d of Rose and Tanaka is the angle of the stagnant zone. It is not measured here; the arctangent of the grains’ "
+    "friction is assumed for it."
 )
 _POSITIONS = (
     "Flow rate over that of the same outlet in the middle against the relative distance from the wall, with 95 % "

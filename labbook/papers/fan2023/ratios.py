@@ -29,6 +29,16 @@ class Ratio:
     low: float
     high: float
 
+    @property
+    def runs(self) -> str:
+        """`n = 3`, or `n = 2 and 3`: how many runs each of the two means has."""
+        counts = [one.flow_rate.n for one in (self.result, self.over) if one.flow_rate is not None]
+        return f"n = {' and '.join(map(str, dict.fromkeys(counts)))}"
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies inside the 95 % interval."""
+        return self.low <= value <= self.high
+
 
 def by_angle(points: Sequence[PointResult]) -> list[Ratio]:
     """W(angle) over W(90 deg), of outlets that are alike otherwise; nothing if no angle was swept."""

@@ -12,11 +12,13 @@ from labbook.report.style import (
     FAINT,
     MILLIMETRE,
     PAGE,
+    crosses,
     from_zero,
     house,
     legend_columns,
     look,
     mathtext,
+    point,
     verbatim,
 )
 from labbook.results import display
@@ -75,7 +77,7 @@ def against_key(found: Against) -> "Figure":
             if not column:
                 main.set_ylabel(mathtext(display.quantity(found.quantity).heading))
                 below.set_ylabel(mathtext(ratio_heading(found)))
-            below.set_xlabel(mathtext(display.key(found.key).heading))
+            below.set_xlabel(mathtext(found.heading))
             below.xaxis.set_tick_params(labelbottom=True)
         if legend:
             handles, labels = _legend(names)
@@ -169,7 +171,7 @@ def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], 
             rated = [(at[p.value], p.ratio.value if p.ratio else 1.0) for p in known if p.ratio or p is line.first]
             below.plot(*np.transpose(rated) if rated else ([], []), **path)
         for one in line.places:
-            bars += _draw(main, below, found, line, one, at[one.value], scale, style)
+            bars += _draw(main, below, found, line, one, at[one.value], scale, style, len(lines) == 1)
     below.axhline(1, color=FAINT, linewidth=0.6, zorder=0)
     if logarithmic:
         main.set_xscale("log")
@@ -180,26 +182,33 @@ def _panel(main: "Axes", below: "Axes", found: Against, lines: dict[str, Line], 
 
 
 def _draw(
-    main: "Axes", below: "Axes", found: Against, line: Line, one: Place, x: float, scale: float, style: dict
+    main: "Axes",
+    below: "Axes",
+    found: Against,
+    line: Line,
+    one: Place,
+    x: float,
+    scale: float,
+    style: dict,
+    words: bool,
 ) -> "list[_Bar]":
-    hollow = {"markerfacecolor": "white"}
-    points = {"color": style["color"], "marker": style["marker"], "linestyle": "none"}
-    points |= hollow if one.result.remark else {}
     pooled = one.result.pooled.get(found.quantity)
     if pooled is None:
-        main.plot(x, 0.03, marker="x", color=style["color"], transform=main.get_xaxis_transform(), clip_on=False)
+        crosses(main, [(x, one.result.lacking if words else "")], style["color"])
         return []
-    half = pooled.half_width if math.isfinite(pooled.half_width) else 0.0
-    main.errorbar(x, pooled.value * scale, yerr=half * scale, **points)
-    bars = [_Bar(main, x, (pooled.value - half) * scale, (pooled.value + half) * scale, style["color"])]
-    points |= hollow if line.first is not None and line.first.result.remark else {}
+    colour, hollow = style["color"], bool(one.result.remark)
+    drawn = [(main, pooled.value * scale, pooled.low * scale, pooled.high * scale)]
     if one is line.first:
-        below.plot(x, 1.0, **points)
+        below.plot(
+            x, 1.0, color=colour, marker=style["marker"], linestyle="none",
+            markerfacecolor="white" if hollow or not math.isfinite(pooled.half_width) else colour,
+        )  # fmt: skip
     elif one.ratio is not None:
-        half = one.ratio.half_width if math.isfinite(one.ratio.half_width) else 0.0
-        below.errorbar(x, one.ratio.value, yerr=half, **points)
-        bars.append(_Bar(below, x, one.ratio.value - half, one.ratio.value + half, style["color"]))
-    return bars
+        drawn.append((below, one.ratio.value, one.ratio.low, one.ratio.high))
+    for ax, value, *ends in drawn:
+        of_first = ax is below and line.first is not None and bool(line.first.result.remark)
+        point(ax, x, value, (ends[0], ends[1]), color=colour, hollow=hollow or of_first, marker=style["marker"])
+    return [_Bar(ax, x, low, high, colour) for ax, _, low, high in drawn if math.isfinite(high - low)]
 
 
 def _abscissa(found: Against) -> dict[float | str, float]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labbook.report.style import COLOURS, FAINT, MILLIMETRE, PAGE, from_zero, house, verbatim
-from labbook.results import display
 from labbook.results.points import PointResult
 from labbook.results.series import Series
 
@@ -34,7 +33,7 @@ def flow_against_time(series: Series) -> "Figure":
         figure = Figure(figsize=(PAGE * max(columns, 3) / _COLUMNS, (14 + 34 * rows) * MILLIMETRE))
         axes = figure.subplots(rows, columns, squeeze=False)
         for ax, result in zip(axes.flat, series.points, strict=False):
-            _draw(ax, result, display.label(result.at, series.at) or f"D = {result.orifice * 1e3:g} mm")
+            _draw(ax, result, result.label_without({*series.at, *series.along}) or f"D = {result.orifice * 1e3:g} mm")
         for ax in axes.flat[len(series.points) :]:
             ax.set_axis_off()
         figure.supxlabel("time since the opening, $t$ [s]", fontsize=7.5)

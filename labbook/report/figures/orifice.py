@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from labbook.fit import FitResult
 from labbook.fit.beverloo import Beverloo
 from labbook.report.style import (
     COLOURS,
@@ -17,9 +18,12 @@ from labbook.report.style import (
     MILLIMETRE,
     PAGE,
     band,
+    crosses,
     from_zero,
     house,
+    legend_point,
     look,
+    point,
     verbatim,
 )
 from labbook.results import display
@@ -33,14 +37,17 @@ if TYPE_CHECKING:
 
 
 _POWERS = {"slot": (2 / 3, "2/3"), "hole": (2 / 5, "2/5")}
+_BEYOND = {"linestyle": (0, (2, 2)), "linewidth": 0.7}
 _FITS = {"beverloo": 1, "janda": 2}  # place in the palette; others follow
 
 
 def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (), source: str = "") -> "Figure":
-    """One series: the points with 95 % intervals, every fit with its 95 % bands, and below it the residuals in
-    percent, if anything was fitted.
+    """One series: the points with 95 % intervals, every fit with its 95 % bands over the fitted points, dashed beyond
+    them, and below it the residuals in percent, if anything was fitted: with the standard errors that the test uses
+    (thick) and their own 95 % intervals (thin).
 
-    Points outside a law's range or without a steady flow are hollow; diamonds are flow rates of the reference.
+    Points outside a law's range or with a remark are hollow, crosses at the foot are outlets without a flow rate;
+    diamonds are flow rates of the reference.
     """
     from matplotlib.figure import Figure
 
@@ -53,10 +60,9 @@ def flow_against_orifice(series: Series, comparisons: Sequence[Comparison] = (),
         diameters = np.linspace(0.92 * min(series.diameters), 1.04 * max(series.diameters), 200)
         for place, (law, fit) in enumerate(series.fits.items()):
             style = {"color": COLOURS[_FITS.get(law, 3 + place)], "linestyle": DASHES[place]}
-            value, _, _ = fit.predict(diameters)
-            main.plot(diameters * 1e3, _scaled(value, power), label=display.law(law), **style, zorder=2)
+            _law(main, fit, diameters, power, label=display.law(law), **style)
             _residuals(below, series, law, style["color"], place)
-        _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook")
+        _points(main, series.points, series.flagged, power, color=INK, marker="o", label="labbook", words=True)
         _reference(main, series, comparisons, source, power)
         _their_law(main, series, comparisons, source, power, diameters)
         below.set_xlabel("orifice, $D$ [mm]")
@@ -86,9 +92,9 @@ def overview(series: Sequence[Series]) -> "Figure":
         for index, one in enumerate(series):
             style = look(index)
             if one.fits:
-                diameters = np.linspace(min(one.diameters), max(one.diameters), 100)
-                value, _, _ = next(iter(one.fits.values())).predict(diameters)
-                ax.plot(diameters * 1e3, _scaled(value, power), color=style["color"], linestyle=style["linestyle"])
+                fit = next(iter(one.fits.values()))
+                diameters = np.linspace(min(one.diameters), max(one.diameters), 200)
+                _law(ax, fit, diameters, power, color=style["color"], linestyle=style["linestyle"])
             look_of = {"color": style["color"], "marker": style["marker"], "label": one.label}
             _points(ax, one.points, one.flagged, power, shift=step * (index - (len(series) - 1) / 2), **look_of)
         ax.set_xlabel("orifice, $D$ [mm]")
@@ -96,7 +102,7 @@ def overview(series: Sequence[Series]) -> "Figure":
         from_zero(ax)
         if many:
             figure.legend(loc="outside right upper")
-        else:
+        elif len(series) > 1:
             ax.legend(loc="upper left")
     return figure
 
@@ -118,11 +124,11 @@ def _apart(series: Sequence[Series]) -> float:
 
 
 def _bands(ax: "Axes", series: Series, power: float) -> None:
-    """95 % bands of each law and of one more point, from the smallest to the largest orifice, within the frame that
-    points and curves have set: the band of a law which these orifices do not determine has no bounds."""
+    """95 % bands of each law and of one more point, from the smallest to the largest fitted orifice, within the frame
+    that points and curves have set: the band of a law which these orifices do not determine has no bounds."""
     frame = ax.get_ylim()
-    D = np.linspace(min(series.diameters), max(series.diameters), 200)
     for place, (law, fit) in enumerate(series.fits.items()):
+        D = np.linspace(fit.D.min(), fit.D.max(), 200)
         _, *of_law = fit.predict(D)
         _, *of_point = fit.predict(D, new_point=True)
         law_ends, point_ends = (
@@ -130,6 +136,18 @@ def _bands(ax: "Axes", series: Series, power: float) -> None:
         )
         band(ax, D * 1e3, law_ends, point_ends, COLOURS[_FITS.get(law, 3 + place)])
     ax.set_ylim(frame)
+
+
+def _law(ax: "Axes", fit: FitResult, D: np.ndarray, power: float, *, label: str | None = None, **style: Any) -> None:
+    """A law at orifices D [m]: solid or in its own dashes over the fitted points, finely dashed beyond them, down to
+    where it lets nothing pass."""
+    D = np.unique(np.concatenate([D, [fit.D.min(), fit.D.max()]]))
+    value = _scaled(fit.predict(D)[0], power)
+    value[:-1][value[1:] < 1e-3 * value.max()] = math.nan  # below its zero a law runs along the axis
+    among = (fit.D.min() <= D) & (fit.D.max() >= D)
+    ax.plot(D[among] * 1e3, value[among], label=label, zorder=2, **style)
+    for beyond in (fit.D.min() >= D, fit.D.max() <= D):
+        ax.plot(D[beyond] * 1e3, value[beyond], zorder=2, **{**style, **_BEYOND})
 
 
 def _scaled(flow_rate: np.ndarray, power: float) -> np.ndarray:
@@ -175,38 +193,32 @@ def _points(
     marker: str,
     label: str,
     shift: float = 0.0,
+    words: bool = False,
 ) -> None:
-    """Points with 95 % intervals, `shift` [mm] beside their orifices."""
-    shown = False
+    """Points with 95 % intervals, `shift` [mm] beside their orifices; crosses where there is no flow rate, with the
+    reason in words or without."""
+    legend_point(ax, label, color=color, marker=marker)
     for result in points:
-        pooled = result.flow_rate
-        if pooled is None:
-            continue
-        value, half = pooled.value, pooled.half_width if np.isfinite(pooled.half_width) else 0.0
-        ends = _scaled(np.array([value - half, value, value + half]), power)
-        ax.errorbar(
-            result.orifice * 1e3 + shift,
-            ends[1],
-            yerr=[[ends[1] - ends[0]], [ends[2] - ends[1]]],
-            color=color,
-            marker=marker,
-            markerfacecolor="white" if result.point.index in flagged else color,
-            linestyle="none",
-            label=None if shown else label,
-            zorder=3,
-        )
-        shown = True
+        if (pooled := result.flow_rate) is not None:
+            low, value, high = _scaled(np.array([pooled.low, pooled.value, pooled.high]), power)
+            ends = (low, high) if math.isfinite(pooled.half_width) else (-math.inf, math.inf)
+            hollow = result.hollow or result.point.index in flagged
+            point(ax, result.orifice * 1e3 + shift, value, ends, color=color, hollow=hollow, marker=marker, zorder=3)
+    places = [(one.orifice * 1e3 + shift, one.lacking if words else "") for one in points if one.flow_rate is None]
+    crosses(ax, places, color)
 
 
 def _residuals(ax: "Axes", series: Series, law: str, color: str, place: int) -> None:
     offset = 0.35 * (place - (len(series.fits) - 1) / 2)  # mm: side by side, not on top of each other
+    hollow = {one.orifice for one in series.points if one.hollow or one.point.index in series.flagged}
     for one in series.residuals(law):
-        ax.errorbar(
-            one.orifice * 1e3 + offset,
-            100 * one.value,
-            yerr=100 * one.half_width if np.isfinite(one.half_width) else 0.0,
-            color=color,
-            marker=MARKERS[place],
-            linestyle="none",
-            markersize=3,
-        )
+        x, value, half, error = one.orifice * 1e3 + offset, 100 * one.value, 100 * one.half_width, 100 * one.error
+        look = {
+            "color": color,
+            "marker": MARKERS[place],
+            "markersize": 3,
+            "hollow": one.orifice in hollow,
+            "elinewidth": 0.7,
+        }
+        ax.plot([x, x], [value - error, value + error], color=color, linewidth=2.6, alpha=0.6, solid_capstyle="butt")
+        point(ax, x, value, (value - half, value + half), **look)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from labbook.fit import Parameter
-from labbook.report.style import INK, MILLIMETRE, PAGE, house, legend_columns, look, mathtext
+from labbook.report.style import INK, MILLIMETRE, PAGE, house, legend_columns, look, mathtext, point
 from labbook.results import display
 from labbook.results.reference import Comparison
 from labbook.results.series import Series
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def parameters_against(key: str, law: str, series: Sequence[Series], comparisons: Sequence[Comparison]) -> "Figure":
     """The parameters of `law`, a panel each, against the swept `key`; series that differ in another key look different.
 
-    Error bars are the fits' 95 % intervals, left out where they have no end; open black diamonds are the reference's
-    values.
+    Error bars are the fits' 95 % intervals; where they have no end the point is hollow, with a dashed bar. Open black
+    diamonds are the reference's values.
     """
     from matplotlib.figure import Figure
 
@@ -58,13 +58,9 @@ def parameters_against(key: str, law: str, series: Sequence[Series], comparisons
 
 
 def _draw(ax: "Axes", place: float, parameter: Parameter, scale: float, group: int) -> None:
-    style = {**look(group), "linestyle": "none"}
-    value = parameter.value * scale
-    ends = [abs(end - parameter.value) * scale for end in (parameter.low, parameter.high)]
-    if all(map(math.isfinite, ends)):
-        ax.errorbar(place, value, yerr=[[ends[0]], [ends[1]]], **style)
-    else:
-        ax.plot(place, value, **style)
+    style = look(group)
+    ends = parameter.low * scale, parameter.high * scale
+    point(ax, place, parameter.value * scale, ends, color=style["color"], marker=style["marker"])
 
 
 def _legend(groups: Sequence[str]) -> list:

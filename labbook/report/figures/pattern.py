@@ -54,7 +54,7 @@ def flow_patterns(patterns: Sequence[Flowing], titles: Sequence[str] = ()) -> "F
             draw_means(below, sections[k], norm)
             title = titles[k] if titles else one.result.label
             above.set_title(title if len(title) <= _TITLE else title.replace(", ", "\n"))
-            below.set_title(f"{one.pattern.kind}, {percent(one.pattern.fraction, '.2g')} stagnant", fontsize=6.5)
+            below.set_title(f"{percent(one.pattern.fraction, '.2g')} stagnant", fontsize=6.5)
             for ax in (above, below):
                 draw_walls(ax, one, top)
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=axes, shrink=0.5, aspect=40)

@@ -118,10 +118,12 @@ def test_distances_from_the_laws_are_told(angles):
         row = by_label[one.result.label]
         assert float(row[3]) == pytest.approx(brown(one.at), abs=6e-4)
         if one.error > 0:
-            apart = (one.value - brown(one.at)) / one.error
-            assert float(row[5].replace("−", "-")) == pytest.approx(apart, abs=0.06)
+            assert row[5] == ("yes" if one.low <= brown(one.at) <= one.high else "no")
     worst = max(found, key=lambda one: abs(one.value / brown(one.at) - 1))
-    assert f"standard errors at {worst.result.label}" in farthest(found)
+    side = "inside" if worst.low <= brown(worst.at) <= worst.high else "outside"
+    runs = f"n = {len(worst.result.runs)}"
+    assert f"({side} the 95 % interval, {runs}) at {worst.result.label}" in farthest(found)
+    assert "standard errors" not in farthest(found)
 
 
 def test_each_point_is_compared_with_the_law_of_its_own_friction(synthetic):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -326,6 +326,60 @@ def test_many_lines_of_two_other_keys_are_parted_into_panels():
     assert [ax.get_title(loc="left") for ax in shown.axes[:2]] == ["damping = clamped", "damping = textbook"]
     assert {ax.get_ylim()[1] > 5.5e3 for ax in shown.axes[:2]} == {True}, "both show the largest of all, in g/s"
     assert [text.get_text() for text in shown.legends[0].get_texts()] == [f"D = {mm} mm" for mm in (20, 30, 40, 50)]
+
+
+def test_many_lines_are_told_by_their_changes_and_not_by_ratios():
+    """W falls by 41, 35, 30 and 28 % from 20 to 90 deg: the largest and the smallest fall, each with its error."""
+    falls = {0.1: 0.41, 0.2: 0.35, 0.4: 0.30, 0.8: 0.28}
+    points = []
+    for mu, fall in falls.items():
+        for angle, part in ((20, 1.0), (90, 1 - fall)):
+            at = {"container.angle": math.radians(angle), FRICTION: mu}
+            points.append(
+                result(len(points), at, {s: part * (1 + 0.02 * (s - 2)) for s in (1, 2, 3)}, packing_of_its_own)
+            )
+    found = {one.key: one for one in against(points)}["container.angle"]
+    # standard errors: 2 %/sqrt(3) of both, so 59 % and 72 % times 1.63 %
+    assert changes(found) == [
+        "W falls by 41.00 ± 0.96 % from 20 to 90 deg at friction = 0.1, by 28.0 ± 1.2 % at friction = 0.8."
+    ]
+    assert "Largest" not in changes(found)[0]
+
+
+def test_a_line_that_rests_on_one_run_does_not_lead():
+    points = []
+    for k, mu in enumerate((0.1, 0.2, 0.4, 0.8)):
+        points.append(
+            result(len(points), {D: 0.02, FRICTION: mu, LENGTH: 0.004}, {1: 1.0, 2: 1.02}, packing_of_its_own)
+        )
+        last = {1: 0.2} if k == 3 else {1: 0.9, 2: 0.91}
+        points.append(result(len(points), {D: 0.02, FRICTION: mu, LENGTH: 0.006}, last, packing_of_its_own))
+    found = {one.key: one for one in against(points)}[LENGTH]
+    (said,) = changes(found)
+    assert said.startswith("W falls by 10.4")
+    assert said.endswith("1 of 4 lines rest on one run and have no interval.")
+
+
+def test_keys_that_vary_together_are_all_named():
+    """Spheres against rods of equal volume: length and diameter, which follow from one another."""
+    sizes = ((0.004071, 0.004071), (0.006, 0.003))
+    points = [
+        replace(
+            result(k, {LENGTH: length}, {1: 1.0 + k, 2: 1.1 + k}),
+            along={"grains.diameter": d, "grains.count": 100.0 + k},
+        )
+        for k, (length, d) in enumerate(sizes)
+    ]
+    assert points[1].label == "L = 6 mm, d = 3 mm"
+    (found,) = against(points)
+    assert found.along == ("grains.diameter", "grains.count")
+    (said,) = changes(found)
+    assert said.startswith("W at L = 6 mm, d = 3 mm is ")
+    assert " % of that at L = 4.071 mm, d = 4.071 mm (" in said
+    table = against_table(found)
+    assert table.headings[:3] == ("L [mm]", "d [mm]", "count")
+    assert table.rows[1][:3] == ("6", "3", "101")
+    assert figures.against_key(found).axes[1].get_xlabel() == "L [mm] (with d)"
 
 
 def test_sentences_say_where_the_change_is_largest_and_whether_there_is_one():

@@ -91,7 +91,7 @@ def test_series_are_points_that_differ_in_their_orifice_only(synthetic):
     assert all(series.diameters == [0.02, 0.03, 0.04] for series in found)
     assert found[0].label == "angle = 30 deg"
     # Three orifices are too few for the three parameters of Janda's law: said, not skipped.
-    assert all("janda" in series.problems[0] and "beverloo" in series.fits for series in found)
+    assert all("Janda" in series.problems[0] and "beverloo" in series.fits for series in found)
 
 
 def test_a_difference_is_told_in_standard_errors_of_both(analysis):
@@ -124,14 +124,27 @@ def test_a_reference_that_nothing_answers_is_shown_with_the_reason(synthetic):
 
 
 def test_the_sentence_on_agreement_counts_and_names_the_farthest():
-    near = Comparison("beverloo.k", {}, "", 1.55, None, 1.56, 0.02)
-    far = Comparison("flow_rate", {}, "D = 60 mm", 0.179, None, 0.165, 0.002)
-    text = agreement([near, far], "Fan et al. 2023")
-    assert (
-        "Of 2 numbers of Fan et al. 2023, 1 agree with ours within 2 standard errors, and 1 more lie within 10 %."
-        in text
-    )
-    assert "W at D = 60 mm: ours is −7.8 %, or −7.0 standard errors" in text
+    near = Comparison("beverloo.k", {}, "", 1.55, None, 1.56, 0.02, 1.52, 1.60)
+    far = Comparison("flow_rate", {}, "D = 60 mm", 0.179, None, 0.165, 0.002, 0.161, 0.169)
+    unknown = Comparison("flow_rate", {}, "D = 70 mm", 0.2, None, 0.3, math.nan, -math.inf, math.inf)
+    text = agreement([near, far, unknown], "Fan et al. 2023")
+    assert "Of 2 numbers of Fan et al. 2023, 1 lie inside our 95 % intervals, and 1 more lie within 10 %." in text
+    assert text.endswith("The largest difference is in W at D = 60 mm: −7.8 %, outside the 95 % interval.")
+
+
+def test_two_seeds_exclude_only_what_lies_outside_students_interval(synthetic):
+    """t of one degree of freedom is 12.7: the interval of two seeds holds a reference six standard errors away."""
+    points = [synthetic.point(0, 0.03)]
+    runs = [synthetic.FinishedDouble(points[0], seed) for seed in (1, 2)]
+    pooled = analyse(synthetic.study_of(points), runs).points[0].flow_rate
+    for errors, inside in ((6, True), (13, False)):
+        entry = ReferenceEntry("flow_rate.flow_rate", {}, pooled.value + errors * pooled.error)
+        found = analyse(synthetic.study_of(points, reference=Reference("a paper", (entry,))), runs)
+        (one,) = found.comparisons
+        assert (one.inside, one.n) == (inside, 2)
+        said = agreement(found.comparisons, "a paper")
+        assert f"{'inside' if inside else 'outside'} the 95 % interval (n = 2)" in said
+        assert "standard error" not in said
 
 
 def test_clogged_and_diverged_runs_do_not_enter_the_mean(synthetic):

@@ -10,6 +10,8 @@ from matplotlib.container import ErrorbarContainer
 from toy_results import analyse
 
 from labbook.report import figures, style
+from labbook.report.sections import _fit_caption
+from labbook.report.style import INK
 
 
 def test_points_lie_at_d_and_w_to_the_two_thirds(analysis):
@@ -32,6 +34,9 @@ def test_points_lie_at_d_and_w_to_the_two_thirds(analysis):
 def test_a_band_without_bounds_leaves_the_frame_to_points_and_curves(analysis):
     class Boundless:
         law = analysis.series[0].fits["beverloo"].law
+        D, W, relative_error = (
+            getattr(analysis.series[0].fits["beverloo"], name) for name in ("D", "W", "relative_error")
+        )
 
         def predict(self, D, *, new_point=False):
             return np.full(len(D), 0.1), np.zeros(len(D)), np.full(len(D), 1e9)
@@ -40,6 +45,82 @@ def test_a_band_without_bounds_leaves_the_frame_to_points_and_curves(analysis):
     main, _ = figures.flow_against_orifice(replace(series, fits={"beverloo": Boundless()})).axes
     largest = max(r.flow_rate.high for r in series.points)
     assert (largest * 1e3) ** (2 / 3) < main.get_ylim()[1] < 2 * (max(largest, 0.1) * 1e3) ** (2 / 3)
+
+
+@pytest.fixture(scope="module")
+def clogging(synthetic):
+    """6 to 12 mm clog in all of four runs, 15 mm in three; three wider outlets flow."""
+    points = [synthetic.point(k, D) for k, D in enumerate((0.006, 0.009, 0.012, 0.015, 0.018, 0.024, 0.03))]
+    runs = [
+        synthetic.FinishedDouble(one, seed, "clogged" if one.index < 3 or (one.index == 3 and seed < 4) else "emptied")
+        for one in points
+        for seed in (1, 2, 3, 4)
+    ]
+    return analyse(synthetic.study_of(points), runs)
+
+
+def test_clogged_outlets_stay_visible_beside_the_fit(clogging):
+    (series,) = clogging.series
+    main, _ = figures.flow_against_orifice(series).axes
+    crosses = [float(np.asarray(line.get_xdata())[0]) for line in main.lines if line.get_marker() == "x"]
+    assert crosses == [6, 9, 12]
+    assert [text.get_text() for text in main.texts] == ["4 of 4 clogged"] * 3
+    assert "Cross at the foot: no flow rate." in _fit_caption(series)
+    (all_series,) = figures.overview(clogging.series).axes
+    assert sum(line.get_marker() == "x" for line in all_series.lines) == 3
+
+
+def test_law_and_band_end_at_the_fitted_points_and_dots_go_on_to_the_zero(clogging):
+    (series,) = clogging.series
+    main, _ = figures.flow_against_orifice(series).axes
+    for band in main.collections:
+        if band.get_paths() and len(band.get_paths()[0].vertices) > 100:
+            assert band.get_paths()[0].vertices[:, 0].min() == pytest.approx(15)
+    (law,) = [line for line in main.lines if line.get_label() == "Beverloo"]
+    assert np.asarray(law.get_xdata())[[0, -1]] == pytest.approx([15, 30])
+    dotted = [line for line in main.lines if line.get_color() == law.get_color() and line is not law]
+    below = min(dotted, key=lambda line: np.asarray(line.get_xdata()).min())
+    assert np.asarray(below.get_xdata()).max() == pytest.approx(15)
+    assert below.get_linestyle() != "-"
+
+
+def test_one_survivor_is_hollow_with_an_open_bar_in_every_figure(clogging):
+    (series,) = clogging.series
+    for figure in (figures.flow_against_orifice(series), figures.overview(clogging.series)):
+        assert style.has_open_bars(figure)
+        for ax in figure.axes:
+            bars = [float(np.asarray(line.get_xdata())[0]) for line in ax.lines if line.get_label() == style.OPEN_BAR]
+            assert bars == pytest.approx([15] * len(bars), abs=0.2)
+            drawn = [line for line in ax.lines if line.get_marker() in ("o", "s") and len(line.get_xdata()) == 1]
+            hollow = {
+                round(float(np.asarray(line.get_xdata())[0])) for line in drawn if line.get_markerfacecolor() == "white"
+            }
+            assert hollow == {15}
+    assert "Dashed bar: one run, the interval is unknown." in _fit_caption(series)
+    notes = series.fits["beverloo"].notes
+    assert "1 of 4 points from one run; 3 clogged runs left out: survivors are biased to fast flow" in notes
+
+
+def test_the_legend_shows_the_marker_of_the_series_and_not_of_its_first_point(clogging):
+    (series,) = clogging.series
+    main, _ = figures.flow_against_orifice(series).axes
+    handles, labels = main.get_legend_handles_labels()
+    assert handles[labels.index("labbook")].get_markerfacecolor() == INK
+
+
+def test_residuals_have_the_errors_of_the_test_within_their_intervals(analysis):
+    """chi2 of the thick bars is that of the fit."""
+    (series,) = analysis.series
+    fit = series.fits["beverloo"]
+    residuals = series.residuals("beverloo")
+    assert sum((math.log1p(one.value) / (one.error / (1 + one.value))) ** 2 for one in residuals) == pytest.approx(
+        fit.chi2
+    )
+    _, below = figures.flow_against_orifice(series).axes
+    thick = [np.asarray(line.get_ydata()) for line in below.lines if line.get_linewidth() > 2]
+    np.testing.assert_allclose(
+        [np.ptp(ends) / 200 for ends in thick[: len(residuals)]], [one.error for one in residuals]
+    )
 
 
 def test_the_reference_is_drawn_where_it_has_a_flow_rate(analysis):

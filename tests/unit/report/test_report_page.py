@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from datetime import date
 from html.parser import HTMLParser
 from pathlib import Path
@@ -83,13 +84,42 @@ def test_every_figure_lies_beside_it_in_three_formats(written):
     assert made == {"report.html", *(f"{stem}.{kind}" for stem in ("fit", "flow") for kind in ("png", "svg", "pdf"))}
 
 
+def test_warnings_of_the_plan_that_limit_numbers_reach_the_results(synthetic):
+    """400 grains in a hopper 33 diameters wide are less than 1.2 widths high from the start: W may fall with that."""
+    from labbook.run.advice import limits
+
+    points = [synthetic.point(k, D, count=400) for k, D in enumerate((0.024, 0.03))]
+    low = analyse(synthetic.study_of(points), [synthetic.FinishedDouble(p, s) for p in points for s in (1, 2)])
+    (warned,) = limits(low.study)
+    said = [text for text in concerns(low) if "widths high before the window ends" in text]
+    assert [warned.split(": ", 1)[1].replace("\n    remedy: ", " (remedy: ") + ")."] == said
+    assert ("Attention", said[0]) in result_box(low).rows
+    high = [synthetic.point(0, 0.03, count=4000)]
+    enough = analyse(synthetic.study_of(high), [synthetic.FinishedDouble(high[0], s) for s in (1, 2)])
+    assert not any("widths high" in text for text in concerns(enough))
+
+
+def test_points_that_are_the_same_runs_are_told(synthetic):
+    class SameRun(synthetic.FinishedDouble):
+        run_key = property(lambda self: f"{self.seed:032x}")
+
+    points = [
+        synthetic.point(0, 0.03),
+        replace(synthetic.point(1, 0.03), at={"container.orifice": 0.03, "unused": 2.0}),
+    ]
+    found = analyse(synthetic.study_of(points), [SameRun(one, seed) for one in points for seed in (1, 2)])
+    assert any(text.startswith("These points are the same runs") for text in concerns(found))
+
+
 def test_it_shows_the_numbers_of_the_analysis(analysis, written):
     text = " ".join(" ".join(read(written).text).split())
     for result in analysis.points:
-        assert display.with_error(result.flow_rate.value, result.flow_rate.error, 1e3) in text
+        flow = result.flow_rate
+        value, low, high = (display.number(one, flow.error, 1e3) for one in (flow.value, flow.low, flow.high))
+        assert f"{value} {low} to {high} (±" in text
     assert "C (grain density)" in text
     assert "C (bulk density)" in text
-    assert "in standard errors" in text
+    assert "inside our 95 % interval" in text
     assert "no finished point has these values" in text
     assert "24 runs of 8 points." in text
     assert "versions numpy" in text
@@ -298,7 +328,7 @@ def test_a_single_run_has_no_error_and_says_so(synthetic, tmp_path):
     analysis = analyse(synthetic.study_of([point]), [synthetic.FinishedDouble(point, 1)])
     text = " ".join(read(write(analysis, tmp_path)).text)
     assert "unknown" in text
-    assert "1 orifices are too few" in text
+    assert "1 orifice is too few" in text
 
 
 @pytest.mark.usefixtures("one_format")

@@ -31,7 +31,7 @@ def test_rows_far_from_the_reference_are_marked():
     missing = Comparison("beverloo.k", {}, "angle = 15 deg", 1.55, None, None, why="it clogged")
     table = tables.comparison_table([near, far, missing])
     assert table.marked == {1}
-    assert table.rows[1][-1] == "+5.0"
+    assert [row[-1] for row in table.rows] == ["yes", "no", "–"]
     assert table.rows[2][3] == "–"
     assert table.notes[-1] == "k at angle = 15 deg: it clogged."
 
@@ -75,7 +75,7 @@ def test_facts_on_which_runs_agree_are_told_once(synthetic):
 
 def test_many_numbers_of_a_reference_have_a_digest():
     def compared(quantity, ours):
-        return Comparison(quantity, {}, "", 2.0, None, ours, 0.1)
+        return Comparison(quantity, {}, "", 2.0, None, ours, 0.1, ours - 0.2, ours + 0.2)
 
     few = [compared("beverloo.k", ours) for ours in (2.1, 2.4, 1.0)]
     assert tables.digest_table(few) is None

@@ -18,8 +18,8 @@ from labbook_web.page import Page
 from labbook_web.pages.curves import caption
 from labbook_web.pages.point import curve_of, point_of
 from labbook_web.pages.run import curve, key_of, point_of_run
-from labbook_web.pages.study import plotted
-from labbook_web.shelf import Found, NotThere, Shelf
+from labbook_web.pages.study import plotted, verdicts
+from labbook_web.shelf import Compared, Found, NotThere, Shelf
 
 MOST = 6
 _ITEM = re.compile(r"(?P<kind>study|point|run):(?P<name>[A-Za-z][\w-]{0,79}|[0-9a-f]{4,64})(?::(?P<number>\d{1,6}))?"
@@ -71,7 +71,8 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
             [{"key": name, **dict(zip(labels, values, strict=True))} for name, values in differ]
             + [{"key": row["name"], **dict(zip(labels, row["values"], strict=True))} for row in numbers]
         ),
-        {"items": found, "differences": differ, "numbers": numbers, "lacking": lacking, "caption": caption(curves),
+        {"items": found, "compared": verdicts(_compared(found)),
+         "differences": differ, "numbers": numbers, "lacking": lacking, "caption": caption(curves),
          "studies": [one.name for one in shelf.listed() if one.path is not None]},
         {
             "curves": curves,
@@ -79,6 +80,18 @@ def compare_page(shelf: Shelf, items: Sequence[str]) -> Page:
                         for one in found if one.found is not None and one.result is None],
         },
     )  # fmt: skip
+
+
+def _compared(items: Sequence[Item]) -> list[Compared]:
+    """Stored comparisons of two backends of one study that both are among the items."""
+    shown: dict[str, set[str]] = {}
+    for one in items:
+        if one.found is not None:
+            shown.setdefault(one.found.study.name, set()).add(one.backend)
+    known = {(one.study.name, one.name): one for item in items if item.found for one in item.found.compared}
+    return [
+        one for one in known.values() if {entrant.name for entrant in one.verdict.entrants} <= shown[one.study.name]
+    ]
 
 
 def _told_apart(items: list[Item]) -> list[Item]:
@@ -132,7 +145,8 @@ def _differences(items: Sequence[Item]) -> list[tuple[str, tuple[str, ...]]]:
         return found + ([("backend", backends)] if len(set(backends)) > 1 else [])
     stated = [_flat(one.found.study.stated) if one.found else {} for one in items]
     names = dict.fromkeys(name for one in stated for name in one)
-    return [
+    backends = tuple(one.backend for one in items)
+    return [("backend", backends)] * (len(set(backends)) > 1) + [
         (name, tuple(_said(one.get(name, "–")) for one in stated))
         for name in names
         if name != "name" and len({str(one.get(name)) for one in stated}) > 1

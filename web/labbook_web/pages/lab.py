@@ -69,7 +69,7 @@ def card(shelf: Shelf, listed: Listed) -> dict[str, Any]:
         "found": found,
         "sheet": sheet(results, _ROWS, _COLUMNS),
         "headline": headline(results),
-        "concerns": concerns(results) if results.points else [],
+        "concerns": found.once("concerns", lambda: concerns(results)) if results.points else [],
         "progress": progress(found, going),
         "outcomes": outcomes(results),
     }

@@ -2,16 +2,19 @@
 
 import json
 import re
+import shlex
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from labbook.api import Lab
 from labbook.api import Results as Tabled
+from labbook.compare import shown
 from labbook.fit import Law
 from labbook.lab.evaluations import NotEvaluated
 from labbook.measure import MeasureError
@@ -25,14 +28,14 @@ from labbook.report.statement_tables import statement_digest, statement_table
 from labbook.report.tables import Table
 from labbook.results import display
 from labbook.results.frames import to_json
-from labbook.results.points import ORIFICE, PointResult
+from labbook.results.points import ORIFICE, PointResult, followers, names_scene
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
 from labbook_web.page import Page, embedded
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
-from labbook_web.shelf import Found, NotThere, Shelf
+from labbook_web.shelf import BACKEND, Compared, Found, NotThere, Shelf
 
 
 def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
@@ -65,7 +68,10 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             "note": shelf.note("study", name),
             "linked": linked,
             "outdated": linked is not None and linked != found.state,
-            "command": f"labbook run {study.path} --lab {shelf.lab.folder}",
+            "command": shlex.join(
+                ["labbook", "run", str(study.path), "--lab", str(shelf.lab.folder)]
+                + ["--backend", backend] * (backend != BACKEND)
+            ),
         },
         found.once("plotted", lambda: embedded(plotted(results))),
         asked,
@@ -90,7 +96,8 @@ def _shown(found: Found) -> dict[str, Any]:
         "statements": statement_table(results.judged) if results.judged else None,
         "statements_digest": statement_digest(results.judged) if results.judged else None,
         "numerics": tables.numerical_table(results.numerical) if results.numerical else None,
-        "figures": figures(results),
+        "figures": figures(found),
+        "compared": verdicts(found.compared),
         "copied": copied(found.text, found.study.name),
         "parallel": len({name for result in results.points for name in result.at}) > 1,
     }
@@ -111,14 +118,39 @@ def tabled(results: Results, shelf: Shelf) -> Tabled:
     return Tabled(**values, lab=Lab(shelf.lab.folder))
 
 
-def figures(results: Results) -> dict[str, str]:
-    """Titles of the figures of the report that the page shows, by address: all but those that the chart shows."""
-    return {address: title for address, (title, _) in drawn(results).items()}
+def verdicts(compared: Sequence[Compared]) -> list[dict[str, Any]]:
+    """What the page shows of comparisons of backends: sentences, means, and whether there is a recording."""
+    return [
+        {
+            "name": one.name,
+            "title": " and ".join(entrant.called for entrant in one.verdict.entrants),
+            "made": one.verdict.made,
+            "stale": one.stale,
+            "sentences": shown.summary(one.verdict),
+            "table": shown.contrast_table(one.verdict),
+            "study": one.study.name,
+            "recorded": one.recording is not None,
+        }
+        for one in compared
+    ]
 
 
-def drawn(results: Results) -> dict[str, tuple[str, Draw]]:
-    """Figures of the report by address, each with its title and what draws it."""
-    found: dict[str, tuple[str, Draw]] = {}
+def figures(found: Found) -> dict[str, str]:
+    """Titles of the figures that the page shows, by address: those of the report, but for those that the chart shows,
+    and of comparisons of backends."""
+    return {address: title for address, (title, _) in drawn(found).items()}
+
+
+def drawn(shown_of: Found) -> dict[str, tuple[str, Draw]]:
+    """Figures by address, each with its title and what draws it."""
+    results = shown_of.results
+    found: dict[str, tuple[str, Draw]] = {
+        f"compare-{slug(one.name)}": (
+            f"Backends {' and '.join(entrant.called for entrant in one.verdict.entrants)}",
+            partial(shown.figure, one.verdict),
+        )
+        for one in shown_of.compared
+    }
     with suppress(NotEvaluated):
         for name, draw in gallery.of_results(results).items():
             if name not in _CHARTED:
@@ -142,7 +174,7 @@ _CHARTED = ("flow_rate", "flow_over_time", "overview")
 
 def draw(found: Found, address: str) -> "tuple[str, Draw]":
     """The title of a figure, and what draws it. Raises NotThere."""
-    known = drawn(found.results)
+    known = drawn(found)
     if address not in known:
         raise NotThere(f"{found.study.name} has no figure {address}; it has: {', '.join(known) or 'none'}")
     return known[address]
@@ -218,18 +250,21 @@ def plotted(results: Results) -> dict[str, Any]:
         "series": [_series(one) for one in results.series if one.fits],
         "source": results.source,
         "nothing": no_number(results),
+        "outlet": next((one.outlet for one in results.series), ""),
     }  # fmt: skip
 
 
 def _shown_key(name: str, results: Results) -> dict[str, Any]:
-    shown = display.key(name)
+    how = display.key(name)
     words = any(isinstance(result.at.get(name), str) for result in results.points)
-    return {"label": shown.name, "unit": shown.unit, "scale": shown.scale, "words": words, "orifice": name == ORIFICE}
+    along = [display.key(one).name for one in followers(results.points, name) if names_scene(one)]
+    label = f"{how.name} (with {', '.join(along)})" if along else how.name
+    return {"label": label, "unit": how.unit, "scale": how.scale, "words": words, "orifice": name == ORIFICE}
 
 
 def _shown_quantity(name: str, unit: str) -> dict[str, Any]:
-    shown = display.quantity(name, unit)
-    return {"label": shown.name, "unit": shown.unit, "scale": shown.scale}
+    how = display.quantity(name, unit)
+    return {"label": how.name, "unit": how.unit, "scale": how.scale}
 
 
 def _point(result: PointResult) -> dict[str, Any]:
@@ -244,6 +279,7 @@ def _point(result: PointResult) -> dict[str, Any]:
         "trending": result.trending,
         "clogged": outcomes["clogged"],
         "values": {name: [one.value, one.error, one.low, one.high, one.n] for name, one in result.pooled.items()},
+        "said": {name: display.with_interval(one, display.quantity(name).scale) for name, one in result.pooled.items()},
     }
 
 
@@ -266,6 +302,7 @@ def _series(series: Series) -> dict[str, Any]:
             "at": [one.orifice for one in residuals],
             "residuals": [100 * one.value for one in residuals],
             "half_widths": [100 * one.half_width for one in residuals],
+            "errors": [100 * one.error for one in residuals],
         }
     return {"label": series.label, "at": dict(series.at), "points": [one.point.index + 1 for one in series.points],
             "laws": laws}  # fmt: skip

@@ -7,6 +7,8 @@
   const SYMBOLS = ["circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "star"];
   const DASHES = ["solid", "dash", "dot", "dashdot"];
   const VIRIDIS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39"];
+  const FLOWS = ["flow_rate", "grain_rate"];
+  const OPEN = 24; // pixels of a bar without ends
   const scheme = matchMedia("(prefers-color-scheme: dark)");
 
   function theme() {
@@ -57,7 +59,16 @@
     if (!(state.y in quantities)) state.y = Object.keys(quantities)[0] || "";
     if (Object.keys(keys).length) select("x", "Horizontal", Object.entries(keys).map(([key, one]) => [key, text(one)]));
     select("y", "Vertical", Object.entries(quantities).map(([key, one]) => [key, text(one)]));
-    select("scale", "Scale", [["linear", "linear"], ["log", "logarithmic"], ["power", "W to the power 2/3"], ["power5", "W to the power 2/5"]]);
+    // A power straightens a flow rate against the outlet that it was measured at; a logarithm wants values above zero.
+    const raised = FLOWS.includes(state.y) ? every.map((one) => one.outlet) : [];
+    const above = every.every((one) => one.points.every((point) => !point.values[state.y] || point.values[state.y][0] > 0));
+    const scales = [["linear", "linear"]];
+    if (above) scales.push(["log", "logarithmic"]);
+    const label = state.y in quantities ? quantities[state.y].label : "";
+    if (raised.includes("slot")) scales.push(["power", `${label} to the power 2/3`]);
+    if (raised.includes("hole")) scales.push(["power5", `${label} to the power 2/5`]);
+    if (!scales.some(([value]) => value === state.scale)) state.scale = "linear";
+    if (scales.length > 1) select("scale", "Scale", scales);
     for (const [law, label] of Object.entries(laws)) {
       const holder = document.createElement("label"), box = document.createElement("input");
       holder.className = "check";
@@ -106,34 +117,42 @@
       const power = state.scale === "power" ? 2 / 3 : state.scale === "power5" ? 2 / 5 : 1;
       const raised = (value) => (value === null ? null : power === 1 ? value : Math.sign(value) * Math.abs(value) ** power);
       const chosen = labbook.chosen;
-      const list = every.flatMap((study, place) => groups(study, state.x).map((group) => ({ study, place, ...group })));
+      const shown = (point) => state.x === "" || point.at[state.x] !== undefined;
+      const list = every.flatMap((study, place) => groups(study, state.x).map((group) => ({ study, place, ...group }))).filter((group) => group.points.some(shown));
+      const dropped = every.filter((study) => study.points.length && !list.some((group) => group.study === study));
+      const open = [], log = state.scale === "log";
       const numeric = !several && list.length > t.colours.length;
       const colour = (at) => (numeric ? VIRIDIS[Math.round(((VIRIDIS.length - 1) * at) / (list.length - 1))] : t.colours[at % t.colours.length]);
       const fitted = X.orifice && state.y === "flow_rate";
       let residuals = false, lacking = 0, marks = 0;
       list.forEach((group, at) => {
         const keys = group.study.keys, name = [several ? group.study.label : "", called(group.rest, keys)].filter(Boolean).join(": ") || (several ? group.study.label : Y.label);
-        const here = group.points.filter((point) => point.values[state.y] && point.values[state.y][0] !== null && (state.x === "" || point.at[state.x] !== undefined));
+        const here = group.points.filter((point) => point.values[state.y] && point.values[state.y][0] !== null && shown(point));
         const x = (point) => (state.x === "" ? point.label : X.words ? point.at[state.x] : point.at[state.x] * X.scale);
         if (!X.words) here.sort((a, b) => x(a) - x(b));
         const value = (point, k) => point.values[state.y][k];
         const end = (point, k) => (value(point, k) === null ? null : raised(value(point, k) * Y.scale));
         const middle = here.map((point) => raised(value(point, 0) * Y.scale));
         const dim = chosen && here.length && !here.some((point) => chosen.has(point.n));
+        const unknown = (point) => value(point, 2) === null || value(point, 3) === null, hollow = (point) => point.remark || unknown(point);
+        const legend = list.length > 1 || (fitted && group.study.series.length > 0);
+        here.filter(unknown).forEach((point) => open.push({ x: x(point), y: raised(value(point, 0) * Y.scale), color: colour(at) }));
+        // An entry of its own: the legend shows the marker of the series, not that of its first point.
+        traces.push({ type: "scatter", mode: fitted || X.words ? "markers" : "lines+markers", name: pretty(name), legendgroup: `g${at}`, x: [null], y: [null], meta: "legend", line: { color: alpha(colour(at), 0.45), width: 1 }, marker: { color: colour(at), size: 9, symbol: SYMBOLS[at % SYMBOLS.length], line: { color: colour(at), width: 2 } }, hoverinfo: "skip", showlegend: legend });
         traces.push({
           type: "scatter", mode: fitted || X.words ? "markers" : "lines+markers", name: pretty(name), legendgroup: `g${at}`, x: here.map(x), y: middle, customdata: here.map((point) => [point.n, group.study.study]),
           line: { color: alpha(colour(at), 0.45), width: 1 },
-          marker: { color: here.map((point) => (point.remark ? t.paper : colour(at))), size: 9, symbol: SYMBOLS[at % SYMBOLS.length], line: { color: colour(at), width: 2 }, opacity: here.map((point) => (!chosen || chosen.has(point.n) ? 1 : 0.15)) },
+          marker: { color: here.map((point) => (hollow(point) ? t.paper : colour(at))), size: 9, symbol: SYMBOLS[at % SYMBOLS.length], line: { color: colour(at), width: 2 }, opacity: here.map((point) => (!chosen || chosen.has(point.n) ? 1 : 0.15)) },
           error_y: { type: "data", symmetric: false, array: here.map((point, k) => (end(point, 3) === null ? 0 : end(point, 3) - middle[k])), arrayminus: here.map((point, k) => (end(point, 2) === null ? 0 : middle[k] - end(point, 2))), color: colour(at), thickness: 1.5, width: 4 },
           opacity: dim ? 0.3 : 1,
-          hovertemplate: here.map((point) => `<b>${pretty(point.label)}</b><br>${pretty(Y.label)} = ${said(value(point, 0) * Y.scale)} ± ${said(value(point, 1) === null ? null : value(point, 1) * Y.scale)} ${pretty(Y.unit)}<br>n = ${value(point, 4)} of ${point.runs} runs${point.remark ? "<br>" + escape(point.remark) : ""}<extra></extra>`),
-          showlegend: list.length > 1 || (fitted && group.study.series.length > 0),
+          hovertemplate: here.map((point) => `<b>${pretty(point.label)}</b><br>${pretty(Y.label)} = ${point.said[state.y]} ${pretty(Y.unit)}${point.remark ? "<br>" + escape(point.remark) : ""}<extra></extra>`),
+          showlegend: false,
         });
-        marks += here.filter((point) => point.remark).length;
-        const none = group.points.filter((point) => !here.includes(point) && (state.x === "" || point.at[state.x] !== undefined));
+        marks += here.filter(hollow).length;
+        const none = group.points.filter((point) => !here.includes(point) && shown(point));
         if (none.length) {
           lacking += none.length;
-          traces.push({ type: "scatter", mode: "markers", cliponaxis: false, x: none.map(x), y: none.map(() => 0), customdata: none.map((point) => [point.n, group.study.study]), marker: { symbol: "x-thin", size: 10, line: { color: colour(at), width: 2.5 } }, showlegend: false, legendgroup: `g${at}`, hovertemplate: none.map((point) => `<b>${pretty(point.label)}</b><br>no ${pretty(Y.label)}: ${escape(point.remark || "not measured")}<extra></extra>`) });
+          traces.push({ type: "scatter", mode: "markers", cliponaxis: false, yaxis: "y3", x: none.map(x), y: none.map(() => 0), customdata: none.map((point) => [point.n, group.study.study]), marker: { symbol: "x-thin", size: 10, line: { color: colour(at), width: 2.5 } }, showlegend: false, legendgroup: `g${at}`, hovertemplate: none.map((point) => `<b>${pretty(point.label)}</b><br>no ${pretty(Y.label)}: ${escape(point.remark || "not measured")}<extra></extra>`) });
         }
         if (!fitted) return;
         const inside = new Set(group.points.map((point) => point.n));
@@ -149,6 +168,8 @@
             }
             traces.push({ type: "scatter", mode: "lines", name: pretty(fit.label), meta: "fit", x, y: scaled(fit.value), line: { color: paint, width: 2, dash: DASHES[place % DASHES.length] }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: list.length === 1, hovertemplate: `${pretty(fit.label)}: ${pretty(fit.parameters)}<extra></extra>` });
             residuals = true;
+            traces.push({ type: "scatter", mode: "markers", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { size: 0.1, color: paint }, error_y: { type: "data", array: fit.errors, color: alpha(paint, 0.5), thickness: 6, width: 0 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hoverinfo: "skip" });
+            fit.half_widths.forEach((half, k) => { if (half === null) open.push({ x: fit.at[k] * X.scale, y: fit.residuals[k], color: paint, yref: "y2" }); });
             traces.push({ type: "scatter", mode: "markers", meta: "residual", x: fit.at.map((value) => value * X.scale), y: fit.residuals, yaxis: "y2", marker: { color: paint, size: 7, symbol: SYMBOLS[(list.length > 1 ? at : place + 1) % SYMBOLS.length] }, error_y: { type: "data", array: fit.half_widths.map((half) => half || 0), color: paint, thickness: 1.2, width: 3 }, legendgroup: list.length > 1 ? `g${at}` : `l${law}`, showlegend: false, hovertemplate: `${pretty(fit.label)}: %{y:.2f} %<extra></extra>` });
           });
         }
@@ -165,22 +186,27 @@
         });
       }
       const yTitle = power === 1 ? heading(Y) : `(${heading(Y)})<sup>${state.scale === "power" ? "2/3" : "2/5"}</sup>`;
-      const log = state.scale === "log";
       const shape = layout(t, {
         xaxis: { title: { text: state.x === "" ? "" : heading(X) }, type: X.words ? "category" : log ? "log" : "linear" },
         yaxis: { title: { text: yTitle }, type: log ? "log" : "linear", domain: residuals ? [0.3, 1] : [0, 1], rangemode: log || Y.label.includes("drift") ? "normal" : "tozero" },
       });
       if (residuals) shape.yaxis2 = { ...shape.yaxis, type: "linear", title: { text: "residual [%]" }, domain: [0, 0.2], rangemode: "normal", zeroline: true, zerolinecolor: t.soft };
       if (residuals) shape.xaxis.anchor = "y2";
+      // Crosses stand on the lower edge, whatever the scale.
+      shape.yaxis3 = { overlaying: "y", anchor: "x", range: [0, 1], fixedrange: true, visible: false };
+      shape.shapes = open.map((one) => ({ type: "line", xref: "x", yref: one.yref || "y", x0: one.x, x1: one.x, ysizemode: "pixel", yanchor: one.y, y0: -OPEN, y1: OPEN, line: { color: one.color, width: 1.5, dash: "dot" } }));
       shape.height = list.length > 8 ? 560 : residuals ? 500 : 420;
       Plotly.react(holder, traces, shape, CONFIG);
       const points = traces.filter((one) => one.customdata && one.marker.symbol !== "x-thin").reduce((sum, one) => sum + one.x.length, 0);
       holder.dataset.points = points;
       holder.dataset.fits = traces.filter((one) => one.meta === "fit").length;
-      const bits = [`${points} point${points === 1 ? "" : "s"}; bars are 95 % intervals over runs.`];
-      if (fitted && list.length > 4 && residuals) bits.push("With more than four curves, bands are not drawn.");
-      if (marks) bits.push("Hollow points have a remark.");
-      if (lacking) bits.push(`Crosses at zero: ${lacking} without a number.`);
+      const bits = [`${points} point${points === 1 ? "" : "s"}; bars and hovers are 95 % intervals over n runs.`];
+      if (dropped.length) bits.push(`Not drawn, without ${X.label}: ${dropped.map((one) => one.label || one.study).join(", ")}.`);
+      if (fitted && list.length > 4 && residuals) bits.push(`With ${list.length} curves, bands are not drawn.`);
+      if (residuals) bits.push("Residuals: thin bars are 95 % intervals, thick ones the standard errors that fit and test use.");
+      if (marks) bits.push("Hollow points have a remark or rest on one run.");
+      if (open.length) bits.push("Dotted bars: one run, the interval is unknown.");
+      if (lacking) bits.push(`Crosses on the lower edge: ${lacking} without a number.`);
       bits.push("Click a point to see its runs.", ...without);
       note.textContent = bits.join(" ");
     };
@@ -204,10 +230,10 @@
     const named = new Set();
     curves.forEach((curve, at) => {
       const group = curve.group === undefined ? at : curve.group, colour = t.colours[group % t.colours.length];
-      traces.push({ type: "scatter", mode: "lines", name: pretty(curve.group === undefined ? curve.label : curve.title), legendgroup: `g${group}`, x: curve.time, y: curve.rate.map((one) => one * 1e3), line: { color: colour, width: 1.6, shape: "hvh" }, hovertemplate: `<b>${pretty(curve.label)}</b><br>t = %{x:.3g} s, W = %{y:.4g} g/s<extra></extra>`, showlegend: curves.length > 1 && !named.has(group) });
+      traces.push({ type: "scatter", mode: "lines", name: pretty(curve.group === undefined ? curve.label : curve.title), legendgroup: `g${group}`, x: curve.time, y: curve.rate.map((one) => one * 1e3), line: { color: colour, width: 1.6, shape: "hvh", dash: DASHES[group < 4 ? 0 : 1 + (group % 3)] }, hovertemplate: `<b>${pretty(curve.label)}</b><br>t = %{x:.3g} s, W = %{y:.4g} g/s<extra></extra>`, showlegend: curves.length > 1 && !named.has(group) });
       named.add(group);
       if (curve.window && curves.length === 1) shapes.push({ type: "rect", layer: "below", xref: "x", yref: "paper", x0: curve.window[0], x1: curve.window[1], y0: 0, y1: 1, fillcolor: alpha(colour, 0.13), line: { width: 0 } });
-      if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${said(curve.mean[0] * 1e3)} ± ${said(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s<extra></extra>`, showlegend: false, legendgroup: `g${group}` });
+      if (curve.mean && curve.window && curve.mean[0] !== null) traces.push({ type: "scatter", mode: "lines", x: curve.window, y: [curve.mean[0] * 1e3, curve.mean[0] * 1e3], line: { color: colour, width: 2.5, dash: "dot" }, hovertemplate: `mean of the window: ${said(curve.mean[0] * 1e3)} ± ${said(curve.mean[1] === null ? null : curve.mean[1] * 1e3)} g/s (one standard error)<extra></extra>`, showlegend: false, legendgroup: `g${group}` });
     });
     Plotly.react(holder, traces, layout(t, { shapes, height: 340, xaxis: { title: { text: "t [s]" } }, yaxis: { title: { text: "W [g/s]" }, rangemode: "tozero" } }), CONFIG);
     holder.dataset.points = curves.length;
