@@ -3,6 +3,9 @@
 Everything behind these types is SI. From Python a plain float is taken as SI; from a study file (validation
 context `units="required"`) a dimensional number must carry its unit. `d`, the grain diameter, is a unit of
 length wherever the context names it (`d` -> diameter [m]).
+
+An angle has a dimension of its own here: 30 deg is no plain number, and 1 rad/s is not 1 Hz. What turns may be stated
+by its frequency (Hz, rpm, turn/s) or by its angular velocity (rad/s, deg/s), whichever of the two a key holds.
 """
 
 import math
@@ -26,7 +29,9 @@ def _registry():
 def _made_registry():
     import pint  # here, not above: building its registry takes longer than the rest of `import labbook`
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry.define("@alias revolution = rev")
+    return registry
 
 
 _setting_up = threading.Lock()
@@ -34,6 +39,15 @@ _setting_up = threading.Lock()
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*/\s*\d+\.?\d*)?(?![\d.])")
 _TERM = re.compile(r"([A-Za-zµμΩ]+|[%°])(?:(?:\^|\*\*)(-?\d))?(\s*[*/]\s*|\s+|$)", re.ASCII)
+_PER = re.compile(r"1?\s*/\s*")
+
+
+class _TurnsOrAngles(ValueError):
+    """A rate that may be meant as turns or as radians per second; `rate`: of one of it [1/s]."""
+
+    def __init__(self, rate: float):
+        super().__init__("1/s may mean turns or radians per second")
+        self.rate = rate
 
 
 @lru_cache(maxsize=8192)  # of a study's many points most quantities are the same
@@ -41,8 +55,8 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     """Value of `text` (`3 mm`, `2500 kg/m^3`, `2/7`, `1 %`, `1.01 d`) in `unit` (SI); `d` is `diameter` [m].
 
     `unit` "" is a number without unit, None takes any unit and gives SI. A number, or a ratio of two, and then
-    units joined by blanks, * and /, with powers of one digit: no other arithmetic. Raises ValueError saying what
-    is wrong.
+    units joined by blanks, * and /, with powers of one digit: no other arithmetic. A rate of turning is read as a
+    frequency or as an angular velocity: 60 rpm is 1 Hz and 2 pi rad/s. Raises ValueError saying what is wrong.
     """
     expression = text.strip()
     if len(expression) > 100:
@@ -54,12 +68,18 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     units = expression[number.end() if number else 0 :].strip().removeprefix("*").lstrip()
     try:
         factor = _factor(units, unit, diameter)
+    except _TurnsOrAngles as error:
+        rate = f"{value * error.rate:.12g}"
+        raise ValueError(f"{error}: write {rate} rad/s, or {rate} Hz for turns per second") from None
     except ValueError as error:
         raise ValueError(f"{error}{_meant(units, unit, diameter)}") from None
     if not math.isfinite(value * factor):
         return value * factor
     # in decimals: 18 mm is 0.018, not 0.018000000000000002; keys hash these digits
-    return float(Decimal(repr(value)) * Decimal(f"{factor:.15g}"))
+    number, periods = Decimal(repr(value)), 1 / factor if unit == "Hz" and factor else 0.0
+    if periods > 0.5 and math.isclose(periods, round(periods), rel_tol=1e-12):
+        return float(number / Decimal(round(periods)))  # 60 rpm is 1 Hz, and not 1.000000000000002 Hz
+    return float(number * Decimal(f"{factor:.15g}"))
 
 
 def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -> tuple[str, str]:
@@ -109,6 +129,10 @@ def _number(text: str) -> float:
         raise ValueError("division by zero") from None
 
 
+_RATE = {"[time]": -1}
+"""Dimension of turns and, to pint, of radians per time."""
+
+
 @lru_cache(maxsize=4096)
 def _factor(units: str, unit: str | None, diameter: float | None) -> float:
     """How many `unit` (SI; None: whatever it is in SI) one of `units` is. Raises ValueError."""
@@ -119,26 +143,51 @@ def _factor(units: str, unit: str | None, diameter: float | None) -> float:
     import pint
 
     registry = _registry()
-    product, position, sign = registry.Quantity(1.0), 0, 1
+    per = _PER.match(units)
+    product, counts = registry.Quantity(1.0), False
+    position, sign, link = (per.end(), -1, "/") if per else (0, 1, "")
     try:
         while position < len(units):
             term = _TERM.match(units, position)
             if term is None:
                 raise ValueError("not a quantity: a number and then its unit are needed")
             name, power, link = term.groups()
-            product = product * _one_of(name, diameter) ** (sign * int(power or "1"))
+            one = _one_of(name, diameter)
+            counts |= one.dimensionality == _RATE
+            product = product * one ** (sign * int(power or "1"))
             position, sign = term.end(), -1 if "/" in link else 1
         if sign < 0 or link.strip() == "*":
             raise ValueError("not a quantity: a unit is missing at its end")
-        magnitude: Any = (product.to_base_units() if unit is None else product.to(unit or "dimensionless")).magnitude
+        magnitude: Any = (product.to_base_units() if unit is None else _turned(product, unit, counts)).magnitude
         return float(magnitude)
     except pint.DimensionalityError as error:
-        wanted = f"a quantity in {unit}" if unit else "a number without unit"
-        given = registry.Unit(error.units1)
-        stated = "a number without unit" if given.dimensionless else f"one in {given:~}"
-        raise ValueError(f"{wanted} is needed, not {stated}") from None
+        raise ValueError(_unlike(registry.Unit(error.units1), unit)) from None
     except ArithmeticError:
         raise ValueError("not a quantity: out of range") from None
+
+
+def _turned(product: Any, unit: str, counts: bool) -> Any:
+    """The pint quantity `product` (in base units) in `unit`. An angle is no number, which it is to pint, but a turn of
+    2 pi rad is what a frequency counts. `counts`: whether the product is of a unit such as Hz, and not only 1/s."""
+    registry = _registry()
+    wanted = registry.Quantity(1.0, unit or "dimensionless")
+    angle, needed = (dict(one.to_base_units().unit_items()).get("radian", 0) for one in (product, wanted))
+    if angle == needed or product.dimensionality != wanted.dimensionality:
+        return product.to(wanted)
+    rate = product.dimensionality == _RATE
+    if rate and unit == "Hz" and angle == 1:
+        return (product / registry.Quantity(1.0, "turn")).to(wanted)
+    if rate and (angle, needed) == (0, 1):
+        if not counts:
+            raise _TurnsOrAngles(product.to("1/s").magnitude)
+        return (product * registry.Quantity(1.0, "turn")).to(wanted)
+    raise ValueError(_unlike(product.units, unit))
+
+
+def _unlike(given: Any, unit: str | None) -> str:
+    """What is needed instead of the pint unit `given`."""
+    wanted, stated = f"a quantity in {unit}" if unit else "a number without unit", f"{given:~}"
+    return f"{wanted} is needed, not {f'one in {stated}' if stated else 'a number without unit'}"
 
 
 def _one_of(name: str, diameter: float | None):
