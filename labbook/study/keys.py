@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 
 from labbook.backend.numerics import Numerics
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Among, Choice, Internal, Model
+from labbook.scene.model import Among, Choice, Internal, Model, Stated
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.study.habits import habit
@@ -159,7 +159,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         None if length and unit is None else unit,
         _limits(metadata),
         choices,
-        _default(field, unit),
+        None if any(isinstance(mark, Stated) for mark in metadata) else _default(field, unit),
         " ".join((field.description or ("Time integrator; the only choice." if len(choices) == 1 else "")).split()),
         of,
     )

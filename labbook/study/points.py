@@ -223,7 +223,8 @@ class PointReader:
             stated = _moved(stated, complaint.location, complaint.meant)
         again: list[Complaint] = []
         near = _validated(Scene, stated, context, (), again)
-        found += [*first, *(complaint for complaint in again if complaint.clash and complaint not in first)]
+        told = {complaint.location for complaint in first}
+        found += [*first, *(complaint for complaint in again if complaint.clash and complaint.location not in told)]
         return None, near
 
     def _numerics(
