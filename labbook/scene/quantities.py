@@ -121,6 +121,26 @@ def _meant(units: str, unit: str | None, diameter: float | None) -> str:
     return ""
 
 
+def leading_number(text: str) -> tuple[str, float] | None:
+    """The number that a quantity begins with, as text and as value; None if it does not, or divides by zero."""
+    found = _NUMBER.match(text.strip())
+    try:
+        return None if found is None else (found.group(), _number(found.group()))
+    except ValueError:
+        return None
+
+
+def whole(value: Any) -> Any:
+    """1e4 and 1.0e+3 as the whole numbers that they are, also as text, which YAML takes them for; all else as it is."""
+    if isinstance(value, str) and (found := leading_number(value)) is not None and found[0] == value.strip():
+        number = found[1]
+    else:
+        number = value
+    if isinstance(number, float) and abs(number) < 2**53 and number.is_integer():
+        return int(number)
+    return value
+
+
 def _number(text: str) -> float:
     numerator, _, denominator = text.partition("/")
     try:
@@ -271,6 +291,8 @@ _hz, _hz_ = quantity("Hz")
 _v, _v_ = quantity("m/s")
 _w, _w_ = quantity("rad/s")
 
+_whole_ = BeforeValidator(whole)
+
 # Limits keep every product of these finite; no granular matter lies near them.
 Length = Annotated[float, _m, _m_, Field(ge=1e-9, le=1e6)]
 GrainLength = Annotated[float, _own, BeforeValidator(_own), Field(ge=1e-9, le=1e6)]
@@ -288,3 +310,4 @@ Speed = Annotated[float, _v, _v_, Field(ge=-1e8, le=1e8)]
 AngularSpeed = Annotated[float, _w, _w_, Field(ge=-1e9, le=1e9)]
 Ratio = Annotated[float, _one, _one_, Field(ge=-1e6, le=1e6)]
 Coefficient = Annotated[float, _one, _one_, Field(ge=0, le=1e6)]
+Whole = Annotated[int, Field(strict=True), _whole_]

@@ -341,7 +341,7 @@ class _Keys:
         """The point in the words of the study; empty for one that sweeps nothing."""
         for key, value in assignment.items():
             if value not in self._said:
-                self._said[value] = f"{self._short[key]} {shown(value.raw)}"
+                self._said[value] = f"{self._short[key]} {value.said}"
         return ", ".join([self._said[value] for value in assignment.values()])
 
     def sections(self, assignment: Assignment) -> dict[str, tuple[Value, ...]]:
