@@ -165,7 +165,8 @@ def _unfit(
                 wrong.setdefault(told, []).append(point)
         for (reason, remedy), at in wrong.items():
             stated = source.data.get(key)
-            place = (key, stated.index(name)) if isinstance(stated, list) and name in stated else ("container", "kind")
+            listed = (key, stated.index(name)) if isinstance(stated, list) and name in stated else (key,)
+            place = listed if stated else ("container", "kind")
             more = f" and {len(at) - 1} other point{'' if len(at) == 2 else 's'}" if len(at) > 1 else ""
             where = f" (at {at[0].label}{more})" if len(at) < len(points) else ""
             yield Problem(source.path, source.line(place), key, reason + where, remedy)

@@ -87,10 +87,10 @@ class Study:
 
         changes: dotted keys (`contact.friction`, `sweep.container.orifice`) and new values, as `define` takes them;
         None leaves a key out. keys: the same for whole sections and settings. Raises StudyError, also for a key that
-        is swept.
+        is swept, and TypeError where `changes` is no dict.
         """
-        new = {**(changes or {}), **keys}
-        stays = not any(key.partition(".")[0] == "accuracy" for key in new)
+        new = {**_keys_and_values(changes, "change({'contact.friction': 0.3}), or change(replicates=4)"), **keys}
+        stays = not any(str(key).partition(".")[0] == "accuracy" for key in new)
         return _resolved(changed(self.stated, new), self.calibration_file if stays else None)
 
     def frame(self) -> "pd.DataFrame":
@@ -123,6 +123,10 @@ class Study:
         Path(path).write_text(self.yaml(), encoding="utf-8")
         return Path(path)
 
+    def __hash__(self) -> int:
+        # of some of what is compared: scenes hold dicts, which have none
+        return hash((self.path, self.name, self.replicates, self.measure, tuple(point.label for point in self.points)))
+
     def __repr__(self) -> str:
         points = f"{len(self.points)} point{'' if len(self.points) == 1 else 's'}"
         swept = dict.fromkeys(name for point in self.points for name in point.at)
@@ -147,9 +151,14 @@ def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
     Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array. keys and
     `stated`, a dict of the same, together are the study. Raises StudyError with all problems that were found.
     """
-    if not isinstance(stated or {}, Mapping):
-        raise TypeError(f"a dict of keys and values is needed, and not {stated!r}; read a file with labbook.load(path)")
-    return _resolved(given(stated or {}, keys))
+    return _resolved(given(_keys_and_values(stated, "labbook.load(path) to read a file"), keys))
+
+
+def _keys_and_values(stated: Any, instead: str) -> Mapping[str, Any]:
+    """What was given as a dict of keys, {} for None. Raises TypeError with what to write `instead`."""
+    if stated is not None and not isinstance(stated, Mapping):
+        raise TypeError(f"a dict of keys and values is needed, and not {shown(stated)}; write {instead}")
+    return stated or {}
 
 
 def _resolved(source: Source, calibration_file: Path | None = None) -> Study:

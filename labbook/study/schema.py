@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field, StrictBool, TypeAdapter, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, StrictBool, TypeAdapter, ValidationError, model_validator
 
 from labbook.backend.numerics import Numerics
 from labbook.filling.placing import STARTS
@@ -157,6 +157,10 @@ class Record(Model):
     """Number of replicates of each point that are recorded."""
 
 
+Names = Annotated[tuple[str, ...], BeforeValidator(lambda names: [names] if isinstance(names, str) else names)]
+"""A list of names; one alone need not stand in brackets."""
+
+
 class Settings(Model):
     """What a study states once, for all its points."""
 
@@ -167,9 +171,9 @@ class Settings(Model):
     replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
     """Minimum number of runs per point; their seeds are 1, 2, 3 ..."""
     accuracy: Accuracy = Accuracy()
-    measure: tuple[str, ...] = ("flow_rate",)
+    measure: Names = ("flow_rate",)
     """Names of the measurements to take."""
-    fit: tuple[str, ...] = ()
+    fit: Names = ()
     """Names of the laws to fit."""
     window: Window = Window()
     stop: Stop = Stop()

@@ -182,7 +182,7 @@ from wrong_study import BASE, problems
         ("30 mm", "30 mm\nnumerics: {skim: 0.1}", 11, "numerics.skim", "unknown key", "did you mean skin?"),
         ("30 mm", "30 mm\nmeasure: [flow_rat]", 11, "measure", "no measurement is called flow_rat", "flow_rate?"),
         ("30 mm", "30 mm\nfit: [beverlo]", 11, "fit", "no law is called beverlo", "did you mean beverloo?"),
-        ("30 mm", "30 mm\nfit: beverloo", 11, "fit", "a list is needed", "list"),
+        ("30 mm", "30 mm\nfit: {name: beverloo}", 11, "fit", "a list is needed", "list"),
         ("30 mm", "30 mm\nmeasure: [packing]\nfit: [janda]", 12, "fit", "not measured", "add flow_rate"),
         (
             "30 mm",
