@@ -13,6 +13,7 @@ from labbook.accuracy import BESIDE, Calibration
 from labbook.accuracy import load as load_calibration
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
+from labbook.study.absent import absent
 from labbook.study.applicable import unfed, unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
@@ -207,19 +208,24 @@ def known_names() -> set[str]:
 def _unknown_keys(source: Source) -> list[Problem]:
     unknown = [key for key in source.data if key not in TOP_KEYS]
     # of thousands only the first are printed, and likenesses take time
-    remedies = {key: _at_top(key, source.data) if n < MOST else "leave it out" for n, key in enumerate(unknown)}
-    return [Problem(source.path, source.line((k,)), shown(k), "unknown key", remedies[k]) for k in unknown]
+    told = {
+        key: _at_top(key, source.data) if n < MOST else ("unknown key", "leave it out") for n, key in enumerate(unknown)
+    }
+    return [Problem(source.path, source.line((k,)), shown(k), *told[k]) for k in unknown]
 
 
-def _at_top(key: str, data: dict[str, Any]) -> str:
-    """The remedy for an unknown key at the top of a study."""
+def _at_top(key: str, data: dict[str, Any]) -> tuple[str, str]:
+    """Message and remedy for an unknown key at the top of a study."""
+    if (row := absent("", key)) is not None:
+        return row.says, row.remedy
     foreign = habit(key, data[key], TOP_KEYS)
     if foreign is not None:
-        return foreign.remedy
+        return "unknown key", foreign.remedy
     close = meant(key, TOP_KEYS)
     if close:
-        return f"did you mean {close}?"
-    return nearest(key) if any(known.name.rpartition(".")[2] == key for known in all_keys()) else instead(key, TOP_KEYS)
+        return "unknown key", f"did you mean {close}?"
+    elsewhere = any(known.name.rpartition(".")[2] == key for known in all_keys())
+    return "unknown key", nearest(key) if elsewhere else instead(key, TOP_KEYS)
 
 
 def _settings(source: Source, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
@@ -270,8 +276,9 @@ def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
     """Measurements and fits that do not exist, and fits of what is not measured."""
     for index, name in enumerate(settings.measure):
         if name not in MEASURES:
-            message = f"no measurement is called {shown(name)}"
-            yield Problem(source.path, source.line(("measure", index)), "measure", message, instead(name, MEASURES))
+            row, message = absent("measure", name), f"no measurement is called {shown(name)}"
+            message, remedy = (f"{message}: {row.says}", row.remedy) if row else (message, instead(name, MEASURES))
+            yield Problem(source.path, source.line(("measure", index)), "measure", message, remedy)
     for index, name in enumerate(settings.fit):
         if name in LAWS:  # papers are not looked up where no study speaks of them: that takes time
             continue

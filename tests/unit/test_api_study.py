@@ -214,9 +214,9 @@ def test_what_is_no_dict_is_said(wrong):
 
 def test_a_key_that_is_no_text_is_said():
     with pytest.raises(labbook.StudyError, match="3 is not a key: keys are text"):
-        labbook.define(PLAIN).change({3: 4})
+        labbook.define(PLAIN).change({3: 4})  # pyright: ignore[reportArgumentType]
     with pytest.raises(labbook.StudyError, match="3 is not a key: keys are text"):
-        labbook.define({**PLAIN, 3: 4})
+        labbook.define({**PLAIN, 3: 4})  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("first", ["container", "container.width"])
