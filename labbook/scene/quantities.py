@@ -98,11 +98,18 @@ def _written_out(number: str) -> str:
     return plain if "e" in number and float(plain) == float(number) else number
 
 
+_MANY = 1e3
+"""Times from where on a ratio is no percentage any more."""
+
+
 def percent(part: float, how: str = ".3g") -> str:
     """`2 %`, `0.25 %`, `110 %` of a part of one. `how`: to format the number of percent; where that gives an exponent
-    (1.1e+02), the digits are written out."""
+    (1.1e+02), the digits are written out. What is larger than a hundred thousand percent is told as `1e300 times`."""
+    plus = "+" if how.startswith("+") else ""
+    if _MANY <= abs(part) < math.inf:
+        return re.sub(r"e(-?)\+?0*", r"e\1", f"{part:{plus}.3g} times")
     number = _written_out(f"{100 * part:{how}}")
-    return f"{'+' if how.startswith('+') and number[0] not in '+-' else ''}{number} %"
+    return f"{plus if number[0] not in '+-' else ''}{number} %"
 
 
 _RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")

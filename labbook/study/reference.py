@@ -20,6 +20,8 @@ from labbook.study.source import Location, Source, dotted
 _QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40}){0,2}")
 _ROOT = re.compile(r"/\d|\(")
 """Units with roots, which a study cannot write: their numbers stand without one, in SI."""
+_RATES = ("kg/s", "1/s")
+"""SI units of rates at which mass and grains leave: there is no comparison with a rate of zero or below."""
 _ENTRY_KEYS = ("at", "value", "error", "from", "to", "says")
 
 
@@ -111,6 +113,11 @@ class ReferenceReader:
         error = numbers.get("error")
         if error is not None and error < 0:
             self._problem((*place, "error"), "a standard error cannot be negative", "write the standard error")
+            return None
+        value = numbers.get("value")
+        if unit in _RATES and value is not None and value <= 0:
+            remedy = "write a rate above 0; leave out an outlet that clogs"
+            self._problem((*place, "value"), f"{shown(raw['value'])}: a flow rate is above 0", remedy)
             return None
         if stated:
             return self._statement(name, at, numbers, unit or "", raw, place)
