@@ -137,6 +137,14 @@ def leading_number(text: str) -> tuple[str, float] | None:
         return None
 
 
+def without_noise(number: float) -> float:
+    """A number of few digits without the noise that arithmetic has put behind them: 0.30000000000000004 is 0.3, and a
+    third is what it was."""
+    short = f"{number:.{DIGITS}g}"
+    digits = short.partition("e")[0].lstrip("-0.").replace(".", "")
+    return float(short) if len(digits) <= _FEW else number
+
+
 def whole(value: Any) -> Any:
     """1e4 and 1.0e+3 as the whole numbers that they are, also as text, which YAML takes them for; all else as it is."""
     if isinstance(value, str) and (found := leading_number(value)) is not None and found[0] == value.strip():
@@ -146,6 +154,10 @@ def whole(value: Any) -> Any:
     if isinstance(number, float) and abs(number) < 2**53 and number.is_integer():
         return int(number)
     return value
+
+
+DIGITS, _FEW = 12, 9
+"""Digits beyond which numbers differ by noise of an arithmetic, and those of numbers that somebody may have meant."""
 
 
 def _number(text: str) -> float:
@@ -257,7 +269,7 @@ class Unit:
             number = float(value) if abs(value) <= 1e308 else math.inf
         if not math.isfinite(number):
             raise self._error("not_finite", "a finite number is needed")
-        return number
+        return without_noise(number) if context.get("units") == "required" else number
 
     def _diameter(self, info: ValidationInfo) -> float | None:
         """What the unit `d` comes to [m]."""

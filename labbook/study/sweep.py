@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from itertools import chain, product
 from typing import Any
 
-from labbook.scene.quantities import leading_number, whole
+from labbook.scene.quantities import DIGITS, leading_number, whole
 from labbook.study.keys import find, nearest
 from labbook.study.problems import Problem, shown
 from labbook.study.source import Location, Source, dotted
 
 MAX_POINTS = 100_000
-DIGITS = 12
-"""Of swept numbers: what differs less is noise of an arithmetic, such as that of np.arange."""
 BYTES = 4e3
 """Memory that a plan takes for a point with one run, as measured."""
 

@@ -249,6 +249,8 @@ def test_a_plan_of_the_template_warns_of_nothing(tmp_path, kind):
 def test_there_is_a_template_of_every_container(tmp_path):
     (kinds,) = (key.choices for key in all_keys() if key.name == "container.kind")
     assert {*KINDS} == {*kinds}
+    told = CliRunner().invoke(app(), ["new", "--help"], env={"COLUMNS": "200"}).output
+    assert all(kind in told for kind in KINDS)
     result = CliRunner().invoke(app(), ["new", "mine", "--folder", str(tmp_path), "--kind", "hopper"])
     assert result.exit_code == 1
     assert "use one of wedge-hopper, cylinder-silo" in result.output

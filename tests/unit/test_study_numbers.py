@@ -89,6 +89,26 @@ def test_a_ratio_and_its_decimals_are_the_same_runs(tmp_path):
     assert labels(given)[0] == "tangential_stiffness 0.333333333333"
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"contact.friction": 0.1 + 0.2},
+        {"contact.friction": "0.30000000000000004"},
+        {"contact.friction": np.arange(0.1, 0.6, 0.1)[2], "container.orifice": f"{20.900000000000002 + 0.1} mm"},
+    ],
+)
+def test_values_that_are_not_swept_have_no_noise_either(changes):
+    plain = labbook.define(BASE).change({"contact.friction": 0.3})
+    assert scene_keys(labbook.define(BASE).change(changes)) == scene_keys(plain)
+
+
+def test_ratios_keep_all_their_digits():
+    """Where they are not swept: keys of studies that state them are as they were."""
+    for third in (1 / 3, "1/3"):
+        (point,) = labbook.define(BASE).change({"contact.tangential_stiffness": third}).points
+        assert point.value("contact.tangential_stiffness") == 1 / 3
+
+
 def test_numbers_with_few_digits_and_large_ones_stay():
     values = [0.1, 1e-5, 12345.6789, 123456789012.0]
     swept = labbook.define(BASE, sweep={"contact.tangential_damping": [0.1, 1e-5, 12345.6789]})
