@@ -35,7 +35,8 @@ def study(beds: int) -> Study:
         {
             "name": "many-beds",
             "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 200},
-            "contact": {"law": "hertz-mindlin", "shear_modulus": "2 MPa", "poisson_ratio": 0.25, "friction": 0.5},
+            "contact": {"law": "hertz-mindlin", "shear_modulus": "2 MPa", "poisson_ratio": 0.25, "friction": 0.5,
+                        "restitution": 1.0},
             "container": {"kind": "wedge-hopper", "width": "60 mm", "height": "300 mm", "thickness": "1.01 d",
                           "angle": "90 deg", "orifice": "24 mm"},
             "numerics": {"dt": "10 us", "steps_per_beat": 200},

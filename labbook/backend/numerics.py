@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from labbook.scene.model import Model
-from labbook.scene.quantities import Duration, Ratio, Speed
+from labbook.scene.quantities import Duration, Ratio, Speed, Whole
 
 Precision = Literal["double", "mixed"]
 
@@ -21,7 +21,7 @@ class Numerics(Model):
     integrator: Literal["leapfrog"] = "leapfrog"
     skin: Annotated[Ratio, Field(gt=0, le=1)] = 0.15
     """Skin of the neighbour lists, in grain diameters."""
-    steps_per_beat: Annotated[int, Field(ge=1, le=1_000_000, strict=True)] = 1000
+    steps_per_beat: Annotated[Whole, Field(ge=1, le=1_000_000)] = 1000
     """Steps per beat. Between beats no probe is read and no run is stopped."""
     stiffness_scale: Annotated[Ratio, Field(gt=0)] = 1.0
     """Factor on all stiffnesses of the study."""

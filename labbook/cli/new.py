@@ -13,12 +13,16 @@ def register(app: typer.Typer) -> None:
     def new(
         name: Annotated[str, typer.Argument(help="Name of the study; the file is called NAME.yaml.")],
         folder: Annotated[Path, typer.Option(help="Folder to write it to.")] = Path("."),
+        kind: Annotated[
+            str,
+            typer.Option(help="Its container: wedge-hopper, cylinder-silo, conical-silo, box or primitives."),
+        ] = "wedge-hopper",
     ) -> None:
         """Write a commented example study. An existing file is never overwritten."""
         from labbook.study.template import NotWritten, write
 
         try:
-            path = write(name, folder)
+            path = write(name, folder, kind)
         except NotWritten as error:
             typer.echo(f"labbook new: {error}", err=True)
             raise typer.Exit(1) from None

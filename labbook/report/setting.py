@@ -72,7 +72,7 @@ def _valued(name: str, value: float | str | bool | None) -> str:
 
 def _common(points: Sequence[Point], part: str) -> str:
     """All of a part of the scene that is the same at every point."""
-    values = [dict(_leaves(_plain(point, part), part)) for point in points]
+    values = [_with_youngs_moduli(dict(_leaves(_plain(point, part), part))) for point in points]
     same = {name: value for name, value in values[0].items() if all(one.get(name) == value for one in values)}
     swept = {name for point in points for name in point.at}
     first = f"{part}.{_FIRST.get(part, '')}"
@@ -81,6 +81,18 @@ def _common(points: Sequence[Point], part: str) -> str:
         if name not in swept and name != first and name not in _HIDDEN and value is not None:
             told.append(_setting(name, value))
     return ", ".join(told)
+
+
+def _with_youngs_moduli(leaves: Mapping[str, Any]) -> dict[str, Any]:
+    """Beside each shear modulus of a contact law Young's modulus E = 2 G (1 + nu), by which a study may state it."""
+    found = dict[str, Any]()
+    for name, value in leaves.items():
+        section, _, leaf = name.rpartition(".")
+        if leaf == "shear_modulus" and section.endswith("contact"):
+            young = 2 * value * (1 + leaves[f"{section}.poisson_ratio"])
+            found[f"{section}.youngs_modulus"] = float(f"{young:.12g}")  # of points that differ in nu alone, the same
+        found[name] = value
+    return found
 
 
 def _plain(point: Point, part: str) -> Any:

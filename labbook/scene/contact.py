@@ -18,7 +18,7 @@ from labbook.scene.material import (
     PoissonRatio,
     shear_modulus,
 )
-from labbook.scene.model import Choice, Fault, Model, refuse
+from labbook.scene.model import Choice, Fault, Model, Stated, refuse
 from labbook.scene.quantities import Coefficient, Pressure, Ratio, Stiffness
 
 Restitution = Annotated[Ratio, Field(gt=0, le=1)]
@@ -181,6 +181,10 @@ class ContactLaw(Model, ABC):
     def damping_ratio(self, restitution: float) -> float:
         """Normal dashpot of a contact over the critical one, for a coefficient of restitution in (0, 1]."""
 
+    def damps(self, restitution: float) -> bool:
+        """Whether impacts of this coefficient of restitution may lose energy; False of a law that knows they do not."""
+        return True
+
     @abstractmethod
     def collision_time(self, mass: float, radius: float, speed: float) -> float:
         """Duration [s] of an undamped head-on collision.
@@ -208,6 +212,27 @@ class ContactLaw(Model, ABC):
         return None
 
 
+class Dashpot(ContactLaw, ABC):
+    """Laws with a normal dashpot that follows from the coefficient of restitution, which a study therefore states: with
+    the default of 1 no bed would come to rest."""
+
+    restitution: Annotated[Restitution, Stated()] = 1.0
+    """Coefficient of normal restitution e, in (0, 1]; a law by Hertz may state `normal_damping` instead."""
+
+    @model_validator(mode="after")
+    def _damping_is_stated(self, info: ValidationInfo):
+        required = (info.context or {}).get("units") == "required"
+        if required and "restitution" not in self.model_fields_set and getattr(self, "normal_damping", None) is None:
+            other = ", or state normal_damping" if "normal_damping" in type(self).model_fields else ""
+            remedy = f"add it: a number in (0, 1], for example 0.5{other}; with 1 impacts lose no energy"
+            refuse([Fault("restitution", "this key is missing", remedy)])
+        return self
+
+    def damps(self, restitution: float) -> bool:
+        """With any restitution below 1."""
+        return restitution < 1
+
+
 class YoungsModulus(Model):
     """A material by E, as a study may state it in `contact`; what is stored is its G."""
 
@@ -217,7 +242,7 @@ class YoungsModulus(Model):
     """ν of the grains' material."""
 
 
-class Hertz(ContactLaw, ABC):
+class Hertz(Dashpot, ABC):
     """Hertz's normal force, F_n = K delta + C_n sqrt(6 m* K) v with K = (4/3) E* sqrt(R* delta), v the approach speed.
 
     Laws of this family differ in how friction is limited, and in whether the normal force may pull.
@@ -282,6 +307,10 @@ class Hertz(ContactLaw, ABC):
         if self.damping == "clamped":
             return damping.hertz_c_n(restitution)
         return damping.hertz_textbook(restitution)
+
+    def damps(self, restitution: float) -> bool:
+        """By `normal_damping` where it is stated, else by the coefficient of restitution."""
+        return restitution < 1 if self.normal_damping is None else self.normal_damping > 0
 
     def collision_time(self, mass: float, radius: float, speed: float) -> float:
         """2.868 (m_eff^2 / (R_eff E*^2 v))^{1/5} [s]; 2.868 is 4/5 B(2/5, 1/2) (15/16)^{2/5} (Hertz 1882)."""
@@ -382,7 +411,7 @@ class HertzLammps(Tensile):
     law: Literal["hertz-lammps"] = "hertz-lammps"
 
 
-class LinearSpringDashpot(ContactLaw):
+class LinearSpringDashpot(Dashpot):
     """Linear springs and dashpots (Pongó et al. 2022)."""
 
     physics: ClassVar[str] = "labbook_dem.laws.linear"

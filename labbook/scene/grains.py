@@ -13,10 +13,10 @@ from pydantic import Field, model_validator
 
 from labbook.scene.material import OwnMaterial, OwnModulus, OwnRatio
 from labbook.scene.model import Fault, Model, refuse
-from labbook.scene.quantities import Density, GrainLength, Length, Ratio, percent
+from labbook.scene.quantities import Density, GrainLength, Length, Ratio, Whole, percent
 from labbook.scene.sizes import SMALLEST_PART, Equal, Sizes
 
-Count = Annotated[int, Field(ge=1, le=100_000_000, strict=True)]
+Count = Annotated[Whole, Field(ge=1, le=100_000_000)]
 
 
 class Kind(OwnMaterial):

@@ -128,6 +128,11 @@ _internal = Internal()
 InternalFlag = Annotated[bool, _internal, BeforeValidator(_internal)]
 
 
+@dataclass(frozen=True)
+class Stated:
+    """Marks a field that has a default in Python, but that a study has to state."""
+
+
 def once(kept: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """A decorator: what follows from frozen values is worked out once while `kept` others were asked for; each time for
     those of another package that have no hash."""

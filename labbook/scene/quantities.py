@@ -3,6 +3,9 @@
 Everything behind these types is SI. From Python a plain float is taken as SI; from a study file (validation
 context `units="required"`) a dimensional number must carry its unit. `d`, the grain diameter, is a unit of
 length wherever the context names it (`d` -> diameter [m]).
+
+An angle has a dimension of its own here: 30 deg is no plain number, and 1 rad/s is not 1 Hz. What turns may be stated
+by its frequency (Hz, rpm, turn/s) or by its angular velocity (rad/s, deg/s), whichever of the two a key holds.
 """
 
 import math
@@ -26,7 +29,9 @@ def _registry():
 def _made_registry():
     import pint  # here, not above: building its registry takes longer than the rest of `import labbook`
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry.define("@alias revolution = rev")
+    return registry
 
 
 _setting_up = threading.Lock()
@@ -34,6 +39,15 @@ _setting_up = threading.Lock()
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*/\s*\d+\.?\d*)?(?![\d.])")
 _TERM = re.compile(r"([A-Za-zµμΩ]+|[%°])(?:(?:\^|\*\*)(-?\d))?(\s*[*/]\s*|\s+|$)", re.ASCII)
+_PER = re.compile(r"1?\s*/\s*")
+
+
+class _TurnsOrAngles(ValueError):
+    """A rate that may be meant as turns or as radians per second; `rate`: of one of it [1/s]."""
+
+    def __init__(self, rate: float):
+        super().__init__("1/s may mean turns or radians per second")
+        self.rate = rate
 
 
 @lru_cache(maxsize=8192)  # of a study's many points most quantities are the same
@@ -41,8 +55,8 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     """Value of `text` (`3 mm`, `2500 kg/m^3`, `2/7`, `1 %`, `1.01 d`) in `unit` (SI); `d` is `diameter` [m].
 
     `unit` "" is a number without unit, None takes any unit and gives SI. A number, or a ratio of two, and then
-    units joined by blanks, * and /, with powers of one digit: no other arithmetic. Raises ValueError saying what
-    is wrong.
+    units joined by blanks, * and /, with powers of one digit: no other arithmetic. A rate of turning is read as a
+    frequency or as an angular velocity: 60 rpm is 1 Hz and 2 pi rad/s. Raises ValueError saying what is wrong.
     """
     expression = text.strip()
     if len(expression) > 100:
@@ -54,12 +68,18 @@ def parse(text: str, unit: str | None, diameter: float | None = None) -> float:
     units = expression[number.end() if number else 0 :].strip().removeprefix("*").lstrip()
     try:
         factor = _factor(units, unit, diameter)
+    except _TurnsOrAngles as error:
+        rate = f"{value * error.rate:.12g}"
+        raise ValueError(f"{error}: write {rate} rad/s, or {rate} Hz for turns per second") from None
     except ValueError as error:
         raise ValueError(f"{error}{_meant(units, unit, diameter)}") from None
     if not math.isfinite(value * factor):
         return value * factor
     # in decimals: 18 mm is 0.018, not 0.018000000000000002; keys hash these digits
-    return float(Decimal(repr(value)) * Decimal(f"{factor:.15g}"))
+    number, periods = Decimal(repr(value)), 1 / factor if unit == "Hz" and factor else 0.0
+    if periods > 0.5 and math.isclose(periods, round(periods), rel_tol=1e-12):
+        return float(number / Decimal(round(periods)))  # 60 rpm is 1 Hz, and not 1.000000000000002 Hz
+    return float(number * Decimal(f"{factor:.15g}"))
 
 
 def told_apart(value: float, limit: float, digits: int = 3, of_limit: int = 6) -> tuple[str, str]:
@@ -78,11 +98,18 @@ def _written_out(number: str) -> str:
     return plain if "e" in number and float(plain) == float(number) else number
 
 
+_MANY = 1e3
+"""Times from where on a ratio is no percentage any more."""
+
+
 def percent(part: float, how: str = ".3g") -> str:
     """`2 %`, `0.25 %`, `110 %` of a part of one. `how`: to format the number of percent; where that gives an exponent
-    (1.1e+02), the digits are written out."""
+    (1.1e+02), the digits are written out. What is larger than a hundred thousand percent is told as `1e300 times`."""
+    plus = "+" if how.startswith("+") else ""
+    if _MANY <= abs(part) < math.inf:
+        return re.sub(r"e(-?)\+?0*", r"e\1", f"{part:{plus}.3g} times")
     number = _written_out(f"{100 * part:{how}}")
-    return f"{'+' if how.startswith('+') and number[0] not in '+-' else ''}{number} %"
+    return f"{plus if number[0] not in '+-' else ''}{number} %"
 
 
 _RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
@@ -101,12 +128,48 @@ def _meant(units: str, unit: str | None, diameter: float | None) -> str:
     return ""
 
 
+def leading_number(text: str) -> tuple[str, float] | None:
+    """The number that a quantity begins with, as text and as value; None if it does not, or divides by zero."""
+    found = _NUMBER.match(text.strip())
+    try:
+        return None if found is None else (found.group(), _number(found.group()))
+    except ValueError:
+        return None
+
+
+def without_noise(number: float) -> float:
+    """A number of few digits without the noise that arithmetic has put behind them: 0.30000000000000004 is 0.3, and a
+    third is what it was."""
+    short = f"{number:.{DIGITS}g}"
+    digits = short.partition("e")[0].lstrip("-0.").replace(".", "")
+    return float(short) if len(digits) <= _FEW else number
+
+
+def whole(value: Any) -> Any:
+    """1e4 and 1.0e+3 as the whole numbers that they are, also as text, which YAML takes them for; all else as it is."""
+    if isinstance(value, str) and (found := leading_number(value)) is not None and found[0] == value.strip():
+        number = found[1]
+    else:
+        number = value
+    if isinstance(number, float) and abs(number) < 2**53 and number.is_integer():
+        return int(number)
+    return value
+
+
+DIGITS, _FEW = 12, 9
+"""Digits beyond which numbers differ by noise of an arithmetic, and those of numbers that somebody may have meant."""
+
+
 def _number(text: str) -> float:
     numerator, _, denominator = text.partition("/")
     try:
         return float(numerator) / float(denominator or "1")
     except ZeroDivisionError:
         raise ValueError("division by zero") from None
+
+
+_RATE = {"[time]": -1}
+"""Dimension of turns and, to pint, of radians per time."""
 
 
 @lru_cache(maxsize=4096)
@@ -119,26 +182,51 @@ def _factor(units: str, unit: str | None, diameter: float | None) -> float:
     import pint
 
     registry = _registry()
-    product, position, sign = registry.Quantity(1.0), 0, 1
+    per = _PER.match(units)
+    product, counts = registry.Quantity(1.0), False
+    position, sign, link = (per.end(), -1, "/") if per else (0, 1, "")
     try:
         while position < len(units):
             term = _TERM.match(units, position)
             if term is None:
                 raise ValueError("not a quantity: a number and then its unit are needed")
             name, power, link = term.groups()
-            product = product * _one_of(name, diameter) ** (sign * int(power or "1"))
+            one = _one_of(name, diameter)
+            counts |= one.dimensionality == _RATE
+            product = product * one ** (sign * int(power or "1"))
             position, sign = term.end(), -1 if "/" in link else 1
         if sign < 0 or link.strip() == "*":
             raise ValueError("not a quantity: a unit is missing at its end")
-        magnitude: Any = (product.to_base_units() if unit is None else product.to(unit or "dimensionless")).magnitude
+        magnitude: Any = (product.to_base_units() if unit is None else _turned(product, unit, counts)).magnitude
         return float(magnitude)
     except pint.DimensionalityError as error:
-        wanted = f"a quantity in {unit}" if unit else "a number without unit"
-        given = registry.Unit(error.units1)
-        stated = "a number without unit" if given.dimensionless else f"one in {given:~}"
-        raise ValueError(f"{wanted} is needed, not {stated}") from None
+        raise ValueError(_unlike(registry.Unit(error.units1), unit)) from None
     except ArithmeticError:
         raise ValueError("not a quantity: out of range") from None
+
+
+def _turned(product: Any, unit: str, counts: bool) -> Any:
+    """The pint quantity `product` (in base units) in `unit`. An angle is no number, which it is to pint, but a turn of
+    2 pi rad is what a frequency counts. `counts`: whether the product is of a unit such as Hz, and not only 1/s."""
+    registry = _registry()
+    wanted = registry.Quantity(1.0, unit or "dimensionless")
+    angle, needed = (dict(one.to_base_units().unit_items()).get("radian", 0) for one in (product, wanted))
+    if angle == needed or product.dimensionality != wanted.dimensionality:
+        return product.to(wanted)
+    rate = product.dimensionality == _RATE
+    if rate and unit == "Hz" and angle == 1:
+        return (product / registry.Quantity(1.0, "turn")).to(wanted)
+    if rate and (angle, needed) == (0, 1):
+        if not counts:
+            raise _TurnsOrAngles(product.to("1/s").magnitude)
+        return (product * registry.Quantity(1.0, "turn")).to(wanted)
+    raise ValueError(_unlike(product.units, unit))
+
+
+def _unlike(given: Any, unit: str | None) -> str:
+    """What is needed instead of the pint unit `given`."""
+    wanted, stated = f"a quantity in {unit}" if unit else "a number without unit", f"{given:~}"
+    return f"{wanted} is needed, not {f'one in {stated}' if stated else 'a number without unit'}"
 
 
 def _one_of(name: str, diameter: float | None):
@@ -181,7 +269,7 @@ class Unit:
             number = float(value) if abs(value) <= 1e308 else math.inf
         if not math.isfinite(number):
             raise self._error("not_finite", "a finite number is needed")
-        return number
+        return without_noise(number) if context.get("units") == "required" else number
 
     def _diameter(self, info: ValidationInfo) -> float | None:
         """What the unit `d` comes to [m]."""
@@ -222,6 +310,8 @@ _hz, _hz_ = quantity("Hz")
 _v, _v_ = quantity("m/s")
 _w, _w_ = quantity("rad/s")
 
+_whole_ = BeforeValidator(whole)
+
 # Limits keep every product of these finite; no granular matter lies near them.
 Length = Annotated[float, _m, _m_, Field(ge=1e-9, le=1e6)]
 GrainLength = Annotated[float, _own, BeforeValidator(_own), Field(ge=1e-9, le=1e6)]
@@ -239,3 +329,4 @@ Speed = Annotated[float, _v, _v_, Field(ge=-1e8, le=1e8)]
 AngularSpeed = Annotated[float, _w, _w_, Field(ge=-1e9, le=1e9)]
 Ratio = Annotated[float, _one, _one_, Field(ge=-1e6, le=1e6)]
 Coefficient = Annotated[float, _one, _one_, Field(ge=0, le=1e6)]
+Whole = Annotated[int, Field(strict=True), _whole_]

@@ -159,7 +159,10 @@ class Frustum(WallShape):
         if self.lower[0] < 0:
             yield Fault("lower", "a radius cannot be negative", "use 0 for a plate without a hole")
         if self.upper[0] < self.lower[0]:
-            yield Fault("upper", "it is nearer to the axis than the rim", "exchange the two ends")
+            lower, upper = (f"[{r * 1e3:g} mm, {z * 1e3:g} mm]" for r, z in (self.upper, self.lower))
+            reason = "it is nearer to the axis than lower, which has to be the inner edge"
+            remedy = f"the same cone is lower: {lower}, upper: {upper}"
+            yield Fault("upper", reason, remedy)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Distance [m] of points x, shape [n, 3]."""

@@ -63,7 +63,7 @@ def unfillable(source: Source, settings: Settings, points: Sequence[Point]) -> I
     told = set[str]()
     for point in points:
         start = STARTS[point.fill.kind].obstacles(point.scene)
-        found = (*_obstacles(point.scene), *_too_high(point.scene, settings.stop.fill_height))
+        found = (*_obstacles(point.scene), *_restless(point), *_too_high(point.scene, settings.stop.fill_height))
         for key, reason, remedy in (*found, *((one.key, one.reason, one.remedy) for one in start)):
             if key not in told:
                 told.add(key)
@@ -109,6 +109,29 @@ def _obstacles(scene: Scene) -> Iterator[tuple[str, str, str]]:
             yield f"container.{name}", reason, "use 1.01 d or more"
 
 
+def undamped(point: Point) -> tuple[str, str] | None:
+    """The key at fault and the remedy where no impact loses energy while the bed is filled; None where some do."""
+    closed = point.scene.close(point.fill.friction, point.fill.contact)
+    if any(closed.contact.damps(surface.restitution) for surface in closed.surfaces):
+        return None
+    stated = getattr(closed.contact, "normal_damping", None) is not None
+    key, better = ("normal_damping", "above 0") if stated else ("restitution", "below 1")
+    section = "contact" if point.fill.contact is None else "fill.contact"
+    own = "" if point.fill.contact is not None else "; fill.contact may state another law for the filling alone"
+    return f"{section}.{key}", f"use a {key.replace('_', ' ')} {better}{own}"
+
+
+def _restless(point: Point) -> Iterator[tuple[str, str, str]]:
+    """A bed whose filling keeps its energy. Rolling friction takes none from spheres that no friction can turn."""
+    if (at_fault := undamped(point)) is None:
+        return
+    closed = point.scene.close(point.fill.friction, point.fill.contact)
+    rods = closed.grains.half_length > 0
+    if not any(surface.friction > 0 or (rods and surface.rolling_friction > 0) for surface in closed.surfaces):
+        key, remedy = at_fault
+        yield key, "neither impacts nor friction lose energy, so that the bed never comes to rest", remedy
+
+
 def _too_high(scene: Scene, stop: float | None) -> Iterator[tuple[str, str, str]]:
     area = flat_area(scene.container)
     if stop is None or area is None:
@@ -142,7 +165,8 @@ def _unfit(
                 wrong.setdefault(told, []).append(point)
         for (reason, remedy), at in wrong.items():
             stated = source.data.get(key)
-            place = (key, stated.index(name)) if isinstance(stated, list) and name in stated else ("container", "kind")
+            listed = (key, stated.index(name)) if isinstance(stated, list) and name in stated else (key,)
+            place = listed if stated else ("container", "kind")
             more = f" and {len(at) - 1} other point{'' if len(at) == 2 else 's'}" if len(at) > 1 else ""
             where = f" (at {at[0].label}{more})" if len(at) < len(points) else ""
             yield Problem(source.path, source.line(place), key, reason + where, remedy)

@@ -6,8 +6,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from labbook.study.absent import absent
 from labbook.study.habits import habit
-from labbook.study.keys import NEGLIGIBLE, Key, find, siblings
+from labbook.study.keys import NEGLIGIBLE, Key, choices_of, find, siblings
 from labbook.study.problems import instead, meant, shown
 from labbook.study.source import Location, dotted
 
@@ -96,6 +97,9 @@ def _complain(
         if str(location[-1]).isdigit():  # 0,5 in braces is two entries
             yield Complaint(location, "unknown key", "write decimal fractions with a point, such as 0.5")
             return
+        if (row := absent(name.rpartition(".")[0], str(location[-1]))) is not None:
+            yield Complaint(location, row.says, row.remedy, meant=(*location[:-1], row.key) if row.key else None)
+            return
         close = meant(str(location[-1]), known)
         foreign = habit(name, beside.get(str(location[-1])), known)
         if foreign is not None:
@@ -104,7 +108,7 @@ def _complain(
                 location, "unknown key", foreign.remedy, meant=key if key and key[:-1] == location[:-1] else None
             )
             return
-        elsewhere = ", ".join(key.of for key in find(name) if key.of and key.of not in chosen)
+        elsewhere = ", ".join(choice for choice in choices_of(name) if choice not in chosen)
         message = f"this key belongs to {elsewhere}" if elsewhere else "unknown key"
         remedy = instead(str(location[-1]), known)
         yield Complaint(location, message, remedy, meant=(*location[:-1], close) if close else None)
@@ -114,15 +118,25 @@ def _complain(
         tag = context["discriminator"].strip("'")
         inner = (*location, tag)
         choices = [choice for key in find(dotted(inner)) for choice in key.choices]
-        if kind == "union_tag_not_found":
+        stated, keys = str(context.get("tag", "")), detail["input"] if isinstance(detail["input"], Mapping) else ()
+        if (row := absent(dotted(inner), stated)) is not None:
+            yield Complaint(inner, f"{shown(stated)} is unknown: {row.says}", row.remedy)
+        elif rows := [(key, row) for key in keys if (row := absent(name, str(key))) is not None]:
+            yield from (Complaint((*location, str(key)), row.says, row.remedy) for key, row in rows)
+        elif kind == "union_tag_not_found":
             yield Complaint(inner, _MISSING, f"add it: use one of: {', '.join(choices)}")
         else:
-            yield Complaint(inner, f"{shown(context['tag'])} is unknown", instead(str(context["tag"]), choices))
+            yield Complaint(inner, f"{shown(stated)} is unknown", instead(stated, choices))
+    elif kind == "literal_error" and (row := absent(name, str(detail["input"]))) is not None:
+        yield Complaint(location, f"{shown(detail['input'])} is unknown: {row.says}", row.remedy)
     elif kind == "literal_error":
         choices = [choice for key in find(name) for choice in key.choices]
         yield Complaint(location, f"{shown(detail['input'])} is unknown", instead(str(detail["input"]), choices))
     elif kind in _MAPPING:
         yield Complaint(location, "a mapping of keys is needed", instead("", siblings(f"{name}.x")))
+    elif isinstance(detail["input"], list | dict) and (row := absent(name, "[]")) is not None:
+        reason = context.get("reason", "a single value is needed")
+        yield Complaint(location, f"{reason}: {row.says}", f"{_rule(name, chosen)}; {row.remedy}")
     elif kind in _WRONG_UNIT:
         yield Complaint(
             location, f"{shown(detail['input'])}: {context.get('reason', 'not finite')}", _rule(name, chosen)

@@ -33,9 +33,6 @@ _SAME = {
 _KEYS = {word: key for key, words in _SAME.items() for word in words.split()}
 _YOUNG = frozenset(("e", "young", "youngs", "youngmodulus", "youngsmodulus", "elasticmodulus", "ymod", "emodulus"))
 _TOLD = {
-    "periodic": "there are no periodic boundaries: give the container walls, and make it wide",
-    "boundary": "there are no periodic boundaries: name a container (wedge-hopper, cylinder-silo, conical-silo, box)",
-    "boundaryconditions": "there are no periodic boundaries: name a container",
     "study": "write name",
     "title": "write name; `about` may hold a sentence",
     "units": "leave it out: every quantity states its own unit, for example 3 mm",

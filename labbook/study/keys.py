@@ -14,9 +14,10 @@ from pydantic.fields import FieldInfo
 
 from labbook.backend.numerics import Numerics
 from labbook.scene.contact import CONTACT_LAWS
-from labbook.scene.model import Among, Choice, Internal, Model
+from labbook.scene.model import Among, Choice, Internal, Model, Stated
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
+from labbook.study.absent import absent
 from labbook.study.habits import habit
 from labbook.study.schema import Fill, Settings
 
@@ -56,6 +57,8 @@ class Key:
     meaning: str = ""
     of: str = ""
     """The choice that the key belongs to, for example `kind: box`; empty: to all."""
+    within: str = ""
+    """The choice that the section of that choice belongs to: `kind: primitives` of `kind: plane`; empty: to all."""
 
     @property
     def sweepable(self) -> bool:
@@ -102,9 +105,10 @@ def _field(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str)
     discriminator = next((mark for mark in marks if mark is not None), None)
     choice = next((mark for mark in metadata if isinstance(mark, Choice)), None)
     if choice is not None:
-        yield from _union(name, choice.tag, list(choice.values()))
+        yield from (replace(key, within=key.within or of) for key in _union(name, choice.tag, list(choice.values())))
     elif discriminator is not None:
-        yield from _union(name, str(discriminator), [_unwrap(member, [])[0] for member in get_args(base)])
+        members = [_unwrap(member, [])[0] for member in get_args(base)]
+        yield from (replace(key, within=key.within or of) for key in _union(name, str(discriminator), members))
     elif isinstance(base, type) and issubclass(base, Model):
         yield from walk(base, f"{name}.", of)
     elif get_origin(base) is dict:
@@ -126,7 +130,7 @@ def _union(name: str, discriminator: str, members: list[Any]) -> Iterator[Key]:
             field = re.split(r"[.[]", key.name.removeprefix(f"{name}."))[0]
             common = field in shared and _same_everywhere(field, members)
             if key.name not in seen:
-                yield replace(key, of="") if common else key
+                yield replace(key, of="", within="") if common else key
             if common or key.name == f"{name}.{discriminator}":
                 seen.add(key.name)
 
@@ -159,7 +163,7 @@ def _leaf(name: str, field: FieldInfo, base: Any, metadata: list[Any], of: str) 
         None if length and unit is None else unit,
         _limits(metadata),
         choices,
-        _default(field, unit),
+        None if any(isinstance(mark, Stated) for mark in metadata) else _default(field, unit),
         " ".join((field.description or ("Time integrator; the only choice." if len(choices) == 1 else "")).split()),
         of,
     )
@@ -255,6 +259,8 @@ def nearest(name: str) -> str:
     if inside:
         some = ", ".join(sorted({*inside})[:3])
         return f"{name} is a section: name one of its keys, such as {some}"
+    if (row := absent(name.rpartition(".")[0], leaf)) is not None:
+        return f"{row.says}: {row.remedy}"
     foreign = habit(name, None, siblings(name))
     if foreign is not None and foreign.key is not None:
         return f"did you mean {foreign.key}?"
@@ -277,14 +283,23 @@ def nearest(name: str) -> str:
     )
 
 
+def choices_of(name: str) -> tuple[str, ...]:
+    """The choices that a key or a section of this dotted name belongs to, each once; none of what belongs to all."""
+    section = re.sub(r"\[\d+\]", "[]", name)
+    inside = [key for key in all_keys() if key.name.startswith((f"{section}.", f"{section}[]."))]
+    choices = [*(key.of for key in find(name)), *(key.within or key.of for key in inside)]
+    return tuple(dict.fromkeys(choice for choice in choices if choice))
+
+
 def siblings(name: str, of: frozenset[str] = frozenset()) -> tuple[str, ...]:
     """Last parts of all keys that stand next to the dotted `name`; of choices, those named in `of` (all if none)."""
     parent = re.sub(r"\[\d+\]", "[]", name.rpartition(".")[0])
     parent = re.sub(r"^walls\.[^.]+", "walls.*", parent)
     prefix = f"{parent}." if parent else ""
-    names = {
-        key.name.removeprefix(prefix).partition(".")[0].removesuffix("[]")
-        for key in all_keys()
-        if key.name.startswith(prefix) and (not key.of or not of or key.of in of)
-    }
+    names = set[str]()
+    for key in all_keys():
+        first, _, rest = key.name.removeprefix(prefix).partition(".")
+        choice = (key.within or key.of) if rest else key.of
+        if key.name.startswith(prefix) and (not choice or not of or choice in of):
+            names.add(first.removesuffix("[]"))
     return tuple(sorted(names - {"*", ""}))

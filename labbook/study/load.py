@@ -13,6 +13,7 @@ from labbook.accuracy import BESIDE, Calibration
 from labbook.accuracy import load as load_calibration
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
+from labbook.study.absent import absent
 from labbook.study.applicable import unfed, unfillable, unfittable, unmeasurable
 from labbook.study.explain import complaints
 from labbook.study.habits import habit
@@ -87,10 +88,10 @@ class Study:
 
         changes: dotted keys (`contact.friction`, `sweep.container.orifice`) and new values, as `define` takes them;
         None leaves a key out. keys: the same for whole sections and settings. Raises StudyError, also for a key that
-        is swept.
+        is swept, and TypeError where `changes` is no dict.
         """
-        new = {**(changes or {}), **keys}
-        stays = not any(key.partition(".")[0] == "accuracy" for key in new)
+        new = {**_keys_and_values(changes, "change({'contact.friction': 0.3}), or change(replicates=4)"), **keys}
+        stays = not any(str(key).partition(".")[0] == "accuracy" for key in new)
         return _resolved(changed(self.stated, new), self.calibration_file if stays else None)
 
     def frame(self) -> "pd.DataFrame":
@@ -123,6 +124,10 @@ class Study:
         Path(path).write_text(self.yaml(), encoding="utf-8")
         return Path(path)
 
+    def __hash__(self) -> int:
+        # of some of what is compared: scenes hold dicts, which have none
+        return hash((self.path, self.name, self.replicates, self.measure, tuple(point.label for point in self.points)))
+
     def __repr__(self) -> str:
         points = f"{len(self.points)} point{'' if len(self.points) == 1 else 's'}"
         swept = dict.fromkeys(name for point in self.points for name in point.at)
@@ -147,9 +152,14 @@ def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
     Sections are dicts, quantities text with a unit (`"3 mm"`) or pint quantities, lists any sequence or array. keys and
     `stated`, a dict of the same, together are the study. Raises StudyError with all problems that were found.
     """
-    if not isinstance(stated or {}, Mapping):
-        raise TypeError(f"a dict of keys and values is needed, and not {stated!r}; read a file with labbook.load(path)")
-    return _resolved(given(stated or {}, keys))
+    return _resolved(given(_keys_and_values(stated, "labbook.load(path) to read a file"), keys))
+
+
+def _keys_and_values(stated: Any, instead: str) -> Mapping[str, Any]:
+    """What was given as a dict of keys, {} for None. Raises TypeError with what to write `instead`."""
+    if stated is not None and not isinstance(stated, Mapping):
+        raise TypeError(f"a dict of keys and values is needed, and not {shown(stated)}; write {instead}")
+    return stated or {}
 
 
 def _resolved(source: Source, calibration_file: Path | None = None) -> Study:
@@ -198,19 +208,24 @@ def known_names() -> set[str]:
 def _unknown_keys(source: Source) -> list[Problem]:
     unknown = [key for key in source.data if key not in TOP_KEYS]
     # of thousands only the first are printed, and likenesses take time
-    remedies = {key: _at_top(key, source.data) if n < MOST else "leave it out" for n, key in enumerate(unknown)}
-    return [Problem(source.path, source.line((k,)), shown(k), "unknown key", remedies[k]) for k in unknown]
+    told = {
+        key: _at_top(key, source.data) if n < MOST else ("unknown key", "leave it out") for n, key in enumerate(unknown)
+    }
+    return [Problem(source.path, source.line((k,)), shown(k), *told[k]) for k in unknown]
 
 
-def _at_top(key: str, data: dict[str, Any]) -> str:
-    """The remedy for an unknown key at the top of a study."""
+def _at_top(key: str, data: dict[str, Any]) -> tuple[str, str]:
+    """Message and remedy for an unknown key at the top of a study."""
+    if (row := absent("", key)) is not None:
+        return row.says, row.remedy
     foreign = habit(key, data[key], TOP_KEYS)
     if foreign is not None:
-        return foreign.remedy
+        return "unknown key", foreign.remedy
     close = meant(key, TOP_KEYS)
     if close:
-        return f"did you mean {close}?"
-    return nearest(key) if any(known.name.rpartition(".")[2] == key for known in all_keys()) else instead(key, TOP_KEYS)
+        return "unknown key", f"did you mean {close}?"
+    elsewhere = any(known.name.rpartition(".")[2] == key for known in all_keys())
+    return "unknown key", nearest(key) if elsewhere else instead(key, TOP_KEYS)
 
 
 def _settings(source: Source, misspelled: Set[str | None], problems: list[Problem]) -> Settings | None:
@@ -261,8 +276,9 @@ def _unknown_names(source: Source, settings: Settings) -> Iterator[Problem]:
     """Measurements and fits that do not exist, and fits of what is not measured."""
     for index, name in enumerate(settings.measure):
         if name not in MEASURES:
-            message = f"no measurement is called {shown(name)}"
-            yield Problem(source.path, source.line(("measure", index)), "measure", message, instead(name, MEASURES))
+            row, message = absent("measure", name), f"no measurement is called {shown(name)}"
+            message, remedy = (f"{message}: {row.says}", row.remedy) if row else (message, instead(name, MEASURES))
+            yield Problem(source.path, source.line(("measure", index)), "measure", message, remedy)
     for index, name in enumerate(settings.fit):
         if name in LAWS:  # papers are not looked up where no study speaks of them: that takes time
             continue

@@ -223,7 +223,8 @@ class PointReader:
             stated = _moved(stated, complaint.location, complaint.meant)
         again: list[Complaint] = []
         near = _validated(Scene, stated, context, (), again)
-        found += [*first, *(complaint for complaint in again if complaint.clash and complaint not in first)]
+        told = {complaint.location for complaint in first}
+        found += [*first, *(complaint for complaint in again if complaint.clash and complaint.location not in told)]
         return None, near
 
     def _numerics(
@@ -340,7 +341,7 @@ class _Keys:
         """The point in the words of the study; empty for one that sweeps nothing."""
         for key, value in assignment.items():
             if value not in self._said:
-                self._said[value] = f"{self._short[key]} {shown(value.raw)}"
+                self._said[value] = f"{self._short[key]} {value.said}"
         return ", ".join([self._said[value] for value in assignment.values()])
 
     def sections(self, assignment: Assignment) -> dict[str, tuple[Value, ...]]:

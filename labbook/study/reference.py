@@ -8,6 +8,7 @@ from typing import Any
 from labbook.fit import LAWS
 from labbook.measure import MEASURES
 from labbook.scene.quantities import parse
+from labbook.study.absent import absent
 from labbook.study.applicable import unit_of
 from labbook.study.keys import Key, find, nearest
 from labbook.study.paper import Wrong
@@ -19,6 +20,8 @@ from labbook.study.source import Location, Source, dotted
 _QUANTITY = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[^\s.]{1,40}){0,2}")
 _ROOT = re.compile(r"/\d|\(")
 """Units with roots, which a study cannot write: their numbers stand without one, in SI."""
+_RATES = ("kg/s", "1/s")
+"""SI units of rates at which mass and grains leave: there is no comparison with a rate of zero or below."""
 _ENTRY_KEYS = ("at", "value", "error", "from", "to", "says")
 
 
@@ -39,7 +42,7 @@ class ReferenceReader:
             return None
         place: Location = ("reference",)
         if not isinstance(raw, dict):
-            self._problem(place, "a mapping of keys is needed", "write `source:` and the quantities below it")
+            self._not_a_mapping(raw, place, "write `source:` and the quantities below it")
             return None
         source = raw.get("source")
         if not isinstance(source, str) or not source.strip():
@@ -60,7 +63,15 @@ class ReferenceReader:
         numbers = tuple(entry for entry in entries if isinstance(entry, ReferenceEntry))
         return Reference(str(source), numbers, tuple(entry for entry in entries if isinstance(entry, Statement)))
 
+    def _not_a_mapping(self, raw: Any, place: Location, remedy: str) -> None:
+        """Neither a mapping nor, as some write instead, the name of a file with numbers."""
+        row = absent("reference", raw.rpartition(".")[2]) if isinstance(raw, str) else None
+        self._problem(place, *((row.says, row.remedy) if row else ("a mapping of keys is needed", remedy)))
+
     def _names_a_quantity(self, name: str, place: Location) -> bool:
+        if (row := absent("reference", name)) is not None:
+            self._problem(place, row.says, row.remedy)
+            return False
         if not _QUANTITY.fullmatch(name):
             self._problem(place, "this is not the name of a quantity", "write law.parameter, for example beverloo.k")
             return False
@@ -77,11 +88,13 @@ class ReferenceReader:
     def _entry(self, name: str, raw: Any, place: Location) -> ReferenceEntry | Statement | None:
         before = len(self.problems)
         if not isinstance(raw, dict):
-            self._problem(place, "a mapping of keys is needed", "write {at: {...}, value: ...}")
+            self._not_a_mapping(raw, place, "write {at: {...}, value: ...}")
             return None
         for key in raw:
             if key not in _ENTRY_KEYS:
-                self._problem((*place, key), "unknown key", instead(key, _ENTRY_KEYS))
+                row = absent(dotted(place), key)
+                told = (row.says, row.remedy) if row else ("unknown key", instead(key, _ENTRY_KEYS))
+                self._problem((*place, key), *told)
         stated = {"from", "to"} & set(raw)
         if "value" not in raw and not stated:
             remedy = "add the published number, with its unit, or `from` and `to` of a statement"
@@ -100,6 +113,11 @@ class ReferenceReader:
         error = numbers.get("error")
         if error is not None and error < 0:
             self._problem((*place, "error"), "a standard error cannot be negative", "write the standard error")
+            return None
+        value = numbers.get("value")
+        if unit in _RATES and value is not None and value <= 0:
+            remedy = "write a rate above 0; leave out an outlet that clogs"
+            self._problem((*place, "value"), f"{shown(raw['value'])}: a flow rate is above 0", remedy)
             return None
         if stated:
             return self._statement(name, at, numbers, unit or "", raw, place)

@@ -5,14 +5,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field, StrictBool, TypeAdapter, ValidationError, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    StrictBool,
+    TypeAdapter,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from labbook.backend.numerics import Numerics
 from labbook.filling.placing import STARTS
 from labbook.fit import named
 from labbook.scene.contact import AnyLaw
 from labbook.scene.model import Among, Fault, Model, refuse
-from labbook.scene.quantities import Coefficient, Duration, Instant, Length, Ratio
+from labbook.scene.quantities import Coefficient, Duration, Instant, Length, Ratio, Whole
 from labbook.scene.scene import Scene
 
 Fraction = Annotated[Ratio, Field(ge=0, le=1)]
@@ -141,7 +149,7 @@ class Accuracy(Model):
     flow_rate: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     """Relative error of the flow rate to reach: bias of the numerics plus half-width of the 95 % interval.
     labbook then chooses numerics that are left out, and the number of replicates; none: `replicates` runs."""
-    max_replicates: Annotated[int, Field(ge=2, le=10_000, strict=True)] = 100
+    max_replicates: Annotated[Whole, Field(ge=2, le=10_000)] = 100
     """Largest number of replicates per point, even if the error is not reached."""
     calibration: Annotated[str, Field(min_length=1, max_length=500)] | None = None
     """Calibration file written by `labbook calibrate`; none: STUDY.calibration.json beside the study file, if
@@ -157,8 +165,12 @@ class Record(Model):
 
     every: Duration = 0.01
     """Time between two recorded frames."""
-    replicates: Annotated[int, Field(ge=1, le=10_000, strict=True)] = 1
+    replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
     """Number of replicates of each point that are recorded."""
+
+
+Names = Annotated[tuple[str, ...], BeforeValidator(lambda names: [names] if isinstance(names, str) else names)]
+"""A list of names; one alone need not stand in brackets."""
 
 
 class Settings(Model):
@@ -168,12 +180,12 @@ class Settings(Model):
     """Name of the study: letters, digits, - and _."""
     about: Annotated[str, Field(max_length=2000)] = ""
     """What the study is for, in a sentence."""
-    replicates: Annotated[int, Field(ge=1, le=10_000, strict=True)] = 1
+    replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
     """Minimum number of runs per point; their seeds are 1, 2, 3 ..."""
     accuracy: Accuracy = Accuracy()
-    measure: tuple[str, ...] = ("flow_rate",)
+    measure: Names = ("flow_rate",)
     """Names of the measurements to take."""
-    fit: tuple[str, ...] = ()
+    fit: Names = ()
     """Names of the laws to fit."""
     window: Window = Window()
     stop: Stop = Stop()

@@ -71,10 +71,17 @@ def changed(stated: Mapping[str, Any], changes: Mapping[str, Any]) -> Source:
     """What was `stated` with `changes` by dotted keys; None leaves a key out. Raises StudyError."""
     giver = _Giver(_place({**stated, **changes}))
     data = dict(stated)
+    changes = giver.keyed(changes, ())
+    for key in changes:
+        inside = next((other for other in changes if other.startswith(f"{key}.")), None)
+        if inside is not None:
+            giver.problem((inside,), f"given twice: here and within {key}", "keep one of the two")
+    if giver.problems:
+        raise StudyError(giver.problems)
     for key, value in changes.items():
-        _put(data, str(key), value, giver)
+        _put(data, key, value, giver)
     varied = _varied(data)
-    for key in map(str, changes):
+    for key in changes:
         if key in varied:
             said = f"it is varied under {varied[key]}, so this changes nothing"
             giver.problem((key,), said, f"change {varied[key]}, or remove it with None")
@@ -171,11 +178,15 @@ class _Giver:
         self.problem(location, message, "give text, a number, true or false, a list or a dict")
         return None
 
-    def _mapping(self, value: Mapping[Any, Any], location: Location) -> dict[str, Any]:
+    def keyed(self, value: Mapping[Any, Any], location: Location) -> dict[str, Any]:
+        """What has a text as its key; all else is a problem."""
         for key in value:
             if not isinstance(key, str):
                 self.problem(location, f"{shown(key)} is not a key: keys are text", "write the key in quotes")
-        return {key: self._plain(one, (*location, key)) for key, one in value.items() if isinstance(key, str)}
+        return {key: one for key, one in value.items() if isinstance(key, str)}
+
+    def _mapping(self, value: Mapping[Any, Any], location: Location) -> dict[str, Any]:
+        return {key: self._plain(one, (*location, key)) for key, one in self.keyed(value, location).items()}
 
 
 def _spelled(quantity: Any) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import chain, product
 from typing import Any
 
+from labbook.scene.quantities import DIGITS, leading_number, whole
 from labbook.study.keys import find, nearest
 from labbook.study.problems import Problem, shown
 from labbook.study.source import Location, Source, dotted
@@ -24,9 +25,13 @@ _LIST = re.compile(r"\s*\[(.*)\]\s*(.*?)\s*", re.DOTALL)
 
 @dataclass(frozen=True, eq=False)
 class Value:
-    """One value of one swept key, as written, and its line. Points have it in common, and it equals no other."""
+    """One value of one swept key and its line. Points have it in common, and it equals no other.
+
+    raw: the value, its number rounded to 12 digits, so that 0.1 + 0.2 is 0.3. said: how labels have it.
+    """
 
     raw: str | int | float | bool
+    said: str
     line: int
 
 
@@ -117,7 +122,7 @@ class Sweep:
         if match is not None:
             body, unit = match.groups()
             items = [item.strip() for item in body.split(",")] if body.strip() else []
-            values = [Value(_scalar(f"{item} {unit}".strip()), line) for item in items]
+            values = [_value(_scalar(f"{item} {unit}".strip()), place, line) for item in items]
         elif isinstance(raw, list):
             values = [self._value(item, (*place, index)) for index, item in enumerate(raw)]
         else:
@@ -129,7 +134,7 @@ class Sweep:
         kept: list[Value] = []
         for value in filter(None, values):
             if distinct and repr(value.raw) in found:
-                message = f"{shown(value.raw)} is listed twice"
+                message = f"{value.said} is listed twice"
                 self.problems.append(self._at(value.line, place, message, "list each value once"))
                 continue
             found[repr(value.raw)] = value
@@ -138,7 +143,7 @@ class Sweep:
 
     def _value(self, raw: Any, place: Location) -> Value | None:
         if isinstance(raw, str | int | float | bool):
-            return Value(raw, self._source.line(place))
+            return _value(raw, place, self._source.line(place))
         self._problem(place, "a single value is needed here", "write a quantity, a number or a word")
         return None
 
@@ -179,6 +184,28 @@ class Sweep:
     def _at(self, line: int, place: Location, message: str, remedy: str) -> Problem:
         self.wrong.update(part for part in place if isinstance(part, str))
         return Problem(self._source.path, line, shown(dotted(place)), message, remedy)
+
+
+def _value(raw: str | int | float | bool, place: Location, line: int) -> Value:
+    """A value as it is written at `place`, below its key."""
+    key = next(part for part in reversed(place) if isinstance(part, str))
+    if any(known.type == "integer" for known in find(key)):
+        raw = whole(raw)
+    rounded = _rounded(raw)
+    ratio = isinstance(raw, str) and "/" in raw
+    return Value(rounded, shown(raw if ratio else rounded), line)
+
+
+def _rounded(raw: str | int | float | bool) -> str | int | float | bool:
+    """A number, or that of a quantity, with 12 digits at most; all else as it stands."""
+    if isinstance(raw, float):
+        return float(f"{raw:.{DIGITS}g}")
+    number = leading_number(raw) if isinstance(raw, str) else None
+    if number is None or not isinstance(raw, str):
+        return raw
+    text, value = number
+    short = f"{value:.{DIGITS}g}"
+    return raw if float(short) == value else short + raw.strip()[len(text) :]
 
 
 def _mapping(value: Any) -> dict[str, Any]:

@@ -202,3 +202,44 @@ def test_free_space_has_no_picture():
     assert scene.svg() == ""
     assert scene._repr_svg_() is None
     assert "200 spheres" in repr(scene)
+
+
+@pytest.mark.parametrize("wrong", ["replicates=4", ["replicates", 4], 4, [], ""])
+def test_what_is_no_dict_is_said(wrong):
+    with pytest.raises(TypeError, match=r"a dict of keys and values is needed.*change\(replicates=4\)"):
+        labbook.define(PLAIN).change(wrong)
+    with pytest.raises(TypeError, match=r"a dict of keys and values is needed.*labbook\.load\(path\)"):
+        labbook.define(wrong)
+
+
+def test_a_key_that_is_no_text_is_said():
+    with pytest.raises(labbook.StudyError, match="3 is not a key: keys are text"):
+        labbook.define(PLAIN).change({3: 4})  # pyright: ignore[reportArgumentType]
+    with pytest.raises(labbook.StudyError, match="3 is not a key: keys are text"):
+        labbook.define({**PLAIN, 3: 4})  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("first", ["container", "container.width"])
+def test_a_section_and_a_key_of_it_are_not_changed_at_once(first):
+    changes = {"container.width": "60 mm", "container": {**PLAIN["container"], "width": "50 mm"}}
+    with pytest.raises(labbook.StudyError) as caught:
+        labbook.define(PLAIN).change({first: changes[first], **changes})
+    (problem,) = caught.value.problems
+    assert problem.key == "container.width"
+    assert problem.message == "given twice: here and within container"
+
+
+def test_one_name_stands_for_a_list_of_one():
+    study = labbook.define(PLAIN, fit="beverloo", measure="flow_rate")
+    assert (study.fit, study.measure) == (("beverloo",), ("flow_rate",))
+    assert labbook.define(PLAIN).change(fit="beverloo").fit == ("beverloo",)
+    with pytest.raises(labbook.StudyError, match=r"no law is called beverlo\n.*did you mean beverloo\?"):
+        labbook.define(PLAIN, fit="beverlo")
+
+
+def test_studies_are_keys_of_a_cache():
+    one, same, other = labbook.define(PLAIN), labbook.define(PLAIN), labbook.define(PLAIN, replicates=2)
+    kept = {one: 1, other: 2}
+    assert kept[same] == 1
+    assert kept[labbook.define(PLAIN, replicates=2)] == 2
+    assert all(hash(labbook.load(path)) == hash(loaded(path)) for path in STUDIES[:3])

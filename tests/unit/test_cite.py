@@ -43,7 +43,13 @@ def hopper(**keys: object) -> dict[str, object]:
     return {
         "name": "small",
         "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 500},
-        "contact": {"law": "hertz-mindlin", "shear_modulus": "5 MPa", "poisson_ratio": 0.25, "friction": 0.5},
+        "contact": {
+            "law": "hertz-mindlin",
+            "shear_modulus": "5 MPa",
+            "poisson_ratio": 0.25,
+            "friction": 0.5,
+            "restitution": 0.5,
+        },
         "container": {
             "kind": "wedge-hopper",
             "width": "60 mm",
@@ -104,7 +110,7 @@ def test_methods_are_cited_only_if_used():
 
 
 def test_the_law_of_the_filling_is_cited_too():
-    slippery = {"law": "hertz-liggghts", "shear_modulus": "5 MPa", "poisson_ratio": 0.25}
+    slippery = {"law": "hertz-liggghts", "shear_modulus": "5 MPa", "poisson_ratio": 0.25, "restitution": 0.5}
     assert set(keys_of(fill={"contact": slippery})) - set(keys_of()) == {"kloss2012"}
 
 

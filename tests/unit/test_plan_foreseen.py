@@ -342,10 +342,11 @@ def test_the_modulus_that_a_study_states_is_named(tmp_path, swept):
     path = tmp_path / "stiff.yaml"
     path.write_text(
         "name: stiff\ngrains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 1000}\n"
-        f"contact: {{law: hertz-printed, youngs_modulus: {1 if swept else 60} GPa, poisson_ratio: 0.2}}\n"
+        f"contact: {{law: hertz-printed, youngs_modulus: {1 if swept else 60} GPa, poisson_ratio: 0.2, "
+        "restitution: 0.5}\n"
         "container: {kind: wedge-hopper, width: 60 mm, height: 300 mm, thickness: 1.01 d, orifice: 24 mm}\n"
         f"{'sweep: {contact.youngs_modulus: [60 GPa]}' if swept else ''}\n"
-        "numerics: {dt: 0.1 us}\nfill: {contact: {law: linear, normal_stiffness: 1000 N/m}}\n"
+        "numerics: {dt: 0.1 us}\nfill: {contact: {law: linear, normal_stiffness: 1000 N/m, restitution: 0.5}}\n"
         "measure: [flow_rate]\nreplicates: 2\n"
     )
     study = load(path)

@@ -119,6 +119,10 @@ def test_what_is_told_of_a_value_beyond_a_limit_has_their_order(limit, more):
         (1.234, "+.2g", "+120 %"),
         (0.123, "+.2f", "+12.30 %"),
         (0.655, ".0f", "66 %"),
+        (1e300, "+.1f", "+1e300 times"),
+        (-2.5e7, ".3g", "-2.5e7 times"),
+        (1010, "+.1f", "+1.01e3 times"),
+        (math.inf, ".3g", "inf %"),
     ],
 )
 def test_percentages_have_a_space_and_no_exponent(part, how, shown):

@@ -20,7 +20,7 @@ from labbook.scene.timescales import collision
 from labbook.study import StudyError, load, page
 from labbook.study.keys import all_keys
 from labbook.study.schema import OTHER_KEYS, TOP_KEYS
-from labbook.study.template import NotWritten, write
+from labbook.study.template import KINDS, NotWritten, write
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "studies"
@@ -213,27 +213,47 @@ def uncommented(text: str) -> str:
     )
 
 
-def test_what_the_template_shows_is_right_too(tmp_path):
-    path = write("mine", tmp_path)
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_the_template_shows_is_right_too(tmp_path, kind):
+    path = write("mine", tmp_path, kind)
     plain = load(path)
+    listed = re.findall(r"^#   - (\{.*\})$", path.read_text(), flags=re.MULTILINE)
+    assert len(listed) == 1
     text = uncommented(path.read_text())
     text = re.sub(r"^points:\n(  - .*\n)+", "", text, flags=re.MULTILINE)  # the sweep has the same key
+    accuracy = "accuracy: {flow_rate: 1 %, max_replicates: 10}\n"
+    text = text if plain.fit else text.replace(accuracy, "")  # nothing flows there
     path.write_text(text)
     study = load(path)
-    assert study.accuracy.flow_rate == 0.01
+    assert study.accuracy.flow_rate == (0.01 if plain.fit else None)
     assert study.points[0].scene.walls["all"].friction == 0.1
     assert study.reference is not None
     assert study.window == plain.window
     assert study.stop == plain.stop
+    path.write_text(re.sub(r"^sweep:\n(  .*\n)+", f"points: [{listed[0]}]\n", text, flags=re.MULTILINE))
+    assert len(load(path).points) == 1
 
 
-def test_a_plan_of_the_template_warns_of_nothing(tmp_path):
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_plan_of_the_template_warns_of_nothing(tmp_path, kind):
     """Not even of what is worth a hint in long plans only."""
-    path, lab = write("mine", tmp_path), tmp_path / "lab"
+    path, lab = write("mine", tmp_path, kind), tmp_path / "lab"
+    study = load(path)
     shown = labbook("plan", path, "--lab", lab, "--backend", "toy").output
-    assert "18 missing" in shown
+    assert f"{3 * len(study.points)} missing" in shown
     assert "Warning" not in shown
-    assert not list(advice(Planner(load(path), Catalogue(lab), Backend().capabilities).plan()))
+    assert not list(advice(Planner(study, Catalogue(lab), Backend().capabilities).plan()))
+    assert study.points[0].scene.container.kind == kind
+
+
+def test_there_is_a_template_of_every_container(tmp_path):
+    (kinds,) = (key.choices for key in all_keys() if key.name == "container.kind")
+    assert {*KINDS} == {*kinds}
+    told = CliRunner().invoke(app(), ["new", "--help"], env={"COLUMNS": "200"}).output
+    assert all(kind in told for kind in KINDS)
+    result = CliRunner().invoke(app(), ["new", "mine", "--folder", str(tmp_path), "--kind", "hopper"])
+    assert result.exit_code == 1
+    assert "use one of wedge-hopper, cylinder-silo" in result.output
 
 
 def test_the_page_has_exactly_the_keys_that_there_are():

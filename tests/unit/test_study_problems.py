@@ -182,7 +182,7 @@ from wrong_study import BASE, problems
         ("30 mm", "30 mm\nnumerics: {skim: 0.1}", 11, "numerics.skim", "unknown key", "did you mean skin?"),
         ("30 mm", "30 mm\nmeasure: [flow_rat]", 11, "measure", "no measurement is called flow_rat", "flow_rate?"),
         ("30 mm", "30 mm\nfit: [beverlo]", 11, "fit", "no law is called beverlo", "did you mean beverloo?"),
-        ("30 mm", "30 mm\nfit: beverloo", 11, "fit", "a list is needed", "list"),
+        ("30 mm", "30 mm\nfit: {name: beverloo}", 11, "fit", "a list is needed", "list"),
         ("30 mm", "30 mm\nmeasure: [packing]\nfit: [janda]", 12, "fit", "not measured", "add flow_rate"),
         (
             "30 mm",
@@ -226,6 +226,9 @@ def test_each_problem_is_told(tmp_path, old, new, line, key, message, remedy):
         ("beverloo.k: []", "beverloo.k", "empty", "leave it out"),
         ("beverloo.k: {valu: 1, value: 1}", "beverloo.k.valu", "unknown", "value?"),
         ("beverloo.k: {value: 1 foo}", "beverloo.k.value", "unknown unit", "unit"),
+        ("flow_rate: {value: -3 g/s}", "flow_rate.value", "-3 g/s: a flow rate is above 0", "above 0"),
+        ("flow_rate: {value: 0 g/s}", "flow_rate.value", "0 g/s: a flow rate is above 0", "clogs"),
+        ("grain_rate: {value: 0 Hz}", "grain_rate.value", "a flow rate is above 0", "above 0"),
         ("flow_rate: {value: 1 kg/s, error: -1 g/s}", "flow_rate.error", "negative", "error"),
         ("flow_rate: {value: 1 kg/s, at: {gravitas: 1}}", "flow_rate.at.gravitas", "no such", "gravity?"),
         ("flow_rate: {value: 1 kg/s, at: {gravity: 1 m/s^2}}", "flow_rate.at", "no such point", "sweeps"),

@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+import labbook
+from labbook.report.setting import common
 from labbook.results import display
 
 
@@ -45,3 +47,21 @@ def test_frictions_are_told_apart():
     keys = ("contact.friction", "fill.friction", "walls.all.friction", "walls.left.friction")
     names = [display.key(key).name for key in keys]
     assert names == ["friction", "friction while filling", "friction of all walls", "friction of wall left"]
+
+
+def test_young_s_modulus_is_shown_as_it_was_stated():
+    """E = 2 G (1 + nu) to 12 digits, also where Poisson's ratio varies and the shear modulus with it."""
+    study = {
+        "name": "x",
+        "grains": {"shape": "sphere", "diameter": "3 mm", "density": "2500 kg/m^3", "count": 600},
+        "contact": {"law": "hertz-mindlin", "youngs_modulus": "12 MPa", "poisson_ratio": 0.22, "restitution": 0.5},
+        "container": {"kind": "cylinder-silo", "diameter": "40 mm", "height": "300 mm", "orifice": "20 mm"},
+    }
+    rows = dict(common(labbook.define(study).points))
+    assert "Young's modulus 12 MPa, shear modulus 4.91803 MPa" in rows["Contact"]
+    varied = labbook.define(study, sweep={"contact.poisson_ratio": [0.1, 0.22, 0.3, 0.45]})
+    rows = dict(common(varied.points))
+    assert "Young's modulus 12 MPa" in rows["Contact"]
+    assert "shear modulus" not in rows["Contact"]
+    swept = labbook.define(study, sweep={"contact.youngs_modulus": ["5 MPa", "12 MPa"]})
+    assert "modulus" not in dict(common(swept.points))["Contact"]

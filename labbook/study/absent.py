@@ -1,0 +1,234 @@
+"""Words for what labbook does not have, and what to do instead: a table, read where a key or a value is unknown."""
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+
+
+@dataclass(frozen=True)
+class Absent:
+    """One thing that labbook does not have.
+
+    at: sections in which the words are looked for, as keys (`container`) or as values of a key (`container.kind`);
+    `.` is the top of a study, `walls.*` any wall, `[]` any item of a list. words: in small letters and digits; `[]`
+    stands for a list where a single value is needed.
+    """
+
+    at: str
+    words: str
+    says: str
+    """What there is not, as a message."""
+    remedy: str
+    key: str = ""
+    """The key beside it that then is missing, and is not told of as well."""
+
+
+_OWN_WALLS = "use container: {kind: primitives, parts: [...]} with planes, strips and frustums as walls"
+
+TABLE = (
+    Absent(
+        ". container container.kind container.parts[] container.parts[].shape container.parts[].shape.kind walls.*",
+        "stl mesh meshes stlfile meshfile file path obj msh ply vtk step cad facet facets triangles geometry polygon",
+        "no walls are read from mesh files",
+        "use the kind of that shape (wedge-hopper, cylinder-silo, conical-silo, box), or kind: primitives with planes, "
+        "strips and frustums as parts",
+    ),
+    Absent(
+        ". contact contact.law contact.between[] walls.* fill.contact fill.contact.law grains",
+        "cohesion cohesive cohesionenergydensity adhesion surfaceenergy surfacetension jkr sjkr sjkr2 dmt bond bonds "
+        "bondnumber liquid liquidbridge liquidbridges liquidcontent capillary moisture wet vanderwaals hamaker",
+        "there is no cohesion: grains are dry and do not stick",
+        "leave it out; results hold for dry grains well above 0.1 mm",
+    ),
+    Absent(
+        ".",
+        "fluid gas air water cfd drag interstitial interstitialfluid viscosity buoyancy",
+        "there is no fluid: grains move in a vacuum",
+        "leave it out; air matters to the flow of grains below about 0.5 mm",
+    ),
+    Absent(
+        ". container",
+        "insert inserts obstacle obstacles baffle baffles cone paddle rotor screw",
+        "a container has no inserts",
+        f"{_OWN_WALLS}, the insert among them",
+    ),
+    Absent(
+        ". container",
+        "outlets orifices holes outlet2 orifice2 secondoutlet secondorifice twooutlets openings",
+        "a container has one outlet",
+        f"{_OWN_WALLS}: leave a gap for each outlet, with a part `opens: start` in it, and state outlet_plane; to vary "
+        "one outlet, sweep container.orifice",
+    ),
+    Absent(
+        "container.orifice",
+        "[]",
+        "a container has one outlet",
+        "for a flow rate of each width write sweep: {container.orifice: [...]}; for several outlets at once use kind: "
+        "primitives",
+    ),
+    Absent(
+        ". container",
+        "gate gates valve stopper plug slide slidegate shutter door opening opensat opentime",
+        "there is no gate: the outlet is closed while the container is filled, and opens when the bed is at rest",
+        "leave it out",
+    ),
+    Absent(
+        ". container",
+        "periodic boundary boundaries boundaryconditions pbc",
+        "grains that leave on one side do not enter on the other",
+        "there are no periodic boundaries: give the container walls, and make it wide; walls: {front: {friction: 0}, "
+        "back: {friction: 0}} disturb least",
+    ),
+    Absent(
+        "reference reference.* reference.*[]",
+        "csv file path data table url dat txt excel",
+        "no file is read: a reference is typed",
+        "write each value, such as flow_rate: [{at: {container.orifice: 30 mm}, value: 57 g/s}]",
+    ),
+    Absent(
+        "grains.sizes.kind",
+        "lognormal lognorm logn weibull rosinrammler rrsb rrs gamma powerlaw fractal fuller",
+        "there is no such distribution of diameters",
+        "use uniform or normal, or grains.kinds: [{name: a, diameter: ..., share: ...}, ...] with the share by number "
+        "of a few classes",
+    ),
+    Absent(
+        ". grains grains.sizes grains.sizes.kind",
+        "table list psd particlesizedistribution sieve sieves histogram discrete distribution cumulative classes bins",
+        "no table of sizes is read",
+        "use grains.kinds: [{name: a, diameter: ..., share: ...}, ...], one for each class, with the share by number: "
+        "share_m/d^3 over the sum of share_m/d^3 of all classes, where share_m is the share of the mass",
+    ),
+    Absent(
+        "grains.kinds[] grains.sizes",
+        "massshare massfraction massfrac mass weight weightfraction volumeshare volumefraction fractionbymass",
+        "shares are by number, not by mass",
+        "write share: share_m/d^3 over the sum of share_m/d^3 of all kinds, where share_m is the share of the mass (of "
+        "unlike densities: share_m/(density d^3))",
+        key="share",
+    ),
+    Absent(
+        ". grains.kinds[] fill grains",
+        "layer layers layered layering",
+        "there are no layers: kinds are mixed at random",
+        "leave it out; pictures of a run colour the grains by the height at which they rested",
+    ),
+    Absent(
+        ". feed feed.kind",
+        "rate stream inflow inlet insertion insertrate insertionrate feedrate massrate massflow source pour",
+        "grains do not enter at a rate",
+        "use feed: {kind: reinject}, which puts back at the top what leaves, so that the bed keeps its height",
+    ),
+    Absent(
+        "fill fill.kind",
+        "stream rate insertrate insertionrate fillrate massrate pour pouring batch batches velocity source nozzle",
+        "a bed is not filled by a stream",
+        "use fill: {kind: rain}, or gas or planar; the outlet opens when the bed is at rest, whatever its filling",
+    ),
+    Absent(
+        "fill fill.kind",
+        "file path dump restart restartfile data positions packing packingfile initial initialstate",
+        "no positions of grains are read from a file",
+        "use fill: {kind: rain}; beds are kept and shared by all runs, and `labbook import` takes those of another lab",
+    ),
+    Absent(
+        "contact fill.contact numerics",
+        "collisiontime contacttime tc collisionduration contactduration",
+        "there is no collision time to state",
+        "write contact.normal_stiffness of the law linear: k_n = m (pi^2 + ln^2 e)/(2 t_c^2), m the mass of a grain",
+        key="normal_stiffness",
+    ),
+    Absent(
+        "contact fill.contact numerics",
+        "maxoverlap maximumoverlap wishedoverlap targetoverlap",
+        "there is no overlap to wish for",
+        "write contact.normal_stiffness, k_n = m v^2/(2 overlap^2) at an impact speed v; `labbook plan` warns of "
+        "grains too soft for their bed",
+        key="normal_stiffness",
+    ),
+    Absent(
+        "gravity",
+        "[]",
+        "gravity always acts along -z",
+        "to incline gravity, incline the walls (kind: primitives)",
+    ),
+    Absent(
+        ". container",
+        "gravitydirection gravityvector tilt tiltangle inclination",
+        "gravity always acts along -z",
+        "incline the walls instead (kind: primitives)",
+    ),
+    Absent(
+        "contact.rolling_model fill.contact.rolling_model",
+        "epsd2 epsd3",
+        "there is no epsd2, whose spring is k_r = k_t R^2 and which has no dashpot",
+        "use epsd with its own spring, 2.25 k_n mu_r^2 R^2 (rolling_stiffness), and its dashpot (rolling_damping): "
+        "without a dashpot beds rest late or never",
+    ),
+    Absent(
+        "grains.shape",
+        "clump clumps multisphere polyhedron polyhedra superquadric superellipsoid ellipsoid cylinder cylinders cube "
+        "cubes tetrahedron disk disc bondedsphere",
+        "there are no grains of this shape",
+        "use spherocylinder for long grains, or sphere with rolling_friction for angular ones",
+    ),
+    Absent(
+        "grains",
+        "clump clumps spheres multisphere template templates",
+        "grains are not put together from spheres",
+        "use shape: spherocylinder for long grains, or sphere with rolling_friction for angular ones",
+    ),
+    Absent(
+        "measure",
+        "wallforce wallforces wallstress wallpressure pressure force forces torque",
+        "forces on walls are not measured",
+        "use contact_stress, the stress within the bed",
+    ),
+    Absent(
+        "measure",
+        "clogging clog clogged avalanche avalanches avalanchesize arch arches jamming",
+        "clogs are not measured",
+        "leave it out: a run that clogs ends so, which `labbook runs` and reports show with the mass discharged",
+    ),
+    Absent(
+        "measure",
+        "segregation composition mixing massbykind kinds species",
+        "the kinds of the grains that leave are not measured",
+        "use record, whose frames have the kind of every grain (`labbook export`)",
+    ),
+    Absent(
+        "measure",
+        "residencetime residence tracer tracers age",
+        "residence times are not measured",
+        "use record, whose frames have every grain by its number (`labbook export`)",
+    ),
+    Absent(
+        "measure",
+        "profile profiles velocityprofile velocity density field fields",
+        "there is no profile of the whole bed",
+        "use outlet_profiles or orifice, for profiles at the outlet, or record, for maps",
+    ),
+)
+"""What people write who come from other codes. The first row that has a word at its place counts."""
+
+
+def absent(section: str, word: str) -> Absent | None:
+    """The row for `word`, an unknown key within the dotted `section`, or an unknown value of the key `section`."""
+    place = re.sub(r"\[\d+\]", "[]", section) or "."
+    place = re.sub(r"^(walls|reference)\.[^.[]+", r"\1.*", place)
+    return _rows().get((place, plain(word)))
+
+
+def plain(word: str) -> str:
+    """As the table has it: in small letters and digits."""
+    return word if word == "[]" else re.sub(r"[^a-z0-9]", "", word.lower())
+
+
+@lru_cache(maxsize=1)
+def _rows() -> dict[tuple[str, str], Absent]:
+    rows: dict[tuple[str, str], Absent] = {}
+    for row in TABLE:
+        for place in row.at.split():
+            for word in row.words.split():
+                rows.setdefault((place, word), row)
+    return rows
