@@ -13,7 +13,7 @@ from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.folder import stamp
 from labbook.lab.identity import Filling
-from labbook.lab.records import Ledger, Measure, Record, StoredBackend, Unreadable, Whole
+from labbook.lab.records import Ledger, Measure, Record, StoredBackend, Text, Unreadable, Whole
 from labbook.lab.tables import MOST, read_table
 from labbook.scene import Bodies, Scene, Spheres
 from labbook.scene.packing import Packing
@@ -32,7 +32,7 @@ class PackingRecord(Record):
 
     format: Literal[1] = 1
     packing_key: Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
-    closed_key: str
+    closed_key: Text
     backend: StoredBackend
     cache_version: Whole
     scene: Scene

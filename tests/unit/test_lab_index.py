@@ -125,7 +125,7 @@ def test_the_version_is_told():
 def test_what_files_say_does_not_steer_the_terminal(lab, tmp_path):
     victim = sorted((lab / "runs").iterdir())[0]
     record = json.loads(unsealed((victim / "run.json").read_text()))
-    record |= {"label": "here \x1b[31m\x07\u202e", "study": "\x1b]0;title\x07", "finished": "\x9b1m"}
+    record |= {"label": "here \x1b[31m\x07\u202e", "finished": "\x9b1m"}
     (victim / "run.json").write_text(json.dumps(record))
     (lab / "work" / "\x1b[2J").mkdir(parents=True)
     (lab / "runs" / "\x1b[8m").mkdir()
