@@ -33,7 +33,7 @@ from labbook.lab.database import (
 )
 from labbook.lab.evaluations import derive, expected, finite
 from labbook.lab.folder import Lab, LabError, folders, is_beside, make_folder, remove, stamp
-from labbook.lab.packings import PackingRecord, read_packing
+from labbook.lab.packings import PackingRecord, is_sealed, read_packing, seal
 from labbook.lab.records import UNREADABLE, Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
 from labbook.lab.suspect import suspicion
@@ -83,6 +83,8 @@ class Index:
             self.found.aside = self._put_aside()
             self._open()
         self._mend()
+        if again:
+            self._seal_packings()
         if again or not self._is_of_this_version():
             self._build(again, tick)
         self._sync(tick)
@@ -129,6 +131,16 @@ class Index:
                 finally:
                     self._engine = old
                 exchange(self._engine, self.lab)
+
+    def _seal_packings(self) -> None:
+        """Give packings from before there were seals of arrays one. Where that cannot be, they stay as they are."""
+        for key in folders(self.lab.packings):
+            with suppress(OSError):
+                if not is_sealed(self.lab.packing(key)) and (claim := self.lab.claim(key)):
+                    try:
+                        seal(self.lab.packing(key))
+                    finally:
+                        claim.release()
 
     def _put_aside(self) -> Path:
         path = self.lab.catalogue
