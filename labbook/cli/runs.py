@@ -48,7 +48,7 @@ def register(app: typer.Typer) -> None:
         total = sum(catalogue.counts().values())  # before anything is printed: the index may be damaged
         _show(found)
         if len(found) < total:
-            typer.echo(f"{len(found)} of {total} runs shown")
+            say(f"{len(found)} of {total} runs shown")
         if changed:
             say(
                 f"{len(changed)} of these changed since they were indexed, such as {sorted(changed)[0]}; index them "
@@ -105,8 +105,6 @@ def _show(found) -> None:
         if row.suspect:
             suspects.append(f"{row.run_key[:10]} is suspect: {row.suspect}")
     console = screen(highlight=False)
-    if not console.is_terminal:
-        console = screen(highlight=False, width=200)
     console.print(table)
     for problem in problems:
         console.print(problem, style="red", markup=False)
