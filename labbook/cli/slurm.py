@@ -1,6 +1,5 @@
 """`labbook slurm`: a study as a job array of Slurm."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -91,7 +90,7 @@ def register(app: typer.Typer) -> None:
                 options=options or (),
             )
             if not submit:
-                typer.echo(os.fsencode(array.script()), nl=False)  # names of folders stay as they are
+                typer.echo(array.script().encode("utf-8", "surrogateescape"), nl=False)  # folders keep their names
                 return
             job, after = hand_in(array)
         except (BackendMissing, ValueError, SlurmFailed) as problem:

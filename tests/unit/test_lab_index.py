@@ -252,6 +252,27 @@ def test_numbers_are_derived_again_when_a_measure_or_the_window_changes(lab, tmp
     assert list(newest[newest.version == 99].value) == list(after[after.window_start == 0.3].value)
 
 
+def test_two_studies_of_one_name_are_told_apart(lab, tmp_path):
+    shown = labbook_said(lab)
+    assert "scene" not in shown
+    path = study_file(tmp_path)
+    path.write_text(path.read_text().replace("friction: 0.5", "friction: 0.4"))
+    carry_out(labbook.load(path), lab)
+    found = Catalogue(lab).runs()
+    assert found.groupby(["label", "seed"]).size().tolist() == [2] * 4
+    shown = labbook_said(lab)
+    for row in found.itertuples(index=False):
+        (line,) = [line for line in shown.splitlines() if line.strip().startswith(row.run_key[:10])]
+        assert f"{row.label} (scene {row.scene_key[:6]})" in line
+    assert "Runs of different studies with one name (toy-study)" in shown
+
+
+def labbook_said(lab) -> str:
+    code, out = cli("runs", "--lab", lab)
+    assert code == 0
+    return out
+
+
 def test_a_run_is_shown_by_the_beginning_of_its_key(lab):
     key = sorted((lab / "runs").iterdir())[0].name
     code, out = cli("show", key[:8], "--lab", lab, "--json")
