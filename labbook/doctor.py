@@ -8,7 +8,18 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from labbook import __version__
-from labbook.backend import Backend, BackendMissing, Device, Generates, Survey, Surveys, installed, load, machine
+from labbook.backend import (
+    Backend,
+    BackendMissing,
+    Device,
+    Generates,
+    Survey,
+    Surveys,
+    Unsupported,
+    installed,
+    load,
+    machine,
+)
 from labbook.backend.numerics import Numerics
 from labbook.plugins import extensions
 from labbook.run.demand import PointDemand
@@ -92,7 +103,7 @@ def examine(say: Callable[[str], None] = lambda _: None) -> Examination:
 
 
 def _reason(error: Exception) -> str:
-    return str(error) if isinstance(error, BackendMissing) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, BackendMissing | Unsupported) else f"{type(error).__name__}: {error}"
 
 
 def _what(device: Device) -> str:

@@ -2,11 +2,13 @@
 
 import hashlib
 import importlib.util
+import logging
 import os
+import secrets
 import sys
-import tempfile
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +16,7 @@ from typing import ParamSpec, TypeVar
 
 Arguments = ParamSpec("Arguments")
 Made = TypeVar("Made")
+LOG = logging.getLogger("labbook")
 _making = threading.RLock()
 
 
@@ -46,32 +49,54 @@ def alone(make: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
 
 
 def load(name: str, text: str, folder: Path) -> ModuleType:
-    """Import module `name` from `folder`; written there, by a rename, if it is missing.
+    """Import module `name`, whose source is `text`; it is kept in `folder`, where compilers look for it.
 
-    A module is imported once, also where two callers have missed it in a cache of theirs: importing it again would
-    register its kernels with the compiler a second time, in place of those that the first caller may be launching.
+    What is executed is `text`, whatever is on the disk: a file there that has another content is damaged, as after a
+    power failure, and is written again. A module is imported once, also where two callers have missed it in a cache of
+    theirs: importing it again would register its kernels with the compiler a second time, in place of those that the
+    first caller may be launching.
     """
     path = folder / f"{name}.py"
     known = sys.modules.get(name)
     if known is not None and known.__file__ == str(path):
         return known
-    if not path.exists():
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".part", delete=False, encoding="utf-8") as file:
-                file.write(text)
-            os.replace(file.name, path)
-        except OSError as error:
-            why = f"{error.strerror} (compiled code is kept there; let LABBOOK_CACHE name another folder)"
-            raise OSError(error.errno, why, str(folder)) from error
+    try:
+        _keep(path, text.encode())
+    except OSError as error:
+        why = f"{error.strerror} (compiled code is kept there; let LABBOOK_CACHE name another folder)"
+        raise OSError(error.errno, why, str(folder)) from error
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
+        exec(compile(text, str(path), "exec", dont_inherit=True), vars(module))
     except BaseException:
         del sys.modules[name]
         raise
     return module
+
+
+def _keep(path: Path, content: bytes) -> None:
+    try:
+        if path.read_bytes() == content:
+            return
+        LOG.warning("%s: generated source is damaged: it is written again", path)
+    except FileNotFoundError:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write(path, content)
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file of the cache by a rename: readers, also after a power failure, see the old content or the new."""
+    part = path.with_name(f"{path.name}.{secrets.token_hex(6)}.part")
+    try:
+        with open(part, "xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(part)
+        raise

@@ -35,9 +35,16 @@ class Backend:
     def open(self, spec: Spec, slots: int | None = None, device: str = "cpu"):
         """An ensemble that steps `slots` members at a time (None: one a core).
 
-        Raises Unsupported for a device other than `cpu`.
+        Raises Unsupported for a device other than `cpu`, and where Numba is switched off.
         """
+        from numba import config
+
         from labbook.backend.machine import cores
+
+        if getattr(config, "DISABLE_JIT", 0):
+            remedy = "unset it, or use --backend reference, which is slow"
+            raise Unsupported("NUMBA_DISABLE_JIT", f"the backend numba is switched off by this variable; {remedy}")
+
         from labbook_numba import compiling
         from labbook_numba.build import kernels
         from labbook_numba.ensemble import Ensemble

@@ -12,6 +12,7 @@ from math import sqrt
 import numpy as np
 from numba import float32, float64, int64, njit, uint64
 
+from labbook_numba.code_cache import cached
 from labbook_numba.lanes import eight_at, put, put_row, row_at, spread, square
 from labbook_numba.meeting import arrive, arrived, give_way
 from labbook_numba.rows import add_rows, add_two_rows, columns, put_rows, rows, rows_at
@@ -23,7 +24,7 @@ from labbook_numba.vector import vec3d, vec3f
 FAST = {fast}
 func = njit(forceinline=True, fastmath=FAST, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 kernel = njit(fastmath=FAST, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-entry = njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", no_cfunc_wrapper=True)
+entry = cached(nogil=True, fastmath=FAST, error_model="numpy", no_cfunc_wrapper=True)
 real = {real}
 wide = float64
 vec3 = {vec3}

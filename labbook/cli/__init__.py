@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from labbook import __version__
 from labbook.cli.options import fail, told
+from labbook.cli.screen import say, show_anywhere
 
 _ALLOCATED = 10_000
 """Objects that are made between two looks for garbage."""
@@ -47,6 +48,11 @@ VERBS = (
 class Verbs(TyperGroup):
     """All verbs; what goes wrong with files and folders ends each of them in one line, as `told` has it."""
 
+    def main(self, *args, **kwargs):
+        """Carry out a command line, whatever characters the terminal has."""
+        show_anywhere()
+        return super().main(*args, **kwargs)
+
     def invoke(self, ctx):
         """Carry out the verb that was asked for."""
         try:
@@ -60,7 +66,7 @@ class Verbs(TyperGroup):
 
 def _show_version(asked: bool) -> None:
     if asked:
-        typer.echo(f"labbook {__version__}")
+        say(f"labbook {__version__}")
         raise typer.Exit()
 
 
@@ -97,6 +103,7 @@ def build() -> typer.Typer:
 
 def main() -> None:
     """Entry point of the `labbook` command."""
+    show_anywhere()
     # points and runs live as long as the process: to look through them for garbage so often takes a sixth of a plan
     gc.set_threshold(_ALLOCATED, *gc.get_threshold()[1:])
     build()()

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from labbook.cli.screen import saying
+from labbook.cli.screen import saying, screen
 
 
 def register(app: typer.Typer) -> None:
@@ -89,7 +89,6 @@ def register(app: typer.Typer) -> None:
 
 
 def _show_speed(result) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("case", "grains", "precision", "million grain-steps/s/core", "range")
@@ -97,7 +96,7 @@ def _show_speed(result) -> None:
         table.add_row(
             rate.case, str(rate.grains), rate.precision, f"{rate.median:.1f}", f"{rate.low:.1f}-{rate.high:.1f}"
         )
-    console = Console()
+    console = screen()
     console.print(f"backend {result.backend} on {result.hardware['processor']}, {result.hardware['cores']} cores")
     console.print(table)
     large = f"one large scene on all cores: {result.large:.2f} times the speed of one thread; " if result.large else ""
@@ -108,14 +107,13 @@ def _show_speed(result) -> None:
 
 
 def _show_skips(result) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("put back", "relative time", "range", "state")
     for one in result.saved:
         state = "bitwise equal" if one.same else f"within {one.difference:.0e} d"
         table.add_row(one.name, f"{one.times:.2f}", f"{one.low:.2f}-{one.high:.2f}", state)
-    console = Console()
+    console = screen()
     console.print(
         f"backend {result.backend}, {result.precision}, {result.device} on {result.hardware['processor']}; "
         f"{'' if result.scenes == 1 else f'{result.scenes} times '}{result.grains} grains of Fan's hopper"
@@ -124,10 +122,9 @@ def _show_skips(result) -> None:
 
 
 def _show_accuracy(result) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    console = screen()
     console.print(f"backend {result.backend} on {result.hardware['processor']}; errors relative to the impact speed")
     at = [n for n in (20, 40, 160) if n in result.contacts[0].steps]
     table = Table("impact", "law", "precision", *(f"t_c/{n}" for n in at), "order")

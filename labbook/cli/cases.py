@@ -5,12 +5,14 @@ from typing import Annotated, Any
 
 import typer
 
+from labbook.cli.screen import say
+
 Names = Annotated[list[str] | None, typer.Argument(help="Names of cases, or how they begin; none: all cases.")]
 Tried = Annotated[str, typer.Option("--backend", help="Backend to test.")]
 Precision = Annotated[str, typer.Option("--precision", help="Precision to test.")]
 On = Annotated[str, typer.Option("--device", help="Device to test on.")]
 Listed = Annotated[bool, typer.Option("--list", help="List the cases and what they check; run nothing.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, when all cases have ended.")]
 
 
 def asked(verb: str, chosen: Callable[[list[str]], Sequence[Any]], names: list[str] | None, quick: bool) -> list:
@@ -18,5 +20,5 @@ def asked(verb: str, chosen: Callable[[list[str]], Sequence[Any]], names: list[s
     try:
         return [case for case in chosen(names or []) if not (quick and case.slow)]
     except KeyError as name:
-        typer.echo(f"no case is called {name.args[0]}; labbook {verb} --list shows them", err=True)
+        say(f"no case is called {name.args[0]}; labbook {verb} --list shows them", err=True)
         raise typer.Exit(2) from None

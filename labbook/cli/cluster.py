@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from labbook.cli.options import fail
+from labbook.cli.screen import say
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -125,11 +126,11 @@ def _serve(made: "Callable[[], Any]") -> None:
     except (OSError, RuntimeError) as problem:
         fail(f"the cluster does not start: {problem}")
     try:
-        typer.echo(f"Scheduler: {cluster.scheduler_address}")
-        typer.echo(f"In another terminal: labbook run STUDY --cluster {cluster.scheduler_address}")
+        say(f"Scheduler: {cluster.scheduler_address}")
+        say(f"In another terminal: labbook run STUDY --cluster {cluster.scheduler_address}")
         while True:
             time.sleep(1)
     except KeyboardInterrupt:
-        typer.echo("Ended")
+        say("Ended")
     finally:
         cluster.close()

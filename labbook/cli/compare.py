@@ -1,6 +1,5 @@
 """`labbook compare`: two backends on the same study."""
 
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -111,13 +110,13 @@ def _made(asked, lab, sides, margin, replicates, points: list[int], seconds: flo
         fail(problem)
     except Stopped as stopped:
         with suppress(OSError):
-            typer.echo(f"Stopped early; everything is saved: {GO_ON}", err=True)
+            say(f"Stopped early; everything is saved: {GO_ON}", err=True)
         if stopped.left_behind:
             leave(STOPPED)
         raise typer.Exit(STOPPED) from None
     except KeyboardInterrupt:
         with suppress(OSError):
-            typer.echo(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
+            say(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
         leave(STOPPED)
     return verdict, failed
 
@@ -134,7 +133,7 @@ def _tell(verdict: "Verdict", asked, folder: Path, as_json: bool) -> None:
         plain = {"finding": verdict.finding, "stale": reasons, **verdict.model_dump(mode="json")}
         typer.echo(json.dumps(plain, indent=2, allow_nan=False))
         return
-    console = screen(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console = screen(highlight=False)
     console.print(f"[bold]{verdict.study}[/bold], compared {verdict.made}")
     for reason in reasons:
         console.print(f"STALE: {reason}", style="red", markup=False)

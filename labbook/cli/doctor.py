@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from labbook.cli.options import BACKEND, Backend, fail, read_study
-from labbook.cli.screen import saying
+from labbook.cli.screen import saying, screen
 
 if TYPE_CHECKING:
     from labbook.lab.disk import Check
@@ -83,8 +83,6 @@ def _show_checks(lab: Path, checks: "list[Check]") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from labbook.cli.screen import screen
-
     shown = Table("test", "works", "note", title=escape(str(lab)), title_justify="left")
     for check in checks:
         style = None if check.works else "bold red"
@@ -105,11 +103,10 @@ def _kernel(study: Path, point: int, backend: str) -> str:
 
 
 def _show(found) -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console()
+    console = screen()
     console.print(f"labbook {found.version}, Python {found.hardware['python']} on {found.hardware['processor']}")
     console.print(f"GPU and driver: {found.hardware['gpu'] or 'none found'}")
     for backend, versions in found.versions.items():

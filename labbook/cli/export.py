@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from labbook.cli.options import BACKEND, LAB, Backend, Lab, StudyFile, results
+from labbook.cli.screen import say, screen
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +34,6 @@ def register(app: typer.Typer) -> None:
         backend: Backend = BACKEND,
     ) -> None:
         """Write every number of a study as tables (SI units), and recorded runs as VTK files for ParaView."""
-        from rich.console import Console
 
         from labbook.export.packing import NotSpheres, check_spheres, write_packings
         from labbook.export.study import NoParquet, write_recordings
@@ -49,18 +49,18 @@ def register(app: typer.Typer) -> None:
         except NotSpheres as rods:
             raise typer.BadParameter(str(rods), param_hint="--packings") from None
         for path in paths:
-            typer.echo(path)
+            say(path)
         if packings:
             written = write_packings(found, found.lab.place, folder / "packings")
             where = (
                 f"{len(written)} files in {folder / 'packings'}" if written else "this study has no finished run yet"
             )
-            typer.echo(f"packings: {where}")
+            say(f"packings: {where}")
         if vtk:
-            with Console(stderr=True).status("writing VTK") as status:
+            with screen(stderr=True).status("writing VTK") as status:
                 recorded = write_recordings(found, folder / "vtk", status.update)
             where = f"{len(recorded)} files in {folder / 'vtk'}" if recorded else "no run of this study kept frames"
-            typer.echo(f"VTK: {where}")
+            say(f"VTK: {where}")
 
 
 def _seconds(text: str | None) -> float | None:

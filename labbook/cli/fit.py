@@ -1,7 +1,5 @@
 """`labbook fit`: what a study found, as tables."""
 
-import sys
-
 import typer
 
 from labbook.cli.options import BACKEND, LAB, AsJson, Backend, Lab, StudyFile, results
@@ -33,7 +31,7 @@ def _show(found) -> None:
     from labbook.results import display
     from labbook.results.reference import at_series
 
-    console = screen(highlight=False, width=None if sys.stdout.isatty() else 120)
+    console = screen(highlight=False)
     console.print(found.study.name, style="bold", markup=False)
     for sentence in summary(found):
         console.print(sentence, markup=False)

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from labbook.cli.screen import say
+
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
@@ -24,6 +26,6 @@ def register(app: typer.Typer) -> None:
         try:
             path = write(name, folder, kind)
         except NotWritten as error:
-            typer.echo(f"labbook new: {error}", err=True)
+            say(f"labbook new: {error}", err=True)
             raise typer.Exit(1) from None
-        typer.echo(f"Wrote {path}. Next: labbook plan {path}")
+        say(f"Wrote {path}. Next: labbook plan {path}")

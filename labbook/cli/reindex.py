@@ -41,6 +41,6 @@ def register(app: typer.Typer) -> None:
             made = Index(Folder(lab), again=True, tick=tick)
             made.close()
         found = made.found
-        typer.echo(f"{found.runs} runs and {found.packings} packings indexed")
+        say(f"{found.runs} runs and {found.packings} packings indexed")
         for problem in found.problems:
             say(f"Unreadable: {problem}", err=True)

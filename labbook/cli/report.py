@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from labbook.cli.options import BACKEND, LAB, Backend, Lab, StudyFile, results
+from labbook.cli.screen import say
 
 
 def register(app: typer.Typer) -> None:
@@ -22,4 +23,4 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Write the report of a study: one HTML file, and its figures as PNG, SVG and PDF."""
         page = results(study, lab, backend).report(out)
-        typer.echo(f"Report: {page}")
+        say(f"Report: {page}")

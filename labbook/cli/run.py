@@ -21,7 +21,7 @@ from labbook.cli.options import (
     leave,
     read_study,
 )
-from labbook.cli.screen import screen
+from labbook.cli.screen import say, screen
 
 if TYPE_CHECKING:
     from labbook.api import Lab as Place
@@ -119,13 +119,13 @@ def register(app: typer.Typer) -> None:
                 summary = place.run(asked, bar, checkpoint_every, shard, base, cluster)
         except PilotStopped:
             with suppress(OSError):
-                typer.echo(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
+                say(f"Stopped early, in the pilot; everything is saved: {GO_ON}", err=True)
             leave(STOPPED)
         except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull, ClusterFailed) as problem:
             fail(problem)
         except KeyboardInterrupt:
             with suppress(OSError):
-                typer.echo(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
+                say(f"Stopped at once; the last checkpoints are kept: {GO_ON}", err=True)
             leave(STOPPED)
         with suppress(OSError):  # the terminal is gone: all is saved, and nobody reads it
             for line in told(summary):

@@ -48,7 +48,7 @@ def register(app: typer.Typer) -> None:
         total = sum(catalogue.counts().values())  # before anything is printed: the index may be damaged
         _show(found)
         if len(found) < total:
-            typer.echo(f"{len(found)} of {total} runs shown")
+            say(f"{len(found)} of {total} runs shown")
         if changed:
             say(
                 f"{len(changed)} of these changed since they were indexed, such as {sorted(changed)[0]}; index them "
@@ -84,6 +84,8 @@ def _show(found) -> None:
         folded = heading in ("study", "point")  # the others are never cut
         table.add_column(escape(heading), justify="right" if right else "left", no_wrap=not folded, overflow="fold")
     problems, suspects = [], []
+    scenes = found.groupby(["study", "label"])["scene_key"].nunique()
+    twice = {point for point, many in scenes.items() if many > 1}
     for row in found.itertuples(index=False):
         if row.outcome == "unreadable":
             table.add_row(row.run_key[:10], "", "", "", "", "unreadable", "", "", "", style="red")
@@ -93,7 +95,7 @@ def _show(found) -> None:
         table.add_row(
             row.run_key[:10],
             escape(row.study),
-            escape(row.label),
+            escape(row.label) + (f" (scene {row.scene_key[:6]})" if (row.study, row.label) in twice else ""),
             str(int(row.seed)),
             f"{escape(row.backend)} {int(row.cache_version)}",
             f"{row.outcome}, suspect" if row.suspect else row.outcome,
@@ -105,9 +107,13 @@ def _show(found) -> None:
         if row.suspect:
             suspects.append(f"{row.run_key[:10]} is suspect: {row.suspect}")
     console = screen(highlight=False)
-    if not console.is_terminal:
-        console = screen(highlight=False, width=200)
     console.print(table)
+    if twice:
+        names = ", ".join(sorted({study for study, _ in twice}))
+        console.print(
+            f"Runs of different studies with one name ({names}): their points are told apart by the key of the scene",
+            markup=False,
+        )
     for problem in problems:
         console.print(problem, style="red", markup=False)
     for suspect in suspects:

@@ -1,5 +1,9 @@
 """What is shown on a terminal: text of files and studies, which steers nothing, tables, and progress."""
 
+import codecs
+import io
+import os
+import sys
 import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +24,58 @@ _BESIDE = 3
 """Columns of a terminal between two of a table."""
 
 
+WIDE = 10_000
+"""Columns of what is no terminal: each row of a table is one line, for grep and awk, and nothing is cut off."""
+_PLAIN = {
+    **dict.fromkeys("–—−‐‑", "-"), **dict.fromkeys("’‘′", "'"), **dict.fromkeys("“”", '"'), "±": "+-", "∞": "inf",
+    "×": "x", "·": "*", "÷": "/", "≤": "<=", "≥": ">=", "≈": "~", "≠": "!=", "⟨": "<", "⟩": ">", "…": "...", "•": "*",
+    "°": " deg", "√": "sqrt", "∫": "int", "→": "->", "←": "<-", "µ": "u", "ß": "ss", "ø": "o", "Ø": "O", "ł": "l",
+    "Ł": "L", "æ": "ae", "Æ": "AE", "\u00a0": " ", "\u2009": " ", "\u202f": " ",
+}  # fmt: skip
+_PLAINLY = "labbook-plainly"
+_RAISED = frozenset("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻")
+
+
+def show_anywhere() -> None:
+    """Let standard output and error replace what their encoding lacks (− by -, ± by +-), and never fail on it."""
+    codecs.register_error(_PLAINLY, _replacing)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_PLAINLY)
+
+
+def _replacing(error: UnicodeError) -> tuple[str, int]:
+    """An error handler of codecs (see `codecs.register_error`)."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return plain(error.object[error.start : error.end]), error.end
+
+
+def plain(text: str) -> str:
+    """Text in ASCII: signs as one types them, Greek letters by their names, others without accents, the rest as ?."""
+    found, raised = "", False
+    for one in text:
+        power = one in _RAISED
+        found += ("^" if power and not raised else "") + _plain(one)
+        raised = power
+    return found
+
+
+@lru_cache(maxsize=4096)
+def _plain(character: str) -> str:
+    if character.isascii():
+        return character
+    if character in _PLAIN:
+        return _PLAIN[character]
+    name = unicodedata.name(character, "")
+    if name.startswith("GREEK ") and " LETTER " in name and " WITH " not in name:
+        letter = name.rpartition(" LETTER ")[2].removeprefix("FINAL ").lower()
+        return letter.capitalize() if "CAPITAL" in name else letter
+    bare = "".join(one for one in unicodedata.normalize("NFKD", character) if not unicodedata.combining(one))
+    bare = bare.replace("\N{MINUS SIGN}", "-")
+    return bare if bare and bare.isascii() else "?"
+
+
 def printable(text: object) -> str:
     """Text without characters that a terminal would obey: each is shown as \N{REPLACEMENT CHARACTER}."""
     return "".join("\N{REPLACEMENT CHARACTER}" if _steers(one) else one for one in str(text))
@@ -34,18 +90,31 @@ def _steers(character: str) -> bool:
 
 def say(text: object, *, err: bool = False) -> None:
     """Print a line."""
-    typer.echo(printable(text), err=err)
+    stream = sys.stderr if err else sys.stdout
+    typer.echo(encodable(printable(text), getattr(stream, "encoding", None) or "utf-8"), err=err)
 
 
 def screen(**options: Any):
-    """A console of rich that prints all text as `printable` has it. `options`: its own."""
+    """A console of rich that prints all text as `printable` has it, in lines that are not broken where it is no
+    terminal, unless COLUMNS says otherwise. `options`: its own."""
     from rich.console import Console
 
     class Screen(Console):
         def render_str(self, text: str, **how: Any):
-            return super().render_str(printable(text), **how)
+            return super().render_str(encodable(printable(text), self.encoding), **how)
 
-    return Screen(**options)
+    made = Screen(**options)
+    if "width" not in options and not made.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
+        made.width = WIDE
+    return made
+
+
+def encodable(text: str, encoding: str) -> str:
+    """Text with what an encoding lacks replaced, before columns are measured by it."""
+    try:
+        return text.encode(encoding, _PLAINLY).decode(encoding)
+    except LookupError:  # no such encoding, or `show_anywhere` was not asked for
+        return text
 
 
 @contextmanager
@@ -54,21 +123,19 @@ def saying(what: str) -> Iterator[Callable[[str], None]]:
     time since the beginning. Gives a function to call with the next."""
     import time
 
-    from rich.console import Console
-
     from labbook.run.progress import duration
 
-    console, begun = Console(stderr=True, markup=False), time.monotonic()
+    console, begun = screen(stderr=True, markup=False), time.monotonic()
     if console.is_terminal:
         with console.status(what) as status:
             yield status.update
         return
 
-    def say(text: str) -> None:
-        typer.echo(f"{duration(time.monotonic() - begun):>6}: {text}", err=True)
+    def step(text: str) -> None:
+        say(f"{duration(time.monotonic() - begun):>6}: {text}", err=True)
 
-    say(what)
-    yield say
+    step(what)
+    yield step
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from labbook.cli.options import BACKEND, LAB, Lab, RunsOn, StudyFile, fail, read_study
+from labbook.cli.screen import say
 
 Tasks = Annotated[
     int, typer.Option("--tasks", help="Number of tasks of the array; each runs a part of the study.", min=1)
@@ -89,9 +90,9 @@ def register(app: typer.Typer) -> None:
                 options=options or (),
             )
             if not submit:
-                typer.echo(array.script(), nl=False)
+                typer.echo(array.script().encode("utf-8", "surrogateescape"), nl=False)  # folders keep their names
                 return
             job, after = hand_in(array)
         except (BackendMissing, ValueError, SlurmFailed) as problem:
             fail(problem)
-        typer.echo(f"Job {job}: {tasks} tasks; job {after} imports them into {lab} when all have ended")
+        say(f"Job {job}: {tasks} tasks; job {after} imports them into {lab} when all have ended")

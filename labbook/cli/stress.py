@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from labbook.cli.cases import AsJson, Listed, Names, On, Precision, Tried, asked
+from labbook.cli.screen import screen
 
 
 def register(app: typer.Typer) -> None:
@@ -30,6 +31,6 @@ def register(app: typer.Typer) -> None:
 
         cases = asked("stress", chosen, names, quick)
         if list_:
-            list_cases(cases, json)
-        elif not run_cases(cases, Bench(backend, precision, device), json):
+            list_cases(cases, json, screen())
+        elif not run_cases(cases, Bench(backend, precision, device), json, screen(highlight=False)):
             raise typer.Exit(1)

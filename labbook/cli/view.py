@@ -41,10 +41,10 @@ def register(app: typer.Typer) -> None:
         try:
             recordings = _recordings(target, point, lab, backend)
             for path in recordings:
-                typer.echo(f"Recording: {path}")
+                say(f"Recording: {path}")
             if screenshot is not None:
                 photograph(recordings[0], screenshot)
-                typer.echo(f"Picture: {screenshot}")
+                say(f"Picture: {screenshot}")
             elif open_viewer:
                 show(recordings)
         except (NoCatalogue, Unreadable, NotRecorded, ViewerMissing, ViewerFailed) as error:

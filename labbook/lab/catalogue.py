@@ -167,10 +167,11 @@ class Catalogue:
         """Runs, the latest first: key, study, point, seed, backend, outcome, how far, speed, size.
 
         Columns: run_key, study, label, seed, backend, cache_version, outcome, grains, discharged, duration
-        [s], wall_time [s], rate [grain-steps/s], finished, device, bytes, problem, suspect (why it is; else empty).
+        [s], wall_time [s], rate [grain-steps/s], finished, device, bytes, problem, suspect (why it is; else empty),
+        scene_key (of a run that can be read; points of one name differ by it if two studies have the same name).
         outcome: only those that ended so, or those that are SUSPECT.
         """
-        query = select(*(runs.c[name].label(name) for name in RUN_COLUMNS)).order_by(
+        query = select(*(runs.c[name].label(name) for name in (*RUN_COLUMNS, "scene_key"))).order_by(
             runs.c.finished.desc().nulls_last(), runs.c.run_key
         )
         if study is not None:

@@ -21,6 +21,7 @@ from sqlalchemy import (
     Engine,
     Float,
     Index,
+    Inspector,
     Integer,
     MetaData,
     Row,
@@ -31,17 +32,18 @@ from sqlalchemy import (
     create_engine,
     event,
     func,
+    inspect,
     select,
     text,
 )
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import DatabaseError
+from sqlalchemy.exc import DatabaseError, DataError, IntegrityError, InterfaceError, ProgrammingError
 from sqlalchemy.pool import QueuePool
-from sqlalchemy.schema import CreateTable
+from sqlalchemy.schema import CreateSchema, CreateTable, DropSchema
 from sqlalchemy.sql import Executable
 
 from labbook.lab import server
-from labbook.lab.folder import DiskFull, Lab, LabError, file_system, is_network
+from labbook.lab.folder import DiskFull, Lab, LabError, file_system, is_network, remove
 from labbook.lab.server import BUSY
 
 SCHEMA_VERSION = 5
@@ -152,6 +154,10 @@ class NoCatalogue(LabError):
         super().__init__(f"{where} {what}; make it again: labbook reindex --lab {lab.folder}")
 
 
+class NotStored(Exception):
+    """A row that the database does not take; the message says why."""
+
+
 def opened(lab: Lab, *, read_only: bool) -> Engine:
     """An SQLAlchemy engine for the index of a lab, wherever that is. Raises LabError."""
     place = server.address(lab)
@@ -172,7 +178,7 @@ def connect(path: Path, *, read_only: bool) -> Engine:
     mode = "ro" if read_only else "rwc"
     if read_only and not os.access(path.parent, os.W_OK) and not path.with_name(f"{path.name}-wal").exists():
         mode += "&immutable=1"
-    uri = f"file:{quote(str(path.resolve()))}?mode={mode}"
+    uri = f"{_uri(path)}?mode={mode}"
     engine = create_engine(
         "sqlite://",
         creator=lambda: sqlite3.connect(uri, uri=True, timeout=BUSY, isolation_level=None, check_same_thread=False),
@@ -186,6 +192,17 @@ def connect(path: Path, *, read_only: bool) -> Engine:
             connection.execute(f"PRAGMA synchronous={'NORMAL' if kept == 'wal' else 'FULL'}")
 
     return engine
+
+
+def _uri(path: Path) -> str:
+    """The address of a file by SQLite's rules; its path may have bytes that are no characters."""
+    return f"file:{quote(os.fsencode(path.resolve()))}"
+
+
+def remove_file(path: Path) -> None:
+    """Remove an SQLite file with its log."""
+    for suffix in ("", "-wal", "-shm"):
+        remove(path.with_name(path.name + suffix))
 
 
 def keep_journal(connection: sqlite3.Connection, path: Path) -> str:
@@ -249,6 +266,17 @@ def unusable(lab: Lab, error: DatabaseError) -> LabError:
 
 
 @contextmanager
+def storing() -> Iterator[None]:
+    """Within a transaction: an error that the values of a row cause is raised as NotStored."""
+    try:
+        yield
+    except (DataError, IntegrityError, InterfaceError, ProgrammingError) as error:
+        raise NotStored(server.why(error)) from error
+    except (OverflowError, UnicodeError) as error:  # a number that does not fit, half a character
+        raise NotStored(str(error)) from error
+
+
+@contextmanager
 def asking(engine: Engine, lab: Lab) -> Iterator[Connection]:
     """A connection to the index of a lab. Raises LabError."""
     try:
@@ -269,6 +297,93 @@ def writing(engine: Engine, lab: Lab) -> Iterator[Connection]:
         connection.execute(text(_ALONE if on_server(engine) else "BEGIN IMMEDIATE"))
         yield connection
         connection.commit()
+
+
+def make_tables(connection: Connection) -> None:
+    """Make the tables of an index, which has none."""
+    metadata.create_all(connection)
+    connection.execute(about.insert().values(schema_version=SCHEMA_VERSION))
+
+
+@contextmanager
+def beside(lab: Lab) -> Iterator[Engine]:
+    """A second, empty index of a lab, which nobody looks at; it is gone afterwards. One process at a time may have
+    it. Raises LabError."""
+    place, path = server.address(lab), _path_beside(lab)
+    if place is None:
+        remove_file(path)  # left by a process that was killed
+        engine = connect(path, read_only=False)
+    else:
+        engine = server.engine(place.beside)
+    try:
+        with writing(engine, lab) as connection:
+            if place is not None:
+                connection.execute(DropSchema(place.beside.schema, cascade=True, if_exists=True))
+                connection.execute(CreateSchema(place.beside.schema))
+            make_tables(connection)
+        yield engine
+    finally:
+        engine.dispose()
+        if place is None:
+            remove_file(path)
+
+
+def _path_beside(lab: Lab) -> Path:
+    return lab.catalogue.with_name(f"{lab.catalogue.name}.new")
+
+
+def exchange(engine: Engine, lab: Lab) -> None:
+    """Put the index that was built `beside` in place of that of a lab, in one transaction. Rows that only the old one
+    has are kept: they may be of runs that ended meanwhile. Raises LabError."""
+    if on_server(engine):
+        with writing(engine, lab) as connection:
+            place = server.address(lab)
+            assert place is not None
+            connection.execute(CreateSchema(place.schema, if_not_exists=True))
+            _exchange(connection, place.schema, place.beside.schema)
+            connection.execute(DropSchema(place.beside.schema, cascade=True))
+        return
+    with asking(engine, lab) as connection:
+        connection.execute(text("ATTACH DATABASE :built AS built"), {"built": _uri(_path_beside(lab))})
+        try:
+            connection.execute(text("BEGIN IMMEDIATE"))
+            _exchange(connection, "main", "built")
+            connection.commit()
+        finally:
+            connection.rollback()
+            connection.execute(text("DETACH DATABASE built"))
+
+
+def _exchange(connection: Connection, old: str, new: str) -> None:
+    """`old` and `new`: names of the schemas whose tables are to change places."""
+    names = {table.name: ", ".join(f'"{column.name}"' for column in table.columns) for table in metadata.sorted_tables}
+    there = inspect(connection)
+    if all(_has(there, table) for table in metadata.sorted_tables):
+        for table, key, owner in (
+            (measurements, "run_key", runs),  # before the runs that tell which of them are known
+            (runs, "run_key", runs),
+            (packings, "packing_key", packings),
+        ):
+            listed, known = names[table.name], f'SELECT {key} FROM "{new}".{owner.name}'
+            only = f'SELECT {listed} FROM "{old}".{table.name} WHERE {key} NOT IN ({known})'
+            connection.execute(text(f'INSERT INTO "{new}".{table.name} ({listed}) {only}'))
+    for name in there.get_table_names():
+        connection.execute(text(f'DROP TABLE "{old}"."{name}"'))
+    if on_server(connection):
+        for name in names:
+            connection.execute(text(f'ALTER TABLE "{new}".{name} SET SCHEMA "{old}"'))
+        return
+    make_tables(connection)
+    for name, listed in names.items():
+        if name != about.name:
+            connection.execute(text(f'INSERT INTO "{old}".{name} ({listed}) SELECT {listed} FROM "{new}".{name}'))
+
+
+def _has(there: Inspector, table: Table) -> bool:
+    """Whether a table is there, with all its columns."""
+    if not there.has_table(table.name):
+        return False
+    return {column.name for column in table.columns} == {column["name"] for column in there.get_columns(table.name)}
 
 
 def empty() -> Engine:

@@ -14,6 +14,7 @@
 | lab/live/ID.json          | where a process that works on a study stands just now                    |
 | lab/live/ID.lock          | held by that process                                                     |
 | lab/catalogue.db          | an index of runs, packings and measured numbers, which can be made again |
+| lab/catalogue.db.new      | the next one, while it is made                                           |
 | lab/catalogue.url         | in place of it: where the index is, if that is on a server               |
 """
 
@@ -37,6 +38,7 @@ EVALUATION = "measured-"
 """How files begin that hold what was evaluated of a run: they can be made again from the others."""
 PICTURE = "picture.png"
 """The file of a run that shows its bed: nothing is measured in it, and a run without it is whole."""
+LINK = "it is a link, or lies in one; labbook follows no links within a lab"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 _NETWORK = frozenset(
@@ -257,7 +259,7 @@ class Lab:
         _sync_tree(made)
         sync_folder(work)
         make_folder(place.parent)
-        if place.exists():
+        if os.path.lexists(place):
             replaced = work / "replaced"
             remove(replaced)  # left by a process that was killed after it had put its own folder in place
             os.rename(place, replaced)
@@ -307,9 +309,11 @@ class Listed:
 
 
 def folders(parent: Path) -> list[str]:
-    """Names of the folders in `parent`, in their order; hidden ones, which other programs put there, are left out."""
+    """Names of the folders in `parent`, and of links, in their order; hidden ones, which other programs put there, are
+    left out."""
     try:
-        return sorted(entry.name for entry in os.scandir(parent) if entry.is_dir() and not entry.name.startswith("."))
+        found = [entry for entry in os.scandir(parent) if entry.is_symlink() or entry.is_dir()]
+        return sorted(entry.name for entry in found if not entry.name.startswith("."))
     except FileNotFoundError:
         return []
 
@@ -317,9 +321,11 @@ def folders(parent: Path) -> list[str]:
 def stamp(folder: Path) -> int:
     """A number that changes when a file in `folder` comes, goes, or is written to: a hash of names, sizes and times.
 
-    What is beside a run's data is left out: it may come at any time. 0 if the folder is not there.
+    What is beside a run's data is left out: it may come at any time. 0 if the folder is not there, or is a link.
     """
     try:
+        if folder.is_symlink():
+            return 0
         entries = (entry for entry in os.scandir(folder) if not is_beside(entry.name))
         found = [(entry.name, entry.stat(follow_symlinks=False)) for entry in entries]
     except (FileNotFoundError, NotADirectoryError):
@@ -359,8 +365,12 @@ def is_network(kind: str) -> bool:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a file to read. Raises OSError, also for what is no ordinary file: reading a pipe would wait for ever."""
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    """Open a file of a lab to read. Raises OSError, also for what is no ordinary file: reading a pipe would wait for
+    ever. A file that is a link, or whose folder is one, may be any file of the user: a lab that came from elsewhere
+    could show it."""
+    if path.is_symlink() or path.parent.is_symlink():
+        raise OSError(errno.ELOOP, LINK, str(path))
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
         raise OSError(errno.EINVAL, "not an ordinary file", str(path))

@@ -2,28 +2,30 @@
 
 import os
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, delete, inspect, select, text
+from sqlalchemy import Connection, delete, select
 from sqlalchemy.exc import DatabaseError
-from sqlalchemy.schema import CreateSchema
 
 from labbook.lab.database import (
     DAMAGED,
     SCHEMA_VERSION,
-    about,
+    NotStored,
     among,
     asking,
+    beside,
+    exchange,
     measurements,
-    metadata,
     on_server,
     opened,
     packings,
+    remove_file,
     runs,
     schema_version,
+    storing,
     unusable,
     upsert,
     whole,
@@ -31,7 +33,7 @@ from labbook.lab.database import (
 )
 from labbook.lab.evaluations import derive, expected, finite
 from labbook.lab.folder import Lab, LabError, folders, is_beside, make_folder, remove, stamp
-from labbook.lab.packings import PackingRecord, read_packing
+from labbook.lab.packings import PackingRecord, is_sealed, read_packing, seal
 from labbook.lab.records import UNREADABLE, Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, run_data
 from labbook.lab.suspect import suspicion
@@ -64,9 +66,10 @@ class Indexed:
 class Index:
     """The writer's side of a catalogue.
 
-    Opening it brings the index up to date with the folders; it is made again if it is of another version, if `again`
-    says so, or if it is damaged, in which case the old file is put aside. `found` has what that gave. Raises LabError
-    if it cannot be written, or is damaged while it is in use.
+    Opening it brings the index up to date with the folders; it is made again if there is none, if it is of another
+    version, if `again` says so, or if it is damaged, in which case the old file is put aside. It is made again beside
+    the old one, which others read until the new one is whole. `found` has what that gave. Raises LabError if it cannot
+    be written, or is damaged while it is in use.
     """
 
     def __init__(self, lab: Lab, *, again: bool = False, tick: Tick | None = None):
@@ -75,10 +78,15 @@ class Index:
             raise LabError(f"{lab.folder} is a file, not a lab folder; give another one with --lab")
         make_folder(lab.folder)
         self.found = Indexed()
-        if not self._open(again):
+        self._indexed = set[str]()
+        if not self._open():
             self.found.aside = self._put_aside()
-            self._open(again=True)
+            self._open()
         self._mend()
+        if again:
+            self._seal_packings()
+        if again or not self._is_of_this_version():
+            self._build(again, tick)
         self._sync(tick)
 
     def _mend(self) -> None:
@@ -90,8 +98,8 @@ class Index:
                     lab.mend(key, place)
                     claim.release()
 
-    def _open(self, again: bool) -> bool:
-        """Open the tables, empty if they are new, old or to be made `again`; False if their file is damaged."""
+    def _open(self) -> bool:
+        """Open the tables, whatever version they are of; False if their file is damaged."""
         self._engine = opened(self.lab, read_only=False)
         path = self.lab.catalogue
         if not on_server(self._engine) and path.exists() and not path.is_file():
@@ -101,19 +109,45 @@ class Index:
             if version == DAMAGED or (version is not None and not whole(self._engine)):
                 self._engine.dispose()
                 return False
-            if again or version != SCHEMA_VERSION:
-                self._clear()
         except DatabaseError as error:
             raise unusable(self.lab, error) from error
         return True
+
+    def _is_of_this_version(self) -> bool:
+        try:
+            return schema_version(self._engine) == SCHEMA_VERSION
+        except DatabaseError as error:
+            raise unusable(self.lab, error) from error
+
+    def _build(self, again: bool, tick: Tick | None) -> None:
+        """Index all folders beside the index, then put that in its place."""
+        with self.lab.alone("index"):
+            if not again and self._is_of_this_version():  # another process has made it meanwhile
+                return
+            with beside(self.lab) as built:
+                old, self._engine = self._engine, built
+                try:
+                    self._sync(tick)
+                finally:
+                    self._engine = old
+                exchange(self._engine, self.lab)
+
+    def _seal_packings(self) -> None:
+        """Give packings from before there were seals of arrays one. Where that cannot be, they stay as they are."""
+        for key in folders(self.lab.packings):
+            with suppress(OSError):
+                if not is_sealed(self.lab.packing(key)) and (claim := self.lab.claim(key)):
+                    try:
+                        seal(self.lab.packing(key))
+                    finally:
+                        claim.release()
 
     def _put_aside(self) -> Path:
         path = self.lab.catalogue
         aside = path.with_name(f"{path.name}.damaged")
         remove(aside)
         path.rename(aside)
-        for suffix in ("-wal", "-shm"):
-            remove(path.with_name(path.name + suffix))
+        remove_file(path)
         return aside
 
     def close(self) -> None:
@@ -128,10 +162,16 @@ class Index:
     def put_run(self, folder: Path, found: RunRows) -> str | None:
         """The same with what `run_rows` found in the folder."""
         row, rows = found
-        with self._transaction() as connection:
-            _replace_run(connection, row, rows)
-        self._tell(folder, row["problem"])
-        return row["problem"]
+        problem = row["problem"]
+        try:
+            with self._transaction() as connection, storing():
+                _replace_run(connection, row, rows)
+        except NotStored as why:
+            problem = f"{folder / RunRecord.FILE}: it cannot be indexed: {why}"
+            with suppress(NotStored), self._transaction() as connection, storing():  # not even its name can be kept
+                _replace_run(connection, _blank_row(folder, row["stamp"], problem), [])
+        self._tell(folder, problem)
+        return problem
 
     def add_packing(self, folder: Path) -> str | None:
         """Index one packing folder, and the runs that could not be read for want of it. Why it cannot be read, or
@@ -140,15 +180,27 @@ class Index:
 
     def put_packing(self, folder: Path, row: dict[str, Any]) -> str | None:
         """The same with what `packing_row` found in the folder."""
-        with self._transaction() as connection:
-            upsert(connection, packings, [row])
-        self._tell(folder, row["problem"])
-        if not row["problem"]:
+        problem = self._store_packing(folder, row)
+        self._tell(folder, problem)
+        if not problem:
             of_it = select(runs.c.run_key).where(runs.c.packing_key == folder.name, runs.c.problem.is_not(None))
             with self._asking() as connection:
                 waiting = list(connection.scalars(of_it))
             for key in waiting:
                 self.add_run(self.lab.run(key))
+        return problem
+
+    def _store_packing(self, folder: Path, row: dict[str, Any]) -> str | None:
+        """Take the row of a packing into the index, or in its place one that says why it cannot be kept. Its problem,
+        or None."""
+        try:
+            with self._transaction() as connection, storing():
+                upsert(connection, packings, [row])
+        except NotStored as why:
+            problem = f"{folder / PackingRecord.FILE}: it cannot be indexed: {why}"
+            with suppress(NotStored), self._transaction() as connection, storing():
+                upsert(connection, packings, [_blank_packing(folder, row["stamp"]) | {"problem": _kept(problem)}])
+            return problem
         return row["problem"]
 
     def problem(self, folder: Path) -> str | None:
@@ -181,13 +233,10 @@ class Index:
             try:
                 record = RunRecord.read(folder)
                 rows = derive(folder, observe, lambda folder=folder, record=record: run_data(folder, record))
-            except Unreadable as problem:
-                with self._transaction() as connection:
-                    _replace_run(connection, unreadable_row(folder, seen, problem), [])
-                self.note(folder, str(problem))
-                continue
-            with self._transaction() as connection:
-                upsert(connection, measurements, rows)
+                with self._transaction() as connection, storing():
+                    upsert(connection, measurements, rows)
+            except (Unreadable, NotStored) as problem:
+                self.put_run(folder, (unreadable_row(folder, seen, problem), []))
         return done
 
     def _measured(self, run_keys: list[str]) -> dict[str, set[tuple[Any, ...]]]:
@@ -216,14 +265,14 @@ class Index:
                 self.note(self.lab.run(row.run_key), row.problem)
         for at, key in enumerate(new, 1):
             self.add_run(self.lab.run(key))
-            found.runs += 1
+            self._indexed.add(key)
             if tick:
                 tick(at, len(new))
         gone = [key for key in known if key not in there]
         with self._transaction() as connection:
             for key in gone:
                 _forget(connection, key)
-        found.gone = len(gone)
+        found.gone, found.runs = len(gone), len(self._indexed)
 
     def _sync_packings(self) -> set[str]:
         """The same of packings; the keys of those that changed or are gone."""
@@ -234,28 +283,19 @@ class Index:
         known = {row.packing_key: row.stamp for row in found}
         new = {key for key, stamp in there.items() if known.get(key) != stamp}
         rows = [packing_row(self.lab.packing(key)) for key in sorted(new)]
-        self.found.packings = len(rows)
+        self.found.packings += len(rows)
         lost = {row["packing_key"]: row["problem"] for row in rows}
         lost |= {row.packing_key: row.problem for row in found if row.packing_key in there.keys() - new}
         for key, problem in lost.items():
             if problem:
                 self.note(self.lab.packing(key), problem)
         gone = known.keys() - there.keys()
+        for row in rows:
+            self._store_packing(self.lab.packing(row["packing_key"]), row)
         with self._transaction() as connection:
-            upsert(connection, packings, rows)
             for key in gone:
                 connection.execute(delete(packings).where(packings.c.packing_key == key))
         return new | gone
-
-    def _clear(self) -> None:
-        """Forget everything."""
-        with self._transaction() as connection:
-            if on_server(self._engine):
-                connection.execute(CreateSchema(connection.scalar(text("SHOW search_path")), if_not_exists=True))
-            for name in inspect(connection).get_table_names():
-                connection.execute(text(f'DROP TABLE "{name}"'))
-            metadata.create_all(connection)
-            connection.execute(about.insert().values(schema_version=SCHEMA_VERSION))
 
     def _asking(self) -> AbstractContextManager[Connection]:
         return asking(self._engine, self.lab)
@@ -314,26 +354,37 @@ def run_rows(folder: Path, observe: Observe | None) -> RunRows:
     return row, rows
 
 
-def unreadable_row(folder: Path, seen: int, problem: Unreadable) -> dict[str, Any]:
+def unreadable_row(folder: Path, seen: int, problem: Exception) -> dict[str, Any]:
     """Row of a run folder with the stamp `seen` that cannot be read; what its record says of it is kept."""
-    row = dict.fromkeys((column.key for column in runs.columns), None)
-    try:
+    row = _blank_row(folder, seen, str(problem))
+    with suppress(Unreadable):
         record = RunRecord.read(folder)
-    except Unreadable:
-        row |= {"study": "", "label": ""}
-    else:
         row |= {name: getattr(record, name) for name in _KNOWN}
-    return {**row, "run_key": folder.name, "outcome": UNREADABLE, "stamp": seen, "problem": str(problem), "suspect": ""}
+    return row
+
+
+def _blank_row(folder: Path, seen: int, problem: str) -> dict[str, Any]:
+    row: dict[str, Any] = dict.fromkeys((column.key for column in runs.columns), None)
+    named = {"run_key": folder.name, "study": "", "label": "", "suspect": ""}
+    return {**row, **named, "outcome": UNREADABLE, "stamp": seen, "problem": _kept(problem)}
+
+
+def _kept(text: str) -> str:
+    """Text as any database keeps it: the path of a folder may have bytes that are no characters."""
+    return text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
 
 
 def packing_row(folder: Path) -> dict[str, Any]:
     """Row of a packing folder."""
-    blank = dict.fromkeys(column.key for column in packings.columns)
-    row = {**blank, "packing_key": folder.name, "stamp": stamp(folder)}
+    row = _blank_packing(folder, stamp(folder))
     try:
         record, _ = read_packing(folder)
     except Unreadable as problem:
-        return {**row, "problem": str(problem)}
+        return {**row, "problem": _kept(str(problem))}
     known = ("closed_key", "backend", "grains", "duration", "wall_time", "machine")
     told = {name: getattr(record, name) for name in known}
     return {**row, **told, "seed": record.filling.seed, "rate": finite(record.rate), "bytes": _size(folder)}
+
+
+def _blank_packing(folder: Path, seen: int) -> dict[str, Any]:
+    return {**dict.fromkeys(column.key for column in packings.columns), "packing_key": folder.name, "stamp": seen}

@@ -27,6 +27,7 @@ from labbook.lab.index import Index
 from labbook.lab.packings import ARRAYS, PackingRecord, read_packing
 from labbook.lab.records import LONGEST, RunRecord, Unreadable
 from labbook.lab.runs import CHECKPOINT, RECORDING, open_run, picture, read_end
+from labbook.lab.suspect import suspicion
 from labbook.lab.tables import MOST
 from labbook.study.source import MAX_BYTES
 
@@ -102,7 +103,7 @@ def _entries(folder: Path) -> list[str]:
     if not folder.is_dir():
         return []
     found = os.scandir(folder)
-    return sorted(one.name for one in found if not one.name.startswith(".") and (one.is_dir() or one.is_symlink()))
+    return sorted(one.name for one in found if not one.name.startswith(".") and (one.is_symlink() or one.is_dir()))
 
 
 def _take_packing(index: Index, lab: Lab, theirs: Path) -> bool:
@@ -129,7 +130,7 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
     record = RunRecord.read(theirs)
     key = record.run_key
     mine = lab.run(key)
-    if not index.problem(mine) and not _better(record, mine):
+    if not index.problem(mine) and not _better(record, theirs, mine):
         return False
     names = {RunRecord.FILE, CHECKPOINT, *(f"{table_name(parse_probe(text))}.npz" for text in record.coverage.probes)}
     if record.coverage.recording is not None:
@@ -137,7 +138,7 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
     if picture(theirs) is not None:
         names.add(PICTURE)
     with _claimed(lab, key, theirs, mine) as copy:
-        if not _better(record, mine, whole=True):
+        if not _better(record, theirs, mine, whole=True):
             return False
         _copy(theirs, copy, names, seen)
         with _as_theirs(copy, theirs):
@@ -149,13 +150,18 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
     return True
 
 
-def _better(record: RunRecord, mine: Path, *, whole: bool = False) -> bool:
-    """Whether a run of theirs is better than ours in `mine`; `whole`: also if anything of ours cannot be read."""
+def _better(record: RunRecord, theirs: Path, mine: Path, *, whole: bool = False) -> bool:
+    """Whether a run of theirs is better than ours in `mine`; `whole`: also if anything of ours cannot be read. Raises
+    Unreadable for a longer run that is suspect where ours is not: it would leave all means."""
     try:
         ours = open_run(mine)[0] if whole else RunRecord.read(mine)
     except Unreadable:
         return True
-    return covers_more(record, ours)
+    if not covers_more(record, ours):
+        return False
+    if (why := suspicion(record.ledger)) and not suspicion(ours.ledger):
+        raise Unreadable(f"{theirs}: it is suspect ({why}), and the shorter run of this lab is not: that one is kept")
+    return True
 
 
 def _whole_packing(folder: Path) -> bool:

@@ -9,6 +9,7 @@ A file is written to be edited by hand. Its first line may list tags, the rest i
 Notes are no part of any identity: to write one changes no key and no stamp.
 """
 
+import os
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator
@@ -19,8 +20,9 @@ from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from labbook.lab.folder import Lab, LabError, make_folder, open_file, sync_folder, write_bytes
+from labbook.lab.folder import Lab, LabError, folders, make_folder, open_file, sync_folder, write_bytes
 from labbook.lab.records import RunKey
+from labbook.scene.model import digest
 from labbook.study.schema import names_a_study
 
 Kind = Literal["study", "run"]
@@ -35,6 +37,8 @@ _HEAD = re.compile(r"tags:(.*)", re.IGNORECASE)
 _BEFORE = re.compile(r"\A(?:\ufeff|[ \t]*\n)+")
 """What is dropped at the beginning of a text: a byte order mark, empty lines."""
 _ALLOWED = "a tag has letters, digits, - _ and . only"
+_WHOLE = len(digest(None))
+"""Digits of a whole key."""
 _RUN_KEY = TypeAdapter(RunKey)
 
 
@@ -55,7 +59,7 @@ def read(lab: Lab, kind: Kind, name: str) -> Note:
 
     Raises LabError, which names the file, for one that cannot be read, and ValueError for a name that is none.
     """
-    path = place(lab, kind, name)
+    path = _found(lab, kind, name)
     try:
         with open_file(path) as file:
             content = file.read(MOST_BYTES + 1)
@@ -88,9 +92,9 @@ def write(lab: Lab, kind: Kind, name: str, note: Note) -> None:
     """Keep a note in place of an earlier one; an empty note removes the file.
 
     Tags are sorted, and each is written once. Raises ValueError for a tag or text that cannot be kept and for a name
-    that is none, and OSError.
+    that is none, LabError as `read` does for its name, and OSError.
     """
-    path = place(lab, kind, name)
+    path = _found(lab, kind, name)
     tags, text = checked(note.tags), _trimmed(note.text)
     try:
         content = _written(tags, text).encode()
@@ -129,17 +133,52 @@ def tagged(lab: Lab, kind: Kind) -> dict[str, tuple[str, ...]]:
 
 
 def damaged(lab: Lab, kind: Kind) -> list[str]:
-    """Why notes cannot be read, a line each that names the file."""
-    return [str(problem) for _, problem in _all(lab, kind) if isinstance(problem, LabError)]
+    """Why notes cannot be read, or belong to no run, a line each that names the file."""
+    found = [str(problem) for _, problem in _all(lab, kind) if isinstance(problem, LabError)]
+    if kind == "run":
+        keys = folders(lab.runs)
+        for name, path in named(lab, kind).items() if keys else ():
+            begun = sum(key.startswith(name) for key in keys)
+            if len(name) < _WHOLE and name not in keys and begun != 1:
+                many = f"the keys of {begun} runs begin so" if begun else "no run has a key that begins so"
+                found.append(f"{path}: {many}; name the file by the whole key of the run")
+    return found
 
 
 def named(lab: Lab, kind: Kind) -> dict[str, Path]:
-    """Whatever is named like a note of a study or run, by that name, in order; it may be damaged."""
+    """Whatever is named like a note of a study or run, by that name, in order; it may be damaged. The name of a run's
+    file may be the beginning of its key, as `labbook runs` prints it; one that several runs have stays as it is."""
+    files = _files(lab, kind)
+    if kind == "run" and any(not lab.run(name).exists() for name in files):
+        keys = folders(lab.runs)
+        for name in [name for name in files if not lab.run(name).exists()]:
+            begun = [key for key in keys if key.startswith(name)]
+            if len(begun) == 1 and begun[0] not in files:
+                files[begun[0]] = files.pop(name)
+    return files
+
+
+def _files(lab: Lab, kind: Kind) -> dict[str, Path]:
     try:
         paths = sorted(path for path in folder(lab, kind).iterdir() if path.suffix == SUFFIX)
     except (FileNotFoundError, NotADirectoryError):
         return {}
     return {path.stem: path for path in paths if _is_name(kind, path.stem)}
+
+
+def _found(lab: Lab, kind: Kind, name: str) -> Path:
+    """Where the note of a study or run lies: of a run, also under the beginning of its key. Raises ValueError for what
+    is no name of one, and LabError for a beginning that several keys have."""
+    path = place(lab, kind, name)
+    if kind == "study" or os.path.lexists(path):
+        return path
+    for short, file in _files(lab, kind).items():
+        if name.startswith(short):
+            begun = [key for key in folders(lab.runs) if key.startswith(short)]
+            if len(begun) > 1:
+                raise LabError(f"{file}: the keys of {len(begun)} runs begin so; give the file more digits of the key")
+            return file
+    return path
 
 
 def folder(lab: Lab, kind: Kind) -> Path:

@@ -1,8 +1,10 @@
 """Packings kept in the lab: made once, shared by all runs with the same packing key."""
 
+import hashlib
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,8 +15,8 @@ from labbook.backend.numerics import Numerics
 from labbook.lab import identity
 from labbook.lab.folder import stamp
 from labbook.lab.identity import Filling
-from labbook.lab.records import Ledger, Measure, Record, StoredBackend, StoredVersions, Unreadable, Whole
-from labbook.lab.tables import MOST, read_table
+from labbook.lab.records import Ledger, Measure, Record, StoredBackend, StoredVersions, Text, Unreadable, Whole
+from labbook.lab.tables import MOST, read_table, write_table
 from labbook.scene import Bodies, Scene, Spheres
 from labbook.scene.packing import Packing
 
@@ -32,7 +34,7 @@ class PackingRecord(Record):
 
     format: Literal[1] = 1
     packing_key: Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
-    closed_key: str
+    closed_key: Text
     backend: StoredBackend
     cache_version: Whole
     scene: Scene
@@ -48,6 +50,42 @@ class PackingRecord(Record):
     """Kinetic energy per grain at the end [m g d]."""
     ledger: Annotated[Ledger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
     """None of packings from before it was kept."""
+    arrays: Annotated[
+        str | None, Field(pattern="^[0-9a-f]{32}$", exclude_if=lambda arrays: arrays is None)
+    ] = None  # fmt: skip
+    """Hash of the arrays of the packing. None of packings from before it was kept, until `labbook reindex`."""
+
+
+def write_packing(folder: Path, record: PackingRecord, packing: Packing) -> None:
+    """Write a packing and its record, with seals, into `folder`."""
+    arrays = packing.arrays()
+    write_table(folder / ARRAYS, arrays)
+    record.model_copy(update={"arrays": _hash(arrays)}).write(folder)
+
+
+def is_sealed(folder: Path) -> bool:
+    """Whether nothing is to be done by `seal`: the arrays of a packing have a seal, or its record cannot be read."""
+    try:
+        return PackingRecord.read(folder).arrays is not None
+    except Unreadable:
+        return True
+
+
+def seal(folder: Path) -> None:
+    """Give the record of an older packing, whose claim is held, the hash of its arrays, unless it cannot be read."""
+    try:
+        record, _ = _read(folder, None)
+    except Unreadable:
+        return
+    record.model_copy(update={"arrays": _hash(read_table(folder / ARRAYS))}).write(folder)
+
+
+def _hash(arrays: Mapping[str, np.ndarray]) -> str:
+    found = hashlib.blake2b(digest_size=16)
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
+    return found.hexdigest()
 
 
 def load_packing(folder: Path) -> Packing:
@@ -121,10 +159,13 @@ def _read(folder: Path, key: str | None) -> tuple[PackingRecord, Packing]:
         raise Unreadable(f"{path}: packing_key: it does not match the scene, the filling and the numerics ({whose})")
     path = folder / ARRAYS
     try:
-        packing = Packing(**read_table(path, min(MOST, 2**20 + _BYTES * record.grains)))
+        arrays = read_table(path, min(MOST, 2**20 + _BYTES * record.grains))
+        packing = Packing(**arrays)
     except (OSError, ValueError, TypeError) as error:
         why = str(error).removeprefix(f"{path}: ")
         raise Unreadable(f"{path}: not a packing: {why}") from error
+    if record.arrays not in (None, _hash(arrays)):
+        raise Unreadable(f"{path}: it was changed after it was written (wrong checksum)")
     if fault := _fault(record, packing):
         raise Unreadable(f"{path}: {fault}")
     _protect(packing)

@@ -7,32 +7,55 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    StrictBool,
+    StrictInt,
+    TypeAdapter,
     ValidationError,
     field_validator,
     model_validator,
 )
+from typing_extensions import TypedDict
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import parse_probe
 from labbook.lab.folder import open_file, write_bytes
 from labbook.measure import Window
 from labbook.scene import Scene
+from labbook.study.schema import names_a_study
+
+
+def _without_nul(text: str) -> str:
+    if "\0" in text:
+        raise ValueError("it has a NUL character")
+    return text
+
+
+def _names_a_study(name: str) -> str:
+    if not names_a_study(name):
+        raise ValueError(f"{name!r} is not the name of a study: letters, digits, - and _, beginning with a letter")
+    return name
+
 
 Whole = Annotated[int, Field(ge=0, lt=2**63)]
 """A count, or another number that SQLite can hold."""
+StudyName = Annotated[str, AfterValidator(_names_a_study)]
+"""Pages and notes are found by it."""
 Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 """A time, a length or a fraction."""
+Text = Annotated[str, AfterValidator(_without_nul)]
+"""A line for people, as every database can keep it."""
 RunKey = Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
 StoredVersions = Annotated[
-    dict[str, Annotated[int, Field(gt=1, lt=2**31)]], Field(exclude_if=lambda versions: not versions)
+    dict[Text, Annotated[int, Field(gt=1, lt=2**31)]], Field(exclude_if=lambda versions: not versions)
 ]
 """Versions of the law and the walls of a scene that are above 1 (`labbook.lab.identity.Versions`); absent where none
 is, as of all runs and packings from before there were any."""
-StoredBackend = Annotated[str, Field(validation_alias="engine", serialization_alias="engine")]
+StoredBackend = Annotated[Text, Field(validation_alias="engine", serialization_alias="engine")]
 """Name of a backend; files have it under the key `engine`."""
 LONGEST = 2**26
 """Bytes that a record may have: those of some 10^4 sessions."""
@@ -52,19 +75,53 @@ class Part(BaseModel):
         return (self.model_dump_json(indent=1, by_alias=True) + "\n").encode()
 
 
+class Provenance(TypedDict, total=False):
+    """What the code reads of a session's provenance; whatever else is there is shown as text."""
+
+    __pydantic_config__ = ConfigDict(extra="allow")  # pyright: ignore[reportGeneralTypeIssues]
+
+    commit: Text | None
+    dirty: StrictBool | None
+    packages: dict[Text, Text]
+    python: Text
+    system: Text
+    processor: Text
+    threads: StrictInt
+    machine: Text
+    gpu: dict[Text, Text]
+
+
+_PROVENANCE = TypeAdapter(Provenance)
+
+
+def _is_provenance(given: dict[str, Any]) -> dict[str, Any]:
+    """Keeps what was given, with its order: a record is written again with the bytes that were read."""
+    try:
+        _PROVENANCE.validate_python(given)
+    except ValidationError as error:
+        raise ValueError(_first(error)) from None
+    return given
+
+
+def _first(error: ValidationError) -> str:
+    """The first thing that is wrong with a file: where, and what."""
+    first = error.errors()[0]
+    return ": ".join(filter(None, (".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, "))))
+
+
 class Session(Part):
     """A stretch of one computation within one process."""
 
     from_step: Whole
     to_step: Whole
-    started: str
+    started: Text
     """UTC, ISO 8601."""
     wall_time: Measure
     """Spent stepping [s]."""
     process_time: Measure
     """Share of the process's processor time while stepping [s]."""
     grain_steps: Measure
-    provenance: dict[str, Any] = {}
+    provenance: Annotated[dict[str, Any], AfterValidator(_is_provenance)] = {}
 
 
 class Record(Part):
@@ -114,9 +171,7 @@ class Record(Part):
         except OSError as error:
             raise Unreadable(f"{path}: {error.strerror or error}") from error
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"])) or "the file"
-            raise Unreadable(f"{path}: {where}: {first['msg']}") from error
+            raise Unreadable(f"{path}: {_first(error)}") from error
         if record.seal is not None and record.seal != _seal(text.replace(record.seal.encode(), _UNSEALED.encode(), 1)):
             raise Unreadable(f"{path}: it was changed after it was written (wrong checksum)")
         if getattr(record, cls.KEY) != key:
@@ -154,6 +209,15 @@ class Ledger(Part):
     def lost(self) -> int:
         """Grains that are in none of these places; negative if some are in two."""
         return self.started - self.inside - self.left - self.outside
+
+    def fault(self, grains: int) -> str:
+        """Which of these numbers a scene of so many grains cannot have, and why; empty if it can have all."""
+        if self.started > grains:
+            return f"started: {self.started} grains of {grains}"
+        for name in ("inside", "left", "outside"):
+            if (many := getattr(self, name)) > self.started:
+                return f"{name}: {many} of {self.started} grains"
+        return ""
 
 
 Ending = Literal["finished", "precise", "emptied", "clogged", "diverged", "time-limit"]
@@ -293,16 +357,16 @@ class RunRecord(Record):
 
     format: Literal[1] = 1
     run_key: RunKey
-    experiment_key: str
-    scene_key: str
-    packing_key: str
-    lineage_key: str
+    experiment_key: Text
+    scene_key: Text
+    packing_key: RunKey
+    lineage_key: Text
     backend: StoredBackend
     cache_version: Whole
-    study: str
+    study: StudyName
     point: Whole
-    label: str
-    at: dict[str, float | str]
+    label: Text
+    at: dict[Text, float | Text]
     seed: Whole
     scene: Scene
     versions: StoredVersions = Field(default_factory=dict)
@@ -314,11 +378,21 @@ class RunRecord(Record):
     observe: Observe
     physics: dict[str, float]
     """What the backend derived: asked and realised restitution, damping coefficient."""
-    device: str
-    finished: str
+    device: Text
+    finished: Text
     """When it ended (UTC, ISO 8601)."""
     ledger: Annotated[Ledger | None, Field(exclude_if=lambda ledger: ledger is None)] = None
     """None of runs from before it was kept."""
+
+    @model_validator(mode="after")
+    def _is_possible(self):
+        coverage = self.coverage
+        if abs(coverage.duration / self.numerics.dt - coverage.steps) > 1:
+            told = f"{coverage.duration:.6g} s are not {coverage.steps} steps of {self.numerics.dt:.6g} s"
+            raise ValueError(f"coverage.duration: {told}")
+        if self.ledger is not None and (fault := self.ledger.fault(coverage.grains)):
+            raise ValueError(f"ledger.{fault}")
+        return self
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -95,17 +95,21 @@ def read_end(folder: Path, record: RunRecord) -> Checkpoint:
 def picture(folder: Path) -> Path | None:
     """Where the picture (PNG) of the bed of the run in `folder` is.
 
-    None if there is none, as of older runs, or if that file is no small PNG, or only the beginning of one.
+    None if there is none, as of older runs, or if that file is a link or no small PNG, or only the beginning of one.
     """
-    path = folder / PICTURE
+    return None if picture_content(folder) is None else folder / PICTURE
+
+
+def picture_content(folder: Path) -> bytes | None:
+    """The picture itself; None where `picture` gives None."""
     try:
-        with open_file(path) as file:
+        with open_file(folder / PICTURE) as file:
             content = file.read(_LARGEST + 1)
     except OSError:
         return None
     sides = struct.unpack(">2I", content[16:24].ljust(8, b"\0"))
     whole = content.startswith(_SIGNATURE) and content.endswith(_END) and len(content) <= _LARGEST
-    return path if whole and max(sides) <= _WIDEST else None
+    return content if whole and max(sides) <= _WIDEST else None
 
 
 def _opened(path: Path, most: float) -> Stored:

@@ -7,7 +7,7 @@ database serves many labs, each in a schema of its own.
 import json
 import os
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,11 @@ class Address:
     def shown(self) -> str:
         """For messages: without a password."""
         return f"{url_shown(self.url)} (schema {self.schema})"
+
+    @property
+    def beside(self) -> "Address":
+        """Where the next index of the lab is made."""
+        return replace(self, schema=f"{self.schema}_new")
 
 
 def url_shown(url: str) -> str:
@@ -134,7 +139,8 @@ def _dropped(place: Address) -> str | None:
 
     try:
         with engine(place).connect() as connection:
-            connection.execute(DropSchema(place.schema, cascade=True, if_exists=True))
+            for each in (place, place.beside):
+                connection.execute(DropSchema(each.schema, cascade=True, if_exists=True))
             connection.commit()
     except (SQLAlchemyError, LabError) as error:
         return f"the old index could not be removed: {place.shown}: {why(error)}"

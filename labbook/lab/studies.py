@@ -44,12 +44,17 @@ def add(lab: Lab, name: str, text: str, calibration: str | None = None) -> str |
 def calibration(lab: Lab, path: Path) -> Path | None:
     """The file of the calibration that is kept beside that of a study in the lab; None if there is none."""
     beside = path.with_suffix(BESIDE)
-    return beside if path.parent == lab.studies and beside.is_file() else None
+    return beside if path.parent == lab.studies and _is_own(beside) else None
 
 
 def kept(lab: Lab) -> dict[str, Path]:
-    """The files of all studies that are kept, by name, in the order of their names."""
-    return {name: path for name, path in named(lab).items() if path.is_file()}
+    """The files of all studies that are kept, by name, in the order of their names. Links are none of them: in a lab
+    that came from elsewhere they may lead to any file."""
+    return {name: path for name, path in named(lab).items() if _is_own(path)}
+
+
+def _is_own(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
 
 
 def place(lab: Lab, name: str) -> Path:

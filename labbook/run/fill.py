@@ -18,9 +18,8 @@ from labbook.lab.folder import Claim
 from labbook.lab.identity import Keys
 from labbook.lab.index import RunRows, packing_row
 from labbook.lab.journal import PROGRESS, Saved
-from labbook.lab.packings import ARRAYS, PackingRecord
+from labbook.lab.packings import PackingRecord, write_packing
 from labbook.lab.records import Unreadable
-from labbook.lab.tables import write_table
 from labbook.run.demand import Demand, PackingsOf
 from labbook.run.forecast import fill_time
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
@@ -298,8 +297,7 @@ class KeptPacking(Kept):
 
     def fill_folder(self, folder: Path) -> None:
         """Arrays and record."""
-        write_table(folder / ARRAYS, self.packing.arrays())
-        self.record.write(folder)
+        write_packing(folder, self.record, self.packing)
 
     def rows(self) -> RunRows:
         """The row of the packing."""

@@ -58,6 +58,8 @@ class Array:
         if limit <= self.warned + _RESOLUTION:
             raise ValueError(f"--time: {self.time} is too short: a task saves its runs {self.warned} s before the end")
         name, parts = self.study.name, self.labs.absolute()
+        if broken := next((one for one in self.options if "\n" in one or "\r" in one), None):
+            raise ValueError(f"the option {broken!r} of sbatch has a line break; give each option by itself")
         stated = [
             f"--job-name={name}",
             f"--array=1-{self.tasks}",
@@ -65,7 +67,7 @@ class Array:
             f"--signal=B:TERM@{self.warned}",
             "--requeue",
             "--open-mode=append",
-            f"--output={parts}/{name}-%a-of-{self.tasks}.log",
+            f"--output={_logs(parts, f'{name}-%a-of-{self.tasks}.log')}",
             *([f"--gpus={self.gpus}"] if self.gpus else []),
             *([f"--cpus-per-task={self.cpus}"] if self.cpus else []),
             *self.options,
@@ -131,6 +133,24 @@ exit $status
 """
 
 
+_ESCAPED = re.compile(r"([\"'#])")
+
+
+def _logs(folder: Path, pattern: str) -> str:
+    """Names of files in a folder, as a line of sbatch has them.
+
+    sbatch splits such a line at blanks outside of quotation marks, ends it at #, and takes %a and the like as patterns;
+    a backslash in a name switches patterns off (sbatch(1), "filename pattern"). Raises ValueError for a folder that
+    cannot be written so.
+    """
+    text = str(folder)
+    for character, what in (("\n", "a line break"), ("\r", "a line break"), ("\\", "a backslash")):
+        if character in text:
+            raise ValueError(f"{text!r} has {what}, which sbatch cannot read; give another folder with --labs")
+    escaped = _ESCAPED.sub(r"\\\1", text.replace("%", "%%"))
+    return f'"{escaped}/{pattern}"'
+
+
 def stamp(array: Array) -> str:
     """What a task must find as it was when the script was written: labbook, the backend, and the study."""
     return expected(array.study, array.backend)
@@ -182,7 +202,9 @@ def submit(array: Array) -> tuple[str, str]:
 def _sbatch(text: str, *options: str) -> str:
     command = ["sbatch", "--parsable", *filter(None, options)]
     try:
-        done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=120)
+        done = subprocess.run(
+            command, input=text, capture_output=True, encoding="utf-8", errors="surrogateescape", timeout=120
+        )
     except FileNotFoundError as error:
         raise SlurmFailed(
             "sbatch is not installed here; leave out --submit, and submit the printed script where sbatch is"

@@ -1,9 +1,9 @@
-"""Cases of `labbook stress` on the terminal: a table, or JSON."""
+"""Cases of `labbook stress` on the terminal: the parts of each case as it ends, or JSON."""
 
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
 import typer
@@ -28,7 +28,7 @@ EXCERPT = 100
 """Characters of a message that the table shows; JSON has all."""
 
 
-def list_cases(cases: Sequence[Case], as_json: bool) -> None:
+def list_cases(cases: Sequence[Case], as_json: bool, console: Console) -> None:
     """Print what each case does, and its oracle."""
     if as_json:
         told = [{"case": case.name, "what": case.what, "oracle": case.oracle, "slow": case.slow} for case in cases]
@@ -37,10 +37,10 @@ def list_cases(cases: Sequence[Case], as_json: bool) -> None:
     table = Table("case", "what is done", "oracle")
     for case in cases:
         table.add_row(case.name, case.what, case.oracle)
-    Console().print(table)
+    console.print(table)
 
 
-def run_cases(cases: Sequence[Case], bench: Bench, as_json: bool) -> bool:
+def run_cases(cases: Sequence[Case], bench: Bench, as_json: bool, console: Console) -> bool:
     """Run cases and print how they ended; whether none failed. A backend that cannot do it ends the program."""
     try:
         stand = bench.stand()
@@ -49,12 +49,16 @@ def run_cases(cases: Sequence[Case], bench: Bench, as_json: bool) -> bool:
     except (BackendMissing, Unsupported) as error:
         typer.echo(f"labbook stress: {error}", err=True)
         raise typer.Exit(2) from None
-    rows = _rows(cases, bench)
+    rows: list[Row] = []
+    for found in _each(cases, bench):
+        rows += found
+        if not as_json:
+            console.print(_lines(found))
+            console.file.flush()  # whoever stops it later has this
     if as_json:
         # JSON has no NaN: a number that is not finite is null, and `figure` says what it was
         typer.echo(json.dumps([{**asdict(row), "error": _finite(row.error)} for row in rows], indent=2))
     else:
-        Console(width=None if sys.stdout.isatty() else 200).print(_table(rows))
         counts = ", ".join(f"{sum(row.outcome == name for row in rows)} {name}" for name in SHOWN)
         typer.echo(f"{counts}; backend {bench.backend}, {bench.precision}, {bench.device}")
     return all(row.outcome != "failed" for row in rows)
@@ -64,29 +68,33 @@ def _finite(error: float | None) -> float | None:
     return error if error is not None and math.isfinite(error) else None
 
 
-def _rows(cases: Sequence[Case], bench: Bench) -> list[Row]:
-    rows: list[Row] = []
-    with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True)) as bar:
+def _each(cases: Sequence[Case], bench: Bench) -> Iterator[list[Row]]:
+    """The rows of each case, when it ends."""
+    # standard output is another stream where only one of the two is a terminal
+    bar = Progress(
+        *Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True),
+        redirect_stdout=sys.stdout.isatty(),
+    )  # fmt: skip
+    with bar:
         task = bar.add_task("", total=len(cases))
         found = judged(cases, bench)
         for case in cases:
             bar.update(task, description=case.name)
-            rows += next(found)
+            yield next(found)
             bar.advance(task)
         found.close()
-    return rows
 
 
 def _excerpt(figure: str) -> str:
     return figure if len(figure) <= EXCERPT else figure[: EXCERPT - 1] + "…"
 
 
-def _table(rows: Sequence[Row]) -> Table:
-    table = Table("case", "what is done", "oracle", "part", "outcome", "figure")
-    before = ""
+def _lines(rows: Sequence[Row]) -> Table:
+    """The parts of a case: of one that failed also what is done, and the oracle."""
+    table = Table.grid(padding=(0, 2, 0, 0))
     for row in rows:
-        first = row.case != before
-        head = (row.case, row.what, row.oracle) if first else ("", "", "")
-        table.add_row(*head, escape(row.part), SHOWN[row.outcome], escape(_excerpt(row.figure)))
-        before = row.case
+        table.add_row(SHOWN[row.outcome], row.case, escape(row.part), escape(_excerpt(row.figure)))
+    if any(row.outcome == "failed" for row in rows):
+        table.add_row("", "", "what is done", rows[0].what)
+        table.add_row("", "", "oracle", rows[0].oracle)
     return table

@@ -1,7 +1,6 @@
 """Cases on the terminal: a table that grows as verdicts come in, or JSON."""
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 
@@ -17,7 +16,7 @@ from labbook.verify.stand import Stand
 COLOURS = {"passed": "green", "failed": "bold red", "reported": "dim", "unsupported": "dim"}
 
 
-def list_cases(cases: Sequence[Case], as_json: bool) -> None:
+def list_cases(cases: Sequence[Case], as_json: bool, console: Console) -> None:
     """Print what each case checks, and where that comes from."""
     if as_json:
         typer.echo(json.dumps([_described(case) for case in cases], indent=2))
@@ -25,7 +24,7 @@ def list_cases(cases: Sequence[Case], as_json: bool) -> None:
     table = Table("case", "what holds", "source")
     for case in cases:
         table.add_row(case.name, case.statement, case.source)
-    Console().print(table)
+    console.print(table)
 
 
 def _described(case: Case) -> dict[str, object]:
@@ -33,7 +32,9 @@ def _described(case: Case) -> dict[str, object]:
     return {"case": case.name, "statement": case.statement, "source": case.source, "limits": limits}
 
 
-def run_cases(cases: Sequence[Case], backend: str, precision: str, device: str, as_json: bool) -> bool:
+def run_cases(
+    cases: Sequence[Case], backend: str, precision: str, device: str, as_json: bool, console: Console
+) -> bool:
     """Run cases and print their verdicts; whether none failed. A backend that cannot do it ends the program."""
     try:
         verdicts = _judged(cases, Stand(load(backend), precision, device))
@@ -45,7 +46,7 @@ def run_cases(cases: Sequence[Case], backend: str, precision: str, device: str, 
         rows = [{**asdict(v), "error": v.error if v.error == v.error else None} for v in verdicts]
         typer.echo(json.dumps(rows, indent=2))
     else:
-        Console(width=None if sys.stdout.isatty() else 160).print(_table(verdicts))
+        console.print(_table(verdicts))
         failed = sum(v.result == "failed" for v in verdicts)
         passed = sum(v.result == "passed" for v in verdicts)
         typer.echo(f"{passed} passed, {failed} failed, backend {backend}, {precision}, {device}")

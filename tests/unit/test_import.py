@@ -115,6 +115,36 @@ def bomb(run: Path) -> None:
             archive.writestr(f"{name}.npy", header.getvalue() + bytes(2**25))
 
 
+def longer(**changes):
+    """Says so consistently: 1000 steps more, whose state the checkpoint does not have."""
+
+    def harm(run: Path) -> None:
+        coverage = json.loads((run / "run.json").read_text())["coverage"]
+        steps = coverage["steps"] + 1000
+        says(coverage__steps=steps, coverage__duration=1e-5 * steps, **changes)(run)
+
+    return harm
+
+
+def provenance(**changes):
+    def harm(run: Path) -> None:
+        told = json.loads((run / "run.json").read_text())["sessions"]
+        told[-1]["provenance"] |= changes
+        says(sessions=told)(run)
+
+    return harm
+
+
+def loop_in_its_place(run: Path) -> None:
+    shutil.rmtree(run)
+    run.symlink_to(run.name)
+
+
+def dangling(run: Path) -> None:
+    shutil.rmtree(run)
+    run.symlink_to("nowhere")
+
+
 def renamed(run: Path) -> None:
     run.rename(run.with_name("0" * 24))
 
@@ -140,8 +170,35 @@ HARMS = {
     "foreign backend": of_columns(
         "checkpoint.npz", _meta=lambda meta: np.array('{"engine": "numba", "cache_version": 5}')
     ),
+    "machine": provenance(machine={"a": 1}),
+    "machines": provenance(machine=["a"]),
+    "packages": provenance(packages="boo"),
+    "gpu": provenance(gpu={"name": 3}),
+    "threads": provenance(threads="many"),
+    "study": says(study="<b>x"),
+    "study of a path": says(study="../x"),
+    "label": says(label="a\0b"),
+    "end": says(finished="2026\0"),
+    "grains": says(ledger__inside=10**15),
+    "grains left": says(ledger__left=201),
+    "start": says(ledger__started=201),
+    "duration": says(coverage__duration=10.0),
+    "duration and steps": longer(),
+    "suspect": says(ledger__overlap=0.2),
+    "loop": loop_in_its_place,
+    "dangling link": dangling,
     "large": lambda run: os.truncate(run / "run.json", 2**27),
 }
+
+
+def test_of_a_run_that_says_what_it_cannot_the_key_is_named(labs):
+    ours, theirs = labs
+    victim, other = sorted((theirs / "runs").iterdir())
+    HARMS["machine"](victim)
+    HARMS["grains"](other)
+    output = labbook("import", theirs, "--lab", ours, check=False).output
+    assert f"{victim / 'run.json'}: sessions.0.provenance: machine: Input should be a valid string" in output
+    assert f"{other / 'run.json'}: ledger.inside: {10**15} of 200 grains" in output
 
 
 @pytest.mark.parametrize("harm", HARMS)

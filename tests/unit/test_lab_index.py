@@ -125,7 +125,7 @@ def test_the_version_is_told():
 def test_what_files_say_does_not_steer_the_terminal(lab, tmp_path):
     victim = sorted((lab / "runs").iterdir())[0]
     record = json.loads(unsealed((victim / "run.json").read_text()))
-    record |= {"label": "here \x1b[31m\x07\u202e", "study": "\x1b]0;title\x07", "finished": "\x9b1m"}
+    record |= {"label": "here \x1b[31m\x07\u202e", "finished": "\x9b1m"}
     (victim / "run.json").write_text(json.dumps(record))
     (lab / "work" / "\x1b[2J").mkdir(parents=True)
     (lab / "runs" / "\x1b[8m").mkdir()
@@ -250,6 +250,27 @@ def test_numbers_are_derived_again_when_a_measure_or_the_window_changes(lab, tmp
     newest = flow_rates(lab)
     assert len(newest[newest.version == 99]) == 4
     assert list(newest[newest.version == 99].value) == list(after[after.window_start == 0.3].value)
+
+
+def test_two_studies_of_one_name_are_told_apart(lab, tmp_path):
+    shown = labbook_said(lab)
+    assert "scene" not in shown
+    path = study_file(tmp_path)
+    path.write_text(path.read_text().replace("friction: 0.5", "friction: 0.4"))
+    carry_out(labbook.load(path), lab)
+    found = Catalogue(lab).runs()
+    assert found.groupby(["label", "seed"]).size().tolist() == [2] * 4
+    shown = labbook_said(lab)
+    for row in found.itertuples(index=False):
+        (line,) = [line for line in shown.splitlines() if line.strip().startswith(row.run_key[:10])]
+        assert f"{row.label} (scene {row.scene_key[:6]})" in line
+    assert "Runs of different studies with one name (toy-study)" in shown
+
+
+def labbook_said(lab) -> str:
+    code, out = cli("runs", "--lab", lab)
+    assert code == 0
+    return out
 
 
 def test_a_run_is_shown_by_the_beginning_of_its_key(lab):

@@ -247,6 +247,36 @@ def test_runs_lists_those_with_a_tag(full):
     assert "not text in UTF-8" in labbook("runs", "--lab", lab.folder, "--tag", "slow").stderr
 
 
+def test_a_note_may_have_the_short_key_that_runs_are_listed_by(full):
+    full, key = full[0].folder, full[1]
+    short = full / "notes/runs" / f"{key[:10]}.md"
+    short.parent.mkdir(parents=True, exist_ok=True)
+    short.write_text("tags: short-one\n\nby hand\n")
+    lab = Lab(full)
+    assert notes.read(lab, "run", key) == Note("by hand", ("short-one",))
+    assert notes.tagged(lab, "run")[key] == ("short-one",)
+    assert notes.damaged(lab, "run") == []
+    assert "by hand" in labbook("show", key[:10], "--lab", full).output
+    assert key[:10] in labbook("runs", "--tag", "short-one", "--lab", full).output
+    notes.write(lab, "run", key, Note("from the app", ("short-one",)))
+    assert short.read_text() == "tags: short-one\n\nfrom the app\n", "there are not two"
+    notes.write(lab, "run", key, Note())
+    assert not short.exists()
+
+
+def test_a_note_whose_short_key_is_of_no_run_or_of_two_is_named(full):
+    full, key = full[0].folder, full[1]
+    (full / "runs" / f"{key[:12]}{'0' * 12}").mkdir()
+    folder = full / "notes/runs"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (key[:10], "0" * 10):
+        (folder / f"{name}.md").write_text("tags: lost\n")
+    output = labbook("runs", "--tag", "lost", "--lab", full).output
+    assert f"Unreadable: {folder / key[:10]}.md: the keys of 2 runs begin so; name the file by the whole key" in output
+    assert f"Unreadable: {folder / ('0' * 10)}.md: no run has a key that begins so; name the file" in output
+    assert "the keys of 2 runs begin so" in labbook("show", key, "--lab", full).output
+
+
 def test_a_note_changes_no_run(full):
     lab, key, _ = full
     before = stamp(lab.run(key))

@@ -52,7 +52,7 @@ def collide(sources: Path, cache: Path) -> dict:
     environment["PYTHONPATH"] = os.pathsep.join([str(sources), str(ROOT)])
     done = subprocess.run([sys.executable, "-c", COLLISION], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return json.loads(done.stdout) | {"said": done.stderr}
 
 
 @pytest.fixture
@@ -92,6 +92,18 @@ def test_a_second_process_hits_and_an_edited_law_misses(sources, tmp_path):
     law.write_text(text, encoding="utf-8")
     fourth = collide(sources, cache)
     assert (fourth["misses"], fourth["v"]) == (0, first["v"])
+
+    # damaged code is compiled again
+    files = sorted(Path(first["file"]).parent.rglob("*.nbc"))
+    for file in files:
+        file.write_bytes(file.read_bytes()[:1000])
+    fifth = collide(sources, cache)
+    assert (fifth["hits"], fifth["v"]) == (0, first["v"])
+    wanted = {f"{file}: compiled code is damaged: it is compiled again" for file in files}
+    assert set(fifth["said"].splitlines()) <= wanted, "of those that were needed"
+    assert len(fifth["said"].splitlines()) > 0
+    sixth = collide(sources, cache)
+    assert (sixth["misses"], sixth["said"], sixth["v"]) == (0, "", first["v"])
 
 
 def key_of(**changes) -> str:

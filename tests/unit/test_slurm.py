@@ -52,6 +52,51 @@ def ended(process):
     return process.returncode, out
 
 
+def argument(line):
+    """The option in a line of sbatch, as its own parser has it (`_get_argument` in src/sbatch/opt.c)."""
+    found, mark, escaped = "", "", False
+    for one in line.removeprefix("#SBATCH").lstrip():
+        if escaped:
+            found, escaped = found + one, False
+        elif one == "\\":
+            escaped = True
+        elif mark:
+            mark, found = ("", found) if one == mark else (mark, found + one)
+        elif one in "\"'":
+            mark = one
+        elif one.isspace() or one == "#":
+            break
+        else:
+            found += one
+    assert not mark
+    return found
+
+
+FOLDERS_OF_LABS = ("a b", "50%", "%a", "%%j", "it's", 'a "b"', "#1", "größe", "$HOME", "`id`", "a\tb", "(x) & y; z")
+
+
+@pytest.mark.parametrize("name", FOLDERS_OF_LABS)
+def test_logs_lie_beside_the_parts_whatever_their_folder_is_called(tmp_path, name):
+    text = script(study_file(tmp_path), tmp_path / name / "lab", "--tasks", 2, "--time", "1:00:00")
+    (line,) = [line for line in text.splitlines() if "--output=" in line]
+    option, _, pattern = argument(line).partition("=")
+    assert option == "--output"
+    assert "\\" not in pattern, "it would switch patterns off"
+    log = re.sub("%(.)", lambda found: {"%": "%", "a": "1"}[found[1]], pattern)
+    assert log == str(tmp_path / name / "lab-parts/toy-study-1-of-2.log")
+    checked = subprocess.run(["bash", "-n"], input=text, capture_output=True, text=True, check=False)
+    assert (checked.returncode, checked.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\rb", "a\\b"])
+def test_a_folder_that_no_line_of_sbatch_can_have_is_refused(tmp_path, name):
+    words = ("slurm", study_file(tmp_path), "--lab", tmp_path / name / "lab", "--tasks", 2, "--time", "1:00:00")
+    ended = labbook(*words, "--backend", "toy", check=False)
+    assert ended.exit_code == 1
+    assert "which sbatch cannot read; give another folder with --labs" in ended.output
+    assert "#!/bin/bash" not in ended.output
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [("90", 5400), ("1:30", 90), ("04:00:00", 14400), ("2-0", 172800), ("1-2:30", 95400), ("1-2:30:05", 95405)],

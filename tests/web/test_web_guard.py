@@ -1,21 +1,29 @@
 """What strangers send is refused in plain words: addresses, bodies, hosts, tokens; what they wrote stays text."""
 
+import contextlib
 import json
+import os
 import re
+import socket
 import string
+import threading
 from pathlib import Path
-from urllib.parse import quote, urlencode
+from urllib.parse import quote, unquote, urlencode
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from labbook_web import connections
 from labbook_web.app import application
 from labbook_web.guard import COOKIE, LARGEST_BODY, LONGEST_ADDRESS, POLICY, VIEWER_POLICY
+from labbook_web.serve import server
 from labbook_web.shelf import Shelf
+from labbook_web.site import write
 from toy_lab import labbook, unsealed
 from toy_web import HOST, ORIFICES, Read, ask, client, everything, keys_of, listing, make
 
 from labbook.lab import Lab, notes
+from labbook.lab.database import opened, runs
 from labbook.lab.notes import Note
 
 STUDY, POINTS = "toy-study", len(ORIFICES)
@@ -91,6 +99,138 @@ def test_a_lab_that_names_a_study_by_a_link_shows_no_other_file(copied):
     somebody = client(copied / "lab")
     for address in ("/card/linked", "/study/linked", "/study/linked/linked.yaml", "/study/linked.json"):
         assert "root:x:" not in somebody.get(address).text
+
+
+SECRET = "root:x:0:0"
+
+
+def linked(folder: Path, key: str) -> list[str]:
+    """Put links into a lab, wherever the app reads a file as it is; the addresses under which they would be shown."""
+    secret = folder / "secret.md"
+    secret.write_text(SECRET)
+    lab = folder / "lab"
+    (lab / "runs" / key / "picture.png").unlink()
+    (lab / "runs" / key / "picture.png").symlink_to(secret)
+    for note in (f"runs/{key}", f"studies/{STUDY}"):
+        (lab / "notes" / note).parent.mkdir(parents=True, exist_ok=True)
+        (lab / f"notes/{note}.md").symlink_to(secret)
+    return [f"/run/{key[:16]}/picture.png", f"/run/{key[:16]}", f"/study/{STUDY}", "/"]
+
+
+def test_links_in_place_of_pictures_and_notes_are_not_followed(copied, tmp_path):
+    key = keys_of(copied / "lab")[0]
+    somebody = client(copied / "lab")
+    for address in linked(copied, key):
+        answer = somebody.get(address)
+        assert answer.status_code == 200
+        assert SECRET not in answer.text, address
+    assert somebody.get(f"/run/{key[:16]}/picture.png").headers["content-type"] == "image/svg+xml"
+    assert "it is a link" in somebody.get(f"/run/{key[:16]}").text
+    assert "it is a link" in labbook("show", key, "--lab", copied / "lab").output
+    write(tmp_path / "site", copied / "lab", [copied / "toy.yaml"])
+    assert not [
+        path
+        for path in (tmp_path / "site").rglob("*")
+        if path.is_file() and SECRET in path.read_bytes().decode("latin-1")
+    ]
+
+
+def test_a_run_whose_folder_is_a_link_shows_no_file_of_it(copied):
+    key, other = keys_of(copied / "lab")[:2]
+    folder, elsewhere = copied / "lab/runs" / key, copied / "elsewhere"
+    folder.rename(elsewhere)
+    (elsewhere / "secret.txt").write_text(SECRET)
+    folder.symlink_to(elsewhere)
+    somebody = client(copied / "lab")
+    assert somebody.get(f"/run/{key[:16]}/file/secret.txt").status_code == 404
+    assert somebody.get(f"/run/{key[:16]}/file/run.json").status_code == 404
+    page = somebody.get(f"/run/{key[:16]}")
+    assert (page.status_code, "it is a link" in page.text) == (200, True)
+    assert somebody.get(f"/run/{other[:16]}").status_code == 200
+
+
+FILE_NAMES = ("größe€.txt", 'quo"te.txt', "line\nfeed.txt", "cr\r.txt", "ta\tb.txt", "per%cent.txt", "semi;colon.txt",
+         "back\\slash.txt", "日本.txt", "\u202eturned.txt", "b l a n k.txt", "<b>.txt", "'quoted'.txt")  # fmt: skip
+
+
+def test_files_of_any_name_are_handed_out_under_it(copied):
+    key = keys_of(copied / "lab")[0]
+    folder, somebody = copied / "lab/runs" / key, client(copied / "lab")
+    for name in FILE_NAMES:
+        (folder / name).write_text(name)
+    (folder / os.fsdecode(b"not \xff text.txt")).write_text("bytes")
+    page = somebody.get(f"/run/{key[:16]}")
+    assert page.status_code == 200
+    assert "not " not in re.findall(r"Downloads.*?</section>", page.text, re.DOTALL)[0]
+    app = application(Shelf(copied / "lab"))
+    for name in FILE_NAMES:
+        assert quote(name) in page.text
+        answer = ask(app, f"/run/{key[:16]}/file/{quote(name)}".encode())
+        assert (answer.status, answer.content) == (200, name.encode()), name
+        told = answer.headers["content-disposition"]
+        assert re.fullmatch(r"attachment; filename=\"[\w. -]+\"; filename\*=UTF-8''[\w.%~-]+", told, re.ASCII)
+        assert unquote(told.partition("UTF-8''")[2]) == f"{key[:10]}-{name}"
+
+
+def test_a_run_of_a_study_of_no_name_does_not_break_the_pages(copied):
+    """It was indexed before names were looked at."""
+    with opened(Lab(copied / "lab"), read_only=False).connect() as connection:
+        connection.execute(runs.update().where(runs.c.run_key == keys_of(copied / "lab")[0]).values(study="<b>x"))
+        connection.commit()
+    somebody = client(copied / "lab")
+    for address in ("/", "/index.json", "/runs", f"/study/{STUDY}", "/compare", f"/compare?item=study:{STUDY}"):
+        assert somebody.get(address).status_code == 200, address
+    assert somebody.get("/study/%3Cb%3Ex").status_code == 404
+
+
+@pytest.mark.slow
+def test_half_open_connections_keep_nobody_from_an_answer_and_are_closed(done, monkeypatch):
+    """64 of them made every other request wait, for as long as they were held."""
+    monkeypatch.setattr(connections, "PATIENCE", 3.0)
+    listening = socket.create_server(("127.0.0.1", 0))
+    address = listening.getsockname()
+    serving = server(application(Shelf(done / "lab")))
+    thread = threading.Thread(target=serving.run, kwargs={"sockets": [listening]}, daemon=True)
+    thread.start()
+    try:
+        half_open = [socket.create_connection(address, timeout=30) for _ in range(100)]
+        for k, one in enumerate(half_open):
+            one.sendall((b"", b"GET / HTTP/1.1\r\n", b"GET / HTTP/1.1\r\nhost: x\r\nx: ")[k % 3])
+        with socket.create_connection(address, timeout=30) as other:
+            other.sendall(b"GET /static/icon.svg HTTP/1.1\r\nhost: x\r\n\r\n")
+            assert other.recv(100).startswith(b"HTTP/1.1 200 ")
+            half = half_open[0]
+            half.setblocking(False)
+            with pytest.raises(BlockingIOError):  # they are there meanwhile
+                half.recv(1)
+            half.settimeout(30)
+        for one in half_open:
+            with one, contextlib.suppress(ConnectionResetError):
+                assert one.recv(1) == b""
+    finally:
+        serving.should_exit = True
+        thread.join(30)
+
+
+@pytest.mark.slow
+def test_of_very_many_half_open_connections_the_oldest_is_closed(done, monkeypatch):
+    monkeypatch.setattr(connections, "MOST_WAITING", 10)
+    monkeypatch.setattr(connections, "PATIENCE", 600.0)
+    listening = socket.create_server(("127.0.0.1", 0))
+    serving = server(application(Shelf(done / "lab")))
+    thread = threading.Thread(target=serving.run, kwargs={"sockets": [listening]}, daemon=True)
+    thread.start()
+    try:
+        half_open = [socket.create_connection(listening.getsockname(), timeout=30) for _ in range(11)]
+        with contextlib.suppress(ConnectionResetError):
+            assert half_open[0].recv(1) == b""
+        half_open[-1].sendall(b"GET /static/icon.svg HTTP/1.1\r\nhost: x\r\n\r\n")
+        assert half_open[-1].recv(100).startswith(b"HTTP/1.1 200 ")
+        for one in half_open:
+            one.close()
+    finally:
+        serving.should_exit = True
+        thread.join(30)
 
 
 QUERIES = [

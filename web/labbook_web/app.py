@@ -4,12 +4,13 @@ import hashlib
 import json
 import logging
 import os
+import string
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl
+from urllib.parse import parse_qsl, quote
 
 import anyio.to_thread
 from starlette.applications import Starlette
@@ -23,8 +24,8 @@ from labbook.export.recording import NotRecorded, ViewerMissing
 from labbook.lab import LabError, Unreadable, notes
 from labbook.lab.catalogue import RUN_COLUMNS
 from labbook.lab.evaluations import NotEvaluated
-from labbook.lab.folder import PICTURE
 from labbook.lab.notes import Note
+from labbook.lab.runs import picture_content
 from labbook.study import StudyError
 from labbook_web import viewer
 from labbook_web.guard import LARGEST_BODY, Guard
@@ -42,6 +43,7 @@ from labbook_web.shelf import NotThere, Shelf
 LINKS = Links()
 STATIC = files("labbook_web") / "static"
 _KINDS = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".txt": "text/plain"}
+_PLAIN = frozenset(string.ascii_letters + string.digits + "-_. ")
 _LASTING = {"cache-control": "private, max-age=31536000, immutable"}
 _log = logging.getLogger("labbook.web")
 _ALLOWED = {
@@ -223,9 +225,9 @@ class App:
 
     def _picture(self, request: Request) -> Response:
         key = key_of(self.shelf, hex_of(request))
-        path = self.shelf.lab.run(key) / PICTURE
-        if path.is_file():
-            return FileResponse(path, media_type="image/png", headers={"cache-control": "private, max-age=60"})
+        drawn = picture_content(self.shelf.lab.run(key))
+        if drawn is not None:
+            return Response(drawn, media_type="image/png", headers={"cache-control": "private, max-age=60"})
         sketch = run.sketch(self.shelf, key)
         return Response(sketch, media_type="image/svg+xml", headers={"cache-control": "private, max-age=60"})
 
@@ -334,8 +336,10 @@ def hex_of(request: Request, name: str = "key") -> str:
 
 
 def saved_as(name: str) -> dict[str, str]:
-    """Headers of a file that is downloaded under a name."""
-    return {"content-disposition": f'attachment; filename="{name}"'}
+    """Headers of a file that is downloaded under a name: that, and one of plain characters for older clients
+    (RFC 6266)."""
+    plain = "".join(one if one in _PLAIN else "_" for one in name)
+    return {"content-disposition": f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(name, safe='')}"}
 
 
 @cache

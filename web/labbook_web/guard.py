@@ -14,6 +14,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 LONGEST_ADDRESS = 4000
 """Characters of path and query."""
 LARGEST_BODY = 100_000
+BEHIND = 64
+"""Answers that are worked on at once; more are told to come again."""
 COOKIE = "labbook-token"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self'; "
@@ -34,6 +36,7 @@ class Guard:
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str] = frozenset(), token: str = ""):
         self._app, self._hosts, self._token = app, hosts, token
+        self._busy = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -41,11 +44,17 @@ class Guard:
             return
         refusal = self._refusal(scope)
         app = refusal or self._app
-        await app(scope, _limited(receive), _marked(scope, send))
+        self._busy += 1
+        try:
+            await app(scope, _limited(receive), _marked(scope, send))
+        finally:
+            self._busy -= 1
 
     def _refusal(self, scope: Scope) -> ASGIApp | None:
         """What is answered in place of the app, if something is wrong."""
         headers = Headers(scope=scope)
+        if self._busy >= BEHIND:
+            return _say(f"The app is working on {BEHIND} answers; ask again in a moment.", 503)
         if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
             return _say("The address is too long.", 414)
         host = headers.get("host", "")

@@ -14,14 +14,14 @@ from pathlib import Path
 import uvicorn
 
 from labbook_web.app import application
+from labbook_web.connections import Connection
+from labbook_web.guard import Guard
 from labbook_web.shelf import Shelf
 
 PORT = 8321
 """Where the app is served, unless that is taken."""
 _POLITE = 10
 """How much later than others the app gets its turn on a processor: studies come first."""
-_BEHIND = 64
-"""Answers that are worked on at once; more are told to come again."""
 
 
 class CannotServe(Exception):
@@ -59,14 +59,19 @@ def serve(
     say(f"Serving {lab} at {address} (Ctrl-C ends it)")
     with suppress(OSError):
         os.nice(_POLITE)
-    config = uvicorn.Config(
-        app, log_level="warning", access_log=False, server_header=False, limit_concurrency=_BEHIND, proxy_headers=False,
-        timeout_keep_alive=10, h11_max_incomplete_event_size=16_384,
-    )  # fmt: skip
     if browse:
         threading.Timer(0.5, webbrowser.open, [address]).start()
     with suppress(KeyboardInterrupt):
-        uvicorn.Server(config).run(sockets=[listening])
+        server(app).run(sockets=[listening])
+
+
+def server(app: Guard) -> uvicorn.Server:
+    """What answers for the app."""
+    config = uvicorn.Config(
+        app, http=Connection, ws="none", log_level="warning", access_log=False, server_header=False,
+        proxy_headers=False, timeout_keep_alive=10, h11_max_incomplete_event_size=16_384,
+    )  # fmt: skip
+    return uvicorn.Server(config)
 
 
 def is_loopback(host: str) -> bool:

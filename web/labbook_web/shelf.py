@@ -207,6 +207,8 @@ class Shelf:
             return notes.read(self.lab, kind, name)
         except LabError as problem:
             return Note(text=f"(this note cannot be read: {problem})")
+        except ValueError:  # of a run that was indexed before names were looked at
+            return Note()
 
     def study(self, name: str) -> tuple[Study, str]:
         """A study and the text of its file. Raises NotThere; StudyError."""

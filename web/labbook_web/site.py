@@ -12,7 +12,7 @@ from typing import Any
 
 from labbook.export.recording import NotRecorded, ViewerMissing
 from labbook.lab import LabError, Unreadable
-from labbook.lab.folder import PICTURE
+from labbook.lab.runs import picture_content
 from labbook.study import StudyError
 from labbook_web import viewer
 from labbook_web.app import asset, assets
@@ -122,12 +122,9 @@ class _Writer:
 
     def _run(self, key: str) -> None:
         page = run_page(self._shelf, key, {})
-        picture = self._shelf.lab.run(key) / PICTURE
+        picture = picture_content(self._shelf.lab.run(key))
         recording = ""
-        if picture.is_file():
-            self._file(f"{page.path}/picture.png", picture.read_bytes())
-        else:
-            self._file(f"{page.path}/picture.png", sketch(self._shelf, key).encode())
+        self._file(f"{page.path}/picture.png", picture or sketch(self._shelf, key).encode())
         if self._recordings and page.shown.get("recorded"):
             try:
                 made = viewer.recording(self._shelf.lab.run(key), key[:10])
@@ -150,8 +147,12 @@ class _Writer:
 
     def _file(self, name: str, content: bytes) -> None:
         path = self._out / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        except OSError as error:
+            error.filename = error.filename or str(path)  # a full disk does not say
+            raise
 
 
 def _raw(text: str):

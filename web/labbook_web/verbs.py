@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from labbook.cli.options import LAB, Lab, existing, fail
+from labbook.cli.screen import say
 
 Studies = Annotated[
     list[Path] | None,
@@ -55,9 +56,7 @@ def register(app: typer.Typer) -> None:
         if lab.exists() or not studies:  # a study may be followed from before its first run
             existing(lab).close()
         try:
-            serve(
-                lab, studies or (), host, port, remote=remote, read_only=read_only, browse=open_browser, say=typer.echo
-            )
+            serve(lab, studies or (), host, port, remote=remote, read_only=read_only, browse=open_browser, say=say)
         except CannotServe as why:
             fail(why)
 
@@ -77,7 +76,7 @@ def register(app: typer.Typer) -> None:
             fail(f"{missing.name} is not installed; install it: pip install 'labbook[web]'")
         existing(lab).close()
         try:
-            first = write(out, lab, studies, recordings=recordings, say=lambda text: typer.echo(text, err=True))
+            first = write(out, lab, studies, recordings=recordings, say=lambda text: say(text, err=True))
         except CannotWrite as why:
             fail(why)
-        typer.echo(f"Site: {first}")
+        say(f"Site: {first}")

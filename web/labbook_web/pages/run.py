@@ -10,7 +10,8 @@ from labbook.backend import BackendMissing, load
 from labbook.lab import LabError, RunRecord, Unreadable, identity
 from labbook.lab.catalogue import Entry, Listing
 from labbook.lab.evaluations import NotEvaluated, ReadOnlyRun
-from labbook.lab.folder import EVALUATION, PICTURE, stamp
+from labbook.lab.folder import EVALUATION, stamp
+from labbook.lab.runs import picture_content
 from labbook.lab.suspect import said, suspicion
 from labbook.measure import MEASURES
 from labbook.measure.flow import Trace
@@ -59,7 +60,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
         "suspect": suspicion(record.ledger),
         "files": [(path.name, path.stat().st_size) for path in sorted(folder.iterdir()) if _may_be_had(path)],
         "recorded": record.coverage.recording is not None,
-        "picture": (folder / PICTURE).is_file(),
+        "picture": picture_content(folder) is not None,
         "siblings": [one for one in records(siblings) if one["run_key"] != key],
         "several": several - 1,
         "lacking": lacking,
@@ -107,7 +108,18 @@ def file_of(shelf: Shelf, key: str, name: str) -> Path:
 
 
 def _may_be_had(path: Path) -> bool:
-    return path.is_file() and not path.is_symlink() and not path.name.startswith((EVALUATION, "."))
+    """Whether a file of a run is handed out: no links, and none in a folder that is one."""
+    ordinary = path.is_file() and not path.is_symlink() and not path.parent.is_symlink()
+    return ordinary and not path.name.startswith((EVALUATION, ".")) and _has_address(path.name)
+
+
+def _has_address(name: str) -> bool:
+    """Whether the name of a file is text, and not other bytes."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str, Any]], list[str]]:

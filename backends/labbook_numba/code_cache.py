@@ -1,0 +1,71 @@
+"""Numba's compiled code on disk, each file with a checksum: a damaged one is thrown away and compiled again.
+
+Numba unpickles whatever is there, and machine code with a changed bit would run. Unpickling stops where a pickle ends,
+so a checksum behind it changes nothing for Numba.
+"""
+
+import hashlib
+import io
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from labbook_dem import generated
+from numba import njit
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+_LENGTH = 16  # bytes of a checksum
+
+
+def cached(**options: Any) -> Callable[[Callable], Any]:
+    """`numba.njit` with these options, whose compiled code is kept beside the module of the function."""
+
+    def compiled(function: Callable) -> Any:
+        dispatcher: Any = njit(**options)(function)
+        dispatcher._cache = _Cache(function)
+        return dispatcher
+
+    return compiled
+
+
+class _Cache(FunctionCache):
+    def __init__(self, function: Callable):
+        super().__init__(function)
+        place: Any = self._impl
+        self._cache_file = _Files(self._cache_path, place.filename_base, place.locator.get_source_stamp())
+
+
+class _Files(IndexDataCacheFile):
+    """The index of the kernels of one function, and their code."""
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        generated.write(Path(filepath), content.getvalue() + _checksum(content.getvalue()))
+
+    def _load_index(self) -> dict:
+        return super()._load_index() if _is_whole(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        return super()._load_data(name) if _is_whole(self._data_path(name)) else None
+
+
+def _checksum(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=_LENGTH).digest()
+
+
+def _is_whole(path: str) -> bool:
+    """Whether a file has the checksum of its content, or is not there; one that has not is removed."""
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        return True
+    if len(content) > _LENGTH and _checksum(content[:-_LENGTH]) == content[-_LENGTH:]:
+        return True
+    generated.LOG.warning("%s: compiled code is damaged: it is compiled again", path)
+    with suppress(FileNotFoundError):
+        os.unlink(path)
+    return False
