@@ -50,7 +50,7 @@ from labbook.run.watch import Unwatched, Watcher
 from labbook.scene.quantities import parse
 from labbook.study import Point, Study, load
 from labbook.study.keys import find as find_keys
-from labbook.study.pilot import SEEDS, first_needed, is_pilot, pilot
+from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import instead
 
 if TYPE_CHECKING:
@@ -137,43 +137,27 @@ class Lab:
                 warnings.warn(f"failed: {why}", LabWarning, stacklevel=2)
         return summary
 
-    def calibrate(
-        self, study: Study, seeds: int | None = None, progress: bool | Watcher = True
-    ) -> tuple[Calibrated, ...]:
-        """Effect of numerics on the flow rate of `study`, scene by scene. Runs its pilot: a few settings with `seeds`
-        runs each at its first and last point, evaluated by one regression per scene. seeds: None for 8. A study that
-        sweeps numerics is its own pilot.
+    def pilot(self, study: Study, progress: bool | Watcher = True, seeds: int | None = None) -> Study:
+        """`study` with numerics chosen from its pilot: runs that measure the effect of numerics on the flow rate.
 
-        Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be calibrated,
-        PilotStopped after Ctrl-C.
-        """
-        _is_study(study)
-        return self._calibrated(study if is_pilot(study) else pilot(study, seeds or SEEDS), progress)
-
-    def pilot(self, study: Study, progress: bool | Watcher = True) -> Study:
-        """`study` with numerics chosen for the requested error. If its scenes are not calibrated,
-        a pilot is run first, which measures the effect of the time step on the flow rate at a few of its points.
+        seeds: None for the pilot that the requested error needs, which has two time steps; a study whose scenes are
+        calibrated, or that requests no error, needs none and is returned as it is. With a number a whole pilot is
+        run, needed or not: seven settings of time step and stiffness with `seeds` runs each, at the first and last
+        point. A study that sweeps numerics is its own pilot.
 
         The calibration is written beside the study file, where `load` finds it, or into the lab for a study made
-        in Python. A study that needs no pilot is returned as it is. Raises what `calibrate` raises, and OSError where
-        the calibration cannot be written, before anything runs.
+        in Python. Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be
+        calibrated, PilotStopped after Ctrl-C; OSError where the calibration cannot be written, before anything runs.
         """
         _is_study(study)
-        needed = first_needed(study)
-        if needed is None:
+        runs = first_needed(study) if seeds is None else whole(study, seeds)
+        if runs is None:
             return study
         file = self.place.studies / f"{study.name}{BESIDE}" if not study.source else study.path.with_suffix(BESIDE)
         if study.source and not os.access(file.parent, os.W_OK):
             raise PermissionError(errno.EACCES, "the calibration of its pilot cannot be written there", str(file))
-        write(file, [one.effects for one in self._calibrated(needed, progress)])
+        write(file, [one.effects for one in effects_of_numerics(self, runs, progress)])
         return load(study.path) if study.source else study.change({"accuracy.calibration": str(file.resolve())})
-
-    def _calibrated(self, pilot: Study, progress: bool | Watcher) -> tuple[Calibrated, ...]:
-        for point in pilot.points:
-            flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups
-        if self.run(pilot, progress).stopped:
-            raise PilotStopped
-        return calibrate(pilot.name, self.results(pilot, False).points)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> "Results":
         """Results of `study` so far. Runs that are not evaluated yet are evaluated now, and the numbers are kept.
@@ -226,6 +210,18 @@ class Lab:
             yield catalogue
         finally:
             catalogue.close()
+
+
+def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True) -> tuple[Calibrated, ...]:
+    """What numerics do to the flow rate, scene by scene, from the runs of a pilot, which are made where they are missing.
+
+    Raises what `Lab.pilot` raises.
+    """
+    for point in pilot.points:
+        flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups
+    if lab.run(pilot, progress).stopped:
+        raise PilotStopped
+    return calibrate(pilot.name, lab.results(pilot, False).points)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

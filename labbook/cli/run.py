@@ -149,7 +149,7 @@ def piloted(place: "Place", study: "Study", watcher: "Watcher", shard: str | Non
     if needed is None:
         return study
     if shard is not None:
-        fail(f"{study.name} needs a pilot for all parts: run labbook calibrate {study.path} first, or give --no-pilot")
+        fail(f"{study.name} needs a pilot for all parts: run labbook pilot {study.path} first, or give --no-pilot")
     runs = len(needed.points) * needed.replicates
     watcher.tell(f"Such scenes are not calibrated: a pilot of {runs} runs comes first (--no-pilot skips it)")
     try:
@@ -160,7 +160,7 @@ def piloted(place: "Place", study: "Study", watcher: "Watcher", shard: str | Non
         watcher.tell(f"The pilot gave no calibration: {problem}. The default step is used; its bias is unknown")
         return study
     except PermissionError as problem:
-        fail(f"{problem.filename}: {problem.strerror}; run labbook calibrate {study.path} --out FILE and name FILE as "
+        fail(f"{problem.filename}: {problem.strerror}; run labbook pilot {study.path} --out FILE and name FILE as "
              "accuracy.calibration, or give --no-pilot")  # fmt: skip
     watcher.tell(f"The pilot wrote {study.calibration_file}. To see the chosen numerics: labbook plan {study.path}")
     return study

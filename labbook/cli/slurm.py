@@ -71,7 +71,7 @@ def register(app: typer.Typer) -> None:
 
         asked = read_study(study)
         if first_needed(asked) is not None:
-            fail(f"{asked.name} needs a pilot for all parts: run labbook calibrate {study} first")
+            fail(f"{asked.name} needs a pilot for all parts: run labbook pilot {study} first")
         try:
             capabilities = load(backend).capabilities
             many = gpus if gpus is not None else int(backend == "warp" and device in (None, "cuda:0"))

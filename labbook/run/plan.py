@@ -203,7 +203,7 @@ class Plan:
                 )
             elif point.unchosen:
                 step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
-                verb = f"labbook calibrate {self.study.path} measures it"
+                verb = f"labbook pilot {self.study.path} measures it"
                 if point.wants_pilot:
                     verb = "labbook run first measures it by a pilot and chooses again"
                 if has_groups(point.scene):

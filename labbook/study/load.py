@@ -242,7 +242,7 @@ def _calibration(source: Source, path: Path | None, problems: list[Problem]) -> 
         return load_calibration(path)
     except (OSError, ValueError) as error:
         line = source.line(("accuracy", "calibration"))
-        remedy = "give a file that labbook calibrate has written, or remove it"
+        remedy = "give a file that labbook pilot has written, or remove it"
         problems.append(Problem(source.path, line, "accuracy.calibration", f"{path}: {error}", remedy))
         return None
 

@@ -321,7 +321,7 @@ def test_the_runs_of_a_lab_are_a_frame(found):
         found.lab.frame(outcome="finishd")
 
 
-@pytest.mark.parametrize("verb", ["plan", "run", "results", "pilot", "calibrate"])
+@pytest.mark.parametrize("verb", ["plan", "run", "results", "pilot"])
 def test_a_path_in_place_of_a_study_says_how_to_read_it(tmp_path, verb):
     with pytest.raises(TypeError, match=r"toy\.yaml'; read a file with labbook\.load"):
         getattr(labbook.Lab(tmp_path / "lab", "toy"), verb)("toy.yaml")
