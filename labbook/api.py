@@ -213,7 +213,7 @@ class Lab:
 
 
 def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True) -> tuple[Calibrated, ...]:
-    """What numerics do to the flow rate, scene by scene, from the runs of a pilot, which are made where they are missing.
+    """What numerics do to the flow rate, scene by scene, from a pilot, whose missing runs are made.
 
     Raises what `Lab.pilot` raises.
     """
