@@ -32,8 +32,7 @@ from labbook.report import gallery, page, style, tables
 from labbook.results import display
 from labbook.results.calibrating import Calibrated, PilotStopped, calibrate, flow_and_filling
 from labbook.results.find import find
-from labbook.results.frames import frames
-from labbook.results.paper import analyses
+from labbook.results.frames import frames, known_interval
 from labbook.results.points import FLOW_RATE, RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
@@ -233,26 +232,34 @@ class Results(Found):
 
     def frame(self) -> "pd.DataFrame":
         """A row a point: `point` (from 1), what was swept, and of each quantity its mean over replicates (`flow_rate`),
-        standard error (`flow_rate_error`) and the ends of its 95 % interval (`flow_rate_low`, `flow_rate_high`);
-        `replicates`, `remark`. SI, units in `attrs`; NaN for what is not known."""
+        standard error (`flow_rate_error`), the ends of its 95 % interval (`flow_rate_low`, `flow_rate_high`) and the
+        number of runs in the mean (`flow_rate_n`); `runs`: finished runs of the point, however they ended;
+        `replicates`: those in the mean of the flow rate, or in any mean if the study does not measure it; `remark`.
+
+        SI, units in `attrs`; NaN for what is not known, so error and interval of a mean of one run are NaN.
+        """
         import pandas as pd
 
         rows: list[dict[str, Any]] = []
-        units, asked = self.study.units, FLOW_RATE in self.study.measure
-        rates = [f"{FLOW_RATE}{end}" for end in ("", "_error", "_low", "_high") if asked]
+        units, measured = self.study.units, FLOW_RATE in self.study.measure
+        rates = [f"{FLOW_RATE}{end}" for end in (*_ENDS, "_n") if measured]
         for result in self.points:
             row: dict[str, Any] = {"point": result.point.index + 1, **result.point.at}
-            row |= dict.fromkeys(rates, math.nan)  # also where no run has one
+            row |= {name: 0 if name.endswith("_n") else math.nan for name in rates}  # also where no run has one
             for name, pooled in result.pooled.items():
-                row |= {name: pooled.value, f"{name}_error": pooled.error}
-                row |= {f"{name}_low": pooled.low, f"{name}_high": pooled.high}
-            measured = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
-            for name, one in measured.items():
-                units |= {f"{name}{end}": one.unit for end in ("", "_error", "_low", "_high")}
-            rows.append({**row, "replicates": len(result.runs), "remark": result.remark})
+                low, high = known_interval(pooled.low, pooled.high)
+                row |= {name: pooled.value, f"{name}_error": pooled.error, f"{name}_low": low, f"{name}_high": high}
+                row[f"{name}_n"] = pooled.n
+            numbers = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
+            for name, one in numbers.items():
+                units |= {f"{name}{end}": one.unit for end in _ENDS}
+            n = row[f"{FLOW_RATE}_n"] if measured else max((one.n for one in result.pooled.values()), default=0)
+            rows.append({**row, "runs": len(result.runs), "replicates": n, "remark": result.remark})
         swept = dict.fromkeys(key for point in self.study.points for key in point.at)
-        empty = ["point", *swept, *rates, "replicates", "remark"]
+        empty = ["point", *swept, *rates, "runs", "replicates", "remark"]
         made = pd.DataFrame(rows, columns=None if rows else empty)
+        for name in (f"{one}_n" for one in dict.fromkeys(one for result in self.points for one in result.pooled)):
+            made[name] = made[name].fillna(0).astype(int)  # of points that lack it
         made.attrs = {"study": self.study.name, "units": units}
         return made
 
@@ -261,12 +268,7 @@ class Results(Found):
 
         SI, with units in `attrs` and in columns called `unit`.
         """
-        made = frames(self)
-        for name, frame in made.items():
-            columns = {**_COLUMNS, **{table: of for paper in analyses() for table, of in paper.columns.items()}}
-            known = {**self.study.units, **columns.get(name, {})}
-            frame.attrs = {"study": self.study.name, "units": {one: known[one] for one in frame if one in known}}
-        return made
+        return frames(self)
 
     def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult:
         """Fit of the law with this name to flow rates against the orifice; the study need not list it.
@@ -459,17 +461,10 @@ class Run(RunResult):
 
 _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 """Of the columns of a table."""
+_ENDS = ("", "_error", "_low", "_high")
+"""Of the names of columns that have the unit of their quantity."""
 _SHOWN = 40
 """Lines of a plain text."""
-_COLUMNS: dict[str, dict[str, str]] = {
-    "flow": {"time": "s", "flow_rate": "kg/s"},
-    "profiles": {"x_star": "", "x": "m", "velocity": "m/s", "velocity_error": "m/s"}
-    | dict.fromkeys(("area_fraction", "area_fraction_error"), ""),
-    "accelerations": dict.fromkeys(("bottom", "top"), "m")
-    | dict.fromkeys(("acceleration", "error"), "m/s^2")
-    | {"interval": "s"},
-}
-"""SI units of columns that mean the same in every row, by table."""
 
 
 class _Quiet(Unwatched):

@@ -300,7 +300,7 @@ def test_a_table_has_its_flow_rates_also_where_there_are_none(tmp_path):
     few.run(asked, progress=False)
     frame = few.results(asked, progress=False).frame()
     assert frame[["flow_rate", "flow_rate_error", "flow_rate_low", "flow_rate_high"]].isna().to_numpy().all()
-    assert frame["replicates"].tolist() == [2]
+    assert frame[["runs", "replicates", "flow_rate_n"]].values.tolist() == [[2, 0, 0]]
 
 
 def test_tables_have_one_of_two_kinds(found, tmp_path):
