@@ -51,6 +51,7 @@ from labbook.study import Point, Study, load
 from labbook.study.keys import find as find_keys
 from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import instead
+from labbook.study.source import given_path
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +73,8 @@ class LabWarning(UserWarning):
 class Lab:
     """A folder with runs and packings, and the backend and device that make them.
 
-    The folder is created at the first write. Several processes may use one lab at once: they share the work.
+    The folder is created at the first write; `~` is the home folder, as in a shell. Several processes may use one lab
+    at once: they share the work.
     """
 
     folder: Path | str = DEFAULT
@@ -80,6 +82,9 @@ class Lab:
     """Backend that makes the runs, and whose runs `results` reads: `numba` (CPU) or `warp` (GPU)."""
     device: str = "cpu"
     """Device, such as `cpu` or `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`."""
+
+    def __post_init__(self):
+        object.__setattr__(self, "folder", given_path(self.folder, "labbook.Lab: folder"))
 
     @property
     def place(self) -> Folder:
@@ -116,7 +121,7 @@ class Lab:
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
-        other = None if base is None else Folder(Path(base))
+        other = None if base is None else Folder(given_path(base, "base"))
         backend = load_backend(self.backend)
         with _watching(progress) as watcher:
             if study.stop.fill_height is not None:
@@ -326,7 +331,7 @@ class Results(Found):
     def report(self, folder: Path | str | None = None) -> Path:
         """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:
         LAB/reports/NAME). Returns the path of the page."""
-        return page.write(self, Path(folder or Path(self.lab.folder) / "reports" / self.study.name))
+        return page.write(self, self._folder(folder, "reports"))
 
     def export(
         self,
@@ -347,11 +352,17 @@ class Results(Found):
         """
         if packings:
             check_spheres(self.study)
-        there = Path(folder or Path(self.lab.folder) / "exports" / self.study.name)
+        there = self._folder(folder, "exports")
         paths = write_numbers(self, there, kind, every)
         if packings:
             paths += write_packings(self, self.lab.place, there / "packings", say)
         return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
+
+    def _folder(self, given: Path | str | None, kind: str) -> Path:
+        """The folder that was given for files, or that of this study in the lab."""
+        if given is None:
+            return Path(self.lab.folder) / kind / self.study.name
+        return given_path(given, f"results.{kind.removesuffix('s')}: folder")
 
     def _series(self, at: Mapping[str, Any] | None) -> Series:
         """The one series that `at` names."""

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from labbook.commands import command
+
 
 def register(app: typer.Typer) -> None:
     """Add the verb."""
@@ -22,4 +24,4 @@ def register(app: typer.Typer) -> None:
         except NotWritten as error:
             typer.echo(f"labbook new: {error}", err=True)
             raise typer.Exit(1) from None
-        typer.echo(f"Wrote {path}. Next: labbook plan {path}")
+        typer.echo(f"Wrote {path}. Next: {command('plan', path)}")

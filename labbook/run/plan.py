@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from labbook.accuracy.groups import has_groups
 from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, absent
+from labbook.commands import command
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import Listed, stamp
 from labbook.lab.identity import Keys
@@ -92,6 +94,8 @@ class Plan:
     """With file, key and remedy."""
     pilot: "Plan | None" = None
     """Of the pilot that runs first, if that was foreseen and there is one."""
+    lab: Path | None = None
+    """Folder of the lab that was looked at."""
 
     @cached_property
     def items(self) -> list[Item]:
@@ -203,7 +207,7 @@ class Plan:
                 )
             elif point.unchosen:
                 step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
-                verb = f"labbook pilot {self.study.path} measures it"
+                verb = f"{command('pilot', self.study.path, lab=self.lab, backend=self.backend.name)} measures it"
                 if point.wants_pilot:
                     verb = "labbook run first measures it by a pilot and chooses again"
                 if has_groups(point.scene):
@@ -252,7 +256,10 @@ class Planner:
         planned = tuple(
             self._extended(shared, [self._item(*pair, listed) for pair in pairs]) for shared, pairs in first.items()
         )
-        return Plan(self.study, self.backend, planned, self.rule)
+        return self._plan_of(planned)
+
+    def _plan_of(self, points: tuple[PointPlan, ...]) -> Plan:
+        return Plan(self.study, self.backend, points, self.rule, lab=self.catalogue.lab.folder)
 
     def of_base(self, base: Plan) -> Plan:
         """What another lab lacks, as it stands here: what is done there stays done, and replicates are added by whoever
@@ -276,7 +283,7 @@ class Planner:
             PointPlan(shared, tuple(self._item(*pair, listed) for pair in pairs), None)
             for shared, pairs in asked.items()
         )
-        return Plan(self.study, self.backend, tuple(planned), self.rule)
+        return self._plan_of(tuple(planned))
 
     def point(self, before: PointPlan, done: str | None = None) -> PointPlan:
         """One point anew, after the run with the key `done` was done; None: after any may have been, elsewhere.

@@ -34,7 +34,7 @@ from labbook.study.schema import (
     Stop,
     Window,
 )
-from labbook.study.source import Source, changed, dotted, given, read, written
+from labbook.study.source import Source, changed, dotted, given, given_path, read, written
 from labbook.study.sweep import BYTES, MAX_POINTS, Sweep
 from labbook.study.window import resolved
 
@@ -120,8 +120,9 @@ class Study:
 
     def save(self, path: Path | str) -> Path:
         """Write the study to a file, for the command line; its path."""
-        Path(path).write_text(self.yaml(), encoding="utf-8")
-        return Path(path)
+        there = given_path(path, "study.save")
+        there.write_text(self.yaml(), encoding="utf-8")
+        return there
 
     def __repr__(self) -> str:
         points = f"{len(self.points)} point{'' if len(self.points) == 1 else 's'}"
@@ -138,7 +139,7 @@ def load(path: Path | str, calibration: Path | None = None) -> Study:
 
     calibration: file to use in place of the one that it names, or that a pilot has written beside it.
     """
-    return _resolved(read(Path(path)), calibration)
+    return _resolved(read(given_path(path, "labbook.load")), calibration)
 
 
 def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:

@@ -12,6 +12,7 @@ import numpy as np
 
 from labbook.api import Lab
 from labbook.api import Results as Tabled
+from labbook.commands import command
 from labbook.fit import Law
 from labbook.lab.evaluations import NotEvaluated
 from labbook.measure import MeasureError
@@ -65,7 +66,7 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             "note": shelf.note("study", name),
             "linked": linked,
             "outdated": linked is not None and linked != found.state,
-            "command": f"labbook run {study.path} --lab {shelf.lab.folder}",
+            "command": command("run", study.path, lab=shelf.lab.folder, backend=backend),
         },
         found.once("plotted", lambda: embedded(plotted(results))),
         asked,
@@ -164,7 +165,7 @@ _drawing = threading.Lock()  # matplotlib's settings are those of the whole proc
 def why_not(error: Exception, found: Found) -> str:
     """Why a figure cannot be drawn, and what to do."""
     if isinstance(error, NotEvaluated):
-        return f"Not drawn, since {error}: labbook report {found.study.path.name} evaluates it."
+        return f"Not drawn, since {error}: {command('report', found.study.path.name)} evaluates it."
     return f"{str(error)[:1].upper()}{str(error)[1:]}."
 
 
