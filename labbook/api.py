@@ -6,10 +6,11 @@ The verbs of the command line do their work by these methods; docs/python.md lis
 import errno
 import math
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -36,12 +37,12 @@ from labbook.results.frames import frames, known_interval
 from labbook.results.points import FLOW_RATE, RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
-from labbook.run.advice import cut_short, foresee
+from labbook.run.advice import foresee, forewarn
 from labbook.run.cluster import Cluster
 from labbook.run.demand import Conflict
 from labbook.run.devices import Crew, named
 from labbook.run.notebook import NotebookBar, counting, in_notebook
-from labbook.run.plan import Plan, Planner
+from labbook.run.plan import Plan, flow_rates
 from labbook.run.progress import Bar
 from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
 from labbook.run.shard import WHOLE, Shard
@@ -50,7 +51,7 @@ from labbook.scene.quantities import parse
 from labbook.study import Point, Study, load
 from labbook.study.keys import find as find_keys
 from labbook.study.pilot import first_needed, whole
-from labbook.study.problems import instead
+from labbook.study.problems import grouped, instead
 from labbook.study.source import given_path
 
 if TYPE_CHECKING:
@@ -117,29 +118,47 @@ class Lab:
         not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
         (extra `cluster`). Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
         last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
-        Raises what `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
+        The warnings of the plan are repeated before anything runs. Raises what `plan` does except TooLarge, before
+        anything runs; ValueError for a wrong `shard`; DiskFull.
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
         other = None if base is None else Folder(given_path(base, "base"))
-        backend = load_backend(self.backend)
+        backend, plain = load_backend(self.backend), isinstance(progress, bool)
+        with self._catalogue() as catalogue:
+            foreseen = forewarn(study, catalogue, backend, self.device)
         with _watching(progress) as watcher:
-            if study.stop.fill_height is not None:
-                with self._catalogue() as catalogue:
-                    for line in cut_short(Planner(study, catalogue, backend.capabilities).plan(), self.place):
-                        watcher.tell(line)
+            for line in foreseen:
+                _warn(line) if plain else watcher.tell(f"Warning: {line}")
             if cluster is not None:
-                return Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
-            first, *others = named(self.device, backend)
-            if others:
-                runner = Crew(study, self.place, self.backend, (first, *others), checkpoint_every, watcher, part, other)
+                summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
             else:
-                runner = Runner(study, self.place, backend, first, checkpoint_every, watcher, shard=part, base=other)
-            summary = runner.run()
-        if progress is True or progress is False:
-            for why in summary.failed:
-                warnings.warn(f"failed: {why}", LabWarning, stacklevel=2)
+                first, *others = named(self.device, backend)
+                options = (checkpoint_every, watcher)
+                if others:
+                    runner = Crew(study, self.place, self.backend, (first, *others), *options, part, other)
+                else:
+                    runner = Runner(study, self.place, backend, first, *options, shard=part, base=other)
+                summary = runner.run()
+        if shard is None and base is None and not summary.stopped:
+            summary = replace(summary, no_flow=self._no_flow(study, summary))
+        if plain:
+            for why in grouped(summary.failed):
+                _warn(f"failed: {why}")
+            if summary.no_flow:
+                _warn(f"no point of the study has a flow rate: {summary.no_flow}")
         return summary
+
+    def _no_flow(self, study: Study, summary: Summary) -> str:
+        """Why no point has a flow rate, though the study measures it and runs are done; empty if one has."""
+        done = [[item.keys.run for item in point.items if item.state == "done"] for point in summary.points]
+        if FLOW_RATE not in study.measure or not any(done):
+            return ""
+        with self._catalogue() as catalogue:
+            if any(flow_rates(study, catalogue, keys) for keys in done):
+                return ""
+            found = find(study, catalogue, self.backend, lambda done: None)
+        return "; ".join(dict.fromkeys(filter(None, (point.no_flow for point in found.points)))) or "see the report"
 
     def pilot(self, study: Study, progress: bool | Watcher = True, seeds: int | None = None) -> Study:
         """`study` with numerics chosen from its pilot: runs that measure the effect of numerics on the flow rate.
@@ -171,13 +190,13 @@ class Lab:
         """
         _is_study(study)
         if not Path(self.folder).exists():
-            warnings.warn(f"there is no lab {self.folder} yet, so that it has no runs", LabWarning, stacklevel=2)
+            _warn(f"there is no lab {self.folder} yet, so that it has no runs")
         with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
             found = find(study, catalogue, self.backend, told)
-        for problem in found.unreadable:
-            warnings.warn(f"left out: {problem}", LabWarning, stacklevel=2)
-        for problem in found.unmeasured:
-            warnings.warn(f"not measured: {problem}", LabWarning, stacklevel=2)
+        for problem in grouped(found.unreadable):
+            _warn(f"left out: {problem}")
+        for problem in grouped(found.unmeasured):
+            _warn(f"not measured: {problem}")
         return Results(**{one.name: getattr(found, one.name) for one in fields(found)}, lab=self)
 
     def frame(
@@ -474,16 +493,34 @@ _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 """Of the columns of a table."""
 _ENDS = ("", "_error", "_low", "_high")
 """Of the names of columns that have the unit of their quantity."""
+_OWN = ("labbook", "contextlib")
+"""Packages whose lines are not those of a user."""
 _SHOWN = 40
 """Lines of a plain text."""
 
 
 class _Quiet(Unwatched):
-    """Shows nothing, and warns of what must not be missed."""
+    """Shows nothing, and warns of what must not be missed, at the line of the user's code that is at work."""
+
+    def __init__(self):
+        self._place = _caller()  # lines are told from threads of their own
 
     def tell(self, line: str) -> None:
         """Warn of it."""
-        warnings.warn(line, LabWarning, stacklevel=2)
+        _warn(line, self._place)
+
+
+def _caller() -> tuple[str, int]:
+    """File and line of the code that called labbook."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OWN:
+        frame = frame.f_back
+    return frame.f_code.co_filename, frame.f_lineno
+
+
+def _warn(message: str, place: tuple[str, int] | None = None) -> None:
+    """A LabWarning at the line of the user's code, whichever of our functions notices."""
+    warnings.warn_explicit(message, LabWarning, *(place or _caller()))
 
 
 def _watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:

@@ -86,8 +86,12 @@ def register(app: typer.Typer) -> None:
         measures the effect of the time step, and writes STUDY.calibration.json beside the study. --no-pilot skips it:
         the default step is used, and the error budget says that its bias is not known.
 
-        A second Ctrl-C stops at once and keeps the last checkpoints. Exit status: 0 if all runs of the study are done,
-        1 if some failed, diverged or are suspect, 130 if it was stopped.
+        The warnings of labbook plan are repeated before anything runs. A second Ctrl-C stops at once and keeps the last
+        checkpoints.
+
+        Exit status: 0 if all runs of the study are done; 1 if a run or its filling failed, diverged or is suspect, or
+        if the study measures flow_rate and no point has one (not judged for one --shard or with --base); 2 if an
+        argument is wrong; 130 if it was stopped.
         """
         from labbook.api import Lab as Place
         from labbook.backend import BackendMissing, Unsupported
@@ -135,7 +139,7 @@ def register(app: typer.Typer) -> None:
             leave(STOPPED)
         if summary.stopped:
             raise typer.Exit(STOPPED)
-        if summary.failed or summary.diverged or summary.suspect:
+        if summary.failed or summary.diverged or summary.suspect or summary.no_flow:
             raise typer.Exit(1)
 
 

@@ -14,7 +14,7 @@ from labbook.commands import command
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import Listed, stamp
 from labbook.lab.identity import Keys
-from labbook.lab.journal import PROGRESS, Progress
+from labbook.lab.journal import PROGRESS, Failure, Progress
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
@@ -26,6 +26,7 @@ from labbook.run.progress import duration, size
 from labbook.scene.quantities import percent
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Point, Study
+from labbook.study.problems import grouped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -174,6 +175,9 @@ class Plan:
                 sets = "set of features" if ahead.sets == 1 else "sets of features"
                 cached = f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}"
                 lines.append(f"{cached}, unless it is cached")
+        lost = {one.keys.packing: one for one in reversed(self.todo) if one.reason.startswith(_FAILED)}
+        failed = [f"seed {one.demand.seed}: {one.reason.removeprefix(_FAILED)}" for one in reversed(lost.values())]
+        lines += [f"A filling failed before and will be tried again: {why}" for why in grouped(failed)]
         return lines + [f"Warning: {line}" for line in self.warnings]
 
     def _cost(self, ahead: Forecast) -> str:
@@ -220,6 +224,8 @@ class Plan:
         return [f"{said}; at {'; '.join(at[:3])}{' ...' * (len(at) > 3)}" for said, at in groups.items()]
 
 
+_FAILED = "its packing failed: "
+"""How the reason of a run begins whose filling came to nothing before."""
 _STATES: tuple[State, ...] = ("done", "missing", "partial", "stale")
 _FEW = 100
 """Runs that are looked for one by one: a listing of a large lab takes longer."""
@@ -371,8 +377,8 @@ class Planner:
             if older:
                 was, name = older.cache_version, self.backend.name
                 return "stale", f"made by version {was} of {name}, now at version {self.backend.cache_version}"
-            why = self._failed(keys.packing) if listed is None or keys.packing in listed.work else ""
-            return "missing", f"its packing failed: {why}" if why else "not run yet"
+            why = self._failed(demand, keys.packing) if listed is None or keys.packing in listed.work else ""
+            return "missing", f"{_FAILED}{why}" if why else "not run yet"
         if entry.coverage is None:
             return "missing", f"cannot be read: {entry.problem}"
         shared = demand.shared
@@ -381,10 +387,15 @@ class Planner:
         )
         return ("partial", lacks) if lacks else ("done", entry.outcome)
 
-    def _failed(self, packing: str) -> str:
-        """Why a guard stopped a filling; empty if none did."""
+    def _failed(self, demand: Demand, packing: str) -> str:
+        """Why a filling came to nothing, and what to change; empty if none did, or if it may go on for longer now."""
+        folder = self.catalogue.lab.work(packing)
+        noted = Failure.read(folder)
+        if noted is not None:
+            cured = noted.max_time is not None and demand.point.fill.max_time > noted.max_time
+            return "" if cured else noted.why
         try:
-            last = Progress.read(self.catalogue.lab.work(packing))
+            last = Progress.read(folder)
         except Unreadable:
             return ""
         return last.failed if last else ""
