@@ -6,17 +6,17 @@ The verbs of the command line do their work by these methods; docs/python.md lis
 import errno
 import math
 import os
-import sys
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from html import escape
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from labbook.accuracy import BESIDE, write
+from labbook.backend import Backend
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
 from labbook.export.packing import check_spheres, write_packings
@@ -24,9 +24,10 @@ from labbook.export.recording import NotRecorded, of_run
 from labbook.export.study import write_numbers, write_recordings
 from labbook.export.viewer import show
 from labbook.fit import LAWS, FitError, FitResult
-from labbook.lab import Catalogue, LabError
+from labbook.lab import Catalogue, LabError, NoCatalogue
 from labbook.lab import Lab as Folder
 from labbook.lab.folder import DEFAULT
+from labbook.lab.index import Index
 from labbook.lab.runs import picture
 from labbook.measure.trajectories import Trajectories
 from labbook.report import gallery, page, style, tables
@@ -34,7 +35,7 @@ from labbook.results import display
 from labbook.results.calibrating import Calibrated, PilotStopped, calibrate, flow_and_filling
 from labbook.results.find import find
 from labbook.results.frames import frames, known_interval
-from labbook.results.points import FLOW_RATE, RunResult
+from labbook.results.points import FLOW_RATE, ORIFICE, RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
 from labbook.run.advice import foresee, forewarn
@@ -53,6 +54,7 @@ from labbook.study.keys import find as find_keys
 from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import grouped, instead
 from labbook.study.source import given_path
+from labbook.warning import LabWarning, caller, warn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,10 +66,6 @@ __all__ = ["Conflict", "Lab", "LabWarning", "Results", "Run"]
 def _is_study(given: object) -> None:
     if not isinstance(given, Study):
         raise TypeError(f"a Study is needed, and not {given!r}; read a file with labbook.load(path)")
-
-
-class LabWarning(UserWarning):
-    """Some runs of a study failed or cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -118,18 +116,17 @@ class Lab:
         not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
         (extra `cluster`). Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
         last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
-        The warnings of the plan are repeated before anything runs. Raises what `plan` does except TooLarge, before
-        anything runs; ValueError for a wrong `shard`; DiskFull.
+        The warnings of the plan are repeated before anything runs, unless progress is False. Raises what `plan` does
+        except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
         other = None if base is None else Folder(given_path(base, "base"))
         backend, plain = load_backend(self.backend), isinstance(progress, bool)
-        with self._catalogue() as catalogue:
-            foreseen = forewarn(study, catalogue, backend, self.device)
+        foreseen = () if progress is False else self._forewarned(study, backend)
         with _watching(progress) as watcher:
             for line in foreseen:
-                _warn(line) if plain else watcher.tell(f"Warning: {line}")
+                watcher.tell(f"Warning: {line}")
             if cluster is not None:
                 summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
             else:
@@ -144,10 +141,23 @@ class Lab:
             summary = replace(summary, no_flow=self._no_flow(study, summary))
         if plain:
             for why in grouped(summary.failed):
-                _warn(f"failed: {why}")
+                warn(f"failed: {why}")
             if summary.no_flow:
-                _warn(f"no point of the study has a flow rate: {summary.no_flow}")
+                warn(f"no point of the study has a flow rate: {summary.no_flow}")
         return summary
+
+    def _forewarned(self, study: Study, backend: Backend) -> tuple[str, ...]:
+        """The warnings of a plan."""
+
+        def looked() -> tuple[str, ...]:
+            with self._catalogue() as catalogue:
+                return forewarn(study, catalogue, backend, self.device)
+
+        try:
+            return looked()
+        except NoCatalogue:
+            Index(self.place).close()  # to run makes the index of a lab without one, where a plan only looks
+            return looked()
 
     def _no_flow(self, study: Study, summary: Summary) -> str:
         """Why no point has a flow rate, though the study measures it and runs are done; empty if one has."""
@@ -190,13 +200,13 @@ class Lab:
         """
         _is_study(study)
         if not Path(self.folder).exists():
-            _warn(f"there is no lab {self.folder} yet, so that it has no runs")
+            warn(f"there is no lab {self.folder} yet, so that it has no runs")
         with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
             found = find(study, catalogue, self.backend, told)
         for problem in grouped(found.unreadable):
-            _warn(f"left out: {problem}")
+            warn(f"left out: {problem}")
         for problem in grouped(found.unmeasured):
-            _warn(f"not measured: {problem}")
+            warn(f"not measured: {problem}")
         return Results(**{one.name: getattr(found, one.name) for one in fields(found)}, lab=self)
 
     def frame(
@@ -322,12 +332,14 @@ class Results(Found):
         at: the series, as for `fit`. Raises LookupError for an unknown figure.
         """
         name = name or next(iter(self.figures(at)), "flow_rate")
+        if name not in (known := self.figures()):
+            there = ", ".join(known) or "none, as there are no series of finished points"
+            raise gallery.NothingToShow(f"no figure of these results is called {name}; there are: {there}")
         draw = gallery.of_results(self).get(name)
         if draw is None and self.series:
             draw = gallery.of_series(self, self._series(at)).get(name)
         if draw is None:
-            known = ", ".join(self.figures()) or "none, as there are no series of finished points"
-            raise gallery.NothingToShow(f"no figure of these results is called {name}; there are: {known}")
+            raise gallery.NothingToShow(f"this series has no figure {name}; it has: {', '.join(self.figures(at))}")
         return style.displayed(draw())
 
     @cached_property
@@ -339,13 +351,35 @@ class Results(Found):
             for run in p.runs
         )
 
-    def run(self, point: int, seed: int = 1) -> "Run":
-        """The run of a point (counted from 1) with this seed. Raises LookupError."""
+    def run(self, point: Point | int | None = None, seed: int = 1, *, at: Mapping[str, Any] | None = None) -> "Run":
+        """The run with this seed of a point: a Point of the study, its number (from 1), or the one whose swept values
+        are `at` (`{"container.orifice": "18 mm", "contact.friction": 0.2}`). Raises LookupError, TypeError."""
+        if (point is None) == (at is None):
+            raise TypeError("give a point (a Point of the study, or its number from 1) or the values `at` it")
+        number = self._at(at) if at is not None else point.index + 1 if isinstance(point, Point) else point
+        if isinstance(number, bool) or not isinstance(number, Integral):
+            raise TypeError(f"a Point of the study or its number is needed, and not {point!r}")
         for run in self.runs:
-            if (run.point.index + 1, run.seed) == (point, seed):
+            if (run.point.index + 1, run.seed) == (number, seed):
                 return run
-        there = ", ".join(f"({run.point.index + 1}, {run.seed})" for run in self.runs[:20]) or "none"
-        raise LookupError(f"no finished run of point {point} with seed {seed}; there are, as (point, seed): {there}")
+        there = ", ".join(_listed([f"({run.point.index + 1}, {run.seed})" for run in self.runs])) or "none"
+        raise LookupError(f"no finished run of point {number} with seed {seed}; there are, as (point, seed): {there}")
+
+    def _at(self, at: Mapping[str, Any]) -> int:
+        """The number of the point with these values. Raises LookupError."""
+        points = self.study.points
+        keys = list(dict.fromkeys(key for point in points for key in point.at))
+        asked: dict[str, float | str] = {}
+        for key, value in at.items():
+            meant = [name for name in keys if name == key or name.endswith(f".{key}")]
+            if len(meant) != 1:
+                raise LookupError(f"at: the study does not sweep {key}; {instead(str(key), keys)}")
+            asked[meant[0]] = _value(meant[0], value, points[0])
+        found = [one for one in points if all(_same(one.at.get(key), value) for key, value in asked.items())]
+        if len(found) == 1:
+            return found[0].index + 1
+        there = "; ".join(_listed([_written(one.at) for one in found or points]))
+        raise LookupError(f"{len(found) or 'no'} points are at {dict(at)}; there are: {there}")
 
     def report(self, folder: Path | str | None = None) -> Path:
         """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:
@@ -384,16 +418,36 @@ class Results(Found):
         return given_path(given, f"results.{kind.removesuffix('s')}: folder")
 
     def _series(self, at: Mapping[str, Any] | None) -> Series:
-        """The one series that `at` names."""
-        asked = {key: _value(key, value, self.study.points[0]) for key, value in (at or {}).items()}
+        """The one series that `at` names. Raises LookupError."""
+        if not self.series:
+            raise LookupError("there is no series, as no point with an orifice is done")
+        asked = {}
+        for key, value in (at or {}).items():
+            name = self._key(str(key))
+            asked[name] = _value(name, value, self.study.points[0])
         found = [one for one in self.series if all(_same(one.at.get(key), value) for key, value in asked.items())]
         if len(found) == 1:
             return found[0]
-        said = (
-            "; ".join(one.label or "all points" for one in self.series) or "none, as no point with an orifice is done"
-        )
-        which = f"{len(found)} series are at {dict(at)}" if at else "the study has several series: say which by `at`"
-        raise LookupError(f"{which if self.series else 'there is no series'}; there are: {said}")
+        there = "; ".join(_listed([_written(one.at) for one in self.series]))
+        if at:
+            raise LookupError(f"{len(found) or 'no'} series are at {dict(at)}; there are: {there}")
+        raise LookupError(f"the study has several series: say which by `at`; there are: {there}")
+
+    def _key(self, name: str) -> str:
+        """The key, by which series are told apart, that is called so; its last part will do where it is the only one.
+        Raises LookupError."""
+        keys = list(dict.fromkeys(key for one in self.series for key in one.at))
+        meant = [key for key in keys if key == name or key.endswith(f".{name}")]
+        if len(meant) == 1:
+            return meant[0]
+        if len(meant) > 1:
+            raise LookupError(f"at: {name} may be {' or '.join(meant)}")
+        if name == ORIFICE or ORIFICE.endswith(f".{name}"):
+            raise LookupError(
+                f"at: {ORIFICE} is the axis of every series and tells none apart; "
+                + (f"series are told apart by {', '.join(keys)}" if keys else "there is one series: leave out `at`")
+            )
+        raise LookupError(f"at: series are not told apart by {name}; {instead(name, keys)}")
 
     def __repr__(self) -> str:
         head = f"<Results of {self.study.name} on {self.lab.backend} in {self.lab.folder}: "
@@ -493,8 +547,8 @@ _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 """Of the columns of a table."""
 _ENDS = ("", "_error", "_low", "_high")
 """Of the names of columns that have the unit of their quantity."""
-_OWN = ("labbook", "contextlib")
-"""Packages whose lines are not those of a user."""
+_NAMED = 12
+"""Series, points or runs that a message names."""
 _SHOWN = 40
 """Lines of a plain text."""
 
@@ -503,24 +557,11 @@ class _Quiet(Unwatched):
     """Shows nothing, and warns of what must not be missed, at the line of the user's code that is at work."""
 
     def __init__(self):
-        self._place = _caller()  # lines are told from threads of their own
+        self._place = caller()  # lines are told from threads of their own
 
     def tell(self, line: str) -> None:
         """Warn of it."""
-        _warn(line, self._place)
-
-
-def _caller() -> tuple[str, int]:
-    """File and line of the code that called labbook."""
-    frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OWN:
-        frame = frame.f_back
-    return frame.f_code.co_filename, frame.f_lineno
-
-
-def _warn(message: str, place: tuple[str, int] | None = None) -> None:
-    """A LabWarning at the line of the user's code, whichever of our functions notices."""
-    warnings.warn_explicit(message, LabWarning, *(place or _caller()))
+        warn(line, self._place)
 
 
 def _watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
@@ -561,6 +602,24 @@ def _value(key: str, value: Any, point: Point) -> float | str:
     if isinstance(value, str) and known is not None:
         return parse(value, known.unit, point.scene.grains.diameter)
     return value if isinstance(value, str) else float(value)
+
+
+def _written(at: Mapping[str, float | str]) -> str:
+    """What tells a series apart, as one writes it for `at`: with units, and numbers that mean the very same value."""
+    written: dict[str, float | str] = {}
+    for key, value in at.items():
+        shown = display.key(key)
+        written[key] = value
+        if not isinstance(value, str) and shown.unit:
+            text = f"{value * shown.scale:.12g} {shown.unit}"
+            with suppress(ValueError):  # units that are shown by a sign of their own
+                written[key] = text if _same(parse(text, None), value) else value
+    return repr(written)
+
+
+def _listed(texts: Sequence[str]) -> list[str]:
+    """The first of many, and how many there are."""
+    return [*texts[:_NAMED], f"... ({len(texts)} in all)"] if len(texts) > _NAMED else [*texts]
 
 
 def _same(one: float | str | None, other: float | str) -> bool:

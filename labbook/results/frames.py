@@ -262,7 +262,7 @@ def _bands(results: Results) -> Iterator[Row]:
     for series in results.series:
         for law, found in series.fits.items():
             D = np.linspace(found.D.min(), found.D.max(), _PLACES)
-            of_law, of_point = found.predict(D), found.predict(D, new_point=True)
+            of_law, of_point = found.band(D), found.band(D, new_point=True)
             names = ("orifice", "flow_rate", "low", "high", "point_low", "point_high")
             for values in zip(D, *of_law, *of_point[1:], strict=True):
                 yield {**_of_series(series), "law": law, **dict(zip(names, map(float, values), strict=True))}

@@ -97,7 +97,7 @@ class Series:
     def residuals(self, law: str) -> tuple[Residual, ...]:
         """Of every point with a flow rate, in order of the orifice."""
         known = [(result.orifice, result.flow_rate) for result in self.points if result.flow_rate is not None]
-        expected, _, _ = self.fits[law].predict(np.array([orifice for orifice, _ in known]))
+        expected, _, _ = self.fits[law].band(np.array([orifice for orifice, _ in known]))
         return tuple(
             Residual(orifice, float(pooled.value / of_law - 1), float(pooled.half_width / of_law))
             for (orifice, pooled), of_law in zip(known, expected, strict=True)

@@ -32,18 +32,20 @@ def test_run_repeats_the_warnings_of_the_plan_before_it_starts(tmp_path):
     assert ALONE not in ended.stdout
 
 
-def test_warnings_in_python_stand_at_the_line_of_the_user(tmp_path):
+@pytest.mark.parametrize("progress", [True, False])
+def test_python_repeats_them_too_unless_it_is_to_be_quiet(tmp_path, capfd, progress):
     asked, lab = study(tmp_path, orifices="[24]", replicates=1), labbook.Lab(tmp_path / "lab", "toy")
-    (one,) = spoken(lab, asked)
-    assert ALONE in str(one.message)
-    assert one.category is labbook.LabWarning
-    assert one.filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        lab.run(asked, progress=progress)
+    assert (ALONE in " ".join(capfd.readouterr().err.split())) == progress
 
 
 def test_a_line_from_within_a_run_stands_there_too(tmp_path, monkeypatch):
     asked, lab = study(tmp_path, orifices="[24]"), labbook.Lab(tmp_path / "lab", "toy")
     monkeypatch.setattr("labbook.run.fill.FillJob.warning", lambda self: "does not seem to come to rest")
-    assert {one.filename for one in spoken(lab, asked)} == {__file__}
+    caught = spoken(lab, asked)
+    assert {(one.filename, one.category) for one in caught} == {(__file__, labbook.LabWarning)}
 
 
 def test_reasons_that_differ_in_numbers_only_are_one(tmp_path):

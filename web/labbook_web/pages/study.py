@@ -255,7 +255,7 @@ def _series(series: Series) -> dict[str, Any]:
     laws = {}
     for law, fit in series.fits.items():
         D = np.linspace(fit.D.min(), fit.D.max(), _PLACES)
-        value, low, high = fit.predict(D)
+        value, low, high = fit.band(D)
         table, residuals = fit_table(law, fit), series.residuals(law)
         laws[law] = {
             "label": display.law(law),
