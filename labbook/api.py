@@ -6,6 +6,7 @@ The verbs of the command line do their work by these methods; docs/python.md lis
 import errno
 import math
 import os
+from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields, replace
@@ -15,6 +16,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from labbook import html
 from labbook.accuracy import BESIDE, write
 from labbook.backend import Backend
 from labbook.backend import load as load_backend
@@ -49,6 +51,7 @@ from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
 from labbook.run.shard import WHOLE, Shard
 from labbook.run.watch import Unwatched, Watcher
 from labbook.scene.quantities import parse
+from labbook.stats import Measured
 from labbook.study import Point, Study, load
 from labbook.study.keys import find as find_keys
 from labbook.study.pilot import first_needed, whole
@@ -236,6 +239,19 @@ class Lab:
         held = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
         return f"{head}: {held}>"
 
+    def _repr_html_(self) -> str:
+        try:
+            with self._catalogue() as catalogue:
+                counts, packings = catalogue.studies(), catalogue.packing_count()
+        except LabError as error:
+            return escape(f"<Lab {self.folder} on {self.backend}, {self.device}: {error}>")
+        rows = [(one.study or "–", one.backend, one.outcome, str(one.runs)) for one in counts]
+        listed = html.table(("study", "backend", "outcome", "runs"), rows[:_SHOWN]) if rows else ""
+        more = [f"and {len(rows) - _SHOWN} more rows"] if len(rows) > _SHOWN else []
+        runs = sum(one.runs for one in counts)
+        said = f"{runs} run{'' if runs == 1 else 's'}, {packings} packing{'' if packings == 1 else 's'}"
+        return html.titled(f"Lab {self.folder} on {self.backend}, {self.device}: {said}", listed, html.lines(more))
+
     @contextmanager
     def _catalogue(self) -> Iterator[Catalogue]:
         catalogue = Catalogue(self.place)
@@ -379,7 +395,7 @@ class Results(Found):
         if len(found) == 1:
             return found[0].index + 1
         there = "; ".join(_listed([_written(one.at) for one in found or points]))
-        raise LookupError(f"{len(found) or 'no'} points are at {dict(at)}; there are: {there}")
+        raise LookupError(f"{len(found)} points are at {dict(at)}; there are: {there}")
 
     def report(self, folder: Path | str | None = None) -> Path:
         """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:
@@ -430,7 +446,7 @@ class Results(Found):
             return found[0]
         there = "; ".join(_listed([_written(one.at) for one in self.series]))
         if at:
-            raise LookupError(f"{len(found) or 'no'} series are at {dict(at)}; there are: {there}")
+            raise LookupError(f"{len(found)} series are at {dict(at)}; there are: {there}")
         raise LookupError(f"the study has several series: say which by `at`; there are: {there}")
 
     def _key(self, name: str) -> str:
@@ -470,8 +486,6 @@ class Results(Found):
 
     def _picture(self) -> str:
         """The first figure of all, as the notebook's own."""
-        from base64 import b64encode
-
         for one in self.series[:1]:
             for draw in list(gallery.of_series(self, one).values())[:1]:
                 data, size = style.for_a_screen(draw())
@@ -537,6 +551,20 @@ class Run(RunResult):
     def view(self) -> None:
         """Open the rerun viewer and wait until it is closed. Raises NotRecorded, ViewerMissing or ViewerFailed."""
         show([self.recording()])
+
+    def _repr_html_(self) -> str:
+        label = self.point.label or "the only point"
+        state = (
+            f"{self.outcome}{', recorded' if self.recorded else ''}{f', suspect: {self.suspect}' * bool(self.suspect)}"
+        )
+        facts = html.table((), [("outcome", state), ("run", self.run_key[:16]), ("folder", str(self.folder))])
+        bed = ""
+        if self.picture is not None:
+            data = b64encode(self.picture.read_bytes()).decode()
+            bed = f'<img alt="The bed" style="max-height:16em" src="data:image/png;base64,{data}"/>'
+        numbers = f"<div>{facts}{_quantities(self.measured)}</div>"
+        shown = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{bed}{numbers}</div>'
+        return html.titled(f"{self.results.study.name}, {label}, seed {self.seed}", shown)
 
     def __repr__(self) -> str:
         recorded = ", recorded" if self.recorded else ""
@@ -628,12 +656,16 @@ def _same(one: float | str | None, other: float | str) -> bool:
     return math.isclose(one, other, rel_tol=1e-9)
 
 
-def _html(table: tables.Table) -> str:
-    """A table of a report in HTML that a notebook styles itself."""
+def _html(shown: tables.Table) -> str:
+    """A table of a report as a notebook shows it."""
+    return html.table(shown.headings, shown.rows, shown.notes)
 
-    def cells(row: Sequence[str], tag: str) -> str:
-        return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in row)
 
-    head = f"<thead><tr>{cells(table.headings, 'th')}</tr></thead>"
-    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in table.rows)
-    return f"<table>{head}<tbody>{body}</tbody></table>{''.join(f'<div>{escape(note)}</div>' for note in table.notes)}"
+def _quantities(measured: Mapping[str, Measured]) -> str:
+    """The numbers of a run, as its page shows them."""
+    rows = []
+    for name, one in measured.items():
+        shown = display.quantity(name, one.unit)
+        value = display.with_error(one.value, one.error, shown.scale) if math.isfinite(one.value) else "–"
+        rows.append((shown.name, value, shown.unit, one.note))
+    return html.table(("quantity", "value ± error", "unit", "note"), rows)

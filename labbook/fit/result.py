@@ -1,11 +1,13 @@
 """What a fit gives: parameters with intervals, goodness, and prediction bands."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook import html
 from labbook.fit.band import half_width, law_error
 from labbook.fit.law import Context, Law
 from labbook.fit.profile import Minimum, derivative
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+_WIDE = 10.0
+"""Width of an interval, in values, from which on a parameter is not determined."""
 _FAR = 2.0
 """Factor beyond the fitted orifices from which a prediction is extrapolated far."""
 
@@ -74,13 +78,34 @@ class FitResult:
         """The parameters: a row each, with value, error, ends of the interval and unit."""
         import pandas as pd
 
-        return pd.DataFrame([{"parameter": name, **vars(found)} for name, found in self.parameters.items()])
+        rows = [{"parameter": name, **vars(found)} for name, found in self.parameters.items()]
+        return pd.DataFrame([{**row, "symbol": self.symbols[row["parameter"]]} for row in rows])
+
+    @property
+    def symbols(self) -> dict[str, str]:
+        """What pages call the parameters, by name: `C (bulk density)` is the symbol of `C`."""
+        return {one.name: one.symbol or one.name for one in self.law.reported(self.context)}
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for one in self.law.reported(self.context):
+            found = self.parameters[one.name]
+            value, error, low, high = (one.scale * x for x in (found.value, found.error, found.low, found.high))
+            known = math.isfinite(high - low) and high - low <= _WIDE * abs(value)
+            shown = f"{value:.4g} ± {error:.2g}" if known else "not determined"
+            rows.append((one.symbol or one.name, one.name, shown, f"{low:.4g} to {high:.4g}", one.shown or one.unit))
+        goodness = f"χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}"
+        notes = (goodness, *(f"note: {note}" for note in self.notes))
+        heads = ("parameter", "name", "value ± error", f"{percent(self.confidence)} interval", "unit")
+        return html.titled(f"{self.law.name}: {self.law.formula}", html.table(heads, rows, notes))
 
     def __repr__(self) -> str:
         lines = [f"<{self.law.name}: {self.law.formula}>"]
         for name, one in self.parameters.items():
             within = f"{percent(self.confidence)}: {one.low:.4g} to {one.high:.4g}"
-            lines.append(f"  {name} = {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() + f"  ({within})")
+            symbol = self.symbols[name]
+            called = name if symbol == name else f"{name}, shown as {symbol},"
+            lines.append(f"  {called} = {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() + f"  ({within})")
         lines.append(f"  χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}")
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 

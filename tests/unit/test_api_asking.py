@@ -54,7 +54,7 @@ def test_the_last_part_of_a_key_will_do(two):
 @pytest.mark.parametrize(
     ("at", "said"),
     [
-        ({"angle": "45 deg"}, r"no series are at .*; there are: \{'container.angle': '60 deg'\}; "),
+        ({"angle": "45 deg"}, r"0 series are at .*; there are: \{'container.angle': '60 deg'\}; "),
         ({"container.orifice": "18 mm"}, "container.orifice is the axis of every series and tells none apart"),
         ({"orifice": "18 mm"}, "series are told apart by container.angle"),
         ({"contact.friction": 0.2}, "not told apart by contact.friction; known here: container.angle"),
