@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from labbook.api import Lab, LabWarning, Results, Run
+    from labbook.api import Lab, Results, Run
     from labbook.fit import FitError, FitResult
     from labbook.lab import LabError
     from labbook.measure.trajectories import Trajectories
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from labbook.run.runner import Summary
     from labbook.scene import Scene
     from labbook.study import Point, Study, StudyError, define, load
+    from labbook.warning import LabWarning
 
 __version__ = "0.1.0"
 
@@ -40,7 +41,7 @@ __all__ = [
 ]
 
 _PLACES = {
-    "labbook.api": ("Lab", "LabWarning", "Results", "Run"),
+    "labbook.api": ("Lab", "Results", "Run"),
     "labbook.fit": ("FitError", "FitResult"),
     "labbook.lab": ("LabError",),
     "labbook.measure.trajectories": ("Trajectories",),
@@ -48,6 +49,7 @@ _PLACES = {
     "labbook.run.runner": ("Summary",),
     "labbook.scene": ("Scene",),
     "labbook.study": ("Point", "Study", "StudyError", "define", "load"),
+    "labbook.warning": ("LabWarning",),
 }
 _PLACE = {name: module for module, names in _PLACES.items() for name in names}
 

@@ -6,16 +6,19 @@ The verbs of the command line do their work by these methods; docs/python.md lis
 import errno
 import math
 import os
-import warnings
+from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, fields
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from html import escape
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from labbook import html
 from labbook.accuracy import BESIDE, write
+from labbook.backend import Backend
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
 from labbook.export.packing import check_spheres, write_packings
@@ -24,35 +27,38 @@ from labbook.export.study import write_numbers, write_recordings
 from labbook.export.viewer import show
 from labbook.fit import LAWS, FitError, FitResult
 from labbook.fit import named as named_law
-from labbook.lab import Catalogue, LabError
+from labbook.lab import Catalogue, LabError, NoCatalogue
 from labbook.lab import Lab as Folder
 from labbook.lab.folder import DEFAULT
+from labbook.lab.index import Index
 from labbook.lab.runs import picture
 from labbook.measure.trajectories import Trajectories
 from labbook.report import gallery, page, style, tables
 from labbook.results import display
 from labbook.results.calibrating import Calibrated, PilotStopped, calibrate, flow_and_filling
 from labbook.results.find import find
-from labbook.results.frames import frames
-from labbook.results.paper import analyses
-from labbook.results.points import FLOW_RATE, RunResult
+from labbook.results.frames import frames, known_interval
+from labbook.results.points import FLOW_RATE, ORIFICE, RunResult
 from labbook.results.series import Series, series_of
 from labbook.results.study import Results as Found
-from labbook.run.advice import cut_short, foresee
+from labbook.run.advice import foresee, forewarn
 from labbook.run.cluster import Cluster
 from labbook.run.demand import Conflict
 from labbook.run.devices import Crew, named
 from labbook.run.notebook import NotebookBar, counting, in_notebook
-from labbook.run.plan import Plan, Planner
+from labbook.run.plan import Plan, flow_rates
 from labbook.run.progress import Bar
 from labbook.run.runner import CHECKPOINT_EVERY, Runner, Summary
 from labbook.run.shard import WHOLE, Shard
 from labbook.run.watch import Unwatched, Watcher
 from labbook.scene.quantities import parse
+from labbook.stats import Measured
 from labbook.study import Point, Study, load
 from labbook.study.keys import find as find_keys
-from labbook.study.pilot import SEEDS, first_needed, is_pilot, pilot
-from labbook.study.problems import instead
+from labbook.study.pilot import first_needed, whole
+from labbook.study.problems import grouped, instead
+from labbook.study.source import given_path
+from labbook.warning import LabWarning, caller, warn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,15 +72,12 @@ def _is_study(given: object) -> None:
         raise TypeError(f"a Study is needed, and not {given!r}; read a file with labbook.load(path)")
 
 
-class LabWarning(UserWarning):
-    """Some runs of a study failed or cannot be read."""
-
-
 @dataclass(frozen=True)
 class Lab:
     """A folder with runs and packings, and the backend and device that make them.
 
-    The folder is created at the first write. Several processes may use one lab at once: they share the work.
+    The folder is created at the first write; `~` is the home folder, as in a shell. Several processes may use one lab
+    at once: they share the work.
     """
 
     folder: Path | str = DEFAULT
@@ -82,6 +85,9 @@ class Lab:
     """Backend that makes the runs, and whose runs `results` reads: `numba` (CPU) or `warp` (GPU)."""
     device: str = "cpu"
     """Device, such as `cpu` or `cuda:0`; several as `cuda:0,cuda:1` or `cuda:all`."""
+
+    def __post_init__(self):
+        object.__setattr__(self, "folder", given_path(self.folder, "labbook.Lab: folder"))
 
     @property
     def place(self) -> Folder:
@@ -114,67 +120,81 @@ class Lab:
         not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
         (extra `cluster`). Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
         last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
-        Raises what `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
+        The warnings of the plan are repeated before anything runs, unless progress is False. Raises what `plan` does
+        except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
-        other = None if base is None else Folder(Path(base))
-        backend = load_backend(self.backend)
+        other = None if base is None else Folder(given_path(base, "base"))
+        backend, plain = load_backend(self.backend), isinstance(progress, bool)
+        foreseen = () if progress is False else self._forewarned(study, backend)
         with _watching(progress) as watcher:
-            if study.stop.fill_height is not None:
-                with self._catalogue() as catalogue:
-                    for line in cut_short(Planner(study, catalogue, backend.capabilities).plan(), self.place):
-                        watcher.tell(line)
+            for line in foreseen:
+                watcher.tell(f"Warning: {line}")
             if cluster is not None:
-                return Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
-            first, *others = named(self.device, backend)
-            if others:
-                runner = Crew(study, self.place, self.backend, (first, *others), checkpoint_every, watcher, part, other)
+                summary = Cluster(study, self.place, self.backend, cluster, self.device, watcher=watcher).run()
             else:
-                runner = Runner(study, self.place, backend, first, checkpoint_every, watcher, shard=part, base=other)
-            summary = runner.run()
-        if progress is True or progress is False:
-            for why in summary.failed:
-                warnings.warn(f"failed: {why}", LabWarning, stacklevel=2)
+                first, *others = named(self.device, backend)
+                options = (checkpoint_every, watcher)
+                if others:
+                    runner = Crew(study, self.place, self.backend, (first, *others), *options, part, other)
+                else:
+                    runner = Runner(study, self.place, backend, first, *options, shard=part, base=other)
+                summary = runner.run()
+        if shard is None and base is None and not summary.stopped:
+            summary = replace(summary, no_flow=self._no_flow(study, summary))
+        if plain:
+            for why in grouped(summary.failed):
+                warn(f"failed: {why}")
+            if summary.no_flow:
+                warn(f"no point of the study has a flow rate: {summary.no_flow}")
         return summary
 
-    def calibrate(
-        self, study: Study, seeds: int | None = None, progress: bool | Watcher = True
-    ) -> tuple[Calibrated, ...]:
-        """Effect of numerics on the flow rate of `study`, scene by scene. Runs its pilot: a few settings with `seeds`
-        runs each at its first and last point, evaluated by one regression per scene. seeds: None for 8. A study that
-        sweeps numerics is its own pilot.
+    def _forewarned(self, study: Study, backend: Backend) -> tuple[str, ...]:
+        """The warnings of a plan."""
 
-        Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be calibrated,
-        PilotStopped after Ctrl-C.
-        """
-        _is_study(study)
-        return self._calibrated(study if is_pilot(study) else pilot(study, seeds or SEEDS), progress)
+        def looked() -> tuple[str, ...]:
+            with self._catalogue() as catalogue:
+                return forewarn(study, catalogue, backend, self.device)
 
-    def pilot(self, study: Study, progress: bool | Watcher = True) -> Study:
-        """`study` with numerics chosen for the requested error. If its scenes are not calibrated,
-        a pilot is run first, which measures the effect of the time step on the flow rate at a few of its points.
+        try:
+            return looked()
+        except NoCatalogue:
+            Index(self.place).close()  # to run makes the index of a lab without one, where a plan only looks
+            return looked()
+
+    def _no_flow(self, study: Study, summary: Summary) -> str:
+        """Why no point has a flow rate, though the study measures it and runs are done; empty if one has."""
+        done = [[item.keys.run for item in point.items if item.state == "done"] for point in summary.points]
+        if FLOW_RATE not in study.measure or not any(done):
+            return ""
+        with self._catalogue() as catalogue:
+            if any(flow_rates(study, catalogue, keys) for keys in done):
+                return ""
+            found = find(study, catalogue, self.backend, lambda done: None)
+        return "; ".join(dict.fromkeys(filter(None, (point.no_flow for point in found.points)))) or "see the report"
+
+    def pilot(self, study: Study, progress: bool | Watcher = True, seeds: int | None = None) -> Study:
+        """`study` with numerics chosen from its pilot: runs that measure the effect of numerics on the flow rate.
+
+        seeds: None for the pilot that the requested error needs, which has two time steps; a study whose scenes are
+        calibrated, or that requests no error, needs none and is returned as it is. With a number a whole pilot is
+        run, needed or not: seven settings of time step and stiffness with `seeds` runs each, at the first and last
+        point. A study that sweeps numerics is its own pilot.
 
         The calibration is written beside the study file, where `load` finds it, or into the lab for a study made
-        in Python. A study that needs no pilot is returned as it is. Raises what `calibrate` raises, and OSError where
-        the calibration cannot be written, before anything runs.
+        in Python. Raises what `run` raises; NotCalibrated where too few runs flowed or scenes of this kind cannot be
+        calibrated, PilotStopped after Ctrl-C; OSError where the calibration cannot be written, before anything runs.
         """
         _is_study(study)
-        needed = first_needed(study)
-        if needed is None:
+        runs = first_needed(study) if seeds is None else whole(study, seeds)
+        if runs is None:
             return study
         file = self.place.studies / f"{study.name}{BESIDE}" if not study.source else study.path.with_suffix(BESIDE)
         if study.source and not os.access(file.parent, os.W_OK):
             raise PermissionError(errno.EACCES, "the calibration of its pilot cannot be written there", str(file))
-        write(file, [one.effects for one in self._calibrated(needed, progress)])
+        write(file, [one.effects for one in effects_of_numerics(self, runs, progress)])
         return load(study.path) if study.source else study.change({"accuracy.calibration": str(file.resolve())})
-
-    def _calibrated(self, pilot: Study, progress: bool | Watcher) -> tuple[Calibrated, ...]:
-        for point in pilot.points:
-            flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups
-        if self.run(pilot, progress).stopped:
-            raise PilotStopped
-        return calibrate(pilot.name, self.results(pilot, False).points)
 
     def results(self, study: Study, progress: bool | Callable[[int], None] = True) -> "Results":
         """Results of `study` so far. Runs that are not evaluated yet are evaluated now, and the numbers are kept.
@@ -184,13 +204,13 @@ class Lab:
         """
         _is_study(study)
         if not Path(self.folder).exists():
-            warnings.warn(f"there is no lab {self.folder} yet, so that it has no runs", LabWarning, stacklevel=2)
+            warn(f"there is no lab {self.folder} yet, so that it has no runs")
         with self._catalogue() as catalogue, _counting(progress, "evaluating runs") as told:
             found = find(study, catalogue, self.backend, told)
-        for problem in found.unreadable:
-            warnings.warn(f"left out: {problem}", LabWarning, stacklevel=2)
-        for problem in found.unmeasured:
-            warnings.warn(f"not measured: {problem}", LabWarning, stacklevel=2)
+        for problem in grouped(found.unreadable):
+            warn(f"left out: {problem}")
+        for problem in grouped(found.unmeasured):
+            warn(f"not measured: {problem}")
         return Results(**{one.name: getattr(found, one.name) for one in fields(found)}, lab=self)
 
     def frame(
@@ -220,6 +240,19 @@ class Lab:
         held = f"{sum(counts.values())} runs{f' ({by})' if by else ''}, {packings} packings"
         return f"{head}: {held}>"
 
+    def _repr_html_(self) -> str:
+        try:
+            with self._catalogue() as catalogue:
+                counts, packings = catalogue.studies(), catalogue.packing_count()
+        except LabError as error:
+            return escape(f"<Lab {self.folder} on {self.backend}, {self.device}: {error}>")
+        rows = [(one.study or "–", one.backend, one.outcome, str(one.runs)) for one in counts]
+        listed = html.table(("study", "backend", "outcome", "runs"), rows[:_SHOWN]) if rows else ""
+        more = [f"and {len(rows) - _SHOWN} more rows"] if len(rows) > _SHOWN else []
+        runs = sum(one.runs for one in counts)
+        said = f"{runs} run{'' if runs == 1 else 's'}, {packings} packing{'' if packings == 1 else 's'}"
+        return html.titled(f"Lab {self.folder} on {self.backend}, {self.device}: {said}", listed, html.lines(more))
+
     @contextmanager
     def _catalogue(self) -> Iterator[Catalogue]:
         catalogue = Catalogue(self.place)
@@ -227,6 +260,18 @@ class Lab:
             yield catalogue
         finally:
             catalogue.close()
+
+
+def effects_of_numerics(lab: Lab, pilot: Study, progress: bool | Watcher = True) -> tuple[Calibrated, ...]:
+    """What numerics do to the flow rate, scene by scene, from a pilot, whose missing runs are made.
+
+    Raises what `Lab.pilot` raises.
+    """
+    for point in pilot.points:
+        flow_and_filling(point)  # refuses, before anything runs, scenes that have no groups
+    if lab.run(pilot, progress).stopped:
+        raise PilotStopped
+    return calibrate(pilot.name, lab.results(pilot, False).points)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,26 +283,34 @@ class Results(Found):
 
     def frame(self) -> "pd.DataFrame":
         """A row a point: `point` (from 1), what was swept, and of each quantity its mean over replicates (`flow_rate`),
-        standard error (`flow_rate_error`) and the ends of its 95 % interval (`flow_rate_low`, `flow_rate_high`);
-        `replicates`, `remark`. SI, units in `attrs`; NaN for what is not known."""
+        standard error (`flow_rate_error`), the ends of its 95 % interval (`flow_rate_low`, `flow_rate_high`) and the
+        number of runs in the mean (`flow_rate_n`); `runs`: finished runs of the point, however they ended;
+        `replicates`: those in the mean of the flow rate, or in any mean if the study does not measure it; `remark`.
+
+        SI, units in `attrs`; NaN for what is not known, so error and interval of a mean of one run are NaN.
+        """
         import pandas as pd
 
         rows: list[dict[str, Any]] = []
-        units, asked = self.study.units, FLOW_RATE in self.study.measure
-        rates = [f"{FLOW_RATE}{end}" for end in ("", "_error", "_low", "_high") if asked]
+        units, measured = self.study.units, FLOW_RATE in self.study.measure
+        rates = [f"{FLOW_RATE}{end}" for end in (*_ENDS, "_n") if measured]
         for result in self.points:
             row: dict[str, Any] = {"point": result.point.index + 1, **result.point.at}
-            row |= dict.fromkeys(rates, math.nan)  # also where no run has one
+            row |= {name: 0 if name.endswith("_n") else math.nan for name in rates}  # also where no run has one
             for name, pooled in result.pooled.items():
-                row |= {name: pooled.value, f"{name}_error": pooled.error}
-                row |= {f"{name}_low": pooled.low, f"{name}_high": pooled.high}
-            measured = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
-            for name, one in measured.items():
-                units |= {f"{name}{end}": one.unit for end in ("", "_error", "_low", "_high")}
-            rows.append({**row, "replicates": len(result.runs), "remark": result.remark})
+                low, high = known_interval(pooled.low, pooled.high)
+                row |= {name: pooled.value, f"{name}_error": pooled.error, f"{name}_low": low, f"{name}_high": high}
+                row[f"{name}_n"] = pooled.n
+            numbers = {name: one for run in result.runs for name, one in run.measured.items() if name in result.pooled}
+            for name, one in numbers.items():
+                units |= {f"{name}{end}": one.unit for end in _ENDS}
+            n = row[f"{FLOW_RATE}_n"] if measured else max((one.n for one in result.pooled.values()), default=0)
+            rows.append({**row, "runs": len(result.runs), "replicates": n, "remark": result.remark})
         swept = dict.fromkeys(key for point in self.study.points for key in point.at)
-        empty = ["point", *swept, *rates, "replicates", "remark"]
+        empty = ["point", *swept, *rates, "runs", "replicates", "remark"]
         made = pd.DataFrame(rows, columns=None if rows else empty)
+        for name in (f"{one}_n" for one in dict.fromkeys(one for result in self.points for one in result.pooled)):
+            made[name] = made[name].fillna(0).astype(int)  # of points that lack it
         made.attrs = {"study": self.study.name, "units": units}
         return made
 
@@ -266,12 +319,7 @@ class Results(Found):
 
         SI, with units in `attrs` and in columns called `unit`.
         """
-        made = frames(self)
-        for name, frame in made.items():
-            columns = {**_COLUMNS, **{table: of for paper in analyses() for table, of in paper.columns.items()}}
-            known = {**self.study.units, **columns.get(name, {})}
-            frame.attrs = {"study": self.study.name, "units": {one: known[one] for one in frame if one in known}}
-        return made
+        return frames(self)
 
     def fit(self, law: str, at: Mapping[str, Any] | None = None) -> FitResult:
         """Fit of the law with this name (`beverloo_3d` or `Beverloo 3d`) to flow rates against the orifice; the study
@@ -303,12 +351,14 @@ class Results(Found):
         at: the series, as for `fit`. Raises LookupError for an unknown figure.
         """
         name = gallery.FILES.get(name or "", name) or next(iter(self.figures(at)), "flow_rate")
+        if name not in (known := self.figures()):
+            there = ", ".join(known) or "none, as there are no series of finished points"
+            raise gallery.NothingToShow(f"no figure of these results is called {name}; there are: {there}")
         draw = gallery.of_results(self).get(name)
         if draw is None and self.series:
             draw = gallery.of_series(self, self._series(at)).get(name)
         if draw is None:
-            known = ", ".join(self.figures()) or "none, as there are no series of finished points"
-            raise gallery.NothingToShow(f"no figure of these results is called {name}; there are: {known}")
+            raise gallery.NothingToShow(f"this series has no figure {name}; it has: {', '.join(self.figures(at))}")
         return style.displayed(draw())
 
     @cached_property
@@ -320,18 +370,40 @@ class Results(Found):
             for run in p.runs
         )
 
-    def run(self, point: int, seed: int = 1) -> "Run":
-        """The run of a point (counted from 1) with this seed. Raises LookupError."""
+    def run(self, point: Point | int | None = None, seed: int = 1, *, at: Mapping[str, Any] | None = None) -> "Run":
+        """The run with this seed of a point: a Point of the study, its number (from 1), or the one whose swept values
+        are `at` (`{"container.orifice": "18 mm", "contact.friction": 0.2}`). Raises LookupError, TypeError."""
+        if (point is None) == (at is None):
+            raise TypeError("give a point (a Point of the study, or its number from 1) or the values `at` it")
+        number = self._at(at) if at is not None else point.index + 1 if isinstance(point, Point) else point
+        if isinstance(number, bool) or not isinstance(number, Integral):
+            raise TypeError(f"a Point of the study or its number is needed, and not {point!r}")
         for run in self.runs:
-            if (run.point.index + 1, run.seed) == (point, seed):
+            if (run.point.index + 1, run.seed) == (number, seed):
                 return run
-        there = ", ".join(f"({run.point.index + 1}, {run.seed})" for run in self.runs[:20]) or "none"
-        raise LookupError(f"no finished run of point {point} with seed {seed}; there are, as (point, seed): {there}")
+        there = ", ".join(_listed([f"({run.point.index + 1}, {run.seed})" for run in self.runs])) or "none"
+        raise LookupError(f"no finished run of point {number} with seed {seed}; there are, as (point, seed): {there}")
+
+    def _at(self, at: Mapping[str, Any]) -> int:
+        """The number of the point with these values. Raises LookupError."""
+        points = self.study.points
+        keys = list(dict.fromkeys(key for point in points for key in point.at))
+        asked: dict[str, float | str] = {}
+        for key, value in at.items():
+            meant = [name for name in keys if name == key or name.endswith(f".{key}")]
+            if len(meant) != 1:
+                raise LookupError(f"at: the study does not sweep {key}; {instead(str(key), keys)}")
+            asked[meant[0]] = _value(meant[0], value, points[0])
+        found = [one for one in points if all(_same(one.at.get(key), value) for key, value in asked.items())]
+        if len(found) == 1:
+            return found[0].index + 1
+        there = "; ".join(_listed([_written(one.at) for one in found or points]))
+        raise LookupError(f"{len(found)} points are at {dict(at)}; there are: {there}")
 
     def report(self, folder: Path | str | None = None) -> Path:
         """Write the report, one HTML file, and its figures as PNG, SVG and PDF, into a folder (None:
         LAB/reports/NAME). Returns the path of the page."""
-        return page.write(self, Path(folder or Path(self.lab.folder) / "reports" / self.study.name))
+        return page.write(self, self._folder(folder, "reports"))
 
     def export(
         self,
@@ -352,23 +424,49 @@ class Results(Found):
         """
         if packings:
             check_spheres(self.study)
-        there = Path(folder or Path(self.lab.folder) / "exports" / self.study.name)
+        there = self._folder(folder, "exports")
         paths = write_numbers(self, there, kind, every)
         if packings:
             paths += write_packings(self, self.lab.place, there / "packings", say)
         return paths + (write_recordings(self, there / "vtk", say) if vtk else [])
 
+    def _folder(self, given: Path | str | None, kind: str) -> Path:
+        """The folder that was given for files, or that of this study in the lab."""
+        if given is None:
+            return Path(self.lab.folder) / kind / self.study.name
+        return given_path(given, f"results.{kind.removesuffix('s')}: folder")
+
     def _series(self, at: Mapping[str, Any] | None) -> Series:
-        """The one series that `at` names."""
-        asked = {key: _value(key, value, self.study.points[0]) for key, value in (at or {}).items()}
+        """The one series that `at` names. Raises LookupError."""
+        if not self.series:
+            raise LookupError("there is no series, as no point with an orifice is done")
+        asked = {}
+        for key, value in (at or {}).items():
+            name = self._key(str(key))
+            asked[name] = _value(name, value, self.study.points[0])
         found = [one for one in self.series if all(_same(one.at.get(key), value) for key, value in asked.items())]
         if len(found) == 1:
             return found[0]
-        said = (
-            "; ".join(one.label or "all points" for one in self.series) or "none, as no point with an orifice is done"
-        )
-        which = f"{len(found)} series are at {dict(at)}" if at else "the study has several series: say which by `at`"
-        raise LookupError(f"{which if self.series else 'there is no series'}; there are: {said}")
+        there = "; ".join(_listed([_written(one.at) for one in self.series]))
+        if at:
+            raise LookupError(f"{len(found)} series are at {dict(at)}; there are: {there}")
+        raise LookupError(f"the study has several series: say which by `at`; there are: {there}")
+
+    def _key(self, name: str) -> str:
+        """The key, by which series are told apart, that is called so; its last part will do where it is the only one.
+        Raises LookupError."""
+        keys = list(dict.fromkeys(key for one in self.series for key in one.at))
+        meant = [key for key in keys if key == name or key.endswith(f".{name}")]
+        if len(meant) == 1:
+            return meant[0]
+        if len(meant) > 1:
+            raise LookupError(f"at: {name} may be {' or '.join(meant)}")
+        if name == ORIFICE or ORIFICE.endswith(f".{name}"):
+            raise LookupError(
+                f"at: {ORIFICE} is the axis of every series and tells none apart; "
+                + (f"series are told apart by {', '.join(keys)}" if keys else "there is one series: leave out `at`")
+            )
+        raise LookupError(f"at: series are not told apart by {name}; {instead(name, keys)}")
 
     def __repr__(self) -> str:
         head = f"<Results of {self.study.name} on {self.lab.backend} in {self.lab.folder}: "
@@ -390,9 +488,7 @@ class Results(Found):
         return f"<div><b>{escape(self.study.name)}</b></div>{shown}{_html(tables.flow_table(self))}{self._picture()}"
 
     def _picture(self) -> str:
-        """The first figure of all: of several series the one that shows them all."""
-        from base64 import b64encode
-
+        """The first figure of all, as the notebook's own: of several series the one that shows them all."""
         drawn = {**(gallery.of_results(self) if len(self.series) > 1 else {})}
         for one in self.series[:1]:
             drawn |= gallery.of_series(self, one)
@@ -461,6 +557,20 @@ class Run(RunResult):
         """Open the rerun viewer and wait until it is closed. Raises NotRecorded, ViewerMissing or ViewerFailed."""
         show([self.recording()])
 
+    def _repr_html_(self) -> str:
+        label = self.point.label or "the only point"
+        state = (
+            f"{self.outcome}{', recorded' if self.recorded else ''}{f', suspect: {self.suspect}' * bool(self.suspect)}"
+        )
+        facts = html.table((), [("outcome", state), ("run", self.run_key[:16]), ("folder", str(self.folder))])
+        bed = ""
+        if self.picture is not None:
+            data = b64encode(self.picture.read_bytes()).decode()
+            bed = f'<img alt="The bed" style="max-height:16em" src="data:image/png;base64,{data}"/>'
+        numbers = f"<div>{facts}{_quantities(self.measured)}</div>"
+        shown = f'<div style="display:flex;flex-wrap:wrap;gap:1.5em">{bed}{numbers}</div>'
+        return html.titled(f"{self.results.study.name}, {label}, seed {self.seed}", shown)
+
     def __repr__(self) -> str:
         recorded = ", recorded" if self.recorded else ""
         return f"<Run of {self.results.study.name}, {self.point.label}, seed {self.seed}: {self.outcome}{recorded}>"
@@ -468,25 +578,23 @@ class Run(RunResult):
 
 _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 """Of the columns of a table."""
+_ENDS = ("", "_error", "_low", "_high")
+"""Of the names of columns that have the unit of their quantity."""
+_NAMED = 12
+"""Series, points or runs that a message names."""
 _SHOWN = 40
 """Lines of a plain text."""
-_COLUMNS: dict[str, dict[str, str]] = {
-    "flow": {"time": "s", "flow_rate": "kg/s"},
-    "profiles": {"x_star": "", "x": "m", "velocity": "m/s", "velocity_error": "m/s"}
-    | dict.fromkeys(("area_fraction", "area_fraction_error"), ""),
-    "accelerations": dict.fromkeys(("bottom", "top"), "m")
-    | dict.fromkeys(("acceleration", "error"), "m/s^2")
-    | {"interval": "s"},
-}
-"""SI units of columns that mean the same in every row, by table."""
 
 
 class _Quiet(Unwatched):
-    """Shows nothing, and warns of what must not be missed."""
+    """Shows nothing, and warns of what must not be missed, at the line of the user's code that is at work."""
+
+    def __init__(self):
+        self._place = caller()  # lines are told from threads of their own
 
     def tell(self, line: str) -> None:
         """Warn of it."""
-        warnings.warn(line, LabWarning, stacklevel=2)
+        warn(line, self._place)
 
 
 def _watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
@@ -529,18 +637,40 @@ def _value(key: str, value: Any, point: Point) -> float | str:
     return value if isinstance(value, str) else float(value)
 
 
+def _written(at: Mapping[str, float | str]) -> str:
+    """What tells a series apart, as one writes it for `at`: with units, and numbers that mean the very same value."""
+    written: dict[str, float | str] = {}
+    for key, value in at.items():
+        shown = display.key(key)
+        written[key] = value
+        if not isinstance(value, str) and shown.unit:
+            text = f"{value * shown.scale:.12g} {shown.unit}"
+            with suppress(ValueError):  # units that are shown by a sign of their own
+                written[key] = text if _same(parse(text, None), value) else value
+    return repr(written)
+
+
+def _listed(texts: Sequence[str]) -> list[str]:
+    """The first of many, and how many there are."""
+    return [*texts[:_NAMED], f"... ({len(texts)} in all)"] if len(texts) > _NAMED else [*texts]
+
+
 def _same(one: float | str | None, other: float | str) -> bool:
     if isinstance(one, str) or isinstance(other, str) or one is None:
         return one == other
     return math.isclose(one, other, rel_tol=1e-9)
 
 
-def _html(table: tables.Table) -> str:
-    """A table of a report in HTML that a notebook styles itself."""
+def _html(shown: tables.Table) -> str:
+    """A table of a report as a notebook shows it."""
+    return html.table(shown.headings, shown.rows, shown.notes)
 
-    def cells(row: Sequence[str], tag: str) -> str:
-        return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in row)
 
-    head = f"<thead><tr>{cells(table.headings, 'th')}</tr></thead>"
-    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in table.rows)
-    return f"<table>{head}<tbody>{body}</tbody></table>{''.join(f'<div>{escape(note)}</div>' for note in table.notes)}"
+def _quantities(measured: Mapping[str, Measured]) -> str:
+    """The numbers of a run, as its page shows them."""
+    rows = []
+    for name, one in measured.items():
+        shown = display.quantity(name, one.unit)
+        value = display.with_error(one.value, one.error, shown.scale) if math.isfinite(one.value) else "–"
+        rows.append((shown.name, value, shown.unit, one.note))
+    return html.table(("quantity", "value ± error", "unit", "note"), rows)

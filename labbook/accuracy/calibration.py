@@ -1,6 +1,6 @@
 """The calibration that ships with labbook: what numerics did to the flow rate of scenes that were measured.
 
-It is made by `labbook calibrate` from the studies accuracy-hopper, accuracy-hole, accuracy-steps, accuracy-outlets and
+It is made by `labbook pilot` from the studies accuracy-hopper, accuracy-hole, accuracy-steps, accuracy-outlets and
 accuracy-precision, and kept in calibration.json beside this file. It is keyed by dimensionless groups, and says nothing
 of scenes beyond those that were measured. Effects differ from scene to scene by more than their errors: what is said of
 one that was not measured has the scatter between those that were in its interval.

@@ -24,7 +24,7 @@ VERBS = (
     "new",
     "plan",
     "run",
-    "calibrate",
+    "pilot",
     "status",
     "runs",
     "show",
@@ -45,6 +45,10 @@ VERBS = (
 )
 
 
+MOVED = {"calibrate": "pilot"}
+"""Earlier names of verbs, and what they are called now."""
+
+
 class Verbs(TyperGroup):
     """All verbs; what goes wrong with files and folders ends each of them in one line, as `told` has it."""
 
@@ -62,6 +66,13 @@ class Verbs(TyperGroup):
             if line is None:
                 raise
             fail(line)
+
+    def resolve_command(self, ctx, args):
+        """The verb that was asked for; one that has another name now ends with a line that gives it."""
+        if args and args[0] in MOVED:
+            now = MOVED[args[0]]
+            fail(f"labbook {args[0]} is now labbook {now}, with the same arguments: labbook {now} --help")
+        return super().resolve_command(ctx, args)
 
 
 def _show_version(asked: bool) -> None:

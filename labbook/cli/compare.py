@@ -8,6 +8,7 @@ import typer
 
 from labbook.cli.options import GO_ON, LAB, STOPPED, AsJson, Lab, StudyFile, fail, leave, read_study
 from labbook.cli.screen import say, screen
+from labbook.commands import command
 
 if TYPE_CHECKING:
     from labbook.compare.verdict import Verdict
@@ -74,8 +75,8 @@ def register(app: typer.Typer) -> None:
         except CannotCompare as problem:
             fail(problem)
         except NoVerdict as problem:
-            precise = f" --precisions {precisions}" if precisions else ""
-            fail(f"{problem}; make one: labbook compare {study} --backends {backends}{precise} --lab {lab}")
+            sides = ["--backends", backends, *(["--precisions", precisions] if precisions else [])]
+            fail(f"{problem}; make one: {command('compare', study, *sides, lab=lab)}")
         _tell(verdict, asked, path.parent, as_json)
         for why in failed:
             say(f"Failed: {why}", err=True)

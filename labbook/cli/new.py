@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from labbook.cli.screen import say
+from labbook.commands import command
 
 
 def register(app: typer.Typer) -> None:
@@ -28,4 +29,4 @@ def register(app: typer.Typer) -> None:
         except NotWritten as error:
             say(f"labbook new: {error}", err=True)
             raise typer.Exit(1) from None
-        say(f"Wrote {path}. Next: labbook plan {path}")
+        say(f"Wrote {path}. Next: {command('plan', path)}")

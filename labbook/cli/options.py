@@ -2,7 +2,6 @@
 
 import errno
 import os
-import shlex
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from labbook.cli.screen import say
+from labbook.commands import DEFAULT_BACKEND, command
 from labbook.plugins import BrokenPlugin
 
 if TYPE_CHECKING:
@@ -19,14 +19,26 @@ if TYPE_CHECKING:
     from labbook.study import Study
 
 StudyFile = Annotated[Path, typer.Argument(help="Study file (YAML).", metavar="STUDY", show_default=False)]
-Lab = Annotated[Path, typer.Option("--lab", envvar="LABBOOK_LAB", help="Lab folder.")]
+
+
+def _expanded(lab: Path) -> Path:
+    """With the home folder in place of `~`, which shells leave in `--lab=~/lab`."""
+    from labbook.study.source import given_path
+
+    try:
+        return given_path(lab, "--lab")
+    except ValueError as problem:
+        raise typer.BadParameter(str(problem)) from None
+
+
+Lab = Annotated[Path, typer.Option("--lab", envvar="LABBOOK_LAB", help="Lab folder.", callback=_expanded)]
 Backend = Annotated[str, typer.Option("--backend", help="Backend that made the runs: numba or warp.")]
 RunsOn = Annotated[str, typer.Option("--backend", help="Backend to run on: numba (CPU) or warp (GPU).")]
 Device = Annotated[str, typer.Option("--device", help="Device to run on, such as cpu or cuda:0; several: cuda:all.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 LAB = Path("lab")
-BACKEND = "numba"
+BACKEND = DEFAULT_BACKEND
 STOPPED = 130
 """Exit status of what was asked to stop, as shells give it for Ctrl-C."""
 GO_ON = "the same command goes on from here"
@@ -96,7 +108,7 @@ def existing(lab: Path) -> "Catalogue":
     from labbook.lab import Lab as Folder
 
     if not lab.exists():
-        fail(f"there is no lab {lab}; give its folder with --lab, or make one: labbook run STUDY --lab {lab}")
+        fail(f"there is no lab {lab}; give its folder with --lab, or make one: {command('run', 'STUDY', lab=lab)}")
     if lab.is_dir() and not Folder(lab).exists:
         fail(f"{lab} is not a lab: it has neither runs nor packings; give another folder with --lab")
     return Catalogue(lab)
@@ -135,19 +147,9 @@ _SAID = 20
 """Runs with a problem that are named one by one."""
 
 
-def in_lab(lab: Path) -> str:
-    """The option that names a lab in a command; empty for the usual one."""
-    return f" --lab {shlex.quote(str(lab))}" if lab != LAB else ""
-
-
-def arguments(study: Path | str, lab: Path, backend: str) -> str:
-    """The arguments with which a verb of labbook takes a study, its lab and its backend."""
-    return shlex.quote(str(study)) + in_lab(lab) + (f" --backend {backend}" if backend != BACKEND else "")
-
-
 def again(study: Path | str, lab: Path, backend: str) -> str:
     """The command that makes the runs of a study."""
-    return f"labbook run {arguments(study, lab, backend)}"
+    return command("run", study, lab=lab, backend=backend)
 
 
 def instead_of_none(name: str, path: Path | str, lab: Path, backend: str) -> str:

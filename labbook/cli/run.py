@@ -15,13 +15,12 @@ from labbook.cli.options import (
     Lab,
     RunsOn,
     StudyFile,
-    arguments,
     fail,
-    in_lab,
     leave,
     read_study,
 )
 from labbook.cli.screen import say, screen
+from labbook.commands import command
 
 if TYPE_CHECKING:
     from labbook.api import Lab as Place
@@ -87,8 +86,12 @@ def register(app: typer.Typer) -> None:
         measures the effect of the time step, and writes STUDY.calibration.json beside the study. --no-pilot skips it:
         the default step is used, and the error budget says that its bias is not known.
 
-        A second Ctrl-C stops at once and keeps the last checkpoints. Exit status: 0 if all runs of the study are done,
-        1 if some failed, diverged or are suspect, 130 if it was stopped.
+        The warnings of labbook plan are repeated before anything runs. A second Ctrl-C stops at once and keeps the last
+        checkpoints.
+
+        Exit status: 0 if all runs of the study are done; 1 if a run or its filling failed, diverged or is suspect, or
+        if the study measures flow_rate and no point has one (not judged for one --shard or with --base); 2 if an
+        argument is wrong; 130 if it was stopped.
         """
         from labbook.api import Lab as Place
         from labbook.backend import BackendMissing, Unsupported
@@ -136,7 +139,7 @@ def register(app: typer.Typer) -> None:
             leave(STOPPED)
         if summary.stopped:
             raise typer.Exit(STOPPED)
-        if summary.failed or summary.diverged or summary.suspect:
+        if summary.failed or summary.diverged or summary.suspect or summary.no_flow:
             raise typer.Exit(1)
 
 
@@ -149,7 +152,8 @@ def piloted(place: "Place", study: "Study", watcher: "Watcher", shard: str | Non
     if needed is None:
         return study
     if shard is not None:
-        fail(f"{study.name} needs a pilot for all parts: run labbook calibrate {study.path} first, or give --no-pilot")
+        first = command("pilot", study.path, lab=place.folder, backend=place.backend)
+        fail(f"{study.name} needs a pilot for all parts: give {first} first, or --no-pilot")
     runs = len(needed.points) * needed.replicates
     watcher.tell(f"Such scenes are not calibrated: a pilot of {runs} runs comes first (--no-pilot skips it)")
     try:
@@ -160,9 +164,11 @@ def piloted(place: "Place", study: "Study", watcher: "Watcher", shard: str | Non
         watcher.tell(f"The pilot gave no calibration: {problem}. The default step is used; its bias is unknown")
         return study
     except PermissionError as problem:
-        fail(f"{problem.filename}: {problem.strerror}; run labbook calibrate {study.path} --out FILE and name FILE as "
-             "accuracy.calibration, or give --no-pilot")  # fmt: skip
-    watcher.tell(f"The pilot wrote {study.calibration_file}. To see the chosen numerics: labbook plan {study.path}")
+        elsewhere = command("pilot", study.path, "--out", "FILE", lab=place.folder, backend=place.backend)
+        fail(f"{problem.filename}: {problem.strerror}; give {elsewhere} and name FILE as accuracy.calibration, or give "
+             "--no-pilot")  # fmt: skip
+    planned = command("plan", study.path, lab=place.folder, backend=place.backend)
+    watcher.tell(f"The pilot wrote {study.calibration_file}. To see the chosen numerics: {planned}")
     return study
 
 
@@ -184,16 +190,14 @@ def told(summary: "Summary") -> list[str]:
 
 def advice(summary: "Summary", study: Path, lab: Path, backend: str) -> list[str]:
     """What to do next, as commands."""
-    there, given = in_lab(lab), arguments(study, lab, backend)
-    lines = (
-        [f"Which runs diverged, and how: labbook runs --outcome diverged{there}; labbook show RUN{there}"]
-        if summary.diverged
-        else []
-    )
+    lines = []
+    if summary.diverged:
+        listed, shown = command("runs", "--outcome", "diverged", lab=lab), command("show", "RUN", lab=lab)
+        lines.append(f"Which runs diverged, and how: {listed}; {shown}")
     if summary.suspect:
-        lines.append(f"Which runs are suspect, and why: labbook runs --outcome suspect{there}")
+        lines.append(f"Which runs are suspect, and why: {command('runs', '--outcome', 'suspect', lab=lab)}")
     if summary.done and not summary.stopped:
-        lines.append(f"Next: labbook report {given}")
+        lines.append(f"Next: {command('report', study, lab=lab, backend=backend)}")
         if any(item.demand.recorded for point in summary.points for item in point.items):
-            lines.append(f"      labbook view {given}")
+            lines.append(f"      {command('view', study, lab=lab, backend=backend)}")
     return lines

@@ -7,6 +7,7 @@ import typer
 
 from labbook.cli.options import LAB, AsJson, Lab, existing, fail
 from labbook.cli.screen import say, screen
+from labbook.commands import command
 
 if TYPE_CHECKING:
     from labbook.lab import Lab as Folder
@@ -52,7 +53,7 @@ def register(app: typer.Typer) -> None:
         if changed:
             say(
                 f"{len(changed)} of these changed since they were indexed, such as {sorted(changed)[0]}; index them "
-                f"again: labbook reindex --lab {lab}",
+                f"again: {command('reindex', lab=lab)}",
                 err=True,
             )
 

@@ -7,6 +7,7 @@ import typer
 
 from labbook.cli.options import LAB, AsJson, Lab, existing, fail
 from labbook.cli.screen import say, screen
+from labbook.commands import command
 
 if TYPE_CHECKING:
     from labbook.lab import Lab as Folder
@@ -32,7 +33,7 @@ def register(app: typer.Typer) -> None:
         catalogue = existing(lab)
         found = catalogue.matching(run)
         if not found:
-            fail(f"no run in {lab} has a key that begins with {run}; list them: labbook runs --lab {lab}")
+            fail(f"no run in {lab} has a key that begins with {run}; list them: {command('runs', lab=lab)}")
         if len(found) > 1:
             fail(f"several runs begin with {run}: {', '.join(key[:12] for key in found)}; give more of the key")
         folder = catalogue.lab.run(found[0])

@@ -7,6 +7,7 @@ import typer
 
 from labbook.cli.options import BACKEND, LAB, Lab, RunsOn, StudyFile, fail, read_study
 from labbook.cli.screen import say
+from labbook.commands import command
 
 Tasks = Annotated[
     int, typer.Option("--tasks", help="Number of tasks of the array; each runs a part of the study.", min=1)
@@ -72,7 +73,8 @@ def register(app: typer.Typer) -> None:
 
         asked = read_study(study)
         if first_needed(asked) is not None:
-            fail(f"{asked.name} needs a pilot for all parts: run labbook calibrate {study} first")
+            first = command("pilot", study, lab=lab, backend=backend)
+            fail(f"{asked.name} needs a pilot for all parts: give first: {first}")
         try:
             capabilities = load(backend).capabilities
             many = gpus if gpus is not None else int(backend == "warp" and device in (None, "cuda:0"))

@@ -6,6 +6,7 @@ import typer
 
 from labbook.cli.options import LAB, AsJson, Lab, existing
 from labbook.cli.screen import say, screen
+from labbook.commands import command
 
 _MOST = 10
 """Damaged files that are listed one by one."""
@@ -42,12 +43,12 @@ def register(app: typer.Typer) -> None:
         say(f"{total} runs{f' ({by})' if by else ''}, {packings} packings")
         if suspect:
             verb = "run is" if suspect == 1 else "runs are"
-            say(f"  {suspect} {verb} suspect: labbook runs --outcome suspect --lab {lab} says why")
+            say(f"  {suspect} {verb} suspect: {command('runs', '--outcome', 'suspect', lab=lab)} says why")
         console = screen(highlight=False)
         for problem in lost[:_MOST]:
             console.print(f"  cannot be read: {problem}", style="red", markup=False, soft_wrap=True)
         if len(lost) > _MOST:
-            say(f"  and {len(lost) - _MOST} more; labbook status --json --lab {lab} lists all")
+            say(f"  and {len(lost) - _MOST} more; {command('status', '--json', lab=lab)} lists all")
         for one in live:
             where = f"{one.backend} on {one.device}, process {one.pid} on {one.host}"
             say(f"  {one.study}: {'; '.join(filter(None, (runs_done(one), remaining(one), where)))}")

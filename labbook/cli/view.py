@@ -7,6 +7,7 @@ import typer
 
 from labbook.cli.options import BACKEND, LAB, Backend, Lab, again, existing, fail, instead_of_none, read_study
 from labbook.cli.screen import say
+from labbook.commands import command
 
 
 def register(app: typer.Typer) -> None:
@@ -66,7 +67,7 @@ def _recordings(target: str, point: int | None, lab: Path, backend: str) -> list
                 if keys
                 else f"no such file, and no key of a run in {lab} begins so"
             )
-            fail(f"{target}: {known}; `labbook runs --lab {lab}` lists them")
+            fail(f"{target}: {known}; `{command('runs', lab=lab)}` lists them")
         return [of_run(catalogue.lab.run(keys[0]), lab)]
     study = read_study(Path(target))
     if point is not None and point > len(study.points):

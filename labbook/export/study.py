@@ -1,5 +1,6 @@
 """Writing a study's exports into a folder."""
 
+import json
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -26,13 +27,18 @@ def write_numbers(results: Results, folder: Path, kind: Format, every: float | N
     """Write every number of the analysis into `folder` (made if missing); the paths, one a table. Raises NoParquet, and
     ValueError for another kind.
 
+    `units.json` beside the tables has the SI units of their columns; Parquet files have them as `attrs` too.
+
     every: also the table `inside`, how many grains are inside at times so far apart [s].
     """
     if kind not in get_args(Format):
         raise ValueError(f"kind: {kind!r} is none of {', '.join(get_args(Format))}")
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for name, frame in (frames(results) | ({} if every is None else {"inside": inside(results, every)})).items():
+    tables = frames(results) | ({} if every is None else {"inside": inside(results, every)})
+    units = {name: frame.attrs["units"] for name, frame in tables.items()}
+    write_bytes(folder / "units.json", json.dumps(units, indent=2).encode(), durable=False)
+    for name, frame in tables.items():
         path = folder / f"{name}.{kind}"
         if kind == "csv":
             write_bytes(path, frame.to_csv(index=False).encode(), durable=False)

@@ -84,6 +84,9 @@ class Law(ABC):
     power: ClassVar[float]
     """Of D in its limit for wide outlets, where it has one."""
 
+    def __repr__(self) -> str:
+        return f"<{self.name}: {self.formula}>"
+
     @abstractmethod
     def log_flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:
         """ln W at the orifices D [m], shape [n]; W in kg/s."""

@@ -1,18 +1,27 @@
 """What a fit gives: parameters with intervals, goodness, and prediction bands."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from labbook import html
 from labbook.fit.band import half_width, law_error
 from labbook.fit.law import Context, Law
 from labbook.fit.profile import Minimum, derivative
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import parse, percent
+from labbook.warning import warn
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+_WIDE = 10.0
+"""Width of an interval, in values, from which on a parameter is not determined."""
+_FAR = 2.0
+"""Factor beyond the fitted orifices from which a prediction is extrapolated far."""
 
 
 class FitError(ValueError):
@@ -69,26 +78,66 @@ class FitResult:
         """The parameters: a row each, with value, error, ends of the interval and unit."""
         import pandas as pd
 
-        return pd.DataFrame([{"parameter": name, **vars(found)} for name, found in self.parameters.items()])
+        rows = [{"parameter": name, **vars(found)} for name, found in self.parameters.items()]
+        return pd.DataFrame([{**row, "symbol": self.symbols[row["parameter"]]} for row in rows])
+
+    @property
+    def symbols(self) -> dict[str, str]:
+        """What pages call the parameters, by name: `C (bulk density)` is the symbol of `C`."""
+        return {one.name: one.symbol or one.name for one in self.law.reported(self.context)}
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for one in self.law.reported(self.context):
+            found = self.parameters[one.name]
+            value, error, low, high = (one.scale * x for x in (found.value, found.error, found.low, found.high))
+            known = math.isfinite(high - low) and high - low <= _WIDE * abs(value)
+            shown = f"{value:.4g} ± {error:.2g}" if known else "not determined"
+            rows.append((one.symbol or one.name, one.name, shown, f"{low:.4g} to {high:.4g}", one.shown or one.unit))
+        goodness = f"χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}"
+        notes = (goodness, *(f"note: {note}" for note in self.notes))
+        heads = ("parameter", "name", "value ± error", f"{percent(self.confidence)} interval", "unit")
+        return html.titled(f"{self.law.name}: {self.law.formula}", html.table(heads, rows, notes))
 
     def __repr__(self) -> str:
         lines = [f"<{self.law.name}: {self.law.formula}>"]
         for name, one in self.parameters.items():
             within = f"{percent(self.confidence)}: {one.low:.4g} to {one.high:.4g}"
-            lines.append(f"  {name} = {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() + f"  ({within})")
+            symbol = self.symbols[name]
+            called = name if symbol == name else f"{name}, shown as {symbol},"
+            lines.append(f"  {called} = {one.value:.4g} ± {one.error:.2g} {one.unit}".rstrip() + f"  ({within})")
         lines.append(f"  χ² = {self.chi2:.3g} with {self.dof} degrees of freedom, p = {self.p_value:.2g}")
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def predict(
-        self, D: float | Sequence[float] | np.ndarray, *, new_point: bool = False
+        self, D: float | str | Sequence[float | str] | np.ndarray, *, new_point: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """W of the law at one or m orifices D [m], and the ends of its pointwise interval [kg/s], each of shape [m];
-        NaN where the law has no flow.
+        """W of the law at one or m orifices, and the ends of its pointwise interval [kg/s], each of shape [m]; NaN
+        where the law has no flow.
 
-        The band of the law or, with `new_point`, of the mean that as many seeds as the points have would give there;
-        linearised in ln W.
+        D: text with a unit (`"20 mm"`, `["20 mm", "8 d"]`), or numbers in m. The band of the law or, with `new_point`,
+        of the mean that as many seeds as the points have would give there; linearised in ln W. A LabWarning tells of
+        orifices below half the smallest or above twice the largest that was fitted. Raises ValueError for text that is
+        no length.
         """
-        at = np.atleast_1d(np.asarray(D, float))
+        at = self._orifices(D)
+        low, high = float(self.D.min()), float(self.D.max())
+        if (far := at[(at < low / _FAR) | (at > _FAR * high)]).size:
+            warn(
+                f"{self.law.name}: the orifice {far[0] * 1e3:g} mm is far outside the fitted range, {low * 1e3:g} to "
+                f"{high * 1e3:g} mm: the interval does not cover the error of extrapolating (numbers are in m)"
+            )
+        return self.band(at, new_point=new_point)
+
+    def _orifices(self, D: float | str | Sequence[float | str] | np.ndarray) -> np.ndarray:
+        given = [D] if isinstance(D, str) else np.atleast_1d(np.asarray(D, dtype=object)).ravel()
+        try:
+            return np.array([parse(one, "m", self.context.d) if isinstance(one, str) else float(one) for one in given])
+        except ValueError as problem:
+            raise ValueError(f"orifice: {problem}; give text such as '20 mm', or numbers in m") from None
+
+    def band(self, at: np.ndarray, *, new_point: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `predict`, at m orifices `at` [m], without a word on how far they are from those fitted."""
         best = self._minimum.best
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             slopes = derivative(lambda free: self.law.log_flow(at, free, self.context), best)

@@ -42,6 +42,7 @@ from sqlalchemy.pool import QueuePool
 from sqlalchemy.schema import CreateSchema, CreateTable, DropSchema
 from sqlalchemy.sql import Executable
 
+from labbook.commands import command
 from labbook.lab import server
 from labbook.lab.folder import DiskFull, Lab, LabError, file_system, is_network, remove
 from labbook.lab.server import BUSY
@@ -151,7 +152,7 @@ class NoCatalogue(LabError):
     def __init__(self, lab: Lab, what: str):
         place = server.address(lab)
         where = f"the index at {place.shown}" if place else lab.catalogue
-        super().__init__(f"{where} {what}; make it again: labbook reindex --lab {lab.folder}")
+        super().__init__(f"{where} {what}; make it again: {command('reindex', lab=lab.folder)}")
 
 
 class NotStored(Exception):
@@ -252,7 +253,7 @@ def unusable(lab: Lab, error: DatabaseError) -> LabError:
     if place := server.address(lab):
         return LabError(
             f"{place.shown}: {server.why(error)}; check that the server can be reached, or move the index back: "
-            f"labbook reindex --lab {lab.folder} --index file"
+            f"{command('reindex', '--index', 'file', lab=lab.folder)}"
         )
     if damaged(error):
         return NoCatalogue(lab, f"is damaged ({why})")

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from platform import node
 
+from labbook.commands import command
 from labbook.lab.database import BUSY, keep_journal
 from labbook.lab.folder import LabError, file_system, is_locked, is_network, lock, remove, sync_folder, write_bytes
 
@@ -242,7 +243,8 @@ class Meeting:
 
     def _find(self, say: Callable[[str], None], patience: float) -> str:
         """Name of the other one: a file that is written anew while we wait."""
-        say(f"waiting for the same command, with --peer, on another host: labbook doctor --lab {self._folder.parent}")
+        same = command("doctor", lab=self._folder.parent)
+        say(f"waiting for the same command, with --peer, on another host: {same}")
         before, end, number = self._there(), time.monotonic() + patience, 0
         while time.monotonic() < end:
             number += 1

@@ -19,12 +19,13 @@ from pydantic import Field, ValidationError
 
 from labbook.backend import Checkpoint
 from labbook.backend.probes import Table, describe_probe, film_probe
-from labbook.lab.folder import Lab, make_folder, open_file, room, sync_folder, write_bytes
+from labbook.lab.folder import Lab, LabError, make_folder, open_file, room, sync_folder, write_bytes
 from labbook.lab.records import LONGEST, Part, RunRecord, Session, Unreadable, Whole
 from labbook.lab.runs import RECORDING, check_keys, read_end, read_recording, read_tables
 from labbook.lab.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
 
 PROGRESS = "progress.json"
+FAILURE = "failed.json"
 FileName = Annotated[str, Field(pattern=r"^[a-z]+-\d+\.npz$")]
 
 
@@ -71,6 +72,31 @@ class Progress(Part):
     def files(self) -> set[str]:
         """Names of all files that belong to it."""
         return {self.checkpoint, *(name for names in self.chunks.values() for name in names)}
+
+
+class Failure(Part):
+    """Why a filling came to nothing; the next save of it, or its end, removes the file.
+
+    `max_time`: the longest filling time [s] that it was allowed, if a longer one may cure it; None if time does not.
+    """
+
+    why: Annotated[str, Field(max_length=10_000)]
+    max_time: float | None = None
+
+    @classmethod
+    def read(cls, folder: Path) -> "Failure | None":
+        """What is noted in the work folder of a packing; None without it, or if it cannot be read."""
+        try:
+            with open_file(folder / FAILURE) as file:
+                return cls.model_validate_json(file.read(LONGEST + 1))
+        except (OSError, ValidationError):
+            return None
+
+    def write(self, folder: Path) -> None:
+        """Note it. A disk that does not take it loses the reason and nothing else."""
+        with suppress(OSError, LabError):
+            make_folder(folder)
+            write_bytes(folder / FAILURE, self.model_dump_json().encode(), durable=False)
 
 
 @dataclass(frozen=True)
@@ -194,7 +220,8 @@ def unfinished(lab: Lab) -> list[Unfinished]:
         except Unreadable as error:
             problem = str(error)
         step = last.step if last else 0
-        failed = last.failed if last else ""
+        noted = Failure.read(lab.work(key))
+        failed = (last.failed if last else "") or (noted.why if noted else "")
         found.append(Unfinished(key, step, last is not None, lab.held(key), problem, failed))
     return found
 

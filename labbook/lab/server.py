@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from labbook.commands import command
 from labbook.lab.folder import Lab, LabError, make_folder, remove
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def _read(path: Path) -> Address | None:
     except (OSError, ValueError, KeyError, TypeError) as problem:
         raise LabError(
             f"{path} does not say where the index is ({problem}); state it again: "
-            f"labbook reindex --lab {path.parent} --index postgresql://HOST/DATABASE (or: --index file)"
+            f"{command('reindex', '--index', 'postgresql://HOST/DATABASE', lab=path.parent)} (or: --index file)"
         ) from problem
     return Address(url, f"lab_{name}_{number}")
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook import html
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe
 from labbook.measure.data import RunData
@@ -97,6 +98,33 @@ class Trace:
             return None
         time, rate, window = (evaluation.arrays[name] for name in ("time", "rate", "window"))
         return cls(time, rate, (float(window[0]), float(window[1])) if len(window) else None)
+
+    def __repr__(self) -> str:
+        window = "none" if self.window is None else f"{self.window[0]:.3g} to {self.window[1]:.3g} s"
+        return (
+            f"<W(t) at {len(self.time)} times from {self.time[0]:.3g} to {self.time[-1]:.3g} s, up to "
+            f"{self.rate.max() * 1e3:.4g} g/s; window: {window}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The curve from 0 on both axes, with the window shaded."""
+        end, top = float(self.time[-1]) or 1.0, float(self.rate.max()) or 1.0
+        points = " ".join(
+            f"{t / end * _WIDTH:.1f},{(1 - w / top) * _HEIGHT:.1f}" for t, w in zip(self.time, self.rate, strict=True)
+        )
+        shade = ""
+        if self.window is not None:
+            left, right = (at / end * _WIDTH for at in self.window)
+            shade = f'<rect x="{left:.1f}" y="0" width="{right - left:.1f}" height="{_HEIGHT}" fill="#8884"/>'
+        drawn = (
+            f'<svg width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}" style="border:1px solid #888">'
+            f'{shade}<polyline points="{points}" fill="none" stroke="#1f77b4" stroke-width="1.5"/></svg>'
+        )
+        axes = f"across: 0 to {end:.3g} s; upwards: 0 to {top * 1e3:.4g} g/s; shaded: the window of the mean"
+        return html.titled("Flow rate W(t)", drawn, html.lines([axes]))
+
+
+_WIDTH, _HEIGHT = 480, 160  # px of a drawing of W(t)
 
 
 def summed_up(notes: Mapping[str, int]) -> dict[str, int]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 
+from labbook.commands import command
 from labbook.fit import FitResult
 from labbook.measure.flow import CUT_SHORT
 from labbook.report.against import changes, found_against
@@ -283,7 +284,7 @@ def _no_flow(results: Results) -> str:
 
 def _unevaluated(results: Results) -> str:
     runs = f"{_count(len(results.unevaluated), 'run')} not evaluated yet"
-    return f"{runs}: labbook fit {results.study.path.name} evaluates them."
+    return f"{runs}: {command('fit', results.study.path.name)} evaluates them."
 
 
 def _unmeasured(results: Results) -> str:

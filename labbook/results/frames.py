@@ -25,6 +25,19 @@ EVERY = ("runs", "flow", "bands", "accelerations", "profiles")
 """Frames with a row for every run, instant or place."""
 _PLACES = 60
 """Orifices at which bands are given."""
+_INTERVALS = (("low", "high"), ("point_low", "point_high"))
+"""Columns with the two ends of an interval."""
+_UNITS: dict[str, dict[str, str]] = {
+    "flow": {"time": "s", "flow_rate": "kg/s"},
+    "bands": {"orifice": "m"} | dict.fromkeys(("flow_rate", "low", "high", "point_low", "point_high"), "kg/s"),
+    "inside": {"time": "s", "mass": "kg"},
+    "profiles": {"x_star": "", "x": "m", "velocity": "m/s", "velocity_error": "m/s"}
+    | dict.fromkeys(("area_fraction", "area_fraction_error"), ""),
+    "accelerations": dict.fromkeys(("bottom", "top"), "m")
+    | dict.fromkeys(("acceleration", "error"), "m/s^2")
+    | {"interval": "s"},
+}
+"""SI units of columns that mean the same in every row, by table."""
 
 
 def frames(
@@ -51,6 +64,9 @@ def frames(
     | `accelerations` | point and bin of height above the outlet                                                  |
     | `profiles`      | point, definition and bin along the outlet: phi and v, mean and error over seeds          |
 
+    An interval whose both ends are unknown is NaN at both, as is an unknown error; one that is open at one end is
+    infinite there. `attrs["units"]` has the SI units of columns that mean the same in every row.
+
     Papers add theirs (`labbook.papers`). What rests on several points names them (`points`, counted from 1); `stale`:
     runs of another version of the backend than the one installed, or of an older one of the law, are among them.
     """
@@ -76,7 +92,31 @@ def frames(
         made |= paper.frames(results)
     asked = made.keys() if names is None else names
     found = {name: pd.DataFrame(list(rows)) for name, rows in made.items() if name in asked and name not in without}
-    return {name: frame for name, frame in found.items() if len(frame)}
+    return {name: _with_units(results, name, _with_known_ends(frame)) for name, frame in found.items() if len(frame)}
+
+
+def known_interval(low: float, high: float) -> tuple[float, float]:
+    """The ends of an interval; NaN for both where neither is known, which is how tables have what is not known."""
+    return (math.nan, math.nan) if math.isinf(low) and math.isinf(high) else (low, high)
+
+
+def _with_known_ends(frame: "pd.DataFrame") -> "pd.DataFrame":
+    """With NaN in place of intervals without any end, and of infinite errors."""
+    for low, high in _INTERVALS:
+        if low in frame and high in frame:
+            ends = frame[[low, high]].astype(float)
+            frame.loc[np.isinf(ends).all(axis=1), [low, high]] = math.nan
+    if "error" in frame:
+        frame.loc[np.isinf(frame["error"].astype(float)), "error"] = math.nan
+    return frame
+
+
+def _with_units(results: Results, name: str, frame: "pd.DataFrame") -> "pd.DataFrame":
+    """With the name of the study and the SI units of its columns in `attrs`."""
+    columns = {**_UNITS, **{table: of for paper in analyses() for table, of in paper.columns.items()}}
+    known = {**results.study.units, **columns.get(name, {})}
+    frame.attrs = {"study": results.study.name, "units": {one: known[one] for one in frame if one in known}}
+    return frame
 
 
 def inside(results: Results, every: float) -> "pd.DataFrame":
@@ -98,7 +138,7 @@ def inside(results: Results, every: float) -> "pd.DataFrame":
                 left = int(np.searchsorted(times, k * every, side="right"))
                 gone = float(mass[left - 1]) if left else 0.0
                 rows.append({**head, "time": k * every, "grains": count - left, "mass": total - gone})
-    return pd.DataFrame(rows)
+    return _with_units(results, "inside", pd.DataFrame(rows))
 
 
 def _runs_empty(result: PointResult) -> bool:
@@ -222,7 +262,7 @@ def _bands(results: Results) -> Iterator[Row]:
     for series in results.series:
         for law, found in series.fits.items():
             D = np.linspace(found.D.min(), found.D.max(), _PLACES)
-            of_law, of_point = found.predict(D), found.predict(D, new_point=True)
+            of_law, of_point = found.band(D), found.band(D, new_point=True)
             names = ("orifice", "flow_rate", "low", "high", "point_low", "point_high")
             for values in zip(D, *of_law, *of_point[1:], strict=True):
                 yield {**_of_series(series), "law": law, **dict(zip(names, map(float, values), strict=True))}

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from labbook import html
 from labbook.fields import Fields
 from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window
 from labbook.measure.acceleration import AccelerationProfile
@@ -327,6 +328,19 @@ class PointResult:
         ended = {how: n for how, n in self.outcomes.items() if how in ("clogged", "diverged")}
         ended |= {"suspect": len(self.suspect)} if self.suspect else {}
         return ", ".join(parts + [f"{n} of {len(self.runs)} {how}" for how, n in ended.items()])
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for name, one in self.pooled.items():
+            unit = next((run.measured[name].unit for run in self.runs if name in run.measured), "")
+            shown = display.quantity(name, unit)
+            low, high = (display.number(end, one.error, shown.scale) for end in (one.low, one.high))
+            interval = f"{low} to {high}" if math.isfinite(one.half_width) else "unknown"
+            value = display.with_error(one.value, one.error, shown.scale)
+            rows.append((shown.name, value, interval, shown.unit, str(one.n)))
+        table = html.table(("quantity", "mean ± error", "95 % interval", "unit", "runs in the mean"), rows)
+        ended = ", ".join(f"{count} {name}" for name, count in self.outcomes.items())
+        return html.titled(self.label or "the only point", table, html.lines(filter(None, (ended, self.remark))))
 
     def __repr__(self) -> str:
         names = ", ".join(self.pooled)

@@ -109,7 +109,7 @@ class Series:
         """Of every point with a flow rate, in order of the orifice."""
         known = [(result.orifice, result.flow_rate) for result in self.points if result.flow_rate is not None]
         fit = self.fits[law]
-        expected, _, _ = fit.predict(np.array([orifice for orifice, _ in known]))
+        expected, _, _ = fit.band(np.array([orifice for orifice, _ in known]))
         errors = fit.relative_error * fit.W  # the same points in the same order
         return tuple(
             Residual(

@@ -53,6 +53,19 @@ def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -
     Raises Unsupported, Conflict or MeasureError for what cannot be done, TooLarge, ImportError where a package of the
     backend is missing.
     """
+    plan = _foreseen(study, catalogue, backend, device)
+    if device == "cpu" and (told := too_large(plan, cores(), memory())):
+        raise TooLarge(told)
+    needed = first_needed(study)
+    return replace(plan, pilot=None if needed is None else foresee(needed, catalogue, backend, device))
+
+
+def forewarn(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> tuple[str, ...]:
+    """The warnings of `foresee`, also of runs that do not fit into memory. Raises what it does, except TooLarge."""
+    return _foreseen(study, catalogue, backend, device).warnings
+
+
+def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> Plan:
     planner = Planner(study, catalogue, backend.capabilities)
     device, *others = named(device, backend)
     for one in others:
@@ -66,12 +79,7 @@ def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -
         first, *more = speeds((device, *others), backend, [point.shared for point in plan.points])
         shared = (ahead.seconds - ahead.compiling) * first / (first + sum(more)) + ahead.compiling
         ahead = replace(ahead, seconds=shared, lanes=ahead.lanes + sum(cores() if o == "cpu" else 1 for o in others))
-    if device == "cpu" and (told := too_large(plan, lanes, memory())):
-        raise TooLarge(told)
-    warnings = (*cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds))
-    needed = first_needed(study)
-    pilot = None if needed is None else foresee(needed, catalogue, backend, ",".join((device, *others)))
-    return replace(plan, forecast=ahead, warnings=warnings, pilot=pilot)
+    return replace(plan, forecast=ahead, warnings=(*cut_short(plan, catalogue.lab), *advice(plan, ahead.seconds)))
 
 
 def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:

@@ -11,6 +11,7 @@ from itertools import islice
 from labbook.backend import Checkpoint, Expected, Spec
 from labbook.lab.folder import Claim
 from labbook.lab.index import Index, RunRows, run_rows
+from labbook.lab.journal import Failure
 from labbook.lab.packings import just_made
 from labbook.lab.records import Observe
 from labbook.run.demand import Demand
@@ -26,6 +27,7 @@ from labbook.study.problems import and_others
 _BETWEEN = 1.0  # s, at least, between two looks at what other processes have done
 _LOOKING = 0.05  # of the main thread's time may go into that
 _AHEAD = 1000  # points, at most, whose kernels are compiled before they begin
+_SAID = 10_000  # characters, at most, of a reason that is kept
 _SOME_WAY = 0.05  # progress from which a discharge is extrapolated
 
 
@@ -301,6 +303,10 @@ class Board:
 
     def failed(self, job: Job, why: str) -> None:
         """A job came to nothing; runs that wait for its packing are given up."""
+        if isinstance(job, FillJob) and job.demand.shared.packings_of is None:
+            # for a plan to tell; written while the claim on its folder is held
+            reason = why.removeprefix(f"{job.label}: ")[:_SAID]
+            Failure(why=reason, max_time=job.max_time).write(job.journal.folder)
         job.release()
         self.going.pop(job.key, None)
         self._lose(job.key, why)

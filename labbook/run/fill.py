@@ -48,6 +48,8 @@ class FillJob(Job):
         """serves: the points whose runs start from it, in words; empty if those are all points."""
         self._serves = serves
         self._failure: Failed | None = None
+        self.max_time: float | None = None
+        """Longest time [s] after which it was given up, if it was for that."""
         self.made: KeptPacking | None = None
         """What it keeps, once it has settled."""
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
@@ -230,6 +232,7 @@ class FillJob(Job):
         if self.may_save:
             self._write(left.checkpoint)
         if verdict == "late":
+            self.max_time = self._longest
             raise JobFailed(
                 f"{self.label}: not at rest after {self.status.time:.3g} s: {self._standing()}. "
                 f"Raise fill.max_time (the filling goes on from here). If it never rests, {self._remedy()}."

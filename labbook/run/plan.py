@@ -5,14 +5,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from labbook.accuracy.groups import has_groups
 from labbook.backend import Backend, Capabilities, Spec, Surveys, Unsupported, absent
+from labbook.commands import command
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.folder import Listed, stamp
 from labbook.lab.identity import Keys
-from labbook.lab.journal import PROGRESS, Progress
+from labbook.lab.journal import PROGRESS, Failure, Progress
 from labbook.lab.records import Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import counts
@@ -25,6 +27,7 @@ from labbook.run.progress import duration, size
 from labbook.scene.quantities import percent
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Point, Study
+from labbook.study.problems import grouped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,6 +97,8 @@ class Plan:
     """With file, key and remedy."""
     pilot: "Plan | None" = None
     """Of the pilot that runs first, if that was foreseen and there is one."""
+    lab: Path | None = None
+    """Folder of the lab that was looked at."""
 
     @cached_property
     def items(self) -> list[Item]:
@@ -172,6 +177,9 @@ class Plan:
                 sets = "set of features" if ahead.sets == 1 else "sets of features"
                 cached = f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}"
                 lines.append(f"{cached}, unless it is cached")
+        lost = {one.keys.packing: one for one in reversed(self.todo) if one.reason.startswith(_FAILED)}
+        failed = [f"seed {one.demand.seed}: {one.reason.removeprefix(_FAILED)}" for one in reversed(lost.values())]
+        lines += [f"A filling failed before and will be tried again: {why}" for why in grouped(failed)]
         return lines + [f"Warning: {line}" for line in self.warnings]
 
     def _cost(self, ahead: Forecast) -> str:
@@ -205,7 +213,7 @@ class Plan:
                 )
             elif point.unchosen:
                 step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
-                verb = f"labbook calibrate {self.study.path} measures it"
+                verb = f"{command('pilot', self.study.path, lab=self.lab, backend=self.backend.name)} measures it"
                 if point.wants_pilot:
                     verb = "labbook run first measures it by a pilot and chooses again"
                 if has_groups(point.scene):
@@ -218,6 +226,8 @@ class Plan:
         return [f"{said}; at {'; '.join(at[:3])}{' ...' * (len(at) > 3)}" for said, at in groups.items()]
 
 
+_FAILED = "its packing failed: "
+"""How the reason of a run begins whose filling came to nothing before."""
 _STATES: tuple[State, ...] = ("done", "missing", "partial", "stale")
 _FEW = 100
 """Runs that are looked for one by one: a listing of a large lab takes longer."""
@@ -256,7 +266,10 @@ class Planner:
         planned = tuple(
             self._extended(shared, [self._item(*pair, listed) for pair in pairs]) for shared, pairs in first.items()
         )
-        return Plan(self.study, self.backend, planned, self.rule)
+        return self._plan_of(planned)
+
+    def _plan_of(self, points: tuple[PointPlan, ...]) -> Plan:
+        return Plan(self.study, self.backend, points, self.rule, lab=self.catalogue.lab.folder)
 
     def of_base(self, base: Plan) -> Plan:
         """What another lab lacks, as it stands here: what is done there stays done, and replicates are added by whoever
@@ -280,7 +293,7 @@ class Planner:
             PointPlan(shared, tuple(self._item(*pair, listed) for pair in pairs), None)
             for shared, pairs in asked.items()
         )
-        return Plan(self.study, self.backend, tuple(planned), self.rule)
+        return self._plan_of(tuple(planned))
 
     def point(self, before: PointPlan, done: str | None = None) -> PointPlan:
         """One point anew, after the run with the key `done` was done; None: after any may have been, elsewhere.
@@ -386,8 +399,8 @@ class Planner:
                 return "stale", f"made by version {was} of {name}, now at version {self.backend.cache_version}"
             if outdated := self._outdated.get(keys.lineage):
                 return "stale", outdated
-            why = self._failed(keys.packing) if listed is None or keys.packing in listed.work else ""
-            return "missing", f"its packing failed: {why}" if why else "not run yet"
+            why = self._failed(demand, keys.packing) if listed is None or keys.packing in listed.work else ""
+            return "missing", f"{_FAILED}{why}" if why else "not run yet"
         if entry.coverage is None:
             return "missing", f"cannot be read: {entry.problem}"
         shared = demand.shared
@@ -396,10 +409,15 @@ class Planner:
         )
         return ("partial", lacks) if lacks else ("done", entry.outcome)
 
-    def _failed(self, packing: str) -> str:
-        """Why a guard stopped a filling; empty if none did."""
+    def _failed(self, demand: Demand, packing: str) -> str:
+        """Why a filling came to nothing, and what to change; empty if none did, or if it may go on for longer now."""
+        folder = self.catalogue.lab.work(packing)
+        noted = Failure.read(folder)
+        if noted is not None:
+            cured = noted.max_time is not None and demand.point.fill.max_time > noted.max_time
+            return "" if cured else noted.why
         try:
-            last = Progress.read(self.catalogue.lab.work(packing))
+            last = Progress.read(folder)
         except Unreadable:
             return ""
         return last.failed if last else ""

@@ -30,6 +30,7 @@ from labbook.run.stopping import Request
 from labbook.run.watch import Going, Meter, Unwatched, View, Watcher
 from labbook.scene.quantities import percent
 from labbook.study import Study
+from labbook.study.problems import grouped
 
 CHECKPOINT_EVERY = 20.0
 """Wall time between two saves of a job [s], which is what a kill loses at most; longer where saving would take more
@@ -63,6 +64,8 @@ class Summary:
     the process, unless it is ended by `os._exit`."""
     holds: Callable[[Demand], bool] = everything
     """Whether a run belongs to the part that was asked for; it is these that are counted."""
+    no_flow: str = ""
+    """Why no point of the study has a flow rate, though the study measures it; empty if one has."""
 
     @property
     def done(self) -> int:
@@ -138,8 +141,9 @@ class Summary:
         for label, reasons in self.suspect.items():
             for seed, why in reasons.items():
                 lines.append(f"Suspect: {label}, seed {seed}: {why}; left out of every mean")
-        lines += [f"Failed: {why}" for why in tally.failed]
-        return lines + [f"Unreadable: {problem}" for problem in self.problems]
+        lines += [f"Failed: {why}" for why in grouped(tally.failed)]
+        lines += [f"Unreadable: {problem}" for problem in self.problems]
+        return lines + ([f"No point of the study has a flow rate: {self.no_flow}"] if self.no_flow else [])
 
     def __repr__(self) -> str:
         stopped = ["Stopped early; everything is saved: run the study again to go on"] if self.stopped else []

@@ -35,7 +35,7 @@ from labbook.study.schema import (
     Stop,
     Window,
 )
-from labbook.study.source import Source, changed, dotted, given, read, written
+from labbook.study.source import Source, changed, dotted, given, given_path, read, written
 from labbook.study.sweep import BYTES, MAX_POINTS, Sweep
 from labbook.study.window import resolved
 
@@ -121,8 +121,9 @@ class Study:
 
     def save(self, path: Path | str) -> Path:
         """Write the study to a file, for the command line; its path."""
-        Path(path).write_text(self.yaml(), encoding="utf-8")
-        return Path(path)
+        there = given_path(path, "study.save")
+        there.write_text(self.yaml(), encoding="utf-8")
+        return there
 
     def __hash__(self) -> int:
         # of some of what is compared: scenes hold dicts, which have none
@@ -143,7 +144,7 @@ def load(path: Path | str, calibration: Path | None = None) -> Study:
 
     calibration: file to use in place of the one that it names, or that a pilot has written beside it.
     """
-    return _resolved(read(Path(path)), calibration)
+    return _resolved(read(given_path(path, "labbook.load")), calibration)
 
 
 def define(stated: Mapping[str, Any] | None = None, /, **keys: Any) -> Study:
@@ -257,7 +258,7 @@ def _calibration(source: Source, path: Path | None, problems: list[Problem]) -> 
         return load_calibration(path)
     except (OSError, ValueError) as error:
         line = source.line(("accuracy", "calibration"))
-        remedy = "give a file that labbook calibrate has written, or remove it"
+        remedy = "give a file that labbook pilot has written, or remove it"
         problems.append(Problem(source.path, line, "accuracy.calibration", f"{path}: {error}", remedy))
         return None
 

@@ -30,6 +30,11 @@ def pilot(study: Study, seeds: int = SEEDS) -> Study:
     return _pilot(study, [study.points[place] for place in sorted({0, len(study.points) - 1})], seeds, SETTINGS)
 
 
+def whole(study: Study, seeds: int = SEEDS) -> Study:
+    """The pilot of `study`, or the study itself where it sweeps numerics and so is its own pilot. Raises StudyError."""
+    return study if is_pilot(study) else pilot(study, seeds)
+
+
 def first_needed(study: Study) -> Study | None:
     """The pilot that is needed before the numerics of `study` can be chosen for the requested error: STEPS at
     the first and the last of its points of each kind where nothing was measured. None if there are no such points.

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from labbook import html
 from labbook.accuracy import Choice
 from labbook.backend.numerics import Numerics
 from labbook.scene.scene import Scene
@@ -44,6 +45,10 @@ class Point:
 
     def __repr__(self) -> str:
         return f"<Point {self.index + 1}: {self.label}>"
+
+    def _repr_html_(self) -> str:
+        numerics = f"dt = {self.numerics.dt * 1e6:.4g} µs, stiffness scale {self.numerics.stiffness_scale:g}"
+        return html.titled(f"Point {self.index + 1}: {self.label}", self.scene.svg(), html.lines([numerics]))
 
 
 def value_of(key: str, scene: Scene, fill: Fill, numerics: Numerics) -> float | str | None:

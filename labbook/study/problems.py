@@ -1,12 +1,15 @@
 """What is wrong with a study file, told so that it can be put right."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
 MOST = 20
 """Problems that are printed: many more are the same mistake again."""
+_NUMBER = re.compile(r"\b[0-9a-f]{16,}\b|[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?")
+"""A key or a number within a message."""
 
 
 @dataclass(frozen=True)
@@ -60,3 +63,11 @@ def shown(value: object) -> str:
 def and_others(points: int) -> str:
     """ " and 3 other points", after the name of one; nothing for none."""
     return f" and {points} other point{'s' if points > 1 else ''}" if points > 0 else ""
+
+
+def grouped(reasons: Sequence[str]) -> list[str]:
+    """Reasons that differ in their numbers and keys only, as one line with a count: the first stands for all."""
+    alike: dict[str, list[str]] = {}
+    for reason in reasons:
+        alike.setdefault(_NUMBER.sub("#", reason), []).append(reason)
+    return [f"{one[0]} (and {len(one) - 1} more like it)" if len(one) > 1 else one[0] for one in alike.values()]

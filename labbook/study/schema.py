@@ -152,7 +152,7 @@ class Accuracy(Model):
     max_replicates: Annotated[Whole, Field(ge=2, le=10_000)] = 100
     """Largest number of replicates per point, even if the error is not reached."""
     calibration: Annotated[str, Field(min_length=1, max_length=500)] | None = None
-    """Calibration file written by `labbook calibrate`; none: STUDY.calibration.json beside the study file, if
+    """Calibration file written by `labbook pilot`; none: STUDY.calibration.json beside the study file, if
     it exists, and the file shipped with labbook."""
     numerics: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     """Relative margin of the equivalence test between swept numerics; none: no test."""

@@ -1,10 +1,12 @@
 """What a study says as plain values: read from YAML, with the line of every key, or given in Python; what cannot be
 read is a StudyError."""
 
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import StringIO
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,21 @@ def dotted(location: Location) -> str:
     """`container.parts[0].name` for ("container", "parts", 0, "name")."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
     return text.removeprefix(".")
+
+
+def given_path(path: Path | str, what: str) -> Path:
+    """A path that was given in Python, with the home folder in place of `~`. what: what it is of, for the error.
+
+    Raises TypeError for what is no path, ValueError for an empty text or the home folder of an unknown user.
+    """
+    if not isinstance(path, str | PathLike):
+        raise TypeError(f"{what}: a path is needed, as text or a pathlib.Path, and not {path!r}")
+    if not os.fspath(path):
+        raise ValueError(f"{what}: the path is empty (the current folder is '.')")
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise ValueError(f"{what}: {os.fspath(path)}: {error}; give the path from the root folder") from None
 
 
 def read(path: Path) -> Source:

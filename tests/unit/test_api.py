@@ -209,7 +209,7 @@ def test_a_series_is_named_by_its_values_with_units(tmp_path):
     assert results.figures()[0] == "overview"
     assert len(results.plot().axes) >= 1
     assert results.figures({"container.angle": "45 deg"})[0] == "flow_rate"
-    with pytest.raises(LookupError, match="angle = 45 deg"):
+    with pytest.raises(LookupError, match=r"{'container.angle': '45 deg'}"):
         results.fit("beverloo")
     with pytest.raises(LookupError, match="0 series"):
         results.plot("flow_rate", {"container.angle": "60 deg"})
@@ -319,7 +319,7 @@ def test_a_table_has_its_flow_rates_also_where_there_are_none(tmp_path):
     few.run(asked, progress=False)
     frame = few.results(asked, progress=False).frame()
     assert frame[["flow_rate", "flow_rate_error", "flow_rate_low", "flow_rate_high"]].isna().to_numpy().all()
-    assert frame["replicates"].tolist() == [2]
+    assert frame[["runs", "replicates", "flow_rate_n"]].values.tolist() == [[2, 0, 0]]
 
 
 def test_tables_have_one_of_two_kinds(found, tmp_path):
@@ -340,7 +340,7 @@ def test_the_runs_of_a_lab_are_a_frame(found):
         found.lab.frame(outcome="finishd")
 
 
-@pytest.mark.parametrize("verb", ["plan", "run", "results", "pilot", "calibrate"])
+@pytest.mark.parametrize("verb", ["plan", "run", "results", "pilot"])
 def test_a_path_in_place_of_a_study_says_how_to_read_it(tmp_path, verb):
     with pytest.raises(TypeError, match=r"toy\.yaml'; read a file with labbook\.load"):
         getattr(labbook.Lab(tmp_path / "lab", "toy"), verb)("toy.yaml")

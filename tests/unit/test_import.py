@@ -469,7 +469,7 @@ def test_importing_again_and_again_from_a_lab_that_is_being_worked_in(tmp_path):
             assert all(now.get(key, 0.0) >= duration for key, duration in best.items()), "none grows shorter"
             grown += sum(now[key] > duration for key, duration in best.items())
             best = now
-        assert process.wait() == 0, process.communicate()
+        assert process.wait() == (1 if asked == short else 0), process.communicate()  # 40 ms give no flow rate
     assert imported(ours, theirs).left_out == []
     assert all(line.count("\n") == 0 and str(theirs) in line for line in left_out)
     assert grown > 0

@@ -63,7 +63,9 @@ def test_nothing_is_run_again(tmp_path, monkeypatch):
     shutil.copytree(OLDER, lab)
     study = study_file(tmp_path, count=30, orifices="[24]", replicates=1)
     before = (lab / "runs" / RUN.name / "run.json").stat().st_mtime_ns
-    assert "1 of 1 runs done" in labbook("run", study, "--lab", lab, "--backend", "toy").stdout
+    ended = labbook("run", study, "--lab", lab, "--backend", "toy", check=False)
+    assert "1 of 1 runs done" in ended.stdout
+    assert ended.exit_code == 1, "30 grains give no flow rate"
     assert [folder.name for folder in (lab / "runs").iterdir()] == [RUN.name]
     assert (lab / "runs" / RUN.name / "run.json").stat().st_mtime_ns == before
     (row,) = json.loads(labbook("runs", "--lab", lab, "--json").stdout)

@@ -132,7 +132,7 @@ def test_what_cannot_be_done_is_said_before_anything_runs(tmp_path, monkeypatch)
     path, lab = asked_file(tmp_path), tmp_path / "lab"
     ended = labbook("run", path, "--lab", lab, "--backend", "toy", "--shard", "1/2", check=False)
     assert ended.exit_code
-    assert "labbook calibrate" in ended.output
+    assert "labbook pilot" in ended.output
     may = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK and may(path, mode))
     ended = labbook("run", path, "--lab", lab, "--backend", "toy", check=False)

@@ -153,7 +153,7 @@ def test_asked_to_stop_it_saves_and_says_how_to_go_on(tmp_path, number):
     assert left, "what was going on is saved, though no checkpoint was due"
     shown = labbook("plan", path, "--lab", lab, *BACKEND).stdout
     assert "goes on from its checkpoint" in shown
-    labbook("run", path, "--lab", lab, *BACKEND)
+    labbook("run", path, "--lab", lab, *BACKEND, check=False)  # so few grains give no flow rate, which is told by 1
     carry_out(study(tmp_path, count=100), tmp_path / "whole")
     same(lab, tmp_path / "whole")
 

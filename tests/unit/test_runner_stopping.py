@@ -120,7 +120,7 @@ def test_a_terminal_that_goes_away_saves_what_is_going_on(tmp_path):
     process.send_signal(signal.SIGHUP)
     assert process.wait(timeout=30) == 130
     assert list((lab / "work").glob("*/progress.json")), "saved, though no checkpoint was due"
-    labbook("run", path, "--lab", lab, *BACKEND)
+    labbook("run", path, "--lab", lab, *BACKEND, check=False)  # so few grains give no flow rate, which is told by 1
     carry_out(study(tmp_path, count=100), tmp_path / "whole")
     assert records(lab).keys() == records(tmp_path / "whole").keys()
 

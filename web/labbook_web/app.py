@@ -114,7 +114,8 @@ class App:
             if ending == "json":
                 return Response(page.json(), media_type="application/json")
             if ending == "csv":
-                return Response(page.csv(), media_type="text/csv; charset=utf-8")
+                name = page.path.replace("/", "-") or "studies"
+                return Response(page.csv(), media_type="text/csv; charset=utf-8", headers=saved_as(f"{name}.csv"))
             return HTMLResponse(html(page, LINKS, **self._common()))
 
         return self._threaded(respond)

@@ -157,10 +157,10 @@ class Kept:
 
 class Shelf:
     """The studies of one lab. `given`: study files shown besides those that the lab keeps; of two with one name the
-    given one counts. `only`: show no others."""
+    given one counts. `only`: show no others. `noted`: show the notes and tags of people."""
 
-    def __init__(self, lab: Path, given: Sequence[Path] = (), *, only: bool = False):
-        self.lab, self._only = Folder(lab), only
+    def __init__(self, lab: Path, given: Sequence[Path] = (), *, only: bool = False, noted: bool = True):
+        self.lab, self._only, self._noted = Folder(lab), only, noted
         self._given = tuple(given)
         self._studies, self._asked, self._results = Kept(1000), Kept(_KEPT), Kept(_KEPT)
         self._counts, self._texts = Kept(1), Kept(1000)
@@ -202,7 +202,9 @@ class Shelf:
         return self._counts.get("counts", self.state, self.catalogue.studies, _SPARED)
 
     def note(self, kind: notes.Kind, name: str) -> Note:
-        """The note on a study or a run; an empty one in place of one that cannot be read."""
+        """The note on a study or a run; an empty one if notes are not shown, or in place of one that cannot be read."""
+        if not self._noted:
+            return Note()
         try:
             return notes.read(self.lab, kind, name)
         except LabError as problem:

@@ -10,7 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from labbook.commands import command
 from labbook.export.recording import NotRecorded, ViewerMissing
+from labbook.lab import Lab as Folder
 from labbook.lab import LabError, Unreadable
 from labbook.lab.runs import picture_content
 from labbook.study import StudyError
@@ -41,15 +43,17 @@ def write(
     studies: Sequence[Path],
     *,
     recordings: bool = False,
+    notes: bool = False,
     say: Callable[[str], None] = lambda text: None,
 ) -> Path:
     """Write the pages of `studies` into the folder `out`; the path of the first page.
 
-    recordings: whether to take recordings along. `say` is told what is being written. Raises CannotWrite.
+    recordings: whether to take recordings along. notes: whether to publish the notes and tags of the studies and their
+    runs. `say` is told what is being written. Raises CannotWrite.
     """
     if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / MARK).is_file())):
         raise CannotWrite(f"{out} exists and is not a site of labbook: give a new or empty folder")
-    shelf = Shelf(lab, studies, only=True)
+    shelf = Shelf(lab, studies, only=True, noted=notes)
     listed = shelf.listed()
     if wrong := [one.problem for one in listed if one.problem]:
         raise CannotWrite(wrong[0])
@@ -59,6 +63,11 @@ def write(
     except (StudyError, LabError, NotThere, Unreadable) as error:
         raise CannotWrite(str(error)) from error
     return out / "index.html"
+
+
+def has_notes(lab: Path) -> bool:
+    """Whether a lab has notes or tags, which a site may publish."""
+    return any(Folder(lab).notes.rglob("*.md"))
 
 
 class _Writer:
@@ -118,7 +127,7 @@ class _Writer:
                 why = study_module.why_not(error, found)
             drawn[address] = _raw(part("figure.html.j2", links, found=found, address=address, title=title, why=why))
         self._file(f"{page.path}/{name}.yaml", found.text.encode())
-        self._page(page, drawn=drawn, command=f"labbook run {name}.yaml")
+        self._page(page, drawn=drawn, command=command("run", f"{name}.yaml"))
 
     def _run(self, key: str) -> None:
         page = run_page(self._shelf, key, {})

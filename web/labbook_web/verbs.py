@@ -68,15 +68,25 @@ def register(app: typer.Typer) -> None:
         recordings: Annotated[
             bool, typer.Option("--recordings", help="Include the recordings of runs (.rrd) for download.")
         ] = False,
+        notes: Annotated[
+            bool, typer.Option("--notes/--no-notes", help="Publish the notes and tags of these studies and runs.")
+        ] = False,
     ) -> None:
-        """Write the pages of studies as static files, for a paper's supplement or a project page."""
+        """Write the pages of studies as static files, for a paper's supplement or a project page.
+
+        Notes and tags may be private: they are left out unless --notes is given.
+        """
         try:
-            from labbook_web.site import CannotWrite, write
+            from labbook_web.site import CannotWrite, has_notes, write
         except ModuleNotFoundError as missing:
             fail(f"{missing.name} is not installed; install it: pip install 'labbook[web]'")
         existing(lab).close()
         try:
-            first = write(out, lab, studies, recordings=recordings, say=lambda text: say(text, err=True))
+            first = write(out, lab, studies, recordings=recordings, notes=notes, say=lambda text: say(text, err=True))
         except CannotWrite as why:
             fail(why)
+        if notes:
+            say("Notes and tags are published with the site.", err=True)
+        elif has_notes(lab):
+            say("Notes and tags are left out; --notes publishes them.", err=True)
         say(f"Site: {first}")

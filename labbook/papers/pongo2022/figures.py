@@ -284,7 +284,7 @@ def _draw(ax: "Axes", one: Series, law: str, index: int) -> None:
     ax.errorbar(D * 1e3, [p.value for p in pooled], yerr=errors, label=_name(one), **points)
     if law in one.fits:
         fine = np.geomspace(D.min(), D.max(), 60)
-        value, _, _ = one.fits[law].predict(fine)
+        value, _, _ = one.fits[law].band(fine)
         mass = one.points[0].point.scene.grains.mass
         ax.plot(fine * 1e3, value / mass, color=style["color"], linestyle=style["linestyle"], linewidth=0.8)
 

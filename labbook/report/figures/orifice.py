@@ -129,8 +129,8 @@ def _bands(ax: "Axes", series: Series, power: float) -> None:
     frame = ax.get_ylim()
     for place, (law, fit) in enumerate(series.fits.items()):
         D = np.linspace(fit.D.min(), fit.D.max(), 200)
-        _, *of_law = fit.predict(D)
-        _, *of_point = fit.predict(D, new_point=True)
+        _, *of_law = fit.band(D)
+        _, *of_point = fit.band(D, new_point=True)
         law_ends, point_ends = (
             [np.minimum(_scaled(end, power), 2 * frame[1]) for end in ends] for ends in (of_law, of_point)
         )
@@ -142,7 +142,7 @@ def _law(ax: "Axes", fit: FitResult, D: np.ndarray, power: float, *, label: str 
     """A law at orifices D [m]: solid or in its own dashes over the fitted points, finely dashed beyond them, down to
     where it lets nothing pass."""
     D = np.unique(np.concatenate([D, [fit.D.min(), fit.D.max()]]))
-    value = _scaled(fit.predict(D)[0], power)
+    value = _scaled(fit.band(D)[0], power)
     value[:-1][value[1:] < 1e-3 * value.max()] = math.nan  # below its zero a law runs along the axis
     among = (fit.D.min() <= D) & (fit.D.max() >= D)
     ax.plot(D[among] * 1e3, value[among], label=label, zorder=2, **style)

@@ -5,6 +5,7 @@ from typing import Any
 
 import pandas as pd
 
+from labbook.commands import command
 from labbook.lab import LabError
 from labbook.lab.catalogue import SUSPECT
 from labbook.lab.journal import unfinished
@@ -48,7 +49,8 @@ def lab_page(shelf: Shelf, query: Mapping[str, str], cards: int | None = None) -
                  "running": [one.plain() for one in shelf.running()]},
         lambda: pd.DataFrame(studies),
         {"listed": shown, "text": text, "number": number, "pages": pages, "found": len(found), "every": len(every),
-         "counts": counts, "packings": packings, "left": len(unfinished(shelf.lab))},
+         "counts": counts, "packings": packings, "running": bool(shelf.running()), "left": len(unfinished(shelf.lab)),
+         "command": command("run", "first.yaml", lab=shelf.lab.folder)},
         query={"q": text} if text else {},
     )  # fmt: skip
 
@@ -56,6 +58,7 @@ def lab_page(shelf: Shelf, query: Mapping[str, str], cards: int | None = None) -
 def card(shelf: Shelf, listed: Listed) -> dict[str, Any]:
     """What the card of one study shows: contact sheet, progress, outcomes and result; or why it cannot be read."""
     shown: dict[str, Any] = {"one": listed, "problem": listed.problem, "found": None}
+    shown["command"] = command("web", f"{listed.name}.yaml", lab=shelf.lab.folder)
     if listed.path is None or listed.problem:
         return shown
     going = shelf.running()

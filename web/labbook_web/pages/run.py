@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from labbook.backend import BackendMissing, load
+from labbook.commands import command
 from labbook.lab import LabError, RunRecord, Unreadable, identity
 from labbook.lab.catalogue import Entry, Listing
 from labbook.lab.evaluations import NotEvaluated, ReadOnlyRun
@@ -39,6 +40,7 @@ def run_page(shelf: Shelf, prefix: str, query: Mapping[str, str]) -> Page:
     note = shelf.note("run", key)
     shown: dict[str, Any] = {"key": key, "entry": entry, "note": note, "problem": entry.problem, "record": None}
     path = f"run/{key[:16]}"
+    shown["command"] = command("view", key[:16], lab=shelf.lab.folder)
     try:
         record = RunRecord.read(folder)
     except Unreadable as problem:
@@ -130,7 +132,7 @@ def curve(folder: Path, entry: Entry, record: RunRecord) -> tuple[list[dict[str,
     try:
         found = run.evaluated(MEASURES["flow_rate"], record.observe).evaluation
     except NotEvaluated as problem:
-        return [], [f"{problem}: labbook reindex evaluates it"]
+        return [], [f"{problem}: {command('reindex', lab=folder.parents[1])} evaluates it"]
     trace = Trace.of(found)
     if trace is None:
         return [], ["No grain left."]

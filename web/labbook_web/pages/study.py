@@ -2,7 +2,6 @@
 
 import json
 import re
-import shlex
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,6 +13,7 @@ import numpy as np
 
 from labbook.api import Lab
 from labbook.api import Results as Tabled
+from labbook.commands import command
 from labbook.compare import shown
 from labbook.fit import Law
 from labbook.lab.evaluations import NotEvaluated
@@ -35,7 +35,7 @@ from labbook.results.study import Results
 from labbook_web.page import Page, embedded
 from labbook_web.pages.lab import outcomes, progress
 from labbook_web.pages.sheet import sheet
-from labbook_web.shelf import BACKEND, Compared, Found, NotThere, Shelf
+from labbook_web.shelf import Compared, Found, NotThere, Shelf
 
 
 def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
@@ -68,10 +68,7 @@ def study_page(shelf: Shelf, name: str, query: Mapping[str, str]) -> Page:
             "note": shelf.note("study", name),
             "linked": linked,
             "outdated": linked is not None and linked != found.state,
-            "command": shlex.join(
-                ["labbook", "run", str(study.path), "--lab", str(shelf.lab.folder)]
-                + ["--backend", backend] * (backend != BACKEND)
-            ),
+            "command": command("run", study.path, lab=shelf.lab.folder, backend=backend),
         },
         found.once("plotted", lambda: embedded(plotted(results))),
         asked,
@@ -196,7 +193,7 @@ _drawing = threading.Lock()  # matplotlib's settings are those of the whole proc
 def why_not(error: Exception, found: Found) -> str:
     """Why a figure cannot be drawn, and what to do."""
     if isinstance(error, NotEvaluated):
-        return f"Not drawn, since {error}: labbook report {found.study.path.name} evaluates it."
+        return f"Not drawn, since {error}: {command('report', found.study.path.name)} evaluates it."
     return f"{str(error)[:1].upper()}{str(error)[1:]}."
 
 
@@ -290,7 +287,7 @@ def _series(series: Series) -> dict[str, Any]:
     laws = {}
     for law, fit in series.fits.items():
         D = np.linspace(fit.D.min(), fit.D.max(), _PLACES)
-        value, low, high = fit.predict(D)
+        value, low, high = fit.band(D)
         table, residuals = fit_table(law, fit), series.residuals(law)
         laws[law] = {
             "label": display.law(law),

@@ -137,6 +137,18 @@ document.addEventListener("htmx:afterSettle", () => {
   } else if (lastDone === null) lastDone = done;
 });
 
+// A study that is new in the lab has no card yet: the first page is shown anew, once.
+let studies = null;
+document.addEventListener("htmx:afterSettle", () => {
+  const summary = document.querySelector("#summary[data-studies]");
+  if (!summary) return;
+  const before = studies;
+  studies = summary.dataset.studies;
+  if (before !== null && before !== studies && !document.querySelector("form :focus")) {
+    htmx.ajax("GET", location.pathname + location.search, { target: "#main", select: "#main", swap: "outerHTML" });
+  }
+});
+
 // The viewer is as light or dark as the page.
 function viewers() {
   for (const frame of document.querySelectorAll("iframe[data-theme]")) {

@@ -1,4 +1,4 @@
-"""Calibrations of one's own: the pilot of a study, `labbook calibrate`, and `accuracy.calibration`."""
+"""Calibrations of one's own: the pilot of a study, `labbook pilot`, and `accuracy.calibration`."""
 
 import json
 import math
@@ -10,6 +10,7 @@ from toy_lab import labbook, study_file
 from toy_results import analyse
 
 from labbook.accuracy import groups
+from labbook.api import Lab
 from labbook.backend.numerics import Numerics
 from labbook.results.calibrating import NotCalibrated, calibrate
 from labbook.run.demand import PointDemand
@@ -81,8 +82,8 @@ def test_scenes_that_cannot_be_calibrated_are_refused_before_anything_runs(tmp_p
     path.write_text(path.read_text().replace("dt: 10 us, steps_per_beat: 200, ", ""))
     said = labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
     assert "Cannot be calibrated" in said
-    assert "labbook calibrate" not in said
-    refused = labbook("calibrate", path, "--lab", tmp_path / "lab", "--backend", "toy", check=False)
+    assert "labbook pilot" not in said
+    refused = labbook("pilot", path, "--lab", tmp_path / "lab", "--backend", "toy", check=False)
     assert refused.exit_code
     assert "cannot be calibrated" in refused.output
     assert not list((tmp_path / "lab").glob("runs/*"))
@@ -90,7 +91,7 @@ def test_scenes_that_cannot_be_calibrated_are_refused_before_anything_runs(tmp_p
 
 def test_the_verb_writes_a_file_that_the_study_can_name(tmp_path):
     path = study_file(tmp_path, orifices="[24]", count=200)
-    said = labbook("calibrate", path, "--lab", tmp_path / "lab", "--backend", "toy", "--seeds", 4).output
+    said = labbook("pilot", path, "--lab", tmp_path / "lab", "--backend", "toy", "--seeds", 4).output
     written = tmp_path / "toy.calibration.json"
     assert f"Written: {written}" in said
     assert f"Next, in {path}: accuracy: {{flow_rate: 1 %}}" in said
@@ -105,6 +106,24 @@ def test_the_verb_writes_a_file_that_the_study_can_name(tmp_path):
     assert "Chosen for 10 %" in labbook("plan", path, "--lab", tmp_path / "lab", "--backend", "toy").output
 
 
+@pytest.mark.parametrize("words", [[], ["study.yaml", "--seeds", 4], ["--help"]])
+def test_the_earlier_name_of_the_verb_says_where_it_went(words):
+    ended = labbook("calibrate", *words, check=False)
+    assert ended.exit_code == 1
+    assert "labbook calibrate is now labbook pilot" in ended.output
+    assert "calibrate" not in labbook("--help").output
+
+
+@pytest.mark.slow
+def test_python_has_one_method_for_pilots(tmp_path):
+    asked, lab = load(study_file(tmp_path, orifices="[24]", count=200)), Lab(tmp_path / "lab", "toy")
+    assert not hasattr(lab, "calibrate")
+    assert lab.pilot(asked, progress=False) is asked, "it requests no error, so that it needs none"
+    made = lab.pilot(asked, progress=False, seeds=4)
+    assert made.calibration_file == tmp_path / "toy.calibration.json"
+    assert len(lab.frame(f"{asked.name}-pilot")) == 4 * len(SETTINGS)
+
+
 @pytest.mark.parametrize(
     ("text", "said"), [(None, "No such file"), ("{}", "not a calibration file"), ("{", "Expecting")]
 )
@@ -117,7 +136,7 @@ def test_a_calibration_that_cannot_be_read_is_named_with_its_key(tmp_path, text,
 
 def test_a_forecast_of_replicates_that_was_wrong_is_told(tmp_path):
     path = study_file(tmp_path, orifices="[24]", count=200)
-    labbook("calibrate", path, "--lab", tmp_path / "lab", "--backend", "toy", "--seeds", 4)
+    labbook("pilot", path, "--lab", tmp_path / "lab", "--backend", "toy", "--seeds", 4)
     written = tmp_path / "toy.calibration.json"
     stored = json.loads(written.read_text())
     stored["effects"][0] |= {"scatter": 0.5, "slopes": [0, 0, 0], "covariance": [[0, 0, 0]] * 3}

@@ -1,4 +1,4 @@
-"""`labbook calibrate`: what numerics do to the flow rate of a study."""
+"""`labbook pilot`: what numerics do to the flow rate of a study."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
     """Add the verb."""
 
     @app.command()
-    def calibrate(
+    def pilot(
         studies: Studies,
         lab: Lab = LAB,
         backend: RunsOn = BACKEND,
@@ -37,6 +37,7 @@ def register(app: typer.Typer) -> None:
         """
         from labbook.accuracy import BESIDE, write
         from labbook.api import Lab as Place
+        from labbook.api import effects_of_numerics
         from labbook.backend import BackendMissing, Unsupported
         from labbook.lab import NoCatalogue
         from labbook.lab.folder import DiskFull
@@ -45,13 +46,14 @@ def register(app: typer.Typer) -> None:
         from labbook.run.demand import Conflict
         from labbook.run.progress import Bar
         from labbook.study import StudyError
+        from labbook.study.pilot import whole
 
         path = out or studies[0].with_suffix(BESIDE)
         place, found = Place(lab, backend, device), []
         for asked in [read_study(study) for study in studies]:
             try:
                 with Bar(screen(stderr=True)) as bar:
-                    found += place.calibrate(asked, seeds, bar)
+                    found += effects_of_numerics(place, whole(asked, seeds), bar)
             except (BackendMissing, NoCatalogue, Unsupported, Conflict, MeasureError, DiskFull, StudyError) as problem:
                 fail(problem)
             except NotCalibrated as problem:

@@ -1,0 +1,26 @@
+"""Warnings for users of Python, at the line of their own code."""
+
+import sys
+import warnings
+
+Place = tuple[str, int]
+"""A file and a line in it."""
+_OWN = ("labbook", "contextlib")
+"""Packages whose lines are not those of a user."""
+
+
+class LabWarning(UserWarning):
+    """Some runs of a study failed or cannot be read, or a number is asked for where little is known of it."""
+
+
+def caller() -> Place:
+    """Where the user's code called labbook."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OWN:
+        frame = frame.f_back
+    return frame.f_code.co_filename, frame.f_lineno
+
+
+def warn(message: str, place: Place | None = None) -> None:
+    """A LabWarning at the line of the user's code, whichever of our functions notices. place: None for the caller's."""
+    warnings.warn_explicit(message, LabWarning, *(place or caller()))
