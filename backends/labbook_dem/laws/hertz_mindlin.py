@@ -10,7 +10,7 @@ F_n = F_n^e + F_n^v.
 Friction so jumps by mu F_n^v where a contact begins to slide. Version 1 of the law had no jump: it kept
 mu F_n^e, cut by mu F_n, which is mu min(F_n^e, F_n) and passes on less than Coulomb's friction while grains approach. A
 limit without a jump would scale eq 7 by F_n/F_n^e; the stiffness of a sticking contact would then depend on the normal
-velocity, and a spring loaded while grains part could be unloaded while they approach, which gives energy away.
+velocity, and a spring loaded while grains part could be unloaded while they approach, which can give energy away.
 """
 
 from labbook_dem.contact import cut, length
