@@ -90,7 +90,7 @@ _RECENT = 20
 """Runs of the same shape that a speed is the median of, at most."""
 _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
 _GRAIN = 400  # bytes of one grain's share of a checkpoint
-_FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
+_FRAME, _TURNED = 23.0, 15.0  # bytes of one grain in one recorded frame, compressed; and of the orientation of a rod
 _NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
 
 
@@ -301,7 +301,10 @@ def disk_of(demand: Demand) -> float:
 
 def film_bytes(shared: PointDemand) -> float:
     """Bytes of the recording of a run, if it is recorded."""
-    return 0.0 if shared.film is None else _FRAME * _inside(shared) * (discharge_time(shared) / shared.film.every + 1)
+    if shared.film is None:
+        return 0.0
+    row = _FRAME + _TURNED * ("q" in shared.film.fields)
+    return row * _inside(shared) * (discharge_time(shared) / shared.film.every + 1)
 
 
 def _bytes_of(probe: Probe, shared: PointDemand) -> float:

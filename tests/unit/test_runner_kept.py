@@ -8,7 +8,7 @@ from toy_results import analyse
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Sample, describe_probe
-from labbook.lab import Catalogue
+from labbook.lab import Catalogue, RunRecord
 from labbook.measure.trajectories import Trajectories
 from labbook.run.coverage import finished
 from labbook.run.demand import Conflict
@@ -122,6 +122,34 @@ def test_many_frames_do_not_wait_in_memory_for_the_next_save(tmp_path, monkeypat
     carry_out(asked, tmp_path / "other")
     (run,) = (tmp_path / "lab/runs").iterdir()
     assert arrays(run) == arrays(tmp_path / "other/runs" / run.name)
+
+
+@pytest.mark.parametrize("every", ["0.7 ms", "2 ms", "5.3 ms"])
+def test_a_resumed_run_has_the_frames_of_an_uninterrupted_one(tmp_path, monkeypatch, every):
+    """It is killed right after a save, twice; beats last 2 ms."""
+    asked = study(tmp_path, f"record: {{every: {every}, replicates: 1}}", replicates=1, orifices="[24]", count=100)
+    write, lab = Job._write, tmp_path / "lab"
+
+    class Killed(BaseException):
+        pass
+
+    for _ in range(2):
+        saves = iter((False, False, True))
+
+        def save(job, checkpoint, saves=saves):
+            write(job, checkpoint)
+            if job.kind == "run" and next(saves):
+                raise Killed
+
+        monkeypatch.setattr(Job, "_write", save)
+        with pytest.raises(Killed):
+            carry_out(asked, lab, checkpoint_every=0.0)
+    monkeypatch.setattr(Job, "_write", write)
+    assert carry_out(asked, lab).tally.resumed == 1
+    carry_out(asked, tmp_path / "whole")
+    (run,) = (lab / "runs").iterdir()
+    assert len(RunRecord.read(run).sessions) == 3
+    assert arrays(run) == arrays(tmp_path / "whole/runs" / run.name)
 
 
 def test_a_recording_that_is_too_coarse_is_made_again_and_nothing_else_changes(tmp_path):
