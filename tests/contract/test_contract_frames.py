@@ -13,9 +13,9 @@ from labbook.verify.symmetry import DT
 
 BEATS, STEPS = 3, 250
 FIELDS = ("x", "v", "omega")
-FILM = Film(every=86.7 * DT, fields=FIELDS)
+FILM = Film(every=86.72 * DT, fields=FIELDS)
 AT = [0, 87, 173, 260, 347, 434, 520, 607, 694]
-"""The steps nearest to multiples of 86.7, in three beats of 250."""
+"""The steps nearest to multiples of 86.72, in three beats of 250."""
 
 
 def filmed(silo, beats=BEATS, probes=(FILM,), **further):
@@ -121,7 +121,7 @@ def test_members_have_their_own_frames(silo):
         # of all members, the one that moves farthest in a step decides how often lists are looked at
         assert identical(*({name: rows[name] for name in rows if name != "rebuilds"} for rows in (ours, table)))
     steps = np.unique(rows_of(found[FILM], other)["step"])
-    assert list(steps) == [round(k * 86.7 / 1.5) for k in range(13)]
+    assert list(steps) == [round(k * 86.72 / 1.5) for k in range(13)]
 
 
 def test_a_beat_that_fails_leaves_no_frames(silo):
