@@ -14,7 +14,7 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Ledger, Probe, Table, empty_table
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
-from labbook.scene.quantities import told_apart
+from labbook.scene.quantities import span, told_apart
 from labbook_dem.features import covers, specialise
 from labbook_dem.ledger import kinetic, status
 from labbook_dem.reading import Readable, read
@@ -130,7 +130,7 @@ class Ensemble(ABC, Generic[R]):
         if not covers(self._spec, self._specialise(scene, numerics)):
             raise ValueError("this member needs kernels that the ensemble's Spec does not have")
         run = self._begin(scene, numerics, start)
-        run.probes = read_by
+        run.probes, run.frames = read_by, []
         member = Member(self._next)
         self._next += 1
         self._runs[member] = run
@@ -178,8 +178,11 @@ class Ensemble(ABC, Generic[R]):
         return {member: run for member, run in self._runs.items() if run.failure is None and run.grains > 0}
 
     def _observed(self, runs: Mapping[Member, R]) -> Mapping[Probe, Table]:
-        """Rows of the probes that are due after a beat of these members; those that failed have none."""
+        """Rows of the probes that are due after a beat of these members, and of frames within it; those that failed
+        have none."""
         well = {member.index: run for member, run in runs.items() if run.failure is None}
+        for run in well.values():
+            run.take_frames()
         return read(well, self._spec.steps_per_beat)
 
     def _events(self, member: Member, run: R) -> list[Event]:
@@ -252,14 +255,6 @@ def explain(guard: str, grain: int, step: int, value: float, scene: Scene, numer
         )
     what = "its spin is NaN" if guard == "spin" else "its velocity or a force on it is NaN or too large"
     return f"{where}: {what}; use a smaller numerics.dt"
-
-
-def span(seconds: float) -> str:
-    """A simulated time for people: 0.25 s, 12 ms, 2.5 us."""
-    for unit, scale in (("s", 1.0), ("ms", 1e-3)):
-        if abs(seconds) >= 0.1 * scale:
-            return f"{seconds / scale:.3g} {unit}"
-    return f"{seconds * 1e6:.3g} us"
 
 
 def places(ascending: np.ndarray, wanted: np.ndarray) -> np.ndarray:

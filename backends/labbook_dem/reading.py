@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Crossing, Ledger, Probe, Sample, Slab, Table, Zone, due
+from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Probe, Sample, Slab, Table, Zone, due
 from labbook.scene import Bodies, Scene
 from labbook_dem.ledger import totals
 
@@ -62,6 +62,14 @@ class Layer(NamedTuple):
     v: np.ndarray
 
 
+class Seen(NamedTuple):
+    """What a probe saw at a step: fields of grains by row, or numbers that belong to one column each. time [s]."""
+
+    step: int
+    time: float
+    rows: Mapping[str, np.ndarray]
+
+
 class Readable(ABC):
     """A member, as probes see it. A backend tells how its memory is read."""
 
@@ -69,6 +77,8 @@ class Readable(ABC):
     numerics: Numerics
     probes: Sequence[Probe]
     """All that look at it."""
+    frames: list[tuple[Film, Seen]]
+    """Taken in the beat, in the order of steps."""
     step: int
     """Steps taken."""
 
@@ -112,36 +122,74 @@ class Readable(ABC):
         found = totals(self.scene, now.x, now.v, now.m, *halves, work, now.q, now.bodies)
         return {"grains": len(now.ids), **found, **counted}
 
+    def frame_steps(self) -> list[int]:
+        """Steps of the next beat, without its end, after which frames are due; of the first beat with its beginning."""
+        beat, dt = self.numerics.steps_per_beat, self.numerics.dt
+        first, last = self.step + (self.step > 0), (self.step // beat + 1) * beat - 1
+        return sorted({step for film in _films(self) for step in film.steps(dt, first, last)})
+
+    def take_frames(self) -> None:
+        """Take the frames that are due at this step."""
+        for film in _films(self):
+            if _is_due(film, self, self.numerics.steps_per_beat):
+                self.frames.append((film, Seen(self.step, self.time, _seen(self, film))))
+
+
+def _films(member: Readable) -> list[Film]:
+    return [probe for probe in member.probes if isinstance(probe, Film)]
+
 
 def read(members: Mapping[int, Readable], steps_per_beat: int) -> Mapping[Probe, Table]:
-    """Rows of the probes that are due after this beat, those of all members in one table; members by number."""
+    """Rows of the probes that are due after this beat, those of all members in one table; members by number. Frames
+    that were taken are read once."""
     due_of: dict[Probe, dict[int, Readable]] = {}
     for number, member in members.items():
         for probe in member.probes:
             if due(probe, member.step // steps_per_beat):
                 due_of.setdefault(probe, {})[number] = member
-    return {probe: _table(probe, of) for probe, of in due_of.items()}
+    found = {probe: _table(probe, _parts(probe, of)) for probe, of in due_of.items()}
+    for member in members.values():
+        member.frames.clear()
+    return found
 
 
 def looking(members: Iterable[Readable], steps_per_beat: int) -> int:
     """How many of these members have a probe due that looks at every grain."""
-    frames = (Sample, Zone, Ledger)
+    frames = (Sample, Film, Zone, Ledger)
     return sum(
-        any(isinstance(probe, frames) and due(probe, one.step // steps_per_beat) for probe in one.probes)
+        any(isinstance(probe, frames) and _is_due(probe, one, steps_per_beat) for probe in one.probes)
         for one in members
     )
 
 
-def _table(probe: Probe, members: Mapping[int, Readable]) -> Table:
-    """Rows of a probe, one member after another. Columns are made of what all have together: there may be a hundred
+def _is_due(probe: Probe, member: Readable, steps_per_beat: int) -> bool:
+    if isinstance(probe, Film):
+        return any(True for _ in probe.steps(member.numerics.dt, member.step, member.step))
+    return due(probe, member.step // steps_per_beat)
+
+
+def _parts(probe: Probe, members: Mapping[int, Readable]) -> list[tuple[int, Seen]]:
+    """What a probe saw of members, by number: of each all at once, or frame by frame."""
+    if isinstance(probe, Film):
+        return [(number, seen) for number, one in members.items() for film, seen in one.frames if film == probe]
+    return [(number, Seen(one.step, one.time, _seen(one, probe))) for number, one in members.items()]
+
+
+def _table(probe: Probe, parts: Sequence[tuple[int, Seen]]) -> Table:
+    """Rows of a probe, one part after another. Columns are made of what all have together: there may be a hundred
     members, each with a few rows of two dozen columns."""
-    parts = [_seen(member, probe) for member in members.values()]
-    sizes = [len(next(iter(part.values()))) for part in parts]
-    table = {"member": np.repeat(np.array([*members], np.int64), sizes)}
+    if not parts:
+        return {"member": np.zeros(0, np.int64)}
+    sizes = [len(next(iter(seen.rows.values()))) for _, seen in parts]
+    table = {"member": np.repeat(np.array([number for number, _ in parts], np.int64), sizes)}
     if not isinstance(probe, Crossing):  # each of its rows has a time of its own
-        table["step"] = np.repeat(np.array([member.step for member in members.values()], np.int64), sizes)
-        table["time"] = np.repeat(np.array([member.time for member in members.values()]), sizes)
-    return {**table, **_columns(probe, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})}
+        table["step"] = np.repeat(np.array([seen.step for _, seen in parts], np.int64), sizes)
+        table["time"] = np.repeat(np.array([seen.time for _, seen in parts]), sizes)
+    names = parts[0][1].rows
+    return {
+        **table,
+        **_columns(probe, {name: np.concatenate([seen.rows[name] for _, seen in parts]) for name in names}),
+    }
 
 
 def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
@@ -151,7 +199,7 @@ def _seen(member: Readable, probe: Probe) -> Mapping[str, np.ndarray]:
             return {"rows": member.crossings()}
         case Contacts():
             return {"rows": member.contacts()}
-        case Sample():
+        case Sample() | Film():
             grains, fields = member.look(bool({"v", "omega"} & set(probe.fields))), probe.fields
         case Slab():
             grains, fields = member.layer(probe), ("x", "v")

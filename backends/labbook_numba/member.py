@@ -126,9 +126,15 @@ class Run(Standing):
         before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._kept}
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
         self._drop_leavers()
+        self.frames.clear()
         try:
-            while (code := self._advance(target, threads)) == self.kernels.REBUILD:
-                self._rebuild()
+            code = self.kernels.DONE
+            for step in self.frame_steps():
+                if (code := self._advance_to(step, threads)) != self.kernels.DONE:
+                    break
+                self._take_frames_of_copy()
+            if code == self.kernels.DONE:
+                code = self._advance_to(target, threads)
         except BaseException:
             self._put_back(before)
             raise
@@ -141,6 +147,22 @@ class Run(Standing):
         lost = ~np.isfinite(st.w[: st.count[S.GRAINS]]).all(axis=1)
         if lost.any():
             self._fail("spin", int(st.ids[np.argmax(lost)]), np.nan, before)
+
+    def _advance_to(self, step: int, threads: int) -> int:
+        if self.step == step:  # kernels would take this for reading, and advance the springs
+            return self.kernels.DONE
+        while (code := self._advance(step, threads)) == self.kernels.REBUILD:
+            self._rebuild()
+        return code
+
+    def _take_frames_of_copy(self) -> None:
+        """Take the frames that are due now, of a copy: reading may rebuild lists, and rebuilds are counted."""
+        state = self.state
+        self.state = state._replace(**{name: getattr(state, name).copy() for name in self._kept})
+        try:
+            self.take_frames()
+        finally:
+            self.state = state
 
     def _advance(self, target: int, threads: int) -> int:
         return advance(self.kernels, self.state, self.params, target, self.layout, threads)

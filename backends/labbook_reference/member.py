@@ -231,7 +231,11 @@ class Run(Standing):
         """Take one beat of steps; on a failed guard, `failure` says why and the state is that before the beat."""
         before, crossed = self.checkpoint(), list(self._crossed)
         target = (self.step // self.numerics.steps_per_beat + 1) * self.numerics.steps_per_beat
+        self.frames.clear()
+        filmed = self.frame_steps()
         while self.step < target and self.grains:
+            if self.step in filmed:
+                self.take_frames()
             if (failure := self._step()) is not None:
                 back = Run.restored(self._can, self.scene, self.numerics, self.probes, before)
                 vars(self).update(vars(back), failure=failure, _crossed=crossed)

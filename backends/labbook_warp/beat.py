@@ -35,8 +35,8 @@ class Beat:
         self._several = fit and self.kernels.SHARED and not shared_with_others()
         groups = _GROUPS if self.device.is_cuda and self._slots > 1 and not fit else 0
         self._streams = [wp.Stream(self.device) for _ in range(groups)]
-        self._graphs: dict[int, Any] = {}
-        """By how often displacements are checked in them."""
+        self._graphs: dict[tuple[int, ...], Any] = {}
+        """Of a beat by how often displacements are checked; of its parts also by their first check and their steps."""
         self._looked: Any = None
 
     def renew(self) -> None:
@@ -56,30 +56,66 @@ class Beat:
     def run(self, every: int) -> None:
         """Take the beat's steps with every member whose `rows` are not zero. Displacements are checked `every` so many
         steps."""
-        if not self.device.is_cuda:
-            self._steps(every)
-            return
-        if every not in self._graphs:
-            wp.load_module(self.kernels, device=self.device, block_dim=THREADS)
-            with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
-                self._steps(every)
-            self._graphs[every] = capture.graph
-        wp.capture_launch(self._graphs[every])
+        self._captured((every,), lambda: self._whole(every))
 
-    def _steps(self, every: int) -> None:
-        arrays, k = self.arrays, self.kernels
-        arrays.back_up()
-        self._line_up()
+    def _whole(self, every: int) -> None:
+        self.begin()
         done = 0
         while done < self.steps:
             some = min(every, self.steps - done)
-            self._launch(k.check, self._rows, arrays.p, some)
-            self._if_asked(self.rebuild)
-            self._move(done, some)
-            if some % 2:
-                self._launch(k.bring, self._rows, arrays.q, arrays.p)
+            self._check(some)
+            self._take_some(done, some)
             done += some
-        self._launch(k.end, self._slots, self.steps, self.told)
+        self.end(self.steps)
+
+    def begin(self) -> None:
+        """Begin a beat."""
+        self.arrays.back_up()
+        self._line_up()
+
+    def end(self, steps: int) -> None:
+        """End a beat, and count these steps."""
+        self._launch(self.kernels.end, self._slots, steps, self.told)
+
+    def part(self, done: int, stop: int, every: int) -> int:
+        """Take some steps of a beat from `done` on, up to `stop` at most; how many. They are not counted yet.
+
+        Displacements are checked after the same steps as in `run`. Some are 1, 2, 4, 8, ... steps, or intervals between
+        checks: so few graphs do for stops after any steps.
+        """
+        ahead = min(every, self.steps - done) if done % every == 0 else 0
+        many = (stop - done) // every if ahead == every else 0
+        steps = every * _power_of_two(many) if many else _power_of_two(min(stop - done, every - done % every))
+        self._captured((every, ahead, steps), lambda: self._piece(ahead, steps, every))
+        return steps
+
+    def _piece(self, ahead: int, steps: int, every: int) -> None:
+        for first in range(0, steps, every):
+            if ahead:
+                self._check(ahead)
+            self._take_some(first, min(every, steps - first))
+
+    def _captured(self, key: tuple[int, ...], launches: Callable[[], None]) -> None:
+        """What these `launches` do, on a GPU as one graph."""
+        if not self.device.is_cuda:
+            launches()
+            return
+        if key not in self._graphs:
+            wp.load_module(self.kernels, device=self.device, block_dim=THREADS)
+            with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
+                launches()
+            self._graphs[key] = capture.graph
+        wp.capture_launch(self._graphs[key])
+
+    def _check(self, ahead: int) -> None:
+        """Rebuild the lists that may not do for so many steps more."""
+        self._launch(self.kernels.check, self._rows, self.arrays.p, ahead)
+        self._if_asked(self.rebuild)
+
+    def _take_some(self, first: int, some: int) -> None:
+        self._move(first, some)
+        if some % 2:
+            self._launch(self.kernels.bring, self._rows, self.arrays.q, self.arrays.p)
 
     def _move(self, first: int, some: int) -> None:
         """Take `some` steps from `first` on: with all members, or with two groups of them side by side. As the last
@@ -168,3 +204,8 @@ class Beat:
         self._launch(kernel, self._rows, self.arrays.p, *inputs, counter, out)
         found = int(fetch(counter)[0])
         return fetch(out, 0, width * found).reshape(-1, width)
+
+
+def _power_of_two(most: int) -> int:
+    """The largest power of two that is not more."""
+    return 1 << most.bit_length() - 1

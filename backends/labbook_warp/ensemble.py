@@ -1,5 +1,6 @@
 """Members of one Spec, stepped side by side on one device."""
 
+from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 
@@ -15,6 +16,7 @@ from labbook.scene.packing import Packing
 from labbook_warp.build import specialise
 from labbook_warp.kernels.words import MOST_GRAINS, NO_FAILURE
 from labbook_warp.reading import Seen
+from labbook_warp.report import Report
 from labbook_warp.run import Run
 from labbook_warp.stage import Stage
 from labbook_warp.stored import check
@@ -53,7 +55,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
             if not going:
                 break
             self._stage.close_up()
-            self._beat(list[Run](going.values()))
+            self._beat(list(going.values()))
             with self._reading(going.values()):
                 self._keep(self._observed(going))
                 for member, run in going.items():
@@ -64,7 +66,7 @@ class Ensemble(ensemble.Ensemble[Seen]):
         """Copies all slots at once, if enough of these runs are read."""
         return self._stage.arrays.at_once(looking(runs, self._spec.steps_per_beat))
 
-    def _beat(self, runs: list[Run]) -> None:
+    def _beat(self, runs: list[Seen]) -> None:
         """Take a beat with these members.
 
         Lists that were late may have let a grain fail, which runs into another unseen. So a failure counts only if it
@@ -76,12 +78,12 @@ class Ensemble(ensemble.Ensemble[Seen]):
                 for run, word in self._attempt(list(failed)).items():
                     self._fails(run, word)
 
-    def _attempt(self, runs: list[Run]) -> Mapping[Run, int]:
+    def _attempt(self, runs: list[Seen]) -> Mapping[Seen, int]:
         """Take a beat with these members; those whose lists were short or late take it again. What failed, if anything,
         of those that are back at its beginning."""
         stage, failed = self._stage, {}
         while runs:
-            report = stage.beat(runs)
+            report = self._take(runs)
             again = []
             for run in runs:
                 said = report[run.slot]
@@ -102,6 +104,23 @@ class Ensemble(ensemble.Ensemble[Seen]):
             stage.make_room(report, again)
             runs = again
         return failed
+
+    def _take(self, runs: Sequence[Seen]) -> Report:
+        """Take a beat with these members, and the frames that are due within it."""
+        due: dict[int, list[Seen]] = defaultdict(list)
+        for run in runs:
+            run.frames.clear()
+            for step in run.frame_steps():
+                due[step - run.step].append(run)
+        stops = iter(sorted(due))
+
+        def look() -> None:
+            filmed = due[next(stops)]
+            with self._stage.arrays.at_once(len(filmed)):
+                for run in filmed:
+                    run.take_frames()
+
+        return self._stage.beat(runs, sorted(due), look)
 
     def _fails(self, run: Run, word: int) -> None:
         step, guard, grain = word >> 26, GUARDS[word >> 24 & 3], word & (MOST_GRAINS - 1)

@@ -1,7 +1,7 @@
 """The slots of an ensemble: members get their seats, in larger arrays if need be, and take beats."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from types import MappingProxyType
 
@@ -39,6 +39,8 @@ class Stage:
         self._every, self._calm = LONGEST_CHECK, 0
         """Steps between two checks of displacements, and beats without a late list since that number changed."""
         self._uniform = True
+        self._within = False
+        """Whether a beat is going on."""
         self._arrays: Arrays | None = None
         self._beats: Beat | None = None
         self.changes = 0
@@ -239,10 +241,19 @@ class Stage:
         """Let kernels work on these members only."""
         self.arrays.set_rows({run.slot: run.rows for run in runs})
 
-    def beat(self, runs: Sequence[Run]) -> Report:
-        """Let these members take a beat."""
+    def show_all(self) -> None:
+        """Let kernels that read work on all members; within a beat, on those that take it."""
+        if not self._within:
+            self.wake(self.runs)
+
+    def beat(self, runs: Sequence[Run], stops: Sequence[int] = (), look: Callable[[], None] = lambda: None) -> Report:
+        """Let these members take a beat. After so many of its steps as each of `stops` says, in ascending order, `look`
+        may read them as they are then."""
         self.wake(runs)
-        self.beats.run(self._every)
+        if stops:
+            self._take_parts(runs, stops, look)
+        else:
+            self.beats.run(self._every)
         self._has_changed()
         try:
             report = collect(self.arrays, self.beats.told)
@@ -254,6 +265,33 @@ class Stage:
         if not all(slot.well for slot in report.slots):
             self.arrays.forget_rows()
         return report
+
+    def _take_parts(self, runs: Sequence[Run], stops: Sequence[int], look: Callable[[], None]) -> None:
+        begun, done = {run: run.step for run in runs}, 0
+        self.beats.begin()
+        self._within = True
+        try:
+            for stop in (*stops, self._spec.steps_per_beat):
+                while done < stop:
+                    steps = self.beats.part(done, stop, self._every)
+                    done += steps
+                    for run in runs:
+                        run.step += steps
+                    self._send_steps()
+                if stop < self._spec.steps_per_beat:
+                    self._has_changed()
+                    look()
+        finally:
+            self._within = False
+            for run, step in begun.items():
+                run.step = step
+        self.beats.end(0)
+
+    def _send_steps(self) -> None:
+        step = np.zeros(self._sizes.slots, np.int64)
+        for slot, run in self._seated.items():
+            step[slot] = run.step
+        self.arrays.system.step.assign(step)
 
     def make_room(self, report: Report, runs: Sequence[Run]) -> None:
         """Make arrays large enough for those of these members that were crowded. Raises Overflow, MemoryError."""

@@ -35,7 +35,7 @@ class View:
         stage = self.stage
         stage.seat()
         if self._velocities is None or stage.changed_since(self._at, run.slot):
-            stage.wake(stage.runs)
+            stage.show_all()
             self._velocities = stage.beats.look()
             self._energies = stage.beats.kinetic(*self._velocities)
             self._extremes = stage.extremes()
@@ -56,7 +56,7 @@ class View:
         """Rows i, j, wall, force, branch of a member's touching contacts, in the order of i, j, wall."""
         stage = self.stage
         if stage.changed_since(self._touched_at, run.slot):
-            stage.wake(stage.runs)
+            stage.show_all()
             self._touching = _by_slot(stage.beats.contacts(), keys=3)
             self._touched_at = stage.changes
         return self._touching.get(run.slot, np.zeros((0, 9)))

@@ -155,7 +155,8 @@ class Ensemble(Protocol):
 
     def drain(self) -> Mapping[Probe, Table]:
         """Rows since the last drain, for every declared probe; a probe without rows gives an empty table with its
-        columns. Raises Overflow if rows would be lost."""
+        columns. A beat gives the frames of a Film that lie within it and at its end, the first beat also that at step
+        0; a beat in which a member fails gives none of it. Raises Overflow if rows would be lost."""
         ...
 
     def status(self, member: Member) -> Status:

@@ -22,7 +22,7 @@ class Numerics(Model):
     skin: Annotated[Ratio, Field(gt=0, le=1)] = 0.15
     """Skin of the neighbour lists, in grain diameters."""
     steps_per_beat: Annotated[Whole, Field(ge=1, le=1_000_000)] = 1000
-    """Steps per beat. Between beats no probe is read and no run is stopped."""
+    """Steps per beat. Measurements are taken and runs are stopped at the ends of beats only."""
     stiffness_scale: Annotated[Ratio, Field(gt=0)] = 1.0
     """Factor on all stiffnesses of the study."""
     speed_limit: Annotated[Speed, Field(gt=0)] = 100.0

@@ -1,7 +1,8 @@
 """Probes of a member. Only declared probes are compiled in. Reading a probe never changes the motion."""
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from labbook.backend.numerics import Numerics
 from labbook.scene import Grains, Spheres
 from labbook.scene.model import canonical
 
@@ -40,6 +40,40 @@ class Sample:
 
     fields: tuple[str, ...] = ("x", "v")
     every: int = 1
+
+
+UNEVEN = 0.1
+"""By how much the time between two frames may differ from what was asked, relative to it."""
+
+
+@dataclass(frozen=True)
+class Film:
+    """State of all grains every `every` seconds from step 0 on, each frame at the step nearest to its time.
+
+    Frames lie within beats, too. Those of the first beat begin with step 0. `fields` and columns are as of `Sample`.
+    """
+
+    every: float
+    fields: tuple[str, ...] = ("x", "v")
+
+    def steps(self, dt: float, first: int, last: int) -> Iterator[int]:
+        """Steps of a time step `dt` [s] that have a frame, from `first` to `last`."""
+        number = max(0, int(first * dt / self.every) - 1)
+        while (step := round(number * self.every / dt)) <= last:
+            if step >= first:
+                yield step
+            number += 1
+
+    def uneven(self, dt: float) -> float:
+        """Largest deviation of a time between two frames from `every`, relative to it, since frames lie on steps."""
+        steps = self.every / dt
+        if steps > 0.5 and abs(steps - round(steps)) <= 1e-9 * steps:
+            return 0.0
+        return max(math.ceil(steps) - steps, steps - math.floor(steps)) / steps
+
+    def as_often(self, asked: "Film") -> bool:
+        """Whether frames are as close to each other as asked, to UNEVEN."""
+        return self.every <= asked.every * (1 + UNEVEN)
 
 
 @dataclass(frozen=True)
@@ -104,12 +138,12 @@ class Ledger:
     every: int = 1
 
 
-Probe = Crossing | Sample | Slab | Zone | Contacts | Ledger
+Probe = Crossing | Sample | Film | Slab | Zone | Contacts | Ledger
 
 
 def due(probe: Probe, beat: int) -> bool:
-    """Whether a probe is read at this beat."""
-    if isinstance(probe, Crossing):
+    """Whether a probe is read at the end of this beat, or has rows from within it."""
+    if isinstance(probe, Crossing | Film):
         return True
     return beat % probe.every == 0 or (isinstance(probe, Zone) and beat % probe.every == probe.again)
 
@@ -126,7 +160,7 @@ def columns(probe: Probe, rods: bool = False) -> dict[str, type]:
     match probe:
         case Crossing():
             names = "id x y z vx vy vz wx wy wz" + (" qw qx qy qz" if rods else "")
-        case Sample(fields=fields):
+        case Sample(fields=fields) | Film(fields=fields):
             names = " ".join(["id", *(_VECTORS[name] for name in fields)])
         case Slab():
             names = f"id {_VECTORS['x']} {_VECTORS['v']}"
@@ -161,6 +195,7 @@ def empty_table(probe: Probe, rods: bool = False) -> Table:
 _KINDS: dict[str, type[Probe]] = {
     "crossing": Crossing,
     "sample": Sample,
+    "film": Film,
     "slab": Slab,
     "zone": Zone,
     "contacts": Contacts,
@@ -169,7 +204,7 @@ _KINDS: dict[str, type[Probe]] = {
 
 
 def table_name(probe: Probe) -> str:
-    """Name of a probe's table: `crossing`, `sample`, `slab`, `zone`, `contacts` or `ledger`."""
+    """Name of a probe's table: `crossing`, `sample`, `film`, `slab`, `zone`, `contacts` or `ledger`."""
     return type(probe).__name__.lower()
 
 
@@ -199,7 +234,6 @@ def _adapter(kind: type[Probe]) -> TypeAdapter[Probe]:
     return TypeAdapter(kind)
 
 
-def film_probe(every: float, numerics: Numerics, grains: Grains) -> Sample:
-    """A probe that records a frame about every `every` seconds, in whole beats. For rods it includes orientations."""
-    fields = ("x", "v") if isinstance(grains, Spheres) else ("x", "v", "q")
-    return Sample(fields=fields, every=max(1, round(every / numerics.beat)))
+def film_probe(every: float, grains: Grains) -> Film:
+    """The probe that records a frame every `every` seconds. For rods frames include orientations."""
+    return Film(every, ("x", "v") if isinstance(grains, Spheres) else ("x", "v", "q"))

@@ -59,6 +59,7 @@ def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
     """The plan as plain values."""
     from labbook.run.forecast import outline
 
+    record = plan.study.record
     return {
         "study": plan.study.name,
         "backend": plan.backend.name,
@@ -78,6 +79,7 @@ def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
             for item in plan.items
         ],
         "packings_missing": len(plan.fillings),
+        "recorded": None if record is None else {"every_seconds": record.every, "replicates": record.replicates},
         "replicates": {"first": plan.rule.first, "cap": plan.rule.cap, "tolerance": plan.rule.tolerance},
         "forecast": {
             "seconds": ahead.seconds,

@@ -18,7 +18,17 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Sample, Table, film_probe
 from labbook.compare.sides import Pair, Side, from_shared
 from labbook.compare.verdict import Divergence
-from labbook.export.recording import FRAMES, frames_of, front_view, log_bar, log_grains, need_rerun, top_speed, written
+from labbook.export.recording import (
+    FRAMES,
+    at_opening,
+    frames_of,
+    front_view,
+    log_bar,
+    log_grains,
+    need_rerun,
+    top_speed,
+    written,
+)
 from labbook.filling import opened
 from labbook.lab.folder import Lab
 from labbook.lab.packings import load_packing
@@ -153,7 +163,8 @@ def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, pat
     demands = [shared.run(SEED) for shared in from_shared(study, point, pair)]
     keys = [demand.keys(one.can) for demand, one in zip(demands, pair, strict=True)]
     scene, names = point.scene, [one.entrant.called for one in pair]
-    fields = film_probe(seconds / FRAMES, point.numerics, scene.grains).fields
+    fields = film_probe(seconds / FRAMES, scene.grains).fields
+    start = opened(load_packing(lab.packing(keys[0].packing)), demands[0].shared.closed, scene)
     frames = [one for one in side_by_side(pair, demands[0], lab, seconds / FRAMES, seconds, fields) if not one.over]
     films = []
     for tables in zip(*(frame.tables for frame in frames), strict=True):
@@ -163,7 +174,8 @@ def record(study: Study, point: Point, lab: Lab, pair: Pair, seconds: float, pat
         *(front_view(scene, film, origin=name, name=name) for name, film in zip(names, films, strict=True))
     )
     title = f"{study.name}: {point.label}, seed {SEED}, {names[0]} beside {names[1]}"
-    start = load_packing(lab.packing(keys[0].packing))
+    for film in films:
+        film.insert(0, at_opening(start, film[0].q is not None))
     with written(path, title, "-".join(one.run for one in keys), scene, views) as stream:
         for name, film in zip(names, films, strict=True):
             log_grains(stream, name, scene, start, film, fastest)

@@ -26,8 +26,9 @@ from labbook.study import Point
 
 VERSION = 3
 """Raised when recordings made before are no longer what would be written now."""
-FRAMES = 200
-"""Most frames of a recording: its size is frames x grains x 16 bytes, of rods 32."""
+FRAMES, POSITIONS = 200, 4_000_000
+"""Most frames of a recording, or positions of grains in all its frames, whichever are more frames: its size is
+16 bytes a position, of rods 32. Of more frames every second, third ... is shown."""
 CLOCK = "sim_time"
 """Name of the timeline: seconds since the opening."""
 EDGE_COLOUR = (60, 66, 80)
@@ -78,15 +79,22 @@ def of_run(folder: Path, lab: Path, study: str | None = None, point: Point | Non
     name, seed = study or record.study, record.seed
     index, label = (record.point, record.label) if point is None else (point.index, point.label)
     path = lab / "recordings" / name / f"point-{index + 1}-seed-{seed}-{record.backend}.rrd"
-    if holds(path, record.run_key):
+    source = source_of(record)
+    if holds(path, source):
         return path
     title = f"{name}: {label}, seed {seed}"
-    return write(run_data(folder, record), read_recording(folder, record), path, name=title, run_key=record.run_key)
+    return write(run_data(folder, record), read_recording(folder, record), path, name=title, source=source)
 
 
-def holds(path: Path, run_key: str) -> bool:
-    """Whether `path` is a recording of the run `run_key` as it would be written now. Raises ViewerMissing."""
-    wanted = recording_id(run_key)
+def source_of(record: RunRecord) -> str:
+    """What a recording of a run is made from: the run, how far it went, and the time between its frames."""
+    had = record.coverage
+    return f"{record.run_key}-{had.steps}-{had.frame_interval or 0:g}"
+
+
+def holds(path: Path, source: str) -> bool:
+    """Whether `path` is a recording from `source` as it would be written now. Raises ViewerMissing."""
+    wanted = recording_id(source)
     if not path.exists():
         return False
     from rerun.chunk import RrdReader
@@ -97,21 +105,23 @@ def holds(path: Path, run_key: str) -> bool:
         return False
 
 
-def recording_id(run_key: str) -> str:
-    """What a recording of this run calls itself. Only the viewer's own and the next minor version are promised to read
-    it, so that the version is a part of it. Raises ViewerMissing."""
+def recording_id(source: str) -> str:
+    """What a recording from this source calls itself. Only the viewer's own and the next minor version are promised to
+    read it, so that the version is a part of it. Raises ViewerMissing."""
     minor = ".".join(need_rerun().__version__.split(".")[:2])
-    return f"{run_key}-{VERSION}-rerun-{minor}"
+    return f"{source}-{VERSION}-rerun-{minor}"
 
 
-def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *, name: str, run_key: str) -> Path:
-    """Write the recording of one run to `path` (.rrd), in place by one rename. `name` is shown in the viewer.
+def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *, name: str, source: str) -> Path:
+    """Write the recording of one run to `path` (.rrd), in place by one rename. `name` is shown in the viewer; `source`:
+    of what it is (`source_of`).
 
-    `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Sample` lists them.
+    `sample`: the run's recorded frames, columns id, time, x, y, z, vx, vy, vz as the probe `Film` lists them.
     Raises ViewerMissing, or NotRecorded if there are none.
     """
     late = sample is not None and float(np.min(sample["time"], initial=math.inf)) > 0
-    shown = frames_of(sample, FRAMES - late - (data.outcome == "emptied"))
+    most = max(FRAMES, POSITIONS // data.scene.grains.count)
+    shown = frames_of(sample, most - late - (data.outcome == "emptied"))
     if late:
         shown.insert(0, at_opening(data.start, shown[0].q is not None))  # or nothing would be seen at first
     if data.outcome == "emptied" and data.duration > shown[-1].time:
@@ -119,7 +129,7 @@ def write(data: RunData, sample: Mapping[str, np.ndarray] | None, path: Path, *,
     rr = need_rerun()
     fastest = top_speed(data.scene, shown)
     views = front_view(data.scene, shown, name=name)
-    with written(path, name, recording_id(run_key), data.scene, views, _flow_rate_views(data)) as stream:
+    with written(path, name, recording_id(source), data.scene, views, _flow_rate_views(data)) as stream:
         log_grains(stream, "", data.scene, data.start, shown, fastest)
         log_bar(stream, data.scene, fastest)
         _send_flow_rate(rr, stream, data)
@@ -207,16 +217,16 @@ def log_grains(stream, root: str, scene: Scene, start: Packing, frames: Sequence
 
 
 def frames_of(table: Mapping[str, np.ndarray] | None, most: int = FRAMES) -> list[Frame]:
-    """At most `most` frames of a sample, evenly chosen. Raises NotRecorded if there are none."""
+    """At most `most` frames of a sample: all, every second, every third ... from the first on. Raises NotRecorded if
+    there are none."""
     if table is None or not len(table["time"]):
         raise NotRecorded(
             "this run kept no frames: add `record: {every: 10 ms, replicates: 1}` to its study and run it"
         )
     times, starts = np.unique(table["time"], return_index=True)
     ends = np.append(starts[1:], len(table["time"]))
-    chosen = np.unique(np.linspace(0, len(times) - 1, min(most, len(times))).round().astype(int))
     frames = []
-    for k in chosen:
+    for k in range(0, len(times), math.ceil(len(times) / most)):
         rows = slice(starts[k], ends[k])
         x = np.stack([table[c][rows] for c in ("x", "y", "z")], axis=1)
         v = np.stack([table[c][rows] for c in ("vx", "vy", "vz")], axis=1)

@@ -204,7 +204,12 @@ class FinishedRun:
     @property
     def recorded(self) -> bool:
         """Whether frames were recorded of it."""
-        return self.entry.coverage is not None and self.entry.coverage.recording is not None
+        return self.frame_interval is not None
+
+    @property
+    def frame_interval(self) -> float | None:
+        """Time between two recorded frames [s]; None without any."""
+        return None if self.entry.coverage is None else self.entry.coverage.frame_interval
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -18,10 +18,10 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from labbook.backend import Checkpoint
-from labbook.backend.probes import Table, describe_probe, film_probe
+from labbook.backend.probes import Table, describe_probe
 from labbook.lab.folder import Lab, LabError, make_folder, open_file, room, sync_folder, write_bytes
 from labbook.lab.records import LONGEST, Part, RunRecord, Session, Unreadable, Whole
-from labbook.lab.runs import RECORDING, check_keys, read_end, read_recording, read_tables
+from labbook.lab.runs import RECORDING, check_keys, film_of, read_end, read_recording, read_tables
 from labbook.lab.tables import join, read_checkpoint, read_table, write_checkpoint, write_table
 
 PROGRESS = "progress.json"
@@ -230,7 +230,7 @@ def at_its_end(folder: Path, record: RunRecord) -> tuple[Saved, Mapping[str, Seq
     """The run in `folder` as its job would have saved it at its end, and its rows. Raises Unreadable."""
     check_keys(folder, record)
     had = record.coverage
-    film = None if had.recording is None else film_probe(had.recording, record.numerics, record.scene.grains)
+    film = film_of(record)
     state = {
         "step": had.steps,
         "crossed": had.crossed,

@@ -10,6 +10,7 @@ may have put a longer run in place since the first look.
 """
 
 import errno
+import math
 import os
 import stat
 from collections.abc import Iterable, Iterator
@@ -214,11 +215,14 @@ def _in_the_way(theirs: Path, mine: Path) -> Iterator[None]:
 
 
 def covers_more(theirs: RunRecord, mine: RunRecord) -> bool:
-    """Whether a run goes on for longer than ours, and observed all that ours did."""
+    """Whether a run covers all that ours does, and goes on for longer, observed more, or has frames closer to each
+    other."""
     one, other = theirs.coverage, mine.coverage
-    seen = set(one.probes) >= set(other.probes)
-    filmed = other.recording is None or (one.recording is not None and one.recording <= other.recording)
-    return one.duration > other.duration and seen and filmed
+    seen, observed = set(one.probes), set(other.probes)
+    apart, known = ((math.inf if had.frame_interval is None else had.frame_interval) for had in (one, other))
+    if not (one.duration >= other.duration and seen >= observed and apart <= known):
+        return False
+    return one.duration > other.duration or seen > observed or apart < known
 
 
 def _check_end(copy: Path, record: RunRecord) -> None:

@@ -57,6 +57,8 @@ StoredVersions = Annotated[
 is, as of all runs and packings from before there were any."""
 StoredBackend = Annotated[Text, Field(validation_alias="engine", serialization_alias="engine")]
 """Name of a backend; files have it under the key `engine`."""
+THINNED_TO = 200
+"""Most frames of older recordings."""
 LONGEST = 2**26
 """Bytes that a record may have: those of some 10^4 sessions."""
 
@@ -290,7 +292,10 @@ class Coverage(Part):
     probes: tuple[str, ...]
     """Probes, as `describe_probe` writes them."""
     recording: Annotated[Measure, Field(gt=0)] | None = None
-    """Time between recorded frames [s] if the run was recorded."""
+    """Time between recorded frames [s] if the run was recorded: as asked or, in older runs, in whole beats."""
+    # where they may be it is left out of what is stored
+    every_frame: Annotated[bool, Field(exclude_if=lambda every: not every)] = False
+    """Whether no frames were left out. Older runs kept every second, fourth ... so that they had THINNED_TO at most."""
     mass_left: Measure | None = None
     """Fraction of the mass that left with these grains; None where all are equal."""
     bed_height: Measure | None = None
@@ -308,6 +313,16 @@ class Coverage(Part):
         if self.crossed > self.grains and not self.stop.fed:
             raise ValueError(f"{self.crossed} of {self.grains} grains have left")
         return self
+
+    @property
+    def frame_interval(self) -> float | None:
+        """Time between two frames of the recording [s]; None without one."""
+        if self.recording is None or self.every_frame:
+            return self.recording
+        frames, kept = int(self.duration / self.recording * (1 + 1e-9)), 1
+        while frames // kept > THINNED_TO:
+            kept *= 2
+        return kept * self.recording
 
     @property
     def discharged(self) -> float:

@@ -1,5 +1,6 @@
 """A run that is there: its record, its tables, its recording, and whether they are whole; and its picture."""
 
+import math
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from labbook.backend import Checkpoint
-from labbook.backend.probes import Crossing, Probe, Sample, film_probe, parse_probe, table_name
+from labbook.backend.probes import Crossing, Film, Probe, film_probe, parse_probe, table_name
 from labbook.lab import identity
 from labbook.lab.folder import PICTURE, Lab, open_file
 from labbook.lab.packings import PackingRecord, read_packing
@@ -16,12 +17,9 @@ from labbook.lab.tables import MOST, Stored, fault_of_rows, most_bytes, read_che
 from labbook.measure import RunData
 
 RECORDING = "recording.npz"
-MOST_FRAMES = 200
-"""Of a recording: one that has more is thinned when its run ends."""
 CHECKPOINT = "checkpoint.npz"
 _SIGNATURE, _END = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"\0\0\0\0IEND\xaeB`\x82"
 _WIDEST, _LARGEST = 1024, 2**20  # pixels along either side, and bytes, of a picture
-_FRAMES = 5 * MOST_FRAMES  # of a recording that is read, at most
 _BYTES = 2**16  # of a grain in a checkpoint, at most
 
 
@@ -35,9 +33,9 @@ def open_run(folder: Path, *, key: str | None = None, lab: Lab | None = None) ->
     check_keys(folder, record)
     data = run_data(folder, record, lab)
     read_end(folder, record)
-    if record.coverage.recording is not None:
-        with _opened(folder / RECORDING, _most_recorded(record)) as stored:
-            _check_rows(folder / RECORDING, stored, _film(record), record)
+    if (film := film_of(record)) is not None:
+        with _opened_recording(folder, record) as stored:
+            _check_rows(folder / RECORDING, stored, film, record)
     return record, data
 
 
@@ -72,11 +70,12 @@ def read_tables(folder: Path, record: RunRecord) -> dict[str, dict[str, np.ndarr
 
 def read_recording(folder: Path, record: RunRecord) -> dict[str, np.ndarray] | None:
     """Recorded frames of the run, or None if it was not recorded. Raises Unreadable."""
-    if record.coverage.recording is None:
+    film = film_of(record)
+    if film is None:
         return None
-    with _opened(folder / RECORDING, _most_recorded(record)) as stored:
+    with _opened_recording(folder, record) as stored:
         table = _columns(folder / RECORDING, stored)
-    _check_rows(folder / RECORDING, table, _film(record), record)
+    _check_rows(folder / RECORDING, table, film, record)
     return table
 
 
@@ -188,9 +187,12 @@ def _check_start(folder: Path, record: RunRecord, packed: PackingRecord) -> None
         raise Unreadable(f"{path}: lineage_key: it does not match the record ({lineage})")
 
 
-def _film(record: RunRecord) -> Sample:
-    return film_probe(record.coverage.recording or 0.0, record.numerics, record.scene.grains)
+def film_of(record: RunRecord) -> Film | None:
+    """The probe that gives the frames which the recording has; None without one."""
+    every = record.coverage.frame_interval
+    return None if every is None else film_probe(every, record.scene.grains)
 
 
-def _most_recorded(record: RunRecord) -> float:
-    return min(MOST, 2**16 + 8.0 * _FRAMES * record.scene.grains.count * 13)
+def _opened_recording(folder: Path, record: RunRecord) -> Stored:
+    closest = film_probe(record.coverage.recording or math.inf, record.scene.grains)
+    return _opened(folder / RECORDING, most_bytes(closest, record.scene, record.numerics, record.coverage.steps))

@@ -13,7 +13,7 @@ from numpy.lib import format as npy
 
 from labbook.backend import Checkpoint
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Crossing, Ledger, Probe, Table, columns
+from labbook.backend.probes import Crossing, Film, Ledger, Probe, Table, columns
 from labbook.lab.folder import open_file, write_bytes
 from labbook.scene import Scene, Spheres
 from labbook.scene.quantities import told_apart
@@ -138,6 +138,8 @@ def most_bytes(probe: Probe, scene: Scene, numerics: Numerics, steps: int) -> fl
     """Bytes to which the table that `probe` gave in so many steps may unpack."""
     if isinstance(probe, Crossing):  # a grain that is fed passes once a beat at most
         rows = scene.grains.count * (1 if scene.feed is None else steps // numerics.steps_per_beat + 1)
+    elif isinstance(probe, Film):
+        rows = (steps * numerics.dt / probe.every + 2) * scene.grains.count
     else:
         frames = 2 * (steps // (probe.every * numerics.steps_per_beat) + 1)
         rows = frames * (1 if isinstance(probe, Ledger) else _CONTACTS * scene.grains.count)

@@ -11,6 +11,7 @@ from labbook.report.blocks import Facts
 from labbook.results import display
 from labbook.results.display import Shown
 from labbook.results.study import Results
+from labbook.scene.quantities import span
 from labbook.study import Point
 from labbook.study.keys import find
 
@@ -34,6 +35,7 @@ def setting(results: Results, today: date) -> Facts:
     rows = common(points)
     rows += [("Swept", text) for text in _swept(points)]
     rows += [("Measured", _measured(results)), ("Replicates", _replicates(results))]
+    rows.append(("Recorded", _recorded(results)))
     rows += [("Backend", text) for text in _backend(results)]
     rows.append(("Dates", _dates(results, today)))
     return Facts(tuple((term, text) for term, text in rows if text))
@@ -183,6 +185,15 @@ def _replicates(results: Results) -> str:
     each = " to ".join(dict.fromkeys(str(n) for n in (min(runs), max(runs))))
     total, points = (f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((sum(runs), "run"), (len(runs), "point")))
     return f"{total} of {points}, {each} at each; asked: {results.study.replicates}"
+
+
+def _recorded(results: Results) -> str:
+    """How many runs have frames, and how far these are apart."""
+    apart = [run.frame_interval for result in results.points for run in result.runs if run.frame_interval]
+    if not apart:
+        return ""
+    times = " to ".join(dict.fromkeys(span(time) for time in (min(apart), max(apart))))
+    return f"{len(apart)} run{'' if len(apart) == 1 else 's'}, with frames {times} apart"
 
 
 def _backend(results: Results) -> Iterator[str]:

@@ -88,6 +88,11 @@ class Finished(Protocol):
     def provenance(self) -> Mapping[str, Any]: ...
     @property
     def recorded(self) -> bool: ...
+    @property
+    def frame_interval(self) -> float | None:
+        """Time between two recorded frames [s]; None without any."""
+        ...
+
     def data(self) -> RunData:
         """What was observed."""
         ...
@@ -168,6 +173,11 @@ class RunResult:
     def recorded(self) -> bool:
         """Whether frames of it were recorded."""
         return self.run.recorded
+
+    @property
+    def frame_interval(self) -> float | None:
+        """Time between two recorded frames [s]; None without any."""
+        return self.run.frame_interval
 
     def evaluation(self, measure: Measure | str) -> Evaluation:
         """What a measure gave of it; nothing if it cannot be taken of this run.

@@ -19,14 +19,15 @@ from labbook.lab.records import Unreadable
 from labbook.measure.steady import FEWEST
 from labbook.run.demand import PointDemand
 from labbook.run.devices import named, speeds
-from labbook.run.forecast import Outline, forecast, outline
+from labbook.run.forecast import Outline, film_bytes, forecast, outline
 from labbook.run.lane import slots
 from labbook.run.plan import QUANTITY, Item, Plan, Planner, check
 from labbook.run.possible import leak_of
+from labbook.run.progress import size
 from labbook.run.provenance import provenance
 from labbook.scene import ContactLaw, Scene
 from labbook.scene.contact import Softer
-from labbook.scene.quantities import percent, told_apart
+from labbook.scene.quantities import percent, span, told_apart
 from labbook.study import Point, Study
 from labbook.study.applicable import undamped
 from labbook.study.pilot import first_needed
@@ -39,6 +40,8 @@ SOFT = 3e-3
 """Overlap at the foot of the bed, in diameters, with which grains are still hard: what is softer flows otherwise."""
 _SLOWER, _LONG = 3.0, 600.0
 """Steps as many times smaller than need be, of a plan as long [s], are worth a hint."""
+_HEAVY = 2e9
+"""Bytes of a recording from which on it is worth a warning."""
 _NAMED = 3
 
 
@@ -94,6 +97,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from _too_few_grains(plan)
     yield from _too_few_outlets(plan)
     yield from _endless(plan)
+    yield from _heavy(plan)
     alone = plan.rule.cap < 2 and not (plan.study.fed and plan.study.accuracy.flow_rate is not None)
     if alone:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
@@ -330,6 +334,15 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
         parameters = ", ".join(f"{name} has {len(LAWS[name].free)} parameters" for name in short)
         reason = f"{fewest} {'orifice is' if fewest == 1 else 'orifices are'} too few: {parameters}"
         yield _told(plan.study.path, "fit", reason, f"sweep {needed} or more values of container.orifice")
+
+
+def _heavy(plan: Plan) -> Iterator[str]:
+    """Recordings that fill disk and memory."""
+    largest = max((point.shared for point in plan.points), key=film_bytes)
+    if (taken := film_bytes(largest)) > _HEAVY and plan.study.record is not None:
+        enough = span(float(f"{plan.study.record.every * taken / _HEAVY:.1g}"))
+        reason = f"a recorded run takes about {size(taken)} on disk, and is read as a whole for pictures and fields"
+        yield _told(plan.study.path, "record.every", reason, f"with {enough} it takes about {size(_HEAVY)}")
 
 
 def _stiff(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:

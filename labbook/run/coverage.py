@@ -4,11 +4,12 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from labbook.backend.probes import UNEVEN
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
 from labbook.lab.records import Coverage, StopRule
 from labbook.run.demand import Demand, PackingsOf, demands, stopping_rule
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, span
 from labbook.study import Study
 
 
@@ -22,13 +23,17 @@ def shortfall(
 ) -> str:
     """What a run that ended as `outcome` with coverage `had` lacks of what is asked, in words; empty if it covers it.
 
-    `recording`: time between frames [s] if the run is to be recorded; a finer recording will do.
+    `recording`: time between frames [s] if the run is to be recorded; frames closer to each other will do.
     """
     missing = sorted(probes - set(had.probes))
     if missing:
         return f"not observed: {', '.join(missing)}"
-    if recording is not None and (had.recording is None or had.recording > recording * (1 + 1e-9)):
-        return "not recorded" if had.recording is None else f"recorded only every {had.recording:.3g} s"
+    if recording is not None:
+        apart = had.frame_interval
+        if apart is None:
+            return "not recorded"
+        if apart > recording * (1 + UNEVEN):
+            return f"has frames every {span(apart)}, not every {span(recording)}: runs again for its recording"
     if outcome == "emptied" or had.discharged >= stop.discharged:
         return ""
     if stop.fill_height is not None and had.fill_height is not None and had.fill_height <= stop.fill_height:

@@ -8,7 +8,7 @@ from typing import Any
 
 from labbook.backend import Backend, Capabilities, Spec
 from labbook.backend.numerics import Numerics, Precision
-from labbook.backend.probes import Crossing, Probe, Sample, describe_probe, film_probe, table_name
+from labbook.backend.probes import UNEVEN, Crossing, Film, Probe, describe_probe, film_probe, table_name
 from labbook.filling import bed, placing
 from labbook.lab import identity
 from labbook.lab.identity import Filling, Keys, Maker, Versions
@@ -16,10 +16,14 @@ from labbook.lab.records import Precise, StopRule
 from labbook.measure import MEASURES
 from labbook.scene import Scene
 from labbook.scene.model import once
+from labbook.scene.quantities import span
 from labbook.stats import StoppingRule
 from labbook.study import Point, Study
 from labbook.study.applicable import flat_area
 from labbook.study.schema import Stop
+
+_ENOUGH = math.ceil(1 / UNEVEN)
+"""Steps between two frames from which on these are as close to each other as asked."""
 
 
 class Conflict(Exception):
@@ -139,12 +143,19 @@ class PointDemand:
         return probes
 
     @property
-    def film(self) -> Sample | None:
-        """The probe by which runs are recorded; at least one beat lies between two frames."""
+    def film(self) -> Film | None:
+        """The probe by which runs are recorded. Raises Conflict if frames cannot be as close to each other as asked."""
         record = self.study.record
         if record is None:
             return None
-        return film_probe(record.every, self.numerics, self.scene.grains)
+        film, dt = film_probe(record.every, self.scene.grains), self.numerics.dt
+        if film.uneven(dt) > UNEVEN:
+            few = record.every / dt
+            raise Conflict(
+                f"{self.study.path}: record.every: frames lie on time steps, and {span(record.every)} is {few:.3g} "
+                f"steps of {span(dt)} (at {self.point.label})\n    remedy: use {span(_ENOUGH * dt)} or more"
+            )
+        return film
 
     @property
     def declared(self) -> tuple[Probe, ...]:
@@ -242,14 +253,14 @@ class Demand:
         return Filling(fill.kind, self.seed, fill.settled_below, placing.STARTS[fill.kind].version, moving)
 
     @property
-    def film(self) -> Sample | None:
+    def film(self) -> Film | None:
         """The probe by which this run is recorded, if it is."""
         return self.shared.film if self.recorded else None
 
     @property
     def recording(self) -> float | None:
         """Time between recorded frames [s], if this run is recorded."""
-        return self.film.every * self.shared.numerics.beat if self.film else None
+        return self.film.every if self.film else None
 
     @property
     def guards(self) -> dict[str, float]:
@@ -291,6 +302,15 @@ def demands(study: Study, seeds: int, packings_of: PackingsOf | None = None) -> 
     shared = [PointDemand(study, point, packings_of) for point in study.points]
     for seed in range(1, seeds + 1):
         yield from (point.run(seed) for point in shared)
+
+
+def recorded_in_words(study: Study) -> str:
+    """Which runs of a study are recorded, and how often; empty if none are."""
+    if study.record is None:
+        return ""
+    last = study.record.replicates
+    seeds = "seed 1" if last == 1 else f"seeds 1 to {last}"
+    return f"Recorded: {seeds} of each point, a frame every {span(study.record.every)} from the opening on"
 
 
 def tolerance(study: Study, point: Point | None = None) -> float | None:

@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 
 from labbook.backend import Emptied, Ensemble, Event, Member, Status
+from labbook.backend.numerics import Numerics
 from labbook.backend.probes import (
     Contacts,
     Crossing,
+    Film,
     Probe,
     Sample,
     Table,
     Zone,
     describe_probe,
-    film_probe,
     parse_probe,
     table_name,
 )
@@ -32,7 +33,7 @@ from labbook.lab.index import RunRows, run_rows
 from labbook.lab.journal import PROGRESS, Journal, Saved, at_its_end
 from labbook.lab.packings import load_packing
 from labbook.lab.records import Coverage, Failure, Observe, Outcome, Precise, RunRecord, Unreadable
-from labbook.lab.runs import CHECKPOINT, MOST_FRAMES, RECORDING, fault_of_crossings
+from labbook.lab.runs import CHECKPOINT, RECORDING, fault_of_crossings, film_of
 from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.measure.series import passages
 from labbook.measure.steady import steady_flow
@@ -126,14 +127,14 @@ class DischargeJob(Job):
             saved = self._from_folder(before) or saved
         if saved is None or not self._suffices(saved.state):
             if before:
-                self._observe_also(before.coverage)
+                self._observe_also(before)
             self.start_over()
             return None
         state = saved.state
         self._crossed, self._last = int(state["crossed"]), float(state["last"])
         self._discharged = float(state.get("discharged", self._crossed / self.scene.grains.count))
         self._fed, self._looked = saved.step, self._looks()
-        self.film = parse_film(state["film"])
+        self.film = parse_film(state["film"], self.numerics)
         self._observes([parse_probe(text) for text in state["probes"]])
         return saved
 
@@ -142,7 +143,7 @@ class DischargeJob(Job):
         folder, state = self.journal.folder, saved.state
         try:
             probes = {table_name(probe): probe for probe in map(parse_probe, state["probes"])}
-            if (film := parse_film(state["film"])) is not None:
+            if (film := parse_film(state["film"], self.numerics)) is not None:
                 probes[FILM_TABLE] = film
             crossed, last, left = int(state["crossed"]), float(state["last"]), float(state.get("discharged", 0.0))
         except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -186,16 +187,17 @@ class DischargeJob(Job):
         return saved
 
     def _suffices(self, state: Mapping[str, Any]) -> bool:
-        film = parse_film(state["film"])
-        filmed = self.film is None or (film is not None and film.every <= self.film.every)
+        film = parse_film(state["film"], self.numerics)
+        filmed = self.film is None or (film is not None and film.as_often(self.film))
         return filmed and self.demand.shared.probe_names <= set(state["probes"])
 
-    def _observe_also(self, had: Coverage) -> None:
+    def _observe_also(self, before: RunRecord) -> None:
         """When running again, observe what the earlier run did too, so that nothing is lost."""
         kinds = {table_name(probe) for probe in self._measured}
-        more = [probe for probe in map(parse_probe, had.probes) if table_name(probe) not in kinds]
-        if self.film is None and had.recording is not None:
-            self.film = film_probe(had.recording, self.numerics, self.scene.grains)
+        more = [probe for probe in map(parse_probe, before.coverage.probes) if table_name(probe) not in kinds]
+        film = film_of(before)
+        if film is not None and (self.film is None or film.every < self.film.every):
+            self.film = film
         self._observes((*self._measured, *more))
 
     # going on
@@ -330,7 +332,6 @@ class DischargeJob(Job):
             status=self.status,
             journal=self.journal,
             unsaved=self._rows,
-            film=self.film,
             left=left,
             start=self._packed,
             seen=None if self._unseen else seen,
@@ -349,7 +350,8 @@ class DischargeJob(Job):
             stop=demand.shared.stop,
             guards=demand.guards,
             probes=tuple(describe_probe(probe) for probe in self._measured),
-            recording=self.film.every * self.numerics.beat if self.film else None,
+            recording=self.film.every if self.film else None,
+            every_frame=self.film is not None,
             bed_height=self._bed_height if demand.shared.stop.fill_height is not None else None,
         )
         physics = bench.backend.describe(self.scene, self.numerics)
@@ -391,18 +393,14 @@ class KeptRun(Kept):
     status: Status
     journal: Journal
     unsaved: Mapping[str, Sequence[Table]]
-    film: Sample | None
     left: Left
     start: Packing
     seen: Packing | None
 
     def fill_folder(self, folder: Path) -> None:
         """Tables, the exact last state, the recording, the picture, and the record."""
-        scene, numerics = self.record.scene, self.record.numerics
+        scene = self.record.scene
         tables = self.journal.tables(self.unsaved)
-        film = tables.pop(FILM_TABLE, None)
-        if film is not None and self.film is not None:
-            write_table(folder / RECORDING, thinned(film, self.film.every * numerics.steps_per_beat))
         for name, table in tables.items():
             write_table(folder / f"{name}.npz", table)
         write_checkpoint(folder / CHECKPOINT, self.left.checkpoint, compress=True)
@@ -431,15 +429,17 @@ def _no_picture(label: str, problem: Exception) -> None:
     _LOG.debug("where that was", exc_info=True)
 
 
-FILM_TABLE = "recording"
+FILM_TABLE = Path(RECORDING).stem
 _STILL = 0.3
 """Part of the stall time without a grain leaving that is worth a word."""
 
 
-def parse_film(text: str | None) -> Sample | None:
-    """The recording probe in a saved state. Raises ValueError for another one."""
+def parse_film(text: str | None, numerics: Numerics) -> Film | None:
+    """The recording probe in a saved state; older ones counted whole beats. Raises ValueError for another one."""
     probe = parse_probe(text) if text else None
-    if probe is None or isinstance(probe, Sample):
+    if isinstance(probe, Sample):
+        return Film(probe.every * numerics.beat, probe.fields)
+    if probe is None or isinstance(probe, Film):
         return probe
     raise ValueError(f"film: no frames of grains, but {text}")
 
@@ -450,17 +450,3 @@ def frame_rows(table: Table) -> Table:
     Positions are then known to 1e-8 m and velocities to 1e-7 of themselves: far below what fields resolve.
     """
     return {name: np.asarray(column).astype(_WHOLE.get(name, np.float32)) for name, column in table.items()}
-
-
-def thinned(table: Table, steps_between: int) -> Table:
-    """Every frame, every second, every fourth ... so that at most MOST_FRAMES are left.
-
-    Frames lie on multiples of `steps_between`. Which are kept depends only on the last one, so that a run that is
-    thinned, continued and thinned again keeps the same frames as one that was never interrupted.
-    """
-    frame = np.asarray(table["step"]) // steps_between
-    stride = 1
-    while frame.max(initial=0) // stride > MOST_FRAMES:
-        stride *= 2
-    kept = frame % stride == 0
-    return {name: np.asarray(column)[kept] for name, column in table.items()}

@@ -13,7 +13,6 @@ from labbook.filling import placing
 from labbook.filling.bed import PACKED, bed_height_ahead
 from labbook.lab.catalogue import Catalogue
 from labbook.lab.records import RunRecord, Unreadable
-from labbook.lab.runs import MOST_FRAMES
 from labbook.measure.expected import mass_flow
 from labbook.run.demand import Demand, PointDemand
 from labbook.run.plan import Forecast, Plan, specified
@@ -91,7 +90,7 @@ _RECENT = 20
 """Runs of the same shape that a speed is the median of, at most."""
 _ROW = 8 * 14 * 0.75  # bytes of one crossing, compressed
 _GRAIN = 400  # bytes of one grain's share of a checkpoint
-_FRAME = 10.0  # bytes of one grain in one recorded frame, compressed
+_FRAME, _TURNED = 23.0, 15.0  # bytes of one grain in one recorded frame, compressed; and of the orientation of a rod
 _NEAR, _CONTACTS = 30.0, 50.0  # bytes of one grain, and of its contacts, in one frame that is measured
 
 
@@ -295,9 +294,17 @@ def fill_time(demand: Demand) -> float:
 def disk_of(demand: Demand) -> float:
     """Bytes that a run will keep."""
     count = demand.shared.scene.grains.count
-    film = _FRAME * MOST_FRAMES * _inside(demand.shared) if demand.recorded else 0.0
+    film = film_bytes(demand.shared) if demand.recorded else 0.0
     seen = sum(_bytes_of(probe, demand.shared) for probe in demand.shared.probes)
     return 5000 + count * (_ROW * _left(demand.shared) + _GRAIN) + film + seen
+
+
+def film_bytes(shared: PointDemand) -> float:
+    """Bytes of the recording of a run, if it is recorded."""
+    if shared.film is None:
+        return 0.0
+    row = _FRAME + _TURNED * ("q" in shared.film.fields)
+    return row * _inside(shared) * (discharge_time(shared) / shared.film.every + 1)
 
 
 def _bytes_of(probe: Probe, shared: PointDemand) -> float:

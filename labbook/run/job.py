@@ -90,6 +90,8 @@ class Job(ABC):
         self.damaged: dict[Path, str] = {}
         """Why what was found of it, by folder, could not be taken up."""
         self._rows: dict[str, list[Table]] = {}
+        self.unsaved = 0
+        """Bytes of the rows since the last save."""
         self._earlier: tuple[Session, ...] = ()
         self._from, self._started = 0, now()
         self._wall = self._process = self._grain_steps = 0.0
@@ -214,6 +216,7 @@ class Job(ABC):
         kept = self._rows.setdefault(name, [])
         if not kept or len(table["step"]):
             kept.append(table)
+            self.unsaved += sum(column.nbytes for column in table.values())
 
     def save(self, ensemble: Ensemble, member: Member) -> None:
         """Write an exact checkpoint and the rows up to it. Raises DiskFull."""
@@ -222,7 +225,7 @@ class Job(ABC):
 
     def _write(self, checkpoint: Checkpoint) -> None:
         self.journal.save(checkpoint, self._rows, {"step": self.status.step, **self.state()}, self.sessions())
-        self._rows = {}
+        self._rows, self.unsaved = {}, 0
 
     def leave(self, ensemble: Ensemble, member: Member) -> Left:
         """What `kept` needs of a member that has ended; its slot may be used again then."""

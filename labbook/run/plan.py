@@ -21,7 +21,7 @@ from labbook.lab.suspect import counts
 from labbook.measure import MEASURES
 from labbook.measure.measure import window_in_words
 from labbook.run.coverage import shortfall
-from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
+from labbook.run.demand import Demand, PackingsOf, PointDemand, recorded_in_words, stopping_rule
 from labbook.run.possible import check_container
 from labbook.run.progress import duration, size
 from labbook.scene.quantities import percent
@@ -168,6 +168,7 @@ class Plan:
             lines += self._chosen()
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
+        lines += filter(None, [recorded_in_words(self.study)])
         if self.pilot is not None and self.pilot.todo and self.pilot.forecast is not None:
             runs = f"{len(self.pilot.todo)} run{'' if len(self.pilot.todo) == 1 else 's'}"
             lines.append(f"Before that, the pilot: {runs}, {self.pilot._cost(self.pilot.forecast)}")

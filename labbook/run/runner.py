@@ -18,7 +18,7 @@ from labbook.lab.merge import bring
 from labbook.lab.records import Observe
 from labbook.run.board import Board, Started, Tally
 from labbook.run.closing import Closing
-from labbook.run.demand import Demand, PackingsOf, stopping_rule
+from labbook.run.demand import Demand, PackingsOf, recorded_in_words, stopping_rule
 from labbook.run.fill import FillJob
 from labbook.run.job import Bench, Job
 from labbook.run.lane import Lane, Turn, slots
@@ -39,6 +39,7 @@ _LOOK = 0.2  # s: how often a wait looks whether it was asked to stop
 _TELLING = 0.05  # of the main thread's time may go into telling how it goes
 _SAVING = 0.05  # part of the time since the start, at most, that goes into saving the members of an ensemble
 _LONG = 1.0  # s of saving that are allowed from the start
+_MOST_UNSAVED = 2**28  # bytes of rows of a job that wait in memory for its next save
 _POLL = 0.5  # s: how often claims that others hold are tried again
 _CLOSING = 8  # threads, at most, that write and measure what members of one ensemble leave
 _MANY = 10_000  # grains that take a while to place
@@ -116,6 +117,8 @@ class Summary:
             made = f"{tally.packings} packing{'' if tally.packings == 1 else 's'}"
             lines[0] += f"; now: {what}; {made}; {duration(self.wall_time)}"
             lines[0] += f", {rate / 1e6:.2f} M grain-steps/s"
+        if self.points and (recorded := recorded_in_words(self.points[0].shared.study)):
+            lines.append(recorded)
         if tally.resumed:
             lines.append(f"{tally.resumed} continued from a checkpoint")
         for point in self.points:
@@ -364,13 +367,14 @@ class Runner:
 
     def _save(self, lane: Lane) -> None:
         """Save jobs that have not been saved for `checkpoint_every`, the longest unsaved first, while saving has its
-        part of the time: the lane stands still meanwhile."""
+        part of the time: the lane stands still meanwhile. Those with many rows in memory are saved in any case."""
         assert lane.ensemble is not None
         for member, job in sorted(lane.jobs.items(), key=lambda one: self._saved[one[1]]):
             begun = time.perf_counter()
             allowed = max(_LONG, _SAVING * (begun - self._begun))
-            if begun - self._saved[job] < self.checkpoint_every or lane.saving > allowed:
-                return
+            waits = begun - self._saved[job] < self.checkpoint_every or lane.saving > allowed
+            if waits and job.unsaved < _MOST_UNSAVED:
+                continue
             job.save(lane.ensemble, member)
             self._saved[job] = time.perf_counter()
             lane.saving += self._saved[job] - begun

@@ -115,6 +115,14 @@ def percent(part: float, how: str = ".3g") -> str:
 _RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
+def span(seconds: float) -> str:
+    """A simulated time for people: 0.25 s, 12 ms, 2.5 us."""
+    for unit, scale in (("s", 1.0), ("ms", 1e-3)):
+        if abs(seconds) >= 0.1 * scale:
+            return f"{seconds / scale:.3g} {unit}"
+    return f"{seconds * 1e6:.3g} us"
+
+
 def _meant(units: str, unit: str | None, diameter: float | None) -> str:
     """What `units` seem to be a misspelling of (`kg/m3`, `kg/m³`, `kg/m^-3`), as a remedy; empty if of nothing."""
     raised = re.sub(r"(?<=[A-Za-z])([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: "^" + found[1].translate(_RAISED), units)

@@ -164,7 +164,7 @@ class Record(Model):
     """Which runs keep their frames for a recording."""
 
     every: Duration = 0.01
-    """Time between two recorded frames."""
+    """Time between two recorded frames, to the nearest time step. The first frame is at the opening."""
     replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
     """Number of replicates of each point that are recorded."""
 

@@ -71,6 +71,10 @@ class Run:
     def recorded(self):
         return self.filmed
 
+    @property
+    def frame_interval(self):
+        return self.every if self.filmed else None
+
     def evaluated(self, measure, window):
         return evaluate(measure, window, self.data())
 

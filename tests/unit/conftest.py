@@ -153,6 +153,10 @@ class FinishedDouble:
             "seed": self.seed,
         }
 
+    @property
+    def frame_interval(self) -> float | None:
+        return 0.01 if self.recorded else None
+
     def recording(self) -> dict[str, np.ndarray] | None:
         return sample(self.point.scene, dict(self.data().tables["crossing"])) if self.recorded else None
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
+from datetime import date
 from functools import cached_property
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from toy_lab import study, study_file
 import labbook
 from labbook.lab import Catalogue
 from labbook.lab.folder import remove
+from labbook.report.setting import setting
 from labbook.run.board import Tally
 from labbook.run.notebook import NotebookBar
 from labbook.run.plan import Planner
@@ -241,6 +243,22 @@ def test_trajectories_are_the_recorded_rows_by_grain(found):
     assert (np.diff(left.astype(int), axis=0) >= 0).all(), "a grain that left does not come back"
     assert (paths.radius == 0.0015).all()
     assert paths.q is None
+    assert np.allclose(paths.time, 0.02 * np.arange(len(paths.time)), rtol=1e-9)
+
+
+def test_plan_run_and_report_tell_how_far_frames_are_apart(found, tmp_path):
+    said = "Recorded: seed 1 of each point, a frame every 20 ms from the opening on"
+    lab, asked = found.lab, found.study
+    assert said in lab.plan(asked).lines()
+    assert said in repr(lab.run(asked, progress=False))
+    assert ("Recorded", "4 runs, with frames 20 ms apart") in setting(found, date.today()).rows
+    closer = lab.plan(asked.change({"record": {"every": "1 ms"}}))
+    lacks = "has frames every 20 ms, not every 1 ms: runs again for its recording"
+    assert closer.frame()["reason"].tolist().count(lacks) == 4
+    assert closer.counts()["done"] == 8
+    heavy = lab.plan(asked.change({"record": {"every": "100 us"}, "grains.count": 10**6}))
+    assert any("record.every: a recorded run takes about" in one for one in heavy.warnings)
+    assert not any("record.every" in one for one in closer.warnings)
 
 
 def test_a_run_that_kept_no_frames_says_how_to_keep_them(found):

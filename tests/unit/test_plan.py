@@ -3,6 +3,7 @@
 import json
 import time
 
+import numpy as np
 import pytest
 from labbook_toy import Backend
 from toy_lab import carry_out, start, study, study_file
@@ -71,11 +72,34 @@ def test_demand_minus_coverage(outcome, had, asked, lacks):
         (0.01, 0.01, ""),
         (0.01, None, ""),
         (0.01, 0.02, ""),
-        (0.02, 0.01, "recorded only every 0.02 s"),
+        (0.0109, 0.01, ""),
+        (0.0115, 0.005, "has frames every 11.5 ms, not every 5 ms: runs again for its recording"),
+        (0.0115, 0.001, "has frames every 11.5 ms, not every 1 ms: runs again for its recording"),
+        (0.0115, 0.0115, ""),
     ],
 )
-def test_a_finer_recording_will_do(had, asked, lacks):
-    assert shortfall("finished", coverage(recording=had), STOP, {}, frozenset(), asked) == lacks
+@pytest.mark.parametrize("every_frame", [False, True])
+def test_a_finer_recording_will_do(had, asked, lacks, every_frame):
+    """And one in the whole beats of older runs, where these are as asked to 10 %."""
+    found = coverage(recording=had, every_frame=every_frame)
+    assert shortfall("finished", found, STOP, {}, frozenset(), asked) == lacks
+
+
+@pytest.mark.parametrize("duration", [0.3, 0.4, 0.401, 0.5, 1.2, 7.0])
+def test_an_older_recording_has_every_second_or_fourth_frame(duration):
+    """It was thinned to 200 frames, evenly from the opening on: those that were kept tell how far they are apart."""
+    frames = np.arange(1, int(duration / 2e-3 * (1 + 1e-12)) + 1)
+    kept, stride = frames, 1
+    while kept[-1] // stride > 200:
+        stride *= 2
+    kept = frames[frames % stride == 0]
+    assert len(kept) <= 200
+    had = coverage(recording=2e-3, duration=duration)
+    assert had.frame_interval == pytest.approx(2e-3 * np.diff(kept)[0])
+    assert had.model_copy(update={"every_frame": True}).frame_interval == 2e-3
+    assert ("every_frame" in had.model_dump_json()) is False, "nothing new is stored of it"
+    lacks = shortfall("finished", had, STOP, {}, frozenset(), 2e-3)
+    assert bool(lacks) == (stride > 1)
 
 
 def test_first_the_first_seed_of_all_points(tmp_path):

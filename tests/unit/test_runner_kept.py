@@ -6,9 +6,14 @@ from toy_lab import arrays, carry_out, study, unsealed
 from toy_records import outcomes, records
 from toy_results import analyse
 
-from labbook.lab import Catalogue
+from labbook.backend.numerics import Numerics
+from labbook.backend.probes import Sample, describe_probe
+from labbook.lab import Catalogue, RunRecord
+from labbook.measure.trajectories import Trajectories
 from labbook.run.coverage import finished
-from labbook.run.discharge import frame_rows
+from labbook.run.demand import Conflict
+from labbook.run.discharge import frame_rows, parse_film
+from labbook.run.job import Job
 
 
 def test_a_study_is_carried_out_once(tmp_path):
@@ -60,41 +65,133 @@ def test_finished_runs_give_their_data(tmp_path):
         assert "member" not in crossing
 
 
-def test_recorded_runs_keep_frames_and_others_do_not(tmp_path):
-    asked = study(tmp_path, "record: {every: 2 ms, replicates: 1}")
+@pytest.mark.parametrize("every", [2.0, 0.7, 0.125, 5.3])
+def test_recorded_runs_have_the_frames_that_were_asked_and_others_none(tmp_path, every):
+    """Beats last 2 ms, of steps of 10 us."""
+    asked = study(tmp_path, f"record: {{every: {every} ms, replicates: 1}}", count=100)
     carry_out(asked, tmp_path / "lab")
+    carry_out(study(tmp_path, count=100), tmp_path / "unrecorded")
     for run in finished(Catalogue(tmp_path / "lab"), asked, "toy"):
-        frames = run.recording()
-        assert "sample" not in run.data().tables
-        if run.seed > 1:
-            assert frames is None
-            continue
-        assert frames is not None
-        assert frames["x"].dtype == np.float32
-        times = np.unique(frames["time"])
-        assert len(times) <= 200
-        assert np.allclose(np.diff(times), 2e-3 * round(np.diff(times)[0] / 2e-3))
+        frames, data = run.recording(), run.data()
+        assert "sample" not in data.tables
+        assert "film" not in data.tables
+        assert (frames is None) == (run.seed > 1)
+        if frames is not None:
+            assert frames["x"].dtype == np.float32
+            steps = np.unique(frames["step"])
+            wanted = np.arange(len(steps)) * every / 0.01
+            assert np.abs(steps - wanted).max() <= 0.5
+            assert wanted[-1] + every / 0.01 > run.record.coverage.steps - 0.5, "to the end"
+            trajectories = Trajectories.of(data)
+            assert trajectories is not None
+            assert trajectories.time[0] == 0
+            assert data.start.ids is not None
+            assert np.array_equal(trajectories.x[0], data.start.x[np.argsort(data.start.ids)].astype(np.float32))
+            assert run.record.coverage.frame_interval == pytest.approx(every * 1e-3)
+        other = tmp_path / "unrecorded/runs" / run.run_key
+        recorded = {name: array for name, array in arrays(run.folder).items() if "recording" not in name}
+        assert recorded == {name: array for name, array in arrays(other).items() if "recording" not in name}
 
 
-def test_long_recordings_are_thinned_evenly_also_when_continued(tmp_path):
+def test_long_recordings_are_whole_also_when_continued(tmp_path):
     def every(*more):
         return study(
-            tmp_path, "record: {every: 2 ms, replicates: 1}", *more, replicates=1, orifices="[10, 24]", count=400
+            tmp_path, "record: {every: 1.9 ms, replicates: 1}", *more, replicates=1, orifices="[10, 24]", count=400
         )
 
     carry_out(every("stop: {max_time: 0.5 s}"), tmp_path / "lab")
-    (run, _) = finished(Catalogue(tmp_path / "lab"), every("stop: {max_time: 0.5 s}"), "toy")
-    frames = run.recording()
-    assert frames is not None
-    assert np.allclose(np.diff(np.unique(frames["time"])), 4e-3)
     asked = every("stop: {max_time: 1.2 s}")
-    carry_out(asked, tmp_path / "lab")
+    assert carry_out(asked, tmp_path / "lab").tally.resumed
     (run, _) = finished(Catalogue(tmp_path / "lab"), asked, "toy")
     frames = run.recording()
     assert frames is not None
-    assert np.allclose(np.diff(np.unique(frames["time"])), 8e-3)
+    assert list(np.unique(frames["step"])) == list(range(0, 120_001, 190))
     carry_out(asked, tmp_path / "whole")
     assert arrays(run.folder) == arrays(tmp_path / "whole/runs" / run.run_key)
+
+
+def test_many_frames_do_not_wait_in_memory_for_the_next_save(tmp_path, monkeypatch):
+    monkeypatch.setattr("labbook.run.runner._MOST_UNSAVED", 3 * 10**5)
+    unsaved, write = [], Job._write
+    monkeypatch.setattr(Job, "_write", lambda job, checkpoint: (unsaved.append(job.unsaved), write(job, checkpoint)))
+    asked = study(tmp_path, "record: {every: 0.1 ms, replicates: 1}", replicates=1, orifices="[24]", count=100)
+    carry_out(asked, tmp_path / "lab", checkpoint_every=1e9)
+    one_beat = 20 * 100 * 44 * 2  # frames, grains, bytes of a row; twice that
+    assert len(unsaved) > 1
+    assert 3 * 10**5 <= max(unsaved) < 3 * 10**5 + one_beat
+    carry_out(asked, tmp_path / "other")
+    (run,) = (tmp_path / "lab/runs").iterdir()
+    assert arrays(run) == arrays(tmp_path / "other/runs" / run.name)
+
+
+@pytest.mark.parametrize("every", ["0.7 ms", "2 ms", "5.3 ms"])
+def test_a_resumed_run_has_the_frames_of_an_uninterrupted_one(tmp_path, monkeypatch, every):
+    """It is killed right after a save, twice; beats last 2 ms."""
+    asked = study(tmp_path, f"record: {{every: {every}, replicates: 1}}", replicates=1, orifices="[24]", count=100)
+    write, lab = Job._write, tmp_path / "lab"
+
+    class Killed(BaseException):
+        pass
+
+    for _ in range(2):
+        saves = iter((False, False, True))
+
+        def save(job, checkpoint, saves=saves):
+            write(job, checkpoint)
+            if job.kind == "run" and next(saves):
+                raise Killed
+
+        monkeypatch.setattr(Job, "_write", save)
+        with pytest.raises(Killed):
+            carry_out(asked, lab, checkpoint_every=0.0)
+    monkeypatch.setattr(Job, "_write", write)
+    assert carry_out(asked, lab).tally.resumed == 1
+    carry_out(asked, tmp_path / "whole")
+    (run,) = (lab / "runs").iterdir()
+    assert len(RunRecord.read(run).sessions) == 3
+    assert arrays(run) == arrays(tmp_path / "whole/runs" / run.name)
+
+
+def test_a_recording_that_is_too_coarse_is_made_again_and_nothing_else_changes(tmp_path):
+    def every(time):
+        return study(tmp_path, f"record: {{every: {time}, replicates: 1}}", replicates=1, orifices="[24]", count=100)
+
+    lab = tmp_path / "lab"
+    carry_out(every("20 ms"), lab)
+    (before,) = (lab / "runs").iterdir()
+    kept = arrays(before)
+    for closer, steps in (("1 ms", 100), ("19 ms", 100), ("4 ms", 100), ("0.3 ms", 30)):
+        summary = carry_out(every(closer), lab)
+        assert bool(summary.tally.ran) == (closer in ("1 ms", "0.3 ms"))
+        assert not summary.tally.packings
+        (run,) = finished(Catalogue(lab), every(closer), "toy")
+        frames = run.recording()
+        assert frames is not None
+        assert run.folder == before, "the time between frames is part of no key"
+        assert set(np.diff(np.unique(frames["step"]))) == {steps}
+    after = arrays(before)
+    assert {name: array for name, array in after.items() if "recording" not in name} == {
+        name: array for name, array in kept.items() if "recording" not in name
+    }
+
+
+def test_frames_that_steps_cannot_give_are_refused(tmp_path):
+    with pytest.raises(
+        Conflict, match=r"toy.yaml: record.every: .*25 us is 2.5 steps of 10 us(.|\n)*use 0.1 ms or more"
+    ):
+        carry_out(study(tmp_path, "record: {every: 25 us}"), tmp_path / "lab")
+
+
+def test_an_older_unfinished_recording_goes_on_in_its_beats():
+    """Its state names a probe that counted beats."""
+    older = describe_probe(Sample(fields=("x", "v", "q"), every=3))
+    numerics = Numerics(dt=1e-5, steps_per_beat=200)
+    film = parse_film(older, numerics)
+    assert film is not None
+    assert film.fields == ("x", "v", "q")
+    assert list(film.steps(1e-5, 1, 2000)) == [600, 1200, 1800]
+    assert parse_film(describe_probe(film), numerics) == film
+    assert parse_film(None, numerics) is None
 
 
 def test_a_missing_observable_is_run_again_and_nothing_is_lost(tmp_path):

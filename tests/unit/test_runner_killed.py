@@ -65,7 +65,7 @@ def saved(lab: Path) -> dict[str, int]:
     ],
 )
 def test_killed_again_and_again_it_goes_on_and_gives_the_same_bits(tmp_path, backend, count, replicates, delay):
-    more, sizes = ("record: {every: 4 ms, replicates: 1}",), {"count": count, "replicates": replicates}
+    more, sizes = ("record: {every: 0.7 ms, replicates: 1}",), {"count": count, "replicates": replicates}
     path, lab, whole = study_file(tmp_path, *more, **sizes), tmp_path / "lab", tmp_path / "whole"
     carry_out(study(tmp_path, *more, **sizes), whole, backend=load(backend))
     words = ("run", path, "--lab", lab, "--backend", backend, "--checkpoint-every", 0.05)

@@ -19,7 +19,7 @@ from rods_on_warp import run
 
 from labbook.backend import Failed
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Crossing, Ledger, Sample, Slab, Zone
+from labbook.backend.probes import Crossing, Film, Ledger, Sample, Slab, Zone
 from labbook.filling.opening import opened
 from labbook.filling.placing import place
 from labbook.scene import HertzMindlin, Scene, Spheres
@@ -143,7 +143,7 @@ def test_graphs_are_captured_anew_where_the_material_may_be_another():
     members = [ensemble.admit(scene, how, start)]
     ensemble.advance(1)
     beats = ensemble._stage.beats
-    beats._graphs[0] = "of the first material"
+    beats._graphs[(0,)] = "of the first material"
     members.append(ensemble.admit(scene, how, start))
     ensemble.advance(1)
     assert beats is ensemble._stage.beats
@@ -187,6 +187,46 @@ def a_gpu() -> str:
     if not wp.get_cuda_device_count():
         pytest.skip("there is no CUDA device")
     return GPU
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param(GPU, marks=pytest.mark.gpu)])
+def test_beats_that_are_taken_again_give_their_frames_once(device, monkeypatch, request):
+    """And all others, with few graphs on a GPU: of two members whose frames lie at other steps of a beat."""
+    if device == GPU:
+        request.getfixturevalue("a_gpu")
+    scene, how = of_spheres(60), numerics("mixed", steps_per_beat=249)
+    start, film, collect, ends = falling(scene, how, device), Film(86.72 * how.dt), stage.collect, []
+    for sometimes in (False, True):
+        beats = iter(range(100))
+
+        def late(*left_behind, beats=beats, sometimes=sometimes):
+            report, beat = collect(*left_behind), next(beats)
+            slots = [replace(slot, late=sometimes and beat % 3 == k) for k, slot in enumerate(report.slots)]
+            return replace(report, slots=slots)
+
+        monkeypatch.setattr(stage, "collect", late)
+        monkeypatch.setattr(stage.Stage, "check_oftener", lambda _: None)
+        backend = Backend()
+        ensemble = backend.open(backend.specialise(scene, how, [Crossing(), film]), 3, device)
+        members = [ensemble.admit(scene, how, start)]
+        ensemble.advance(2)
+        members.append(ensemble.admit(scene, how, start))
+        ensemble.advance(9)
+        tables = ensemble.drain()
+        ends.append((tables[film], ensemble.packing(members[0])))
+        taken = next(beats)
+        for member, count in zip(members, (11, 9), strict=True):
+            steps = np.unique(tables[film]["step"][tables[film]["member"] == member.index])
+            assert list(steps) == [at for k in range(40) if (at := round(k * 86.72)) <= 249 * count]
+        graphs = len(ensemble._stage.beats._graphs)
+        assert 0 < graphs < 20 if device == GPU else not graphs
+        ensemble.close()
+        assert (taken > 11) == sometimes, "some beats were taken again"
+    (frames, state), (again, other) = ends
+    assert identical(state, other)
+    order, others = (np.lexsort((one["id"], one["step"], one["member"])) for one in (frames, again))
+    for name, column in frames.items():
+        assert np.array_equal(column[order], again[name][others])
 
 
 def test_a_device_that_fails_in_a_beat_is_named(monkeypatch):

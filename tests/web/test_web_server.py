@@ -248,6 +248,7 @@ def test_the_page_of_a_run_has_its_numbers(done, asked):
         assert table["value"].tolist() == expected["value"].tolist()
         page = Read(asked.get(f"/run/{key[:16]}").text)
         assert key[:16] in page.words
+        assert ("a frame every 5 ms" in page.words) == (stored["seed"] == 1)
         assert f"/study/{STUDY}/point/{stored['point'] + 1}" in page.links("href")
         assert f"/run/{key[:16]}/file/crossing.npz" in page.links("href")
 

@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
-from labbook.export.recording import NotRecorded, holds, recording_id, write
+from labbook.export.recording import NotRecorded, holds, recording_id, source_of, write
 from labbook.export.viewer import viewer_command
 from labbook.lab import RunRecord
 from labbook.lab.runs import read_recording, run_data
@@ -118,10 +118,11 @@ def recording(folder: Path, name: str) -> Path:
     record = RunRecord.read(folder)
     if record.coverage.recording is None:
         raise NotRecorded("the run kept no frames; to keep some, add `record: {every: 10 ms}` to the study and run it")
-    path = cache_folder() / "recordings" / f"{recording_id(record.run_key)}-{record.coverage.steps}.rrd"
+    source = source_of(record)
+    path = cache_folder() / "recordings" / f"{recording_id(source)}.rrd"
     with _one_at_a_time:
-        if not path.exists() or not holds(path, record.run_key):
-            write(run_data(folder, record), read_recording(folder, record), path, name=name, run_key=record.run_key)
+        if not path.exists() or not holds(path, source):
+            write(run_data(folder, record), read_recording(folder, record), path, name=name, source=source)
             _forget(path.parent)
         os.utime(path)
     return path

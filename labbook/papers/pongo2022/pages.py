@@ -290,16 +290,9 @@ def closer(results: Sequence[PointResult]) -> str:
     """How close to each other frames have to be for maps of speed, and how to get them."""
     shortest = min(instant(window) for result in results for window in _windows(result))
     needed = _rounded_down(shortest / FEWEST)
-    text = (
-        f"Maps of speed at instants need frames {needed * 1e3:g} ms apart or closer: "
-        f"`record: {{every: {needed * 1e3:g} ms}}`"
-    )
-    beat = max(result.point.numerics.beat for result in results)
-    if beat <= needed:
-        return f"{text}."
-    steps = max(1, min(int(needed / result.point.numerics.dt) for result in results))
     return (
-        f"{text}, and `numerics.steps_per_beat` of {steps} or less, as frames are {beat * 1e3:.3g} ms apart at least."
+        f"Maps of speed at instants need frames {needed * 1e3:g} ms apart or closer: "
+        f"`record: {{every: {needed * 1e3:g} ms}}`."
     )
 
 

@@ -27,7 +27,7 @@ from collections import defaultdict
 import numpy as np
 
 from labbook.backend import Capabilities, Checkpoint, Emptied, Failed, Member, Settled, Spec, Status, Unsupported
-from labbook.backend.probes import Contacts, Crossing, Ledger, Sample, Slab, Zone, due, empty_table
+from labbook.backend.probes import Contacts, Crossing, Film, Ledger, Sample, Slab, Zone, due, empty_table
 from labbook.scene.packing import Packing
 
 DECAY = 0.9
@@ -140,7 +140,7 @@ class Ensemble:
             for _ in range(beats):
                 if glass.failure or not len(glass.x):
                     break
-                rows = glass.beat()
+                rows = glass.beat([probe for probe in self._read_by[member] if isinstance(probe, Film)])
                 if self._backend.delay:
                     time.sleep(self._backend.delay)
                 if glass.failure:
@@ -262,10 +262,13 @@ class Glass:
         mean = scene.grains.mass / (flow * across) / (1 + self.backend.bias)
         return mean * np.random.default_rng([int(self.count[2]), k]).uniform(0.5, 1.5)
 
-    def beat(self):
+    def beat(self, films=()):
         """Rows of the grains that left."""
         end = self.step + self.numerics.steps_per_beat
-        rows = []
+        rows, dt = [], self.numerics.dt
+        self.frames = {film: [] for film in films}
+        due = [(step, film) for film in films for step in film.steps(dt, self.step + (self.step > 0), end)]
+        due.sort(key=lambda frame: frame[0], reverse=True)
         if _outlet(self.scene) is None:
             scale = DECAY ** (end - self.step)
             rest = 0.5 * self.x[:, 2]
@@ -276,6 +279,8 @@ class Glass:
         while self.next[0] <= end * self.numerics.dt and len(self.x):
             when = float(self.next[0])
             step = max(1, math.ceil(when / self.numerics.dt))
+            while due and due[-1][0] < step:
+                self._film(*due.pop())
             if self._fails():
                 for name, array in before.items():
                     setattr(self, name, array)
@@ -294,8 +299,16 @@ class Glass:
                     setattr(self, name, np.delete(getattr(self, name), lowest, axis=0))
             self.count[1] += 1
             self.next[0] += self._interval(int(self.count[1]))
+        while due:
+            self._film(*due.pop())
         self.count[0] = end
         return rows
+
+    def _film(self, step, film):
+        """Take a frame: grains stand still until they leave."""
+        now, self.count[0] = self.step, step
+        self.frames[film].append(self._state(film))
+        self.count[0] = now
 
     def _stay_above_the_bottom(self):
         """Where it is inclined."""
@@ -327,6 +340,10 @@ class Glass:
         for probe in probes:
             if isinstance(probe, Crossing):
                 found[probe] = self._crossed(left)
+            elif isinstance(probe, Film):
+                frames = self.frames[probe] or [self._state(probe)]
+                parts = slice(None) if self.frames[probe] else slice(0)
+                found[probe] = {name: np.concatenate([one[name] for one in frames])[parts] for name in frames[0]}
             elif due(probe, beat):
                 found[probe] = self._state(probe)
         return found

@@ -69,7 +69,7 @@ def test_few_frames_make_maps_of_packing_but_not_of_speed(synthetic, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_format")
-def test_how_close_frames_must_be_follows_from_the_window_and_from_the_beat(synthetic):
+def test_how_close_frames_must_be_follows_from_the_window_alone(synthetic):
     """The window lasts 0.6 s or more at 390 grains/s: instants of 0.2 s need 8 frames."""
     points = [point(k, f) for k, f in enumerate((0.0, 1.28))]
     study = synthetic.study_of(points, fit=(), reference=None, window=Window(start=0.15, end=0.25))
@@ -82,7 +82,7 @@ def test_how_close_frames_must_be_follows_from_the_window_and_from_the_beat(synt
     assert 0.5 * shortest / 8 < every <= shortest / 8
     assert "steps_per_beat" not in said
     slow = [replace(one, point=replace(one.point, numerics=Numerics(dt=1e-4))) for one in curve.points]
-    assert f"`numerics.steps_per_beat` of {int(every / 1e-4)} or less" in closer(slow)
+    assert said.endswith(closer(slow))
 
 
 def test_maps_of_orientation_are_those_of_the_rods(analysis):

@@ -11,7 +11,7 @@ pytest.importorskip("rerun")
 @pytest.fixture
 def recording(synthetic, tmp_path):
     run = synthetic.observe(synthetic.scene(), seed=1, recorded=True)
-    return write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", run_key="1" * 16)
+    return write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16)
 
 
 @pytest.mark.render

@@ -13,6 +13,7 @@ from labbook.export.recording import (
     Frame,
     NotRecorded,
     ViewerMissing,
+    frames_of,
     log_grains,
     seen_from,
     top_speed,
@@ -49,7 +50,7 @@ def column(parts, name):
 
 
 def test_every_frame_has_the_grains_of_that_time(run, tmp_path):
-    found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", run_key="1" * 16))
+    found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16))
     parts = found["/grains", False]
     assert all(CLOCK in part.timeline_names for part in parts)
     times, starts = np.unique(run.tables["sample"]["time"], return_index=True)
@@ -67,14 +68,14 @@ def test_a_recording_whose_frames_begin_late_shows_the_packing_first(run, tmp_pa
     whole = run.tables["sample"]
     later = whole["time"] > 0
     table = {name: values[later] for name, values in whole.items()}
-    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))["/grains", False]
+    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))["/grains", False]
     whole_beds = [one for one in column(parts, "Points3D:positions") if len(one) == len(run.start)]
     assert any(np.allclose(one, run.start.x, atol=1e-7) for one in whole_beds)
     assert sum(part.num_rows for part in parts) == len(np.unique(whole["time"])) + 1  # the last one is empty
 
 
 def test_walls_and_flow_rate_are_there(run, tmp_path):
-    found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", run_key="1" * 16))
+    found = chunks(write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16))
     for wall in run.scene.container.walls():
         assert (f"/walls/{wall.name}", True) in found
     parts = found["/flow_rate", False]
@@ -83,21 +84,27 @@ def test_walls_and_flow_rate_are_there(run, tmp_path):
     assert np.median(rate) == pytest.approx(1e3 * 0.0555, rel=0.03)  # g/s: Beverloo's law for this scene
 
 
-def test_there_are_never_more_than_200_frames(synthetic, run, tmp_path):
-    table = synthetic.sample(run.scene, run.tables["crossing"], frames=3 * FRAMES)
-    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))
-    parts = found["/grains", False]
-    assert sum(part.num_rows for part in parts) == FRAMES
+@pytest.mark.parametrize(("positions", "shown"), [(10**9, 2 * FRAMES), (0, 2 * FRAMES // 3)])
+def test_a_small_bed_has_all_frames_and_a_large_one_evenly_chosen_ones(
+    synthetic, run, tmp_path, monkeypatch, positions, shown
+):
+    """Every second of them would be one too many, as the empty silo is shown last."""
+    monkeypatch.setattr("labbook.export.recording.POSITIONS", positions)
+    table = synthetic.sample(run.scene, run.tables["crossing"], frames=2 * FRAMES - 1)
+    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))["/grains", False]
+    assert sum(part.num_rows for part in parts) == shown + (shown < 2 * FRAMES)
+    kept = [frame.time for frame in frames_of(table, shown)]
+    assert np.allclose(np.diff(kept), kept[1])
 
 
 def test_it_is_put_in_place_whole(run, tmp_path, monkeypatch):
     path = tmp_path / "deep" / "a.rrd"
-    write(run, run.tables["sample"], path, name="a", run_key="1" * 16)
+    write(run, run.tables["sample"], path, name="a", source="1" * 16)
     assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
     before = path.read_bytes()
     monkeypatch.setattr("labbook.export.recording._send_flow_rate", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        write(run, run.tables["sample"], path, name="a", run_key="1" * 16)
+        write(run, run.tables["sample"], path, name="a", source="1" * 16)
     assert [p.name for p in path.parent.iterdir()] == ["a.rrd"]
     assert path.read_bytes() == before
 
@@ -105,13 +112,13 @@ def test_it_is_put_in_place_whole(run, tmp_path, monkeypatch):
 @pytest.mark.parametrize("table", [None, {"time": np.zeros(0)}])
 def test_a_run_without_frames_is_an_error_that_says_what_to_add(run, table, tmp_path):
     with pytest.raises(NotRecorded, match="add `record"):
-        write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16)
+        write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16)
 
 
 def test_without_rerun_the_error_names_the_remedy(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(ViewerMissing, match=r"pip install 'labbook\[viewer\]'"):
-        write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", run_key="1" * 16)
+        write(run, run.tables["sample"], tmp_path / "a.rrd", name="a", source="1" * 16)
     assert not list(tmp_path.iterdir())
 
 
@@ -226,7 +233,7 @@ def test_rods_are_capsules_and_the_bottom_turns(synthetic, tmp_path):
     columns = {"id": 0, "x": 0.01, "y": 0.02, "z": 0.03, "vx": 0.1, "vy": 0, "vz": 0}
     columns |= dict(zip(("qw", "qx", "qy", "qz"), (np.sqrt(0.5), 0, np.sqrt(0.5), 0), strict=True))
     table = {"time": np.array([0.0, 1.0]), **{name: np.full(2, value) for name, value in columns.items()}}
-    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))
+    found = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))
     (first, _) = column(found["/grains", False], "Capsules3D:translations")
     assert np.ravel(column(found["/grains", True], "Capsules3D:fill_mode")) == [3]  # solid
     assert np.array(first[0]) == pytest.approx([0.003, 0.02, 0.03], abs=1e-7)
@@ -245,7 +252,7 @@ def test_every_frame_has_a_length_and_a_radius_for_every_rod(synthetic, tmp_path
     table = dict(zip(("qw", "qx", "qy", "qz"), (q / np.linalg.norm(q, axis=1)[:, None]).T, strict=True))
     table |= {name: rng.uniform(0, 0.05, sum(counts)) for name in ("x", "y", "z", "vx", "vy", "vz")}
     table |= {"time": np.repeat([0.0, 0.4, 0.8], counts), "id": np.concatenate([np.arange(n) for n in counts])}
-    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", run_key="1" * 16))["/grains", False]
+    parts = chunks(write(run, table, tmp_path / "a.rrd", name="a", source="1" * 16))["/grains", False]
     for name in ("lengths", "radii", "translations", "quaternions", "colors"):
         assert [len(row) for row in column(parts, f"Capsules3D:{name}")] == [*counts, 0], name
     assert np.concatenate(column(parts, "Capsules3D:lengths")) == pytest.approx(np.full(sum(counts), 14e-3))

@@ -33,6 +33,7 @@ class Double:
     suspect: str = ""
     ended: str = "2026-01-02T03:04:05+00:00"
     recorded: bool = False
+    frame_interval: float | None = None
     cache_version: int = 1
     outdated: str = ""
     backend: str = "double"

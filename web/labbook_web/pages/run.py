@@ -21,7 +21,7 @@ from labbook.report.blocks import Facts
 from labbook.report.setting import common
 from labbook.results import display
 from labbook.scene import drawing
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, span
 from labbook.study import Point
 from labbook.study.schema import Fill
 from labbook_web.page import Page, records
@@ -191,6 +191,7 @@ def _facts(record: RunRecord) -> Facts:
         ("Ledger", said(record.ledger)),
         ("Simulated", f"{coverage.duration:.4g} s, {coverage.steps} steps of {record.numerics.dt * 1e6:.4g} µs"),
         ("Discharged", left + (f", none in the last {coverage.waiting:.2g} s" if coverage.waiting > 0.1 else "")),
+        ("Recorded", "no" if coverage.frame_interval is None else f"a frame every {span(coverage.frame_interval)}"),
         ("Backend", f"{record.backend} (version {record.cache_version}), {record.numerics.precision}, {record.device}"),
         ("Speed", f"{record.rate / 1e6:.2f} M grain-steps/s, {record.wall_time:.3g} s"
          if math.isfinite(record.rate) else "–"),
