@@ -30,7 +30,7 @@ class Feeder:
         assert isinstance(silo, Silo)
         self._scene, self._start, self._key = scene, start, (scene.feed.version, seed)
         self._bodies = Bodies.of(grains, start)
-        self._room = Room(scene.close(), grains.radius * APART, STARTS[fill].flat)
+        self._room = Room(scene.container.close(), grains.radius * APART, STARTS[fill].flat)
         self._length = grains.extent
         self.level = float((start.x[:, 2] + self._bodies.radius).max()) + grains.half_length
         """z [m] above which grains are put."""

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 
 from labbook.filling.room import Room
-from labbook.scene import Frustum, Plane, Scene, Strip
+from labbook.scene import Container, Frustum, Plane, Scene, Strip
 from labbook.scene.model import once
 
 MOST = 400_000
@@ -47,20 +47,25 @@ class Leak:
         return f"x, y, z = {x:.3g}, {y:.3g}, {z:.3g} mm"
 
 
-@once(256)
 def leak(closed: Scene, flat: bool = False) -> Leak | None:
     """The leak of a closed scene with an outlet plane; None if there is none, or no such plane.
 
     flat: whether all grains start in the plane y = 0. Raises PlacingError where grains cannot be placed at all.
     """
-    plane = closed.container.outlet_plane
-    if plane is None:
+    if closed.container.outlet_plane is None:
         return None
-    radius = closed.grains.finest / 2
-    room = Room(closed, radius, flat)
-    shapes = [wall.shape for wall in closed.container.walls()]
+    grains = closed.grains
+    return _leak(closed.container, grains.finest / 2, grains.count * grains.volume / LOOSE, flat)
+
+
+@once(256)  # points of a study have few containers
+def _leak(container: Container, radius: float, volume: float, flat: bool) -> Leak | None:
+    plane = container.outlet_plane
+    assert plane is not None
+    room = Room(container, radius, flat)
+    shapes = [wall.shape for wall in container.walls()]
     symmetry = _symmetry(shapes)
-    top = room.height_for(closed.grains.count * closed.grains.volume / LOOSE)
+    top = room.height_for(volume)
     axes, spacing = _axes(room, plane, radius, symmetry, top)
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     size, points = x.shape[:-1], x.reshape(-1, 3)

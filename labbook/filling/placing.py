@@ -82,7 +82,7 @@ class Column(Start):
             raise PlacingError("a filling needs gravity: grains would never come to rest (gravity is 0)")
         for fault in self.obstacles(closed):
             raise PlacingError(f"{fault.key}: {fault.reason}; {fault.remedy}")
-        room = Room(closed, grains.radius * APART, self.flat)
+        room = Room(closed.container, grains.radius * APART, self.flat)
         diameter, sort = None, None
         if isinstance(grains, Spheres) and grains.varied:
             diameter, sort = assort(grains, self.version, seed)

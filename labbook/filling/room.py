@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from labbook.scene import Frustum, Plane, Scene, Strip
+from labbook.scene import Container, Frustum, Plane, Strip
 
 _COUNTED: dict[tuple[str, float, bool, str, float], float] = {}
 """Heights and volumes that a `Room` counted, by walls, clearance, flatness, which of the two, and its argument:
@@ -39,10 +39,10 @@ class Room:
     along its first axis is called `u`.
     """
 
-    def __init__(self, closed: Scene, clearance: float, flat: bool = False):
+    def __init__(self, closed: Container, clearance: float, flat: bool = False):
         """`clearance`: what the centres of grains, or of the ends of rods, keep from walls [m]; `flat`: only the plane
         y = 0 of it. Raises PlacingError."""
-        self.shapes = [wall.shape for wall in closed.container.walls()]
+        self.shapes = [wall.shape for wall in closed.walls()]
         self.clearance = clearance
         self.planes = [shape for shape in self.shapes if isinstance(shape, Plane)]
         strips = [(shape.start, shape.end) for shape in self.shapes if isinstance(shape, Strip)]
@@ -68,7 +68,7 @@ class Room:
         if not lowest:
             raise PlacingError("the container has no bottom that grains could settle on")
         self.bottom = max(float(min(lowest)), _start_of(closed))
-        self.poured = any(wall.opens for wall in closed.container.walls())
+        self.poured = any(wall.opens for wall in closed.walls())
         """Whether nothing lies below a plate: what parts that open let out goes on to where plates cover the room."""
         upright = self.plates[:, 0, 0] == self.plates[:, 1, 0]
         self.highest = float(np.max(np.where(upright, self.plates[..., 1].min(axis=1), self.plates[..., 1].max(axis=1)),
@@ -205,10 +205,10 @@ class Room:
         return np.concatenate([[0.0], np.cumsum((part[1:] + part[:-1]) / 2 * np.diff(z) * area)])
 
 
-def _start_of(closed: Scene) -> float:
+def _start_of(closed: Container) -> float:
     """z [m] above which a filling starts: the lowest part that opens; of containers without one the outlet's plane."""
-    opening = [wall.shape.ground for wall in closed.container.walls() if wall.opens]
-    plane = closed.container.outlet_plane
+    opening = [wall.shape.ground for wall in closed.walls() if wall.opens]
+    plane = closed.outlet_plane
     return min(filter(math.isfinite, opening), default=-math.inf if plane is None else plane)
 
 

@@ -36,6 +36,7 @@ by much less than their overlap at rest."""
 _HOVERS = 5.0  # expected times of a filling in which the energy of a hovering bed has not halved,
 _LEAST = 100.0  # and so many times sqrt(d/g) at least
 _CREEP = 0.01  # d: by which the mean height of the grains of a hovering bed may change meanwhile
+_SLOW = 1e-3  # m g d: a bed that moves faster is not to be accepted as it is
 _MANY = 100  # grains: of fewer, fill.moving is no remedy, since a single grain may move in any case
 
 
@@ -136,7 +137,7 @@ class FillJob(Job):
         """What lets this bed count as at rest, or come to rest, the most likely remedy first."""
         scene, several = self.scene, self.scene.grains.count >= _MANY
         enough = _rounded_up(1.2 * self._most)
-        accept = [f"use fill.settled_below: {short(enough)}, which accepts it as it is"] if enough < 1 else []
+        accept = [f"use fill.settled_below: {short(enough)}, which accepts it as it is"] if enough <= _SLOW else []
         slows = []
         if isinstance(scene.grains, Spheres) and scene.contact.rolling_friction == 0:
             slows.append("use contact.rolling_friction: 0.01, without which spheres roll for ever")

@@ -67,7 +67,7 @@ def _reach(scene: Scene, wall: Wall) -> float:
     if isinstance(wall.shape, Frustum):
         return wall.shape.upper[0]
     try:
-        room = Room(scene.close(), 0.0)
+        room = Room(scene.container.close(), 0.0)
     except PlacingError:  # which is an error of its own
         return 0.0
     return math.hypot(max(map(abs, room.x)), max(map(abs, room.y)))

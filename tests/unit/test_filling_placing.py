@@ -227,7 +227,7 @@ def test_a_low_bed_in_a_wide_cone_is_placed_where_its_volume_is(width, count, si
 
 def test_a_start_that_found_room_before_is_where_it_was():
     """Positions of a narrower cone, which the quicker estimate of the height fits, are part of the keys of packings."""
-    room = Room(funnel(12, 2000).close(), 0.5)
+    room = Room(funnel(12, 2000).close().container, 0.5)
     volume = 2000 * math.pi / 6 / 0.12
     assert next(room.tops(volume, 0.12 * volume, JAMMED)) == room.height_for(volume)
 

@@ -8,13 +8,25 @@ import numpy as np
 import pytest
 from toy_lab import carry_out, study
 
-from labbook.filling.bed import at_rest, fastest_points
+from labbook.filling.bed import astray, at_rest, fastest_points
 from labbook.lab.packings import ARRAYS, read_packing
-from labbook.lab.records import Unreadable
+from labbook.lab.records import RunRecord, Unreadable
+from labbook.lab.runs import check_keys
 from labbook.lab.tables import write_table
 from labbook.run.demand import demands
 from labbook.run.watch import Unwatched
-from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spheres, Spherocylinders
+from labbook.scene import (
+    CylinderSilo,
+    LinearSpringDashpot,
+    Packing,
+    Plane,
+    Primitives,
+    Scene,
+    Spheres,
+    Spherocylinders,
+    Strip,
+    Wall,
+)
 from labbook.study import load
 
 BRAKED = "rolling_friction: 0.01, friction: 0.5"
@@ -244,3 +256,33 @@ def test_a_packing_that_lost_grains_is_refused(tmp_path):
     write_table(folder / ARRAYS, there)
     with pytest.raises(Unreadable, match="195 of 200 grains"):
         read_packing(folder)
+
+
+def test_a_run_that_began_with_fewer_grains_is_refused(tmp_path):
+    """As from a packing of an older version that had lost some: it is not done, and is made again."""
+    lab, asked = tmp_path / "lab", asked_of(tmp_path)
+    carry_out(asked, lab)
+    (folder,) = (lab / "runs").iterdir()
+    record = RunRecord.read(folder)
+    check_keys(folder, record)
+    assert record.ledger is not None
+    short = record.model_copy(update={"ledger": record.ledger.model_copy(update={"started": 3})})
+    with pytest.raises(Unreadable, match="began with 3 of 200 grains"):
+        check_keys(folder, short)
+
+
+def test_grains_outside_a_container_are_found():
+    """Behind a wall, below the plane of the outlet, and where there is none below the lowest plate."""
+    grains = Spheres(diameter=3e-3, density=2e3, count=4)
+    law = LinearSpringDashpot(normal_stiffness=1e3)
+    x = np.array([[0, 0, 1.5e-3], [0, 0, -1e-3], [0.03, 0, 0.1], [0, 0, -0.02]])
+    silo = Scene(grains=grains, contact=law, container=CylinderSilo(diameter=0.05, height=1, orifice=0.02)).close()
+    assert astray(silo, Packing(x=x, v=0 * x, omega=0 * x)).tolist() == [False, True, True, True]
+    plate = Wall(name="plate", shape=Strip(start=(-1, -0.01), end=(1, -0.01)))
+    for plane, lost in ((None, [False, False, False, True]), (0.0, [False, True, False, True])):
+        parts = Primitives(parts=(plate,), outlet_plane=plane)
+        free = Scene(grains=grains, contact=law, container=parts)
+        assert astray(free, Packing(x=x, v=0 * x, omega=0 * x)).tolist() == lost
+    tilted = Wall(name="tilted", shape=Plane(point=(0, 0, -0.1), normal=(0.1, 0, 1)))
+    free = Scene(grains=grains, contact=law, container=Primitives(parts=(plate, tilted)))
+    assert not astray(free, Packing(x=x, v=0 * x, omega=0 * x)).any(), "an inclined plane goes on below the plate"
