@@ -6,6 +6,7 @@ The verbs of the command line do their work by these methods; docs/python.md lis
 import errno
 import math
 import os
+import re
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from labbook import html
 from labbook.accuracy import BESIDE, write
-from labbook.backend import Backend
+from labbook.backend import Backend, Unsupported
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
 from labbook.export.packing import check_spheres, write_packings
@@ -57,7 +58,7 @@ from labbook.study.keys import find as find_keys
 from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import grouped, instead
 from labbook.study.source import given_path
-from labbook.warning import LabWarning, caller, warn
+from labbook.warning import LabWarning, by_a_verb, caller, warn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,7 +100,7 @@ class Lab:
         Raises Unsupported, Conflict or MeasureError if the backend cannot do it, TooLarge, BackendMissing, LabError.
         """
         _is_study(study)
-        with self._catalogue() as catalogue:
+        with self._catalogue() as catalogue, _in_python():
             return foresee(study, catalogue, load_backend(self.backend), self.device)
 
     def run(
@@ -126,8 +127,9 @@ class Lab:
         part = WHOLE if shard is None else Shard.parse(shard)
         other = None if base is None else Folder(given_path(base, "base"))
         backend, plain = load_backend(self.backend), isinstance(progress, bool)
-        foreseen = () if progress is False else self._forewarned(study, backend)
-        with _watching(progress) as watcher:
+        with _in_python():
+            foreseen = () if progress is False else self._forewarned(study, backend)
+        with _watching(progress) as watcher, _in_python():
             for line in foreseen:
                 watcher.tell(f"Warning: {line}")
             if cluster is not None:
@@ -573,6 +575,8 @@ class Run(RunResult):
 
 _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 """Of the columns of a table."""
+_OPTION = re.compile(r"(?<=use )--(device|backend) ([\w:]*\w)")
+"""Of the command line, with its value."""
 _ENDS = ("", "_error", "_low", "_high")
 """Of the names of columns that have the unit of their quantity."""
 _NAMED = 12
@@ -590,6 +594,18 @@ class _Quiet(Unwatched):
     def tell(self, line: str) -> None:
         """Warn of it."""
         warn(line, self._place)
+
+
+@contextmanager
+def _in_python() -> Iterator[None]:
+    """Names arguments of Python where a message names options of the command line, unless a verb has called."""
+    try:
+        yield
+    except Unsupported as problem:
+        if by_a_verb():
+            raise
+        said = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
+        raise Unsupported(problem.key.removeprefix("--"), said) from problem
 
 
 def _watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:
