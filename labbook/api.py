@@ -120,8 +120,8 @@ class Lab:
         not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
         (extra `cluster`). Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
         last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
-        The warnings of the plan are repeated before anything runs, unless progress is False. Raises what `plan` does
-        except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
+        If anything is to run, the warnings of the plan are repeated before, unless progress is False. Raises what
+        `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
