@@ -6,6 +6,7 @@ The verbs of the command line do their work by these methods; docs/python.md lis
 import errno
 import math
 import os
+import re
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from labbook import html
 from labbook.accuracy import BESIDE, write
-from labbook.backend import Backend
+from labbook.backend import Backend, Unsupported
 from labbook.backend import load as load_backend
 from labbook.backend.probes import UNITS
 from labbook.export.packing import check_spheres, write_packings
@@ -58,7 +59,7 @@ from labbook.study.keys import find as find_keys
 from labbook.study.pilot import first_needed, whole
 from labbook.study.problems import grouped, instead
 from labbook.study.source import given_path
-from labbook.warning import LabWarning, caller, warn
+from labbook.warning import LabWarning, by_a_verb, caller, warn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,7 +101,7 @@ class Lab:
         Raises Unsupported, Conflict or MeasureError if the backend cannot do it, TooLarge, BackendMissing, LabError.
         """
         _is_study(study)
-        with self._catalogue() as catalogue:
+        with self._catalogue() as catalogue, _in_python():
             return foresee(study, catalogue, load_backend(self.backend), self.device)
 
     def run(
@@ -120,15 +121,16 @@ class Lab:
         not repeated and whose packings are used. cluster: address of a Dask scheduler; its workers run the study
         (extra `cluster`). Ctrl-C saves unfinished runs and returns; a second one raises KeyboardInterrupt and keeps the
         last checkpoints. Either way the next call goes on. Failed runs give a warning and are named in the summary.
-        The warnings of the plan are repeated before anything runs, unless progress is False. Raises what `plan` does
-        except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
+        If anything is to run, the warnings of the plan are repeated before, unless progress is False. Raises what
+        `plan` does except TooLarge, before anything runs; ValueError for a wrong `shard`; DiskFull.
         """
         _is_study(study)
         part = WHOLE if shard is None else Shard.parse(shard)
         other = None if base is None else Folder(given_path(base, "base"))
         backend, plain = load_backend(self.backend), isinstance(progress, bool)
-        foreseen = () if progress is False else self._forewarned(study, backend)
-        with _watching(progress) as watcher:
+        with _in_python():
+            foreseen = () if progress is False else self._forewarned(study, backend)
+        with _watching(progress) as watcher, _in_python():
             for line in foreseen:
                 watcher.tell(f"Warning: {line}")
             if cluster is not None:
@@ -578,6 +580,8 @@ class Run(RunResult):
 
 _ORDER = ("id", "i", "j", "wall", "step", *UNITS)
 """Of the columns of a table."""
+_OPTION = re.compile(r"(?<=use )--(device|backend) ([\w:]*\w)")
+"""Of the command line, with its value."""
 _ENDS = ("", "_error", "_low", "_high")
 """Of the names of columns that have the unit of their quantity."""
 _NAMED = 12
@@ -595,6 +599,18 @@ class _Quiet(Unwatched):
     def tell(self, line: str) -> None:
         """Warn of it."""
         warn(line, self._place)
+
+
+@contextmanager
+def _in_python() -> Iterator[None]:
+    """Names arguments of Python where a message names options of the command line, unless a verb has called."""
+    try:
+        yield
+    except Unsupported as problem:
+        if by_a_verb():
+            raise
+        said = _OPTION.sub(lambda found: f"{found[1]}={found[2]!r}", problem.remedy).replace("--", "")
+        raise Unsupported(problem.key.removeprefix("--"), said) from problem
 
 
 def _watching(progress: bool | Watcher) -> AbstractContextManager[Watcher]:

@@ -21,6 +21,16 @@ def caller() -> Place:
     return frame.f_code.co_filename, frame.f_lineno
 
 
+def by_a_verb() -> bool:
+    """Whether a verb of the command line is what called, and options of it are what a message should name."""
+    frame = sys._getframe(1)
+    while frame is not None and (name := frame.f_globals.get("__name__", "")).partition(".")[0] in _OWN:
+        if name.startswith("labbook.cli"):
+            return True
+        frame = frame.f_back
+    return False
+
+
 def warn(message: str, place: Place | None = None) -> None:
     """A LabWarning at the line of the user's code, whichever of our functions notices. place: None for the caller's."""
     warnings.warn_explicit(message, LabWarning, *(place or caller()))

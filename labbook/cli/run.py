@@ -86,8 +86,8 @@ def register(app: typer.Typer) -> None:
         measures the effect of the time step, and writes STUDY.calibration.json beside the study. --no-pilot skips it:
         the default step is used, and the error budget says that its bias is not known.
 
-        The warnings of labbook plan are repeated before anything runs. A second Ctrl-C stops at once and keeps the last
-        checkpoints.
+        If runs are missing, the warnings of labbook plan are repeated first. A second Ctrl-C stops at once and keeps
+        the last checkpoints.
 
         Exit status: 0 if all runs of the study are done; 1 if a run or its filling failed, diverged or is suspect, or
         if the study measures flow_rate and no point has one (not judged for one --shard or with --base); 2 if an

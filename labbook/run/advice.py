@@ -64,8 +64,10 @@ def foresee(study: Study, catalogue: Catalogue, backend: Backend, device: str) -
 
 
 def forewarn(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> tuple[str, ...]:
-    """The warnings of `foresee`, also of runs that do not fit into memory. Raises what it does, except TooLarge."""
-    return _foreseen(study, catalogue, backend, device).warnings
+    """The warnings of `foresee`, also of runs that do not fit into memory; none where nothing is left to run. Raises
+    what it does, except TooLarge."""
+    plan = _foreseen(study, catalogue, backend, device)
+    return plan.warnings if plan.todo else ()
 
 
 def _foreseen(study: Study, catalogue: Catalogue, backend: Backend, device: str) -> Plan:

@@ -214,7 +214,11 @@ class Plan:
                 )
             elif point.unchosen:
                 step = f"dt = {point.numerics.dt * 1e6:.3g} us, whose bias is not known"
-                verb = f"{command('pilot', self.study.path, lab=self.lab, backend=self.backend.name)} measures it"
+                if self.study.source:
+                    measure = command("pilot", self.study.path, lab=self.lab, backend=self.backend.name)
+                else:
+                    measure = "lab.pilot(study, seeds=8)"
+                verb = f"{measure} measures it"
                 if point.wants_pilot:
                     verb = "labbook run first measures it by a pilot and chooses again"
                 if has_groups(point.scene):

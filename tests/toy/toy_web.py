@@ -30,7 +30,8 @@ def make(folder: Path, *more: str, measure: str = "flow_rate", **changes) -> Pat
     given = {"count": 400, "replicates": REPLICATES, "orifices": f"[{', '.join(map(str, ORIFICES))}]"} | changes
     path = study_file(folder, "fit: [beverloo, janda]", "record: {every: 5 ms, replicates: 1}", *more, **given)
     path.write_text(path.read_text().replace("[flow_rate]", f"[{measure}]"))
-    labbook("run", path, "--lab", folder / "lab", "--backend", "toy")
+    ended = labbook("run", path, "--lab", folder / "lab", "--backend", "toy", check=False)
+    assert ended.exit_code == ("No point of the study has a flow rate" in ended.stdout), ended.output
     return path
 
 

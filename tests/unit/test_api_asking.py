@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from toy_lab import labbook as verb
+from toy_lab import study
 from toy_results import analyse
 
 import labbook
+from labbook.backend import Unsupported
 from labbook.report.gallery import NothingToShow
 
 ORIFICES = (0.018, 0.024, 0.03, 0.036)
@@ -117,3 +120,15 @@ def test_a_prediction_far_outside_the_fit_is_warned_of_where_it_is_asked_for(one
         with pytest.warns(labbook.LabWarning, match="far outside the fitted range, 18 to 36 mm") as caught:
             fit.predict(D)
         assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("method", ["plan", "run"])
+def test_a_device_that_is_not_there_is_named_as_python_does(tmp_path, method):
+    asked, lab = study(tmp_path), labbook.Lab(tmp_path / "lab", "toy", device="gpu")
+    with pytest.raises(
+        Unsupported, match=r"^device: the backend toy has no gpu here; .*device='cpu' or leave device out"
+    ):
+        getattr(lab, method)(asked)
+    ended = verb(method, tmp_path / "toy.yaml", "--lab", lab.folder, "--backend", "toy", "--device", "gpu", check=False)
+    assert "Error: --device: the backend toy has no gpu here" in ended.output
+    assert "use --device cpu or leave --device out" in ended.output

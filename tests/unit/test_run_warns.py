@@ -30,6 +30,7 @@ def test_run_repeats_the_warnings_of_the_plan_before_it_starts(tmp_path):
     ended = verb("run", path, "--lab", lab, *BACKEND)
     assert f"Warning: {path}: replicates: {ALONE}" in ended.stderr
     assert ALONE not in ended.stdout
+    assert not verb("run", path, "--lab", lab, *BACKEND).stderr, "nothing is left to run"
 
 
 @pytest.mark.parametrize("progress", [True, False])
