@@ -95,11 +95,11 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from limits(plan.study)
     yield from _leaky(plan)
     yield from _narrow(file, points)
-    yield from _undamped(plan)
     yield from _too_few_grains(plan)
     yield from _too_few_outlets(plan)
     yield from _endless(plan)
     yield from _heavy(plan)
+    yield from _undamped(plan)
     alone = plan.rule.cap < 2 and not (plan.study.fed and plan.study.accuracy.flow_rate is not None)
     if alone:
         remedy = "use replicates: 3 or more, or accuracy.flow_rate"
@@ -265,17 +265,6 @@ def _leaky(plan: Plan) -> Iterator[str]:
             return
 
 
-def _undamped(plan: Plan) -> Iterator[str]:
-    """Fillings that lose energy by friction alone: 300 spheres with a friction of 0.5 still hovered at 1e-4 m g d after
-    7 s, where those with a restitution of 0.2 rest within 1 s."""
-    for point in plan.study.points:
-        if (at_fault := undamped(point)) is not None:
-            key, remedy = at_fault
-            reason = "impacts lose no energy while the bed is filled: by friction alone it rests late, or never"
-            yield _told(plan.study.path, key, reason, remedy)
-            return
-
-
 def _low(study: Study) -> Iterator[str]:
     """Beds that are too low for a steady flow when the window ends, in a study that leaves that to labbook."""
     if study.fed or study.window.timed or "end" in study.stated.get("window", {}) or "flow_rate" not in study.measure:
@@ -304,6 +293,17 @@ def _endless(plan: Plan) -> Iterator[str]:
     reason = f"this container has no outlet, so every run lasts {stop.max_time:g} s"
     remedy = "state stop.max_time; for measurements of the packing alone, 10 ms are enough"
     yield _told(plan.study.path, "stop.max_time", reason, remedy)
+
+
+def _undamped(plan: Plan) -> Iterator[str]:
+    """Fillings that lose energy by friction alone: 300 spheres with a friction of 0.5 still hovered at 1e-4 m g d after
+    7 s, where those with a restitution of 0.2 rest within 1 s."""
+    for point in plan.study.points:
+        if (at_fault := undamped(point)) is not None:
+            key, remedy = at_fault
+            reason = "impacts lose no energy while the bed is filled: by friction alone it rests late, or never"
+            yield _told(plan.study.path, key, reason, remedy)
+            return
 
 
 def _too_few_grains(plan: Plan) -> Iterator[str]:

@@ -23,16 +23,23 @@ class Absent:
     """The key beside it that then is missing, and is not told of as well."""
 
 
+_NO_MESH = "no walls are read from mesh files"
+_SHAPES = (
+    "use the kind of container of that shape (wedge-hopper, cylinder-silo, conical-silo, box), or kind: primitives "
+    "with planes, strips and frustums as parts"
+)
+_NO_INFLOW = "grains do not enter at a rate"
+_REINJECT = "use feed: {kind: reinject}, which puts back at the top what leaves, so that the bed keeps its height"
 _OWN_WALLS = "use container: {kind: primitives, parts: [...]} with planes, strips and frustums as walls"
 
 TABLE = (
     Absent(
-        ". container container.kind container.parts[] container.parts[].shape container.parts[].shape.kind walls.*",
+        "container container.kind container.parts[] container.parts[].shape container.parts[].shape.kind walls.*",
         "stl mesh meshes stlfile meshfile file path obj msh ply vtk step cad facet facets triangles geometry polygon",
-        "no walls are read from mesh files",
-        "use the kind of that shape (wedge-hopper, cylinder-silo, conical-silo, box), or kind: primitives with planes, "
-        "strips and frustums as parts",
+        _NO_MESH,
+        _SHAPES,
     ),
+    Absent(".", "stl mesh meshes stlfile meshfile obj msh ply vtk step cad geometry", _NO_MESH, _SHAPES),
     Absent(
         ". contact contact.law contact.between[] walls.* fill.contact fill.contact.law grains",
         "cohesion cohesive cohesionenergydensity adhesion surfaceenergy surfacetension jkr sjkr sjkr2 dmt bond bonds "
@@ -48,7 +55,7 @@ TABLE = (
     ),
     Absent(
         ". container",
-        "insert inserts obstacle obstacles baffle baffles cone paddle rotor screw",
+        "insert inserts obstacle obstacles baffle baffles paddle rotor screw",
         "a container has no inserts",
         f"{_OWN_WALLS}, the insert among them",
     ),
@@ -68,7 +75,7 @@ TABLE = (
     ),
     Absent(
         ". container",
-        "gate gates valve stopper plug slide slidegate shutter door opening opensat opentime",
+        "gate gates valve stopper plug slide slidegate shutter door opensat opentime",
         "there is no gate: the outlet is closed while the container is filled, and opens when the bed is at rest",
         "leave it out",
     ),
@@ -93,7 +100,7 @@ TABLE = (
         "of a few classes",
     ),
     Absent(
-        ". grains grains.sizes grains.sizes.kind",
+        "grains grains.sizes grains.sizes.kind",
         "table list psd particlesizedistribution sieve sieves histogram discrete distribution cumulative classes bins",
         "no table of sizes is read",
         "use grains.kinds: [{name: a, diameter: ..., share: ...}, ...], one for each class, with the share by number: "
@@ -108,16 +115,22 @@ TABLE = (
         key="share",
     ),
     Absent(
-        ". grains.kinds[] fill grains",
+        "grains.kinds[] fill grains",
         "layer layers layered layering",
         "there are no layers: kinds are mixed at random",
         "leave it out; pictures of a run colour the grains by the height at which they rested",
     ),
     Absent(
-        ". feed feed.kind",
+        "feed feed.kind",
         "rate stream inflow inlet insertion insertrate insertionrate feedrate massrate massflow source pour",
-        "grains do not enter at a rate",
-        "use feed: {kind: reinject}, which puts back at the top what leaves, so that the bed keeps its height",
+        _NO_INFLOW,
+        _REINJECT,
+    ),
+    Absent(
+        ".",
+        "inflow inlet insertion insertrate insertionrate feedrate massrate factory generator",
+        _NO_INFLOW,
+        _REINJECT,
     ),
     Absent(
         "fill fill.kind",
@@ -204,7 +217,7 @@ TABLE = (
     ),
     Absent(
         "measure",
-        "profile profiles velocityprofile velocity density field fields",
+        "profile profiles velocityprofile velocity field fields",
         "there is no profile of the whole bed",
         "use outlet_profiles or orifice, for profiles at the outlet, or record, for maps",
     ),

@@ -240,6 +240,7 @@ def all_keys() -> tuple[Key, ...]:
     return tuple(replace(key, default=defaults.get(key.name, key.default)) for key in keys)
 
 
+@lru_cache(maxsize=1024)  # of each value of a sweep it is asked what its key takes
 def find(name: str) -> tuple[Key, ...]:
     """The keys that a dotted name (with wall names and indices filled in) may mean: one per choice it belongs to."""
     pattern = re.sub(r"\[\d+\]", "[]", name)

@@ -9,6 +9,7 @@ import labbook
 from labbook.measure import MEASURES
 from labbook.study import StudyError
 from labbook.study.absent import TABLE, absent, plain
+from labbook.study.habits import _KEYS as habits
 from labbook.study.keys import all_keys, find
 
 BASE: dict[str, Any] = {
@@ -94,6 +95,7 @@ def test_no_word_is_one_that_labbook_has():
     keys = {(section or ".", plain(leaf)) for section, _, leaf in (key.name.rpartition(".") for key in all_keys())}
     keys |= {(key.name, plain(choice)) for key in all_keys() for choice in key.choices}
     keys |= {("measure", plain(name)) for name in MEASURES}
+    keys |= {(key.rpartition(".")[0], word) for word, key in habits.items()} | {(".", word) for word in habits}
     assert not keys & {(place, word) for _, place, word in ROWS}
 
 
