@@ -225,13 +225,14 @@ class Stage:
     @contextmanager
     def within_memory(self) -> Iterator[None]:
         """Turns Warp's error of an allocation within into MemoryError, whatever it was for."""
+        members = len(self._seated) + len(self._waiting)
         try:
             yield
         except RuntimeError as error:
             if "allocate" not in str(error):
                 raise
             raise MemoryError(
-                f"{self.device.alias} has no memory for {self._sizes.slots} members: {error}; use fewer grains"
+                f"{self.device.alias} has no memory for {members} members: {error}; use fewer grains"
             ) from error
 
     def close_up(self) -> None:
