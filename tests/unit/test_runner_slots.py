@@ -86,12 +86,15 @@ class Small(Device):
 
 
 def test_runs_for_which_memory_runs_out_later_go_on_with_fewer_at_once(tmp_path):
-    told, alone = [], tmp_path / "alone"
-    watcher = Unwatched()
-    watcher.tell = told.append
+    told, alone = list[str](), tmp_path / "alone"
+
+    class Told(Unwatched):
+        def tell(self, line: str) -> None:
+            told.append(line)
+
     backend = Small()
     asked = study(tmp_path, replicates=4)
-    summary = carry_out(asked, tmp_path / "lab", backend=backend, device="cuda:0", watcher=watcher, checkpoint_every=0)
+    summary = carry_out(asked, tmp_path / "lab", backend=backend, device="cuda:0", watcher=Told(), checkpoint_every=0)
     assert backend.refused
     assert summary.failed == ()
     assert len(summary.tally.ran) == 8
