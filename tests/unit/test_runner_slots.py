@@ -70,16 +70,16 @@ class Small(Device):
         self.refused = 0
 
     def open(self, spec, slots=None, device="cpu"):
-        ensemble, backend, beats = super().open(spec, slots, device), self, 0
+        ensemble, backend, taken = super().open(spec, slots, device), self, 0
         advance = ensemble.advance
 
-        def tight(many=1):
-            nonlocal beats
-            beats += 1
-            if len(ensemble._glasses) > 2 and beats > 2:
+        def tight(beats=1):
+            nonlocal taken
+            taken += 1
+            if len(ensemble._glasses) > 2 and taken > 2:
                 backend.refused += 1
                 raise MemoryError(f"cuda:0 has no memory for {len(ensemble._glasses)} members: none; use fewer grains")
-            return advance(many)
+            return advance(beats)
 
         ensemble.advance = tight
         return ensemble
