@@ -90,7 +90,7 @@ def large_lab(folder: Path, wanted: int, side: int = _SIDE) -> Lab:
     can, rng = load("numba").capabilities, np.random.default_rng(1)
     engine = connect(lab.catalogue, read_only=False)
     try:
-        for number in range(-(-wanted // (side**2 * _REPLICATES))):
+        for number in range(max(2, -(-wanted // (side**2 * _REPLICATES)))):  # pages are of the second
             study = made_up(number, side)
             studies.keep(lab, study.name, study.yaml())
             rows, numbers = [], []
@@ -115,7 +115,15 @@ def _row(study: Study, demand: Demand, keys: dict[str, str], version: int) -> di
     )  # fmt: skip
     ended = f"2026-01-{1 + demand.seed:02d}T{demand.point.index // 60 % 24:02d}:{demand.point.index % 60:02d}:00+00:00"
     told = {"outcome": "clogged" if demand.point.index % 97 == 0 else "finished", "finished": ended, "stamp": 0}
-    told |= {"grains": 700, "discharged": 0.66, "duration": 3.0, "wall_time": 9.0, "rate": 7e6, "bytes": 300_000}
+    told |= {
+        "grains": 700,
+        "discharged": 0.66,
+        "duration": 3.0,
+        "wall_time": 9.0,
+        "rate": 7e6,
+        "bytes": 300_000,
+        "suspect": "",
+    }
     known = {"study": study.name, "label": demand.point.label, "seed": demand.seed, "backend": "numba", "device": "cpu"}
     named = {f"{name}_key": key for name, key in keys.items()}
     blank = {column.key: None if column.default is None else column.default.arg for column in runs.columns}

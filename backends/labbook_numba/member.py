@@ -221,8 +221,16 @@ class Run(Standing):
         return Bodies(radius, mass, inertia, kind.astype(np.int64))
 
     def packing(self) -> Packing:
-        """The portable state, without grains that are far below the outlet."""
+        """The portable state, without grains that are far below the outlet. Reading it leaves no trace: a run that is
+        read at other moments, as after it was killed, ends in the same bits."""
+        before = {name: a.copy() for name, a in self.state._asdict().items() if name in self._kept}
         self._drop_leavers()
+        try:
+            return self._packing()
+        finally:
+            self._put_back(before)
+
+    def _packing(self) -> Packing:
         st, n, pairs = self.state, int(self.state.count[S.GRAINS]), int(self.state.count[S.PAIRS])
         walls = int(st.wall_first[-1])
         wall = np.repeat(np.arange(len(self.names)), np.diff(st.wall_first))
@@ -255,6 +263,7 @@ class Run(Standing):
 
     def put_back(self, grains: Packing, half_v: np.ndarray) -> None:
         """See `Standing`; they get the rows behind the others."""
+        self._drop_leavers()
         st, first = self.state, self.grains
         last = first + len(grains)
         if last > len(st.ids):

@@ -47,7 +47,12 @@ class Ensemble(ensemble.Ensemble[Seen]):
         return run
 
     def advance(self, beats: int = 1) -> Sequence[Event]:
-        """Let every member take `beats` beats; those that failed or emptied rest."""
+        """Let every member take `beats` beats; those that failed or emptied rest. Raises MemoryError, and what
+        `labbook.backend.Ensemble` raises."""
+        with self._stage.within_memory():
+            return self._advance(beats)
+
+    def _advance(self, beats: int) -> Sequence[Event]:
         self._stage.seat()
         events: list[Event] = []
         for _ in range(beats):

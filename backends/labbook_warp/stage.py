@@ -214,12 +214,7 @@ class Stage:
         module = room.suitable(spec, sizes, self._uniform, lanes)
         self._arrays, self._beats = None, None  # freed before more is asked for
         self._sizes = sizes
-        try:
-            self._arrays = Arrays(module, sizes, self.device, room.records_crossings(spec))
-        except RuntimeError as error:
-            raise MemoryError(
-                f"{self.device.alias} has no memory for {sizes.slots} members: {error}; use fewer grains"
-            ) from error
+        self._arrays = Arrays(module, sizes, self.device, room.records_crossings(spec))
         self._beats = Beat(self._arrays, spec.steps_per_beat)
         with self._arrays.at_once(len(stored), copies=2):
             for run, checkpoint in stored.items():
@@ -228,6 +223,19 @@ class Stage:
                 transfer.restore(self._arrays, run.slot, checkpoint)
         self._counters()
         self._has_changed()
+
+    @contextmanager
+    def within_memory(self) -> Iterator[None]:
+        """Turns Warp's error of an allocation within into MemoryError, whatever it was for."""
+        members = len(self._seated) + len(self._waiting)
+        try:
+            yield
+        except RuntimeError as error:
+            if "allocate" not in str(error):
+                raise
+            raise MemoryError(
+                f"{self.device.alias} has no memory for {members} members: {error}; use fewer grains"
+            ) from error
 
     def close_up(self) -> None:
         """Close up rows of grains that have left, if that pays. Raises MemoryError."""

@@ -1,6 +1,8 @@
 """`labbook cluster`: a Dask cluster for `labbook run --cluster`."""
 
+import logging
 import shutil
+import signal
 import time
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated, Any
@@ -51,6 +53,8 @@ def register(app: typer.Typer) -> None:
                 scheduler_port=port,
                 dashboard_address=None,
                 resources={"GPU": 1} if gpus else None,
+                silence_logs=logging.CRITICAL,  # what is lost `labbook run` says itself
+                preload=_DEAF,
             )
 
         _serve(made)
@@ -117,14 +121,21 @@ def register(app: typer.Typer) -> None:
         _serve(made)
 
 
+_DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+"""What each worker of this machine does first: a terminal sends Ctrl-C to it too, and closing the cluster ends it."""
+
+
 def _serve(made: "Callable[[], Any]") -> None:
     """Start a cluster, print its address, and wait for Ctrl-C."""
+    heard = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as processes inherit it that are only just beginning
     try:
         cluster = made()
     except ImportError as missing:
         fail(f"Dask is not installed ({missing}); try: pip install 'labbook[cluster]'")
     except (OSError, RuntimeError) as problem:
         fail(f"the cluster does not start: {problem}")
+    finally:
+        signal.signal(signal.SIGINT, heard)
     try:
         say(f"Scheduler: {cluster.scheduler_address}")
         say(f"In another terminal: labbook run STUDY --cluster {cluster.scheduler_address}")

@@ -133,6 +133,10 @@ def _take_run(index: Index, lab: Lab, theirs: Path) -> bool:
     mine = lab.run(key)
     if not index.problem(mine) and not _better(record, theirs, mine):
         return False
+    if not lab.packing(record.packing_key).exists():
+        held = lab.held(record.packing_key)
+        why = "another process works on that; import again later" if held else "it was not imported either"
+        raise Unreadable(f"{theirs}: it starts from the packing {record.packing_key}, which is not in this lab: {why}")
     names = {RunRecord.FILE, CHECKPOINT, *(f"{table_name(parse_probe(text))}.npz" for text in record.coverage.probes)}
     if record.coverage.recording is not None:
         names.add(RECORDING)

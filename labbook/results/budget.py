@@ -190,5 +190,5 @@ def summed_up(found: Sequence[Budget], quantity: str = FLOW_RATE) -> str:
             parts.append(f"{source} up to {percent(largest[0], '.2g')} ({largest[1].of.label})")
     lacking = [source for source in SOURCES if any(s.source == source for one in found for s in one.shares)]
     lacking = [source for source in lacking if all(source in one.unknown for one in found)]
-    told = "; ".join(parts) + (f"; {NOT_MEASURED}: {', '.join(lacking)}" if lacking else "")
+    told = "; ".join([*parts, *([f"{NOT_MEASURED}: {', '.join(lacking)}"] if lacking else [])])
     return f"Of {found[0].name}: {told}." if told else ""

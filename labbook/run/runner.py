@@ -342,10 +342,14 @@ class Runner:
             took = turn.result()
             rows = lane.rows()
         except (Overflow, ValueError, MemoryError) as problem:  # one bad start must not end the others
-            for job in {*lane.jobs.values(), *(started.job for started in new)}:
-                self._board.failed(job, f"{job.label}: {problem}")
+            jobs = dict.fromkeys((*lane.jobs.values(), *(started.job for started in new)))
             lane.jobs.clear()
             lane.close()
+            if isinstance(problem, MemoryError) and len(jobs) > 1:
+                self._fewer_at_once(lane, list(jobs), problem)
+                return
+            for job in jobs:
+                self._board.failed(job, f"{job.label}: {problem}")
             return
         ensemble = lane.ensemble
         assert ensemble is not None
@@ -364,6 +368,18 @@ class Runner:
             if verdict:
                 self._end(lane, member, job, verdict)
         self._save(lane)
+
+    def _fewer_at_once(self, lane: Lane, jobs: Sequence[Job], problem: MemoryError) -> None:
+        """Let a lane go on with half as many of its jobs at once, each from its last save: what else the device does
+        may have taken memory that was free when slots were counted."""
+        lane.slots = len(jobs) // 2
+        for job in jobs:
+            self._saved.pop(job, None)
+            self._board.dropped(job)
+        self.watcher.tell(
+            f"{problem}. They go on from their last checkpoints, {lane.slots} at once; to have more at once, end other "
+            "programs on the device, or add devices (--device cuda:all)"
+        )
 
     def _save(self, lane: Lane) -> None:
         """Save jobs that have not been saved for `checkpoint_every`, the longest unsaved first, while saving has its

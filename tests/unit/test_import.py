@@ -310,6 +310,18 @@ def test_what_another_process_works_on_is_left_out(labs):
     assert "Runs and packings imported: 1" in ended.output
 
 
+def test_a_run_whose_packing_another_process_works_on_says_so(labs, tmp_path):
+    _, theirs = labs
+    key = sorted((theirs / "packings").iterdir())[0].name
+    claim = Lab(tmp_path / "new").claim(key)
+    assert claim is not None
+    ended = labbook("import", theirs, "--lab", tmp_path / "new", check=False)
+    claim.release()
+    assert f"it starts from the packing {key}, which is not in this lab: another process works on that" in ended.output
+    assert "No such file" not in ended.output
+    assert "Runs and packings imported: 2" in ended.output
+
+
 def test_a_full_disk_ends_an_import_in_one_line(labs, monkeypatch):
     ours, theirs = labs
     before = {path.name: arrays(path) for path in (ours / "runs").iterdir()}

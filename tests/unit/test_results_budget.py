@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from labbook.accuracy import Effects, calibration, groups
 from labbook.backend.numerics import Numerics
 from labbook.report.page import summary
 from labbook.report.tables import budget_table
-from labbook.results.budget import budgets, summed_up
+from labbook.results.budget import SOURCES, Budget, Share, budgets, summed_up
 from labbook.results.frames import to_json
 from labbook.results.points import PointResult
 from labbook.results.series import Series
@@ -190,3 +191,10 @@ def test_what_is_the_same_at_all_points_has_one_row_and_nothing_known_is_no_erro
     assert row[-1] == row[4], "the window alone is known"
     nothing = [row for row in rows if set(row[2:-1]) == {"–"}]
     assert all(row[-1] == "–" for row in nothing)
+
+
+def test_a_budget_of_which_nothing_is_known_says_what_was_not_measured():
+    """Of several points: it began with a semicolon."""
+    shares = tuple(Share(source, None, "not measured") for source in SOURCES)
+    found = [Budget("packing_fraction", cast(Any, None), 0.6, shares) for _ in range(2)]
+    assert summed_up(found, "packing_fraction").startswith("Of φ: not measured: ")

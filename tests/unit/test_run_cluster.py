@@ -210,3 +210,19 @@ def test_a_cluster_of_this_machine_is_started_by_its_verb(tmp_path):
     finally:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=30)
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_cluster_of_this_machine_without_words_of_its_workers():
+    """A terminal sends it to all processes."""
+    psutil = pytest.importorskip("psutil")
+    process = start("cluster", "local", "--workers", 2)
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("Scheduler: ")
+    assert process.stdout.readline().startswith("In another terminal: ")
+    workers = psutil.Process(process.pid).children(recursive=True)
+    assert len(workers) >= 2
+    for one in (*workers, process):
+        one.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (0, "Ended\n", "")

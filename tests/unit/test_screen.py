@@ -1,5 +1,6 @@
 """What verbs print on terminals of any encoding, and in pipes."""
 
+import os
 import shutil
 
 import pytest
@@ -90,3 +91,17 @@ def test_in_a_pipe_every_run_is_a_whole_line(tmp_path):
     assert "…" not in "".join(lines)
     narrow = labbook("runs", "--lab", tmp_path / "lab", COLUMNS="80").stdout.splitlines()
     assert max(map(len, narrow)) <= 80, "whoever says how wide it is gets that"
+
+
+@pytest.mark.slow
+def test_a_lab_whose_path_is_no_text_is_worked_in(tmp_path):
+    lab = tmp_path / os.fsdecode(b"not \xff text") / "lab"
+    path = study_file(tmp_path, count=60, orifices="[24]", replicates=1)
+    for words in (("run", path), ("plan", path), ("fit", path), ("export", path, "--out", tmp_path / "out")):
+        ended = labbook(*words, "--lab", lab, "--backend", "toy", check=False)
+        assert ended.exit_code == (1 if words[0] == "export" and "Error" in ended.output else 0), ended.output
+    for words in (("status",), ("runs",), ("reindex",), ("show", next((lab / "runs").iterdir()).name)):
+        assert labbook(*words, "--lab", lab).output
+    next((lab / "runs").iterdir()).joinpath("run.json").write_text("{}")
+    assert "cannot be read" in labbook("status", "--lab", lab).output
+    assert "Unreadable" in labbook("reindex", "--lab", lab).output

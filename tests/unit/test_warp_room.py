@@ -83,7 +83,10 @@ def test_a_processors_memory_is_not_rationed():
     assert Backend().capacity(spec_of(fan(grains=40)), fan(grains=40), "cpu") is None
 
 
-def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch):
+@pytest.mark.parametrize("seated", [0, 1])
+def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch, seated):
+    """Also for members that join others."""
+
     def exhausted(*_args, **_kinds):
         raise RuntimeError("Failed to allocate 99 bytes")
 
@@ -91,9 +94,13 @@ def test_memory_that_is_not_there_is_an_error_that_says_so(monkeypatch):
     numerics = FAN_STEP.model_copy(update={"precision": "mixed"})
     backend = Backend()
     ensemble = backend.open(backend.specialise(scene, numerics))
-    ensemble.admit(scene, numerics, place(scene, "gas", 1))
-    monkeypatch.setattr(wp, "zeros", exhausted)
-    with pytest.raises(MemoryError, match="cpu has no memory for 1 members: Failed to allocate 99 bytes"):
+    for seed in range(seated):
+        ensemble.admit(scene, numerics, place(scene, "gas", seed))
+        ensemble.advance(1)
+    ensemble.admit(scene, numerics, place(scene, "gas", seated))
+    for made in ("zeros", "empty", "array", "clone"):
+        monkeypatch.setattr(wp, made, exhausted)
+    with pytest.raises(MemoryError, match=f"cpu has no memory for {seated + 1} members: Failed to allocate 99 bytes"):
         ensemble.advance(1)
 
 
