@@ -159,7 +159,7 @@ def _physics(plan: "Plan") -> "Table":
     from labbook.scene.quantities import percent
 
     sizes = {"L" if point.shared.scene.grains.half_length > 0 else "d" for point in plan.points}
-    ratio = " or ".join(f"D/{size}" for size in sorted(sizes))
+    ratio = f"D/{next(iter(sizes))}" if len(sizes) == 1 else "D"  # points then say what they are measured in
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("point", "dt", "of limit", "fill steps", "steps", ratio, "bed height"):
         table.add_column(heading, overflow="fold", justify="left" if heading == "point" else "right")
