@@ -1,6 +1,6 @@
 """Figures show the numbers of the analysis, and are the same bytes every time."""
 
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportIndexIssue=false, reportCallIssue=false
 
 import math
 import re
