@@ -13,7 +13,7 @@ from labbook.cli.screen import screen
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from labbook.run.plan import Forecast, Plan
+    from labbook.run.plan import Forecast, Plan, PointPlan
 
 _ROWS, _LABELS = 30, 3
 """Rows of the table of steps, and points that are named in each."""
@@ -146,6 +146,11 @@ def _count(number: float) -> str:
     return f"{float(f'{number:.2g}'):,.0f}".replace(",", " ")
 
 
+def _size(point: "PointPlan", sizes: set[str]) -> str:
+    """The size of a grain that an outlet is measured in, if points differ in it."""
+    return "" if len(sizes) == 1 else " L" if point.shared.scene.grains.half_length > 0 else " d"
+
+
 def _physics(plan: "Plan") -> "Table":
     """Step, steps, outlet and bed of every point; points that agree in all of that share a row."""
     from rich import box
@@ -155,8 +160,8 @@ def _physics(plan: "Plan") -> "Table":
     from labbook.run.forecast import outline
     from labbook.scene.quantities import percent
 
-    rods = any(point.shared.scene.grains.half_length > 0 for point in plan.points)
-    ratio = "D/L" if rods else "D/d"
+    sizes = {"L" if point.shared.scene.grains.half_length > 0 else "d" for point in plan.points}
+    ratio = f"D/{next(iter(sizes))}" if len(sizes) == 1 else "D"  # points then say what they are measured in
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("point", "dt", "of limit", "fill steps", "steps", ratio, "bed height"):
         table.add_column(heading, overflow="fold", justify="left" if heading == "point" else "right")
@@ -168,7 +173,7 @@ def _physics(plan: "Plan") -> "Table":
             percent(one.dt / one.limit, ".0f"),
             _count(one.fill_steps),
             _count(one.steps),
-            "–" if one.ratio is None else f"{one.ratio:.3g}",
+            "–" if one.ratio is None else f"{one.ratio:.3g}{_size(point, sizes)}",
             "–" if one.height is None else f"{one.height * 1e3:.3g} mm",
         )
         rows.setdefault(row, []).append(point.shared.point.label)

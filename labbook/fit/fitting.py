@@ -116,8 +116,8 @@ def _check(law: Law, D: np.ndarray, W: np.ndarray, error: np.ndarray, replicates
     orifices = min(len(given), 1) + int(np.sum(np.diff(given) >= _SAME * context.d))
     if orifices < least:
         same = f" (those that differ by less than {_SAME:g} d count as one)" if orifices < len(given) else ""
-        few = "orifice is" if orifices == 1 else "orifices are"
-        raise FitError(f"{law.name}: {orifices} {few} too few{same}; its {least - 1} parameters need {least}")
+        few = "orifice is too few" if orifices == 1 else "orifices are too few"
+        raise FitError(f"{law.name}: {orifices} {few}{same}; its {least - 1} parameters need {least}")
     if not (np.isfinite(W).all() and (W > 0).all() and np.isfinite(D).all() and (D > 0).all()):
         raise FitError(f"{law.name}: orifices and flow rates must be positive and finite; leave out clogged points")
     known = np.ones(len(D), bool) if replicates is None else np.asarray(replicates) > 1

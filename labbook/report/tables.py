@@ -187,7 +187,7 @@ def digest_table(comparisons: Sequence[Comparison]) -> Table | None:
     return Table(headings, tuple(rows))
 
 
-INSIDE = "inside our 95 % interval"
+INSIDE = "inside interval"
 """Heading of what `inside` gives."""
 
 

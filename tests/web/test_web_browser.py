@@ -588,3 +588,26 @@ def test_the_viewer_shows_the_grains_of_a_run(chromium, filmed):
         assert [one for one in asked if not one.startswith((f"{base}/", "data:", "blob:"))] == []
         assert any(one.endswith(".rrd") for one in asked)
     context.close()
+
+
+def test_the_chart_draws_what_its_note_says(chromium, base):
+    """Crosses on the lower edge of a logarithmic scale; markers of series in the legend; intervals in hovers; powers of
+    flow rates only; and what is not drawn is named."""
+    with opened(chromium, base) as page:
+        page.goto(f"/study/{PLANE}?scale=log")
+        expect(page.locator("#chart-note")).to_contain_text("Crosses on the lower edge: 2 without a number.")
+        drawn = page.evaluate("document.getElementById('chart').data")
+        crosses = [one for one in drawn if one.get("marker", {}).get("symbol") == "x-thin"]
+        assert [(one["yaxis"], one["x"], one["y"]) for one in crosses] == [("y3", [8], [0])] * 2
+        legend = [one for one in drawn if one.get("meta") == "legend"]
+        assert [one["showlegend"] for one in legend] == [True, True]
+        assert all(isinstance(one["marker"]["color"], str) and one["x"] == [None] for one in legend)
+        hovers = [text for one in drawn if one.get("customdata") for text in one["hovertemplate"] if "no W" not in text]
+        assert all(re.search(r"W = [\d.]+ \([\d.]+ to [\d.]+, 95 %\), n = 2 g/s", text) for text in hovers)
+        scales = page.locator("select[name=scale] option")
+        expect(scales).to_have_text(["linear", "logarithmic", "W to the power 2/3"])
+        page.goto(f"/study/{PLANE}?y=flow_rate_drift&scale=power")
+        expect(page.locator("select[name=scale] option", has_text="power")).to_have_count(0)
+        page.goto(f"/compare?item=study:{PLANE}&item=study:{STUDY}")
+        page.locator("select[name=x]").select_option("container.angle")
+        expect(page.locator("#chart-note")).to_contain_text(f"Not drawn, without angle: {STUDY}.")

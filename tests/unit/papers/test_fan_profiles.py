@@ -137,7 +137,7 @@ def test_tables_and_page_show_them(profiled, tmp_path):
 def test_the_reference_stands_beside_ours_where_the_law_is_shown(profiled):
     (series,) = profiled.series
     table = pages.profile_table(series, COVERAGE, profiled.comparisons, profiled.source)
-    assert table.headings[3:] == ("Fan et al. 2023", "inside our 95 % interval")
+    assert table.headings[3:] == ("Fan et al. 2023", "inside interval")
     cells = {row[0]: row[3:] for row in table.rows}
     ours = series.further[COVERAGE].parameters["a"]
     assert cells["a"][0] == "0.4"

@@ -1,5 +1,7 @@
 """Figures show the numbers of the analysis, and are the same bytes every time."""
 
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportIndexIssue=false, reportCallIssue=false
+
 import math
 import re
 from dataclasses import replace

@@ -119,7 +119,7 @@ def test_it_shows_the_numbers_of_the_analysis(analysis, written):
         assert f"{value} {low} to {high} (±" in text
     assert "C (grain density)" in text
     assert "C (bulk density)" in text
-    assert "inside our 95 % interval" in text
+    assert "inside interval" in text
     assert "no finished point has these values" in text
     assert "24 runs of 8 points." in text
     assert "versions numpy" in text

@@ -8,7 +8,7 @@
   const DASHES = ["solid", "dash", "dot", "dashdot"];
   const VIRIDIS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39"];
   const FLOWS = ["flow_rate", "grain_rate"];
-  const OPEN = 24; // pixels of a bar without ends
+  const OPEN = 24, FACTOR = 1.12; // half a bar without ends: pixels, and on a logarithmic scale
   const scheme = matchMedia("(prefers-color-scheme: dark)");
 
   function theme() {
@@ -194,7 +194,9 @@
       if (residuals) shape.xaxis.anchor = "y2";
       // Crosses stand on the lower edge, whatever the scale.
       shape.yaxis3 = { overlaying: "y", anchor: "x", range: [0, 1], fixedrange: true, visible: false };
-      shape.shapes = open.map((one) => ({ type: "line", xref: "x", yref: one.yref || "y", x0: one.x, x1: one.x, ysizemode: "pixel", yanchor: one.y, y0: -OPEN, y1: OPEN, line: { color: one.color, width: 1.5, dash: "dot" } }));
+      // Plotly takes no pixels below a point on a logarithmic axis: there the bars are a factor long.
+      const reach = (one) => (log && !one.yref ? { y0: one.y / FACTOR, y1: one.y * FACTOR } : { ysizemode: "pixel", yanchor: one.y, y0: -OPEN, y1: OPEN });
+      shape.shapes = open.map((one) => ({ type: "line", xref: "x", yref: one.yref || "y", x0: one.x, x1: one.x, ...reach(one), line: { color: one.color, width: 1.5, dash: "dot" } }));
       shape.height = list.length > 8 ? 560 : residuals ? 500 : 420;
       Plotly.react(holder, traces, shape, CONFIG);
       const points = traces.filter((one) => one.customdata && one.marker.symbol !== "x-thin").reduce((sum, one) => sum + one.x.length, 0);
