@@ -19,13 +19,15 @@ from pydantic import (
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import parse_probe
 from labbook.lab.folder import open_file, write_bytes
-from labbook.measure import Window
+from labbook.measure import Window, scales
 from labbook.scene import Scene
 
 Whole = Annotated[int, Field(ge=0, lt=2**63)]
 """A count, or another number that SQLite can hold."""
 Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 """A time, a length or a fraction."""
+Stated = Annotated[Measure | None, Field(exclude_if=lambda stated: stated is None)]
+"""The same where a study may state it; None, and left out of what is stored, where it does not."""
 RunKey = Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
 StoredBackend = Annotated[str, Field(validation_alias="engine", serialization_alias="engine")]
 """Name of a backend; files have it under the key `engine`."""
@@ -266,18 +268,24 @@ class Failure(Part):
 
 
 class Observe(Part):
-    """What is measured, over which fractions of the initial mass discharged; `timed`: over which times [s]."""
+    """What is measured, over which fractions of the initial mass discharged; `timed`: over which times [s]. The others:
+    what the window states of `labbook.measure.scales`."""
 
     measure: tuple[str, ...]
     start: float
     end: float
     # where there is none it is left out of what is stored
     timed: Annotated[bool, Field(exclude_if=lambda timed: not timed)] = False
+    gap: Stated = None
+    moment: Stated = None
+    interval: Stated = None
+    layer: Stated = None
 
     @classmethod
     def of(cls, measure: Iterable[str], window: Window) -> "Observe":
         """These measures, within a window."""
-        return cls(measure=tuple(measure), start=window.start, end=window.end, timed=window.timed)
+        stated = {key: getattr(window, key, None) for key in scales.KEYS}
+        return cls(measure=tuple(measure), start=window.start, end=window.end, timed=window.timed, **stated)
 
 
 class RunRecord(Record):

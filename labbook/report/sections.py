@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labbook.fields.pattern import FUNNEL, SLOW
-from labbook.measure.orifice import INTERVAL
 from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
 from labbook.report.figures.flow import drawn
@@ -118,7 +117,8 @@ def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, wher
         return []
     figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
     alt = f"acceleration against height{where}"
-    return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION)]
+    after = display.span((result.interval for result, _ in found), "ms", 1e3)
+    return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION.format(after))]
 
 
 _POINTS = "Points: pooled mean with its 95 % interval"
@@ -137,7 +137,7 @@ PATTERNS = (
     f"More than {percent(FUNNEL)} of the mass stagnant is funnel flow."
 )
 _ACCELERATION = (
-    f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms (whole frames), of grains that start at this "
+    "Mean change of the vertical velocity within {} (whole frames), of grains that start at this "
     "height within a quarter of the outlet’s width from its middle, in the window; 1 is free fall. Grains that leave "
     "meanwhile are continued by free fall. Bars: standard errors over grains, a lower bound."
 )

@@ -334,13 +334,17 @@ def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> T
         shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
         cells.append((result.label, *shown, str(means["stagnant_fraction"].n)))
     headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
-    told = [_ORIFICE, *(meaning for name, meaning in _OF_ORIFICE.items() if name in names)]
+    layer = display.span((result.layer for result, _ in rows), "mm", 1e3)
+    told = [
+        _ORIFICE.format(layer),
+        *(meaning for name, meaning in _OF_ORIFICE.items() if name in names),
+    ]
     alone = any(mean.n < 2 for _, means in rows for mean in means.values())
     more = " Errors need two recorded runs (record.replicates)." if alone else ""
     return Table(headings, tuple(cells), notes=(f"{'; '.join(told)}.{more}",))
 
 
-_ORIFICE = "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window"
+_ORIFICE = "Means over the first {} above the orifice, weighted by the packing fraction, in the window"
 _OF_ORIFICE = {
     "kinetic_pressure": "p_k is the trace of the kinetic stress",
     "S": "S is the largest eigenvalue of the mean orientation tensor",

@@ -16,10 +16,11 @@ from labbook.lab.records import Precise, StopRule
 from labbook.measure import MEASURES
 from labbook.scene import Scene
 from labbook.scene.model import once
+from labbook.scene.timescales import gravity_time
 from labbook.stats import StoppingRule
 from labbook.study import Point, Study
 from labbook.study.applicable import flat_area
-from labbook.study.schema import Stop
+from labbook.study.schema import EVERY, LONGEST, STALL, Stop
 
 
 class Conflict(Exception):
@@ -103,7 +104,9 @@ class PointDemand:
     def _asked_probes(self) -> tuple[Probe, ...]:
         plane = self.scene.container.outlet_plane
         leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
-        asked = (probe for name in self.study.measure for probe in MEASURES[name].probes(self.scene, self.numerics))
+        window = self.study.window
+        measures = [MEASURES[name] for name in self.study.measure]
+        asked = (probe for one in measures for probe in one.observed(self.scene, self.numerics, window))
         probes = tuple(dict.fromkeys((*leaving, *asked)))
         by_table = {table_name(probe): probe for probe in probes}
         for probe in probes:
@@ -120,7 +123,7 @@ class PointDemand:
         record = self.study.record
         if record is None:
             return None
-        return film_probe(record.every, self.numerics, self.scene.grains)
+        return film_probe(record.every or EVERY * gravity_time(self.scene), self.numerics, self.scene.grains)
 
     @property
     def declared(self) -> tuple[Probe, ...]:
@@ -128,12 +131,32 @@ class PointDemand:
         return self.probes if self.film is None else _same(tuple(dict.fromkeys((*self.probes, self.film))))
 
     @property
+    def longest_filling(self) -> float:
+        """Time [s] after which a bed that still moves is an error."""
+        return self.point.fill.max_time or LONGEST * gravity_time(self.scene)
+
+    @property
     def stop(self) -> StopRule:
         """When a run ends."""
-        if not self.study.fed:
-            return _stop_rule(self.study.stop)
-        asked = tolerance(self.study, self.point)
-        return _stop_rule(self.study.stop, None if asked is None else (asked, self.study.window.start), fed=True)
+        study, scale = self.study, gravity_time(self.scene)
+        until = study.window.end if study.window.timed else 0.0
+        if not study.fed:
+            return _stop_rule(study.stop, scale, until)
+        asked = tolerance(study, self.point)
+        return _stop_rule(study.stop, scale, until, None if asked is None else (asked, study.window.start), fed=True)
+
+    @property
+    def unstated(self) -> frozenset[str]:
+        """Which numbers of the stop rule, the guards and the recording the study leaves to labbook."""
+        stop, record = self.study.stop, self.study.record
+        limited = "speed_limit" in self.study.stated.get("numerics", {}) or "numerics.speed_limit" in self.point.at
+        left = {
+            "max_time": stop.max_time is None,
+            "stall": stop.stall is None,
+            "recording": record is not None and record.every is None,
+            "speed_limit": not limited,
+        }
+        return frozenset(name for name, is_left in left.items() if is_left)
 
     @property
     def height_ahead(self) -> float | None:
@@ -177,10 +200,14 @@ def _in_precision(numerics: Numerics, precision: Precision) -> Numerics:
 
 
 @once(256)
-def _stop_rule(stated: Stop, precise: tuple[float, float] | None = None, *, fed: bool = False) -> StopRule:
-    """The rule that a study states; of beds that are fed, with the error and the start of the window where the flow
-    rate is to be known."""
-    stop = StopRule.model_validate(stated.model_dump())
+def _stop_rule(
+    stated: Stop, scale: float, least: float, precise: tuple[float, float] | None = None, *, fed: bool = False
+) -> StopRule:
+    """The rule that a study states, with multiples of `scale`, sqrt(d*/g) [s], where it leaves times out, but no end
+    before `least` [s]; of beds that are fed, with the error and the start of the window where the flow rate is to be
+    known."""
+    usual: dict[str, Any] = {"max_time": max(LONGEST * scale, least), "stall": STALL * scale}
+    stop = StopRule.model_validate(usual | {key: v for key, v in stated.model_dump().items() if v is not None})
     if not fed:
         return stop
     until = None if precise is None else Precise(flow_rate=precise[0], start=precise[1])

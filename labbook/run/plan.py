@@ -370,7 +370,13 @@ class Planner:
             return "missing", f"cannot be read: {entry.problem}"
         shared = demand.shared
         lacks = shortfall(
-            entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names, demand.recording
+            entry.outcome,
+            entry.coverage,
+            shared.stop,
+            demand.guards,
+            shared.probe_names,
+            demand.recording,
+            shared.unstated,
         )
         return ("partial", lacks) if lacks else ("done", entry.outcome)
 

@@ -44,6 +44,10 @@ _MANY = 10_000  # grains that take a while to place
 _WRONG = 1.5  # a forecast of replicates that is off by this factor is told
 
 
+_BEFORE_STEPS = ("placing", "compiling", "preparing")
+_NOTABLE = 0.05  # part of the wall time that went into preparing, from which on it is told
+
+
 @dataclass(frozen=True)
 class Summary:
     """What came of one `labbook run`."""
@@ -63,6 +67,8 @@ class Summary:
     the process, unless it is ended by `os._exit`."""
     holds: Callable[[Demand], bool] = everything
     """Whether a run belongs to the part that was asked for; it is these that are counted."""
+    preparing: float = 0.0
+    """Wall time [s] in which no job took steps, since all waited for kernels or for grains to be placed."""
 
     @property
     def done(self) -> int:
@@ -108,11 +114,14 @@ class Summary:
         tally, outcomes = self.tally, Counter(self.tally.ran.values())
         lines = [f"{self.done} of {self.asked} runs done"]
         if tally.ran or tally.packings:
-            rate = self.work_done / self.wall_time
+            stepping = self.wall_time - self.preparing
             what = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "none ended"
             made = f"{tally.packings} packing{'' if tally.packings == 1 else 's'}"
             lines[0] += f"; now: {what}; {made}; {duration(self.wall_time)}"
-            lines[0] += f", {rate / 1e6:.2f} M grain-steps/s"
+            if stepping > 0:
+                apart = f" without {duration(self.preparing)} of compiling"
+                lines[0] += f", {self.work_done / stepping / 1e6:.2f} M grain-steps/s"
+                lines[0] += apart if self.preparing > max(1.0, _NOTABLE * self.wall_time) else ""
         if tally.resumed:
             lines.append(f"{tally.resumed} continued from a checkpoint")
         for point in self.points:
@@ -248,7 +257,8 @@ class Runner:
         wall = time.perf_counter() - begun
         problems, work = tuple(index.found.problems), self._meter.work
         left = self._left_behind
-        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, left, holds)
+        preparing = self._meter.preparing
+        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, left, holds, preparing)
 
     def _brought(self, index: Index, base: Lab) -> Plan:
         """What is lacking in `base`; of what this process is to do, what `base` has of it is brought here."""
@@ -404,8 +414,7 @@ class Runner:
         board = self._board
         done, asked = board.runs()
         going = (*beginning, *self._going())
-        if all(one.phase in ("placing", "compiling", "preparing") for one in going):
-            self._meter.restart()
+        self._meter.look(idle=bool(going) and all(one.phase in _BEFORE_STEPS for one in going))
         view = View(
             runs_done=done,
             runs_asked=asked,
