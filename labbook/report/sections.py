@@ -16,7 +16,7 @@ from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, span
 
 
 def series_sections(results: Results, folder: Path) -> list[Section]:
@@ -117,7 +117,7 @@ def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, wher
         return []
     figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
     alt = f"acceleration against height{where}"
-    after = display.span((result.interval for result, _ in found), "ms", 1e3)
+    after = span((result.interval for result, _ in found), "ms", 1e3)
     return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION.format(after))]
 
 

@@ -16,7 +16,7 @@ from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import CLOSE, Comparison
 from labbook.results.series import Series
 from labbook.results.study import Results
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, span
 from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
 
@@ -334,7 +334,7 @@ def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> T
         shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
         cells.append((result.label, *shown, str(means["stagnant_fraction"].n)))
     headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
-    layer = display.span((result.layer for result, _ in rows), "mm", 1e3)
+    layer = span((result.layer for result, _ in rows), "mm", 1e3)
     told = [
         _ORIFICE.format(layer),
         *(meaning for name, meaning in _OF_ORIFICE.items() if name in names),

@@ -1,7 +1,7 @@
 """Numbers and keys as people read them: millimetres, degrees, g/s; no more digits than the error allows."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -143,12 +143,6 @@ def with_error(value: float, error: float, scale: float = 1.0) -> str:
     if not math.isfinite(error):
         return number(value, None, scale)
     return f"{number(value, error, scale)} ± {number(error, error, scale)}"
-
-
-def span(values: Iterable[float], unit: str, scale: float = 1.0) -> str:
-    """The range of some values, times `scale`, in `unit`: `50 ms`, or `20 to 50 ms`."""
-    shown = [f"{scale * value:.3g}" for value in sorted(values)]
-    return f"{' to '.join(dict.fromkeys((shown[0], shown[-1])))} {unit}"
 
 
 def _minus(text: str) -> str:

@@ -21,7 +21,7 @@ from labbook.measure.measure import window_in_words
 from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, stopping_rule
 from labbook.run.progress import duration, size
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, span
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Point, Study
 
@@ -161,6 +161,7 @@ class Plan:
             lines += self._chosen()
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
+        lines += self._ends()
         if self.pilot is not None and self.pilot.todo and self.pilot.forecast is not None:
             runs = f"{len(self.pilot.todo)} run{'' if len(self.pilot.todo) == 1 else 's'}"
             lines.append(f"Before that, the pilot: {runs}, {self.pilot._cost(self.pilot.forecast)}")
@@ -171,6 +172,18 @@ class Plan:
                 cached = f"Of that about {duration(ahead.compiling)} for compiling {ahead.sets} {sets}"
                 lines.append(f"{cached}, unless it is cached")
         return lines + [f"Warning: {line}" for line in self.warnings]
+
+    def _ends(self) -> list[str]:
+        """When runs end, by the times that the study leaves to labbook."""
+        stops, stated = [point.shared.stop for point in self.points], self.study.stop
+        said = []
+        if stated.stall is None and any(point.shared.scene.container.outlet_plane is not None for point in self.points):
+            said.append(f"{span([stop.stall for stop in stops], 's')} after the last grain, as clogged (stop.stall)")
+        if stated.max_time is None:
+            said.append(
+                f"at the latest {span([stop.max_time for stop in stops], 's')} after the opening (stop.max_time)"
+            )
+        return [f"Runs end {'; '.join(said)}"] if said else []
 
     def _cost(self, ahead: Forecast) -> str:
         making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"

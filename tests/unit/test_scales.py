@@ -9,17 +9,22 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from toy_similar import D, G, Similar, asked
 
 from labbook.backend.numerics import Numerics
-from labbook.backend.probes import Contacts, Ledger, Sample, Slab, Zone
+from labbook.backend.probes import Contacts, Ledger, Sample, Slab, Zone, describe_probe
 from labbook.filling.placing import STARTS
+from labbook.lab.evaluations import expected, path_of
+from labbook.lab.records import Observe
 from labbook.measure import MEASURES, Measure, MeasureError, RunData, scales
 from labbook.measure.recorded import FlowMoments, FlowPattern, FreeFall, instant
+from labbook.run.coverage import unobserved
 from labbook.run.demand import PointDemand
 from labbook.scene import CylinderSilo, LinearSpringDashpot, Packing, Scene, Spheres, Spherocylinders, WedgeHopper
 from labbook.scene.timescales import gravity_time
@@ -186,7 +191,7 @@ def test_observations_of_similar_scenes_are_similar(by):
         assert list(map(type, one)) == list(map(type, two))
         for a, b in zip(one, two, strict=True):
             if isinstance(a, Sample | Slab | Zone | Contacts | Ledger):
-                assert a.every == b.every
+                assert b.every == a.every  # pyright: ignore[reportAttributeAccessIssue]
             if isinstance(a, Zone):
                 assert isinstance(b, Zone)
                 assert a.again == b.again
@@ -270,3 +275,42 @@ def test_the_page_of_keys_shows_the_multiples():
     assert shown["window.gap"] == f"{scales.GAP:g} √(d*/g)"
     assert shown["window.layer"] == f"{scales.LAYER:g} d*"
     assert shown["numerics.speed_limit"] == f"{FALLS:g} √(2 g H)"
+
+
+PONGO = sorted((Path(__file__).parents[2] / "studies").glob("pongo2022-*.yaml"))
+
+
+@pytest.mark.parametrize("file", PONGO, ids=lambda file: file.stem)
+def test_the_studies_of_pongo_state_the_times_and_lengths_of_the_paper(file):
+    stated = Window.model_validate(yaml.safe_load(file.read_text())["window"], context={"units": "required"})
+    assert (stated.gap, stated.moment, stated.interval, stated.layer) == (1.0, 1.0, 0.05, 0.01)
+
+
+def test_observations_of_pongos_older_runs_are_those_that_the_studies_ask_for():
+    """Their zones were rounded up to 5 mm: at D = 60 mm a radius of 30 + 20 mm, from -20 to 10 + 20 mm, and 25 mm wide
+    up to two widths of the outlet. Of 2.92 s that a window takes there was a pair of frames every sixteenth, rounded to
+    0.18 s, and contacts every fifth, rounded to 0.6 s."""
+    rods = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=10_000)
+    container = CylinderSilo(diameter=0.19, height=0.6, orifice=0.06)
+    scene = silo(Similar(1.0, 1.0)).model_copy(update={"grains": rods, "container": container, "gravity": 9.8})
+    window = Window(start=0.15, end=0.6, gap=1.0, moment=1.0, interval=0.05, layer=0.01)
+    numerics = Numerics(dt=1e-6)
+    (_, zone), (_, _, contacts) = (MEASURES[n].observed(scene, numerics, window) for n in ("orifice", "contact_stress"))
+    older = [Zone(0.05, -0.02, 0.03, 0.025, 0.12, every=180, again=50), Contacts(every=600)]
+    assert not unobserved(map(describe_probe, (zone, contacts)), map(describe_probe, older))
+    assert isinstance(zone, Zone)
+    assert zone.again == 50
+    low = replace(older[0], high=0.02)
+    assert unobserved([describe_probe(zone)], [describe_probe(low)]), "it does not reach high enough"
+    apart = replace(older[0], again=100)
+    assert unobserved([describe_probe(zone)], [describe_probe(apart)]), "its frames are too far apart"
+
+
+def test_evaluations_by_other_times_are_kept_apart(tmp_path):
+    measure = MEASURES["flow_rate"]
+    paths = {path_of(tmp_path, measure, Window(start=0.15, end=0.6, gap=gap)) for gap in (None, 1.0, 2.0)}
+    assert len(paths) == 3
+    plain, stated = (Observe.of(["flow_rate"], Window(start=0.15, end=0.6, gap=gap)) for gap in (None, 1.0))
+    assert expected(plain) != expected(stated)
+    assert "gap" not in plain.model_dump_json(), "records of studies that state none stay as they were"
+    assert Observe.model_validate_json(stated.model_dump_json()) == stated

@@ -12,12 +12,11 @@ from labbook.papers.pongo2022.rotation import FLOW, Rotation, aspect_ratio, rota
 from labbook.report.blocks import Picture, Prose, Section, picture
 from labbook.report.figures.pattern import flow_patterns as draw_patterns
 from labbook.report.sections import PATTERNS
-from labbook.results import display
 from labbook.results.points import PointResult
 from labbook.results.recorded import Flowing, acceleration, flow_patterns, moments
 from labbook.results.series import Series
 from labbook.results.study import Results
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, span
 from labbook.stats import Pooled
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
@@ -48,7 +47,7 @@ def turning_sections(results: Results, folder: Path) -> list[Section]:
     pictures, lacking = pictures + shown, lacking + without
     if any(one.has(name) for one in curves for name in _MEANS):
         figure = figures.above_orifice([one for one in curves if any(map(one.has, _MEANS))])
-        above = display.span((point.layer for one in curves for point in one.points), "mm", 1e3)
+        above = span((point.layer for one in curves for point in one.points), "mm", 1e3)
         caption = f"{_ORIFICE.format(above)}{_hollow(curves)}"
         pictures.append(picture(figure, folder / "rotation-orifice", "means above the orifice against f", caption))
     else:
@@ -56,7 +55,7 @@ def turning_sections(results: Results, folder: Path) -> list[Section]:
     fallen = _falls(curves)
     if fallen:
         figure = figures.acceleration_against_rotation(fallen, curves[0].points[0].point.scene.gravity)
-        caption = _FALL.format(display.span((point.interval for one in curves for point in one.points), "ms", 1e3))
+        caption = _FALL.format(span((point.interval for one in curves for point in one.points), "ms", 1e3))
         pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", caption))
     else:
         lacking.append(_lacks("Accelerations", results, curves))
