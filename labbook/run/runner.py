@@ -119,7 +119,7 @@ class Summary:
             made = f"{tally.packings} packing{'' if tally.packings == 1 else 's'}"
             lines[0] += f"; now: {what}; {made}; {duration(self.wall_time)}"
             if stepping > 0:
-                apart = f" without {duration(self.preparing)} of compiling"
+                apart = f" without {duration(self.preparing)} of compiling and loading kernels"
                 lines[0] += f", {self.work_done / stepping / 1e6:.2f} M grain-steps/s"
                 lines[0] += apart if self.preparing > max(1.0, _NOTABLE * self.wall_time) else ""
         if tally.resumed:

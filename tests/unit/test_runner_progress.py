@@ -31,7 +31,7 @@ SETTLING = ("settling: 3e-4 of m g d, rests below 1e-6", "0.31 of 60 s")
 def test_the_rate_at_the_end_leaves_compiling_out():
     tally = Tally(ran={"a": "finished"})
     summary = Summary(tally, (), False, 100.0, 2e8, (), preparing=80.0)
-    assert summary.lines()[0].endswith("10.00 M grain-steps/s without 80 s of compiling")
+    assert summary.lines()[0].endswith("10.00 M grain-steps/s without 80 s of compiling and loading kernels")
     quick = Summary(tally, (), False, 100.0, 2e8, (), preparing=0.2)
     assert quick.lines()[0].endswith(", 2.00 M grain-steps/s")
 
