@@ -126,7 +126,7 @@ def _row(study: Study, demand: Demand, keys: dict[str, str], version: int) -> di
     }
     known = {"study": study.name, "label": demand.point.label, "seed": demand.seed, "backend": "numba", "device": "cpu"}
     named = {f"{name}_key": key for name, key in keys.items()}
-    blank = {column.key: None if column.default is None else column.default.arg for column in runs.columns}
+    blank = {column.key: getattr(column.default, "arg", None) for column in runs.columns}
     return {**blank, **told, **known, **named, "cache_version": version, "coverage": coverage.model_dump_json()}
 
 

@@ -26,7 +26,8 @@ class Numerics(Model):
     stiffness_scale: Annotated[Ratio, Field(gt=0)] = 1.0
     """Factor on all stiffnesses of the study."""
     speed_limit: Annotated[Speed, Field(gt=0)] = 100.0
-    """Abort the run if any grain is faster than this."""
+    """Abort the run if any grain is faster than this. If a study leaves it out, H is the height of the container, or of
+    the column in which grains start, if that is higher."""
     overlap_limit: Annotated[Ratio, Field(gt=0, le=1)] = 0.25
     """Abort the run if any overlap exceeds this fraction of the grain diameter."""
 

@@ -79,7 +79,12 @@ def plain(plan: "Plan", ahead: "Forecast") -> dict[str, Any]:
             for item in plan.items
         ],
         "packings_missing": len(plan.fillings),
-        "recorded": None if record is None else {"every_seconds": record.every, "replicates": record.replicates},
+        "recorded": None
+        if record is None
+        else {
+            "every_seconds": sorted({point.shared.frame_interval or 0.0 for point in plan.points}),
+            "replicates": record.replicates,
+        },
         "replicates": {"first": plan.rule.first, "cap": plan.rule.cap, "tolerance": plan.rule.tolerance},
         "forecast": {
             "seconds": ahead.seconds,

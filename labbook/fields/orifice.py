@@ -7,19 +7,18 @@ import numpy as np
 from labbook.fields.fields import Fields, nematic_order
 from labbook.fields.grids import Layer, Ring
 
-HEIGHT = 0.01
-"""Height [m] of the volume above the orifice."""
 
-
-def orifice_means(fields: Fields, width: float, *, centre: float = 0.0, bottom: float = 0.0) -> Mapping[str, float]:
+def orifice_means(
+    fields: Fields, width: float, height: float, *, centre: float = 0.0, bottom: float = 0.0
+) -> Mapping[str, float]:
     """Means, weighted by the packing fraction, over the points above an orifice of diameter or width `width` [m].
 
-    The volume is a cylinder about the axis on a Ring, a box about x = `centre` on a Layer, HEIGHT high from `bottom`
-    [m]. Gives `packing_fraction` (its mean over the volume), `v_z` [m/s], `kinetic_pressure` [Pa] and, of rods,
-    `O_zz`, `O_rr`, `O_tt` (on a Layer `O_xx`, `O_yy`) and `S`, the largest eigenvalue of the averaged tensor. Raises
-    ValueError if no point of the grid lies there, or on another grid.
+    The volume is a cylinder about the axis on a Ring, a box about x = `centre` on a Layer, `height` [m] high from
+    `bottom` [m]. Gives `packing_fraction` (its mean over the volume), `v_z` [m/s], `kinetic_pressure` [Pa] and, of
+    rods, `O_zz`, `O_rr`, `O_tt` (on a Layer `O_xx`, `O_yy`) and `S`, the largest eigenvalue of the averaged tensor.
+    Raises ValueError if no point of the grid lies there, or on another grid.
     """
-    within, weight = _above(fields, width, centre, bottom)
+    within, weight = _above(fields, width, height, centre, bottom)
     numbers = {
         "packing_fraction": float(weight.sum() / fields.grid.volumes[within].sum()),
         "v_z": _mean(fields.velocity[2], within, weight),
@@ -33,25 +32,25 @@ def orifice_means(fields: Fields, width: float, *, centre: float = 0.0, bottom: 
     return {name: float(value) for name, value in numbers.items()}
 
 
-def orifice_mean(fields: Fields, of: np.ndarray, width: float, *, bottom: float = 0.0) -> np.ndarray:
+def orifice_mean(fields: Fields, of: np.ndarray, width: float, height: float, *, bottom: float = 0.0) -> np.ndarray:
     """Mean of another field `of`, scalars or tensors [..., grid], over the same points and with the same weight, about
     x = 0 on a Layer."""
-    return _mean(of, *_above(fields, width, 0.0, bottom))
+    return _mean(of, *_above(fields, width, height, 0.0, bottom))
 
 
 def _mean(of: np.ndarray, within: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.where(weight > 0, of[..., within], 0.0) @ weight / weight.sum()
 
 
-def _above(fields: Fields, width: float, centre: float, bottom: float) -> tuple[np.ndarray, np.ndarray]:
+def _above(fields: Fields, width: float, height: float, centre: float, bottom: float) -> tuple[np.ndarray, np.ndarray]:
     """Points above the orifice, and their weights: volumes times packing fractions."""
     grid = fields.grid
     if isinstance(grid, Ring):
         r, z = grid.points
-        within = (r[:, None] <= width / 2) & (z >= bottom) & (z <= bottom + HEIGHT)
+        within = (r[:, None] <= width / 2) & (z >= bottom) & (z <= bottom + height)
     elif isinstance(grid, Layer):
         z, x = grid.points
-        within = (abs(x - centre) <= width / 2) & ((z >= bottom) & (z <= bottom + HEIGHT))[:, None]
+        within = (abs(x - centre) <= width / 2) & ((z >= bottom) & (z <= bottom + height))[:, None]
     else:
         raise ValueError("means above an orifice are taken on a ring or a layer")
     if not within.any():

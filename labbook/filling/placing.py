@@ -164,6 +164,15 @@ STARTS: Registry[Start] = Registry[Start]("labbook.starts", Start, (Rain(), Gas(
 """What `fill.kind` can name."""
 
 
+def column(scene: Scene, kind: str = Rain.name) -> float:
+    """Height [m] of the column in which grains start, as the start called `kind` has it, over the widest section of the
+    container. For planning: above a cone or a wedge the column is higher."""
+    sizes = vars(scene.container)
+    wide = sizes.get("width") or sizes.get("diameter") or 10 * scene.grains.diameter
+    deep = sizes.get("thickness") or sizes.get("depth") or wide
+    return STARTS[kind].volume(scene) / (wide * deep)
+
+
 def place(closed: Scene, kind: str, seed: int) -> Packing:
     """Grains of `closed` as the start called `kind` places them."""
     return STARTS[kind].place(closed, seed)

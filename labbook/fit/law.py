@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -34,6 +34,9 @@ class Context:
     def unit_flow(self) -> float:
         """Mass flow rate of sqrt(g/d) grains per second [kg/s]."""
         return self.grain_mass * math.sqrt(self.g / self.d)
+
+
+_EXAMPLE = Context(d=1e-3, rho_p=1.0, rho_b=1.0, Z=1e-3, g=9.81)
 
 
 @dataclass(frozen=True)
@@ -117,8 +120,13 @@ class Law(ABC):
     @property
     def parameters(self) -> Mapping[str, Reported]:
         """What may be reported, by name: of a slot with a measured packing fraction."""
-        example = Context(d=1e-3, rho_p=1.0, rho_b=1.0, Z=1e-3, g=9.81)
-        return {one.name: one for one in self.reported(example)}
+        return {one.name: one for one in self.reported(_EXAMPLE)}
+
+    @property
+    def of_bulk(self) -> tuple[str, ...]:
+        """Symbols of the parameters that need the bulk density, and so a measured packing fraction."""
+        without = {one.name for one in self.reported(replace(_EXAMPLE, rho_b=None))}
+        return tuple(one.symbol for name, one in self.parameters.items() if name not in without)
 
     def flow(self, D: np.ndarray, free: np.ndarray, context: Context) -> np.ndarray:
         """W [kg/s] at the orifices D [m], shape [n]."""

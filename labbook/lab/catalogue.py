@@ -31,7 +31,7 @@ from labbook.lab.packings import read_packing
 from labbook.lab.records import UNREADABLE, Coverage, Ending, RunRecord, Unreadable
 from labbook.lab.runs import open_run
 from labbook.lab.suspect import suspicion
-from labbook.measure import Window
+from labbook.measure import Window, scales
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -297,7 +297,7 @@ class Catalogue:
         those by its newest version."""
         query = select(measurements).order_by(measurements.c.run_key, measurements.c.quantity)
         found = self._frame(query if run_key is None else query.where(measurements.c.run_key == run_key))
-        one = ["run_key", "measure", "window_start", "window_end", "window_timed"]
+        one = ["run_key", "measure", "window_start", "window_end", "window_timed", "window_scales"]
         older = found["version"].to_numpy() < found.groupby(one)["version"].transform("max").to_numpy()
         return found.drop(index=found.index[older]).reset_index(drop=True)
 
@@ -310,6 +310,7 @@ class Catalogue:
             measurements.c.window_start == window.start,
             measurements.c.window_end == window.end,
             measurements.c.window_timed == window.timed,
+            measurements.c.window_scales == scales.in_text(window),
         )
         names = [column.key for column in measurements.columns]
         with self._asking() as connection:
@@ -332,6 +333,7 @@ class Catalogue:
             measurements.c.window_start == window.start,
             measurements.c.window_end == window.end,
             measurements.c.window_timed == window.timed,
+            measurements.c.window_scales == scales.in_text(window),
             measurements.c.value.is_not(None),
         )
         if not suspects:

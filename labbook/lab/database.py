@@ -47,7 +47,7 @@ from labbook.lab import server
 from labbook.lab.folder import DiskFull, Lab, LabError, file_system, is_network, remove
 from labbook.lab.server import BUSY
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 
 metadata = MetaData()
 
@@ -127,6 +127,7 @@ measurements = Table(
     Column("window_start", Float, primary_key=True),
     Column("window_end", Float, primary_key=True),
     Column("window_timed", Boolean, primary_key=True),
+    Column("window_scales", _NAME, primary_key=True),
     Column("measure", _NAME, nullable=False),
     Column("value", Float),
     Column("error", Float),
@@ -137,8 +138,8 @@ measurements = Table(
     Column("note", _NAME, nullable=False),
 )
 """What was measured in a run, by version of the measure and by window (fractions of the initial mass
-discharged, or times). A measure that gives nothing, or that failed, leaves a row with its own name as quantity, no
-value, and a note."""
+discharged, or times); `window_scales`: what the window states of `labbook.measure.scales`. A measure that gives
+nothing, or that failed, leaves a row with its own name as quantity, no value, and a note."""
 
 _CHUNK = 500
 """Keys in one query, well below SQLite's limit on variables."""

@@ -24,7 +24,7 @@ from labbook.lab.identity import scene_key
 from labbook.lab.records import Observe, RunRecord, Unreadable
 from labbook.lab.runs import open_run, read_recording, run_data
 from labbook.lab.tables import read_table, write_table
-from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window
+from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window, scales
 from labbook.measure.packing import PackingStructure
 from labbook.scene import Scene
 from labbook.scene.packing import Packing
@@ -64,7 +64,8 @@ class Evaluated:
 def path_of(folder: Path, measure: Measure, window: Window) -> Path:
     """Where the evaluation of the run in `folder` is kept."""
     unit = "s" if window.timed else ""
-    return folder / f"{EVALUATION}{measure.name}-{measure.version}-{window.start!r}-{window.end!r}{unit}.npz"
+    stated = "".join(f"-{part}" for part in scales.in_text(window).split())
+    return folder / f"{EVALUATION}{measure.name}-{measure.version}-{window.start!r}-{window.end!r}{unit}{stated}.npz"
 
 
 def evaluated(folder: Path, measure: Measure, window: Window, data: Callable[[], RunData]) -> Evaluated:
@@ -248,9 +249,10 @@ def wanted(observe: Observe) -> list[Measure]:
     return [MEASURES[name] for name in dict.fromkeys(observe.measure) if name in MEASURES]
 
 
-def expected(observe: Observe) -> set[tuple[str, int, float, float, bool]]:
+def expected(observe: Observe) -> set[tuple[str, int, float, float, bool, str]]:
     """(measure, version, window) of what should have been measured."""
-    return {(measure.name, measure.version, observe.start, observe.end, observe.timed) for measure in wanted(observe)}
+    window = (observe.start, observe.end, observe.timed, scales.in_text(observe))
+    return {(measure.name, measure.version, *window) for measure in wanted(observe)}
 
 
 def derive(folder: Path, observe: Observe, data: Callable[[], RunData]) -> list[dict[str, Any]]:
@@ -276,6 +278,7 @@ def rows_of(run_key: str, measure: Measure, window: Window, found: Evaluated) ->
         "window_start": window.start,
         "window_end": window.end,
         "window_timed": window.timed,
+        "window_scales": scales.in_text(window),
         "measure": measure.name,
     }
     numbers = (vars(one) for one in found.evaluation.numbers)

@@ -241,7 +241,7 @@ class Index:
 
     def _measured(self, run_keys: list[str]) -> dict[str, set[tuple[Any, ...]]]:
         """(measure, version, window) of what is there, by run."""
-        names = ("run_key", "measure", "version", "window_start", "window_end", "window_timed")
+        names = ("run_key", "measure", "version", "window_start", "window_end", "window_timed", "window_scales")
         query = select(*(measurements.c[name] for name in names)).distinct()
         found: dict[str, set[tuple[Any, ...]]] = {key: set() for key in run_keys}
         with self._asking() as connection:

@@ -24,7 +24,7 @@ from typing_extensions import TypedDict
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import parse_probe
 from labbook.lab.folder import open_file, write_bytes
-from labbook.measure import Window
+from labbook.measure import Window, scales
 from labbook.scene import Scene
 from labbook.study.schema import names_a_study
 
@@ -49,6 +49,8 @@ Measure = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 """A time, a length or a fraction."""
 Text = Annotated[str, AfterValidator(_without_nul)]
 """A line for people, as every database can keep it."""
+Stated = Annotated[Measure | None, Field(exclude_if=lambda stated: stated is None)]
+"""The same where a study may state it; None, and left out of what is stored, where it does not."""
 RunKey = Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")]
 StoredVersions = Annotated[
     dict[Text, Annotated[int, Field(gt=1, lt=2**31)]], Field(exclude_if=lambda versions: not versions)
@@ -350,18 +352,24 @@ class Failure(Part):
 
 
 class Observe(Part):
-    """What is measured, over which fractions of the initial mass discharged; `timed`: over which times [s]."""
+    """What is measured, over which fractions of the initial mass discharged; `timed`: over which times [s]. The others:
+    what the window states of `labbook.measure.scales`."""
 
     measure: tuple[str, ...]
     start: float
     end: float
     # where there is none it is left out of what is stored
     timed: Annotated[bool, Field(exclude_if=lambda timed: not timed)] = False
+    gap: Stated = None
+    moment: Stated = None
+    interval: Stated = None
+    layer: Stated = None
 
     @classmethod
     def of(cls, measure: Iterable[str], window: Window) -> "Observe":
         """These measures, within a window."""
-        return cls(measure=tuple(measure), start=window.start, end=window.end, timed=window.timed)
+        stated = {key: getattr(window, key, None) for key in scales.KEYS}
+        return cls(measure=tuple(measure), start=window.start, end=window.end, timed=window.timed, **stated)
 
 
 class RunRecord(Record):

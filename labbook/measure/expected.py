@@ -4,6 +4,7 @@ import math
 
 from labbook.backend.numerics import Numerics
 from labbook.scene import Scene, Silo, WedgeHopper
+from labbook.scene.timescales import gravity_time
 
 FLOW = (0.58, 1.5)
 """C (normalised by the density of the grains) and k of W = C rho sqrt(g) (D - k d)^{3/2} Z (Fan et al.
@@ -26,7 +27,13 @@ def window_time(scene: Scene) -> float:
     return 0.45 * scene.grains.count * scene.grains.mass / flow if flow > 0 else math.inf
 
 
-def beats_of(time: float, numerics: Numerics, digits: int = 2) -> int:
-    """Whole beats in `time` [s] rounded to so many digits, at least one: scenes that are nearly alike are then observed
-    on the same beats, and can share an ensemble."""
-    return max(1, round(float(f"{time:.{digits}g}") / numerics.beat))
+def rounded(time: float, scene: Scene, digits: int) -> float:
+    """A `time` [s] that is rounded to so many digits in units of sqrt(d*/g): scenes that are nearly alike are then
+    observed on the same beats, and can share an ensemble."""
+    scale = gravity_time(scene)
+    return float(f"{time / scale:.{digits}g}") * scale
+
+
+def beats_of(time: float, numerics: Numerics) -> int:
+    """Whole beats in `time` [s], at least one."""
+    return max(1, round(time / numerics.beat))

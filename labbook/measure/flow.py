@@ -20,8 +20,8 @@ from labbook.measure.measure import (
     while_flowing,
     window_in_words,
 )
-from labbook.measure.series import crossings, flow_series, mean_mass
-from labbook.measure.steady import BLOCKS, GAP, TOO_FEW, SteadyFlow, steady_flow, too_few
+from labbook.measure.series import flow_series, mean_mass
+from labbook.measure.steady import BLOCKS, TOO_FEW, SteadyFlow, outflow, too_few
 from labbook.scene import Scene
 from labbook.stats import Measured
 
@@ -50,11 +50,11 @@ class FlowRate(Measure):
     """
 
     name = "flow_rate"
-    version = 2
+    version = 3
     declared = (
         *_RATES,
         *map(while_flowing, _RATES),
-        Quantity("gap_time", "time without flow", "s", "sum of the times between grains longer than 1 s", pooled=False),
+        Quantity("gap_time", "time without flow", "s", "sum of the gaps without a grain (window.gap)", pooled=False),
         Quantity(
             "waiting_time", "waiting time", "s", "time since the last grain of a clogged run (censored)", pooled=False
         ),
@@ -72,10 +72,9 @@ class FlowRate(Measure):
         return (Crossing(plane),)
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
-        (times, weights), total = crossings(run), len(run.start)
+        flow, times = outflow(run, window)
         clogged = run.outcome == "clogged"
         suffix = apart(run)
-        flow = steady_flow(times, total, window, weights)
         numbers = _rates(flow, suffix, run, times, window)
         if clogged:
             since = float(times[-1]) if len(times) else 0.0
@@ -181,7 +180,7 @@ def _rates(
         ),
     ]
     if flow.gaps:
-        how = f"times between grains longer than {GAP:g} s"
+        how = f"times between grains longer than {flow.longest:.4g} s"
         numbers.append(Measured("gap_time", flow.gap_time, math.nan, flow.gaps, where, how, "s", note))
     return tuple(numbers)
 

@@ -18,15 +18,15 @@ from labbook.measure.measure import (
     while_flowing,
     window_in_words,
 )
-from labbook.measure.series import crossings
-from labbook.measure.steady import steady_flow
+from labbook.measure.steady import outflow
 from labbook.scene import Scene
+from labbook.scene.timescales import gravity_time
 from labbook.stats import Measured
 
 NAME = "ledger"
 _ROWS = 80
 """Rows within the window, if the outflow is as expected; slower flows have more. A discharge has twice as many."""
-_LONGEST, _CLOSED = 0.1, 0.01  # s between two rows: at most, and where no outflow can be foreseen
+_LONGEST, _CLOSED = 6.0, 0.6  # sqrt(d*/g) between two rows: at most, and where no outflow can be foreseen
 _FEWEST = 8
 """Rows below which there are no means."""
 _OF_WINDOW = (
@@ -58,7 +58,7 @@ class EnergyLedger(Measure):
     """
 
     name = NAME
-    version = 1
+    version = 2
     declared = (
         Quantity("max_overlap", "δ_max/d", "", "largest overlap of any contact in the sampled steps", "%", 100),
         *_OF_WINDOW,
@@ -66,7 +66,9 @@ class EnergyLedger(Measure):
     )
 
     def check(self, scene: Scene) -> None:
-        """Every scene has contacts."""
+        if scene.gravity == 0:
+            reason = "ledger is sampled at a multiple of sqrt(d/g), and there is no gravity"
+            raise MeasureError(reason, "take ledger out of measure, or use a gravity above 0 m/s^2")
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
         return self.declared[:1] if scene.container.outlet_plane is None else self.declared
@@ -90,8 +92,8 @@ class EnergyLedger(Measure):
 
 def _every(scene: Scene, numerics: Numerics) -> int:
     """Beats between two rows: a power of two, so that points of a sweep have few different ones and share ensembles."""
-    foreseen = window_time(scene)
-    interval = min(foreseen / _ROWS, _LONGEST) if math.isfinite(foreseen) else _CLOSED
+    foreseen, scale = window_time(scene), gravity_time(scene)
+    interval = min(foreseen / _ROWS, _LONGEST * scale) if math.isfinite(foreseen) else _CLOSED * scale
     return 2 ** max(0, round(math.log2(interval / numerics.beat)))
 
 
@@ -106,8 +108,7 @@ def _largest(run: RunData, time: np.ndarray, overlap: np.ndarray) -> Measured:
 
 def _of_window(run: RunData, window: Window, arrays: dict[str, np.ndarray]) -> tuple[Measured, ...]:
     kept = apart(run)
-    times, weights = crossings(run)
-    flow = steady_flow(times, len(run.start), window, weights)
+    flow, _ = outflow(run, window)
     time = arrays["time"]
     inside = np.zeros(len(time), bool) if flow is None else (time >= flow.begin) & (time <= flow.end)
     rows = int(inside.sum())

@@ -27,7 +27,10 @@ class MeasureError(ValueError):
 
 class Window(Protocol):
     """Part of a discharge: from the fraction `start` to the fraction `end` of the initial mass discharged; if it is
-    `timed`, from the time `start` to the time `end` after the opening [s]. Of a fed bed `end` is infinite."""
+    `timed`, from the time `start` to the time `end` after the opening [s]. Of a fed bed `end` is infinite.
+
+    It may also have any of `labbook.measure.scales.KEYS`: times and lengths by which the outflow is measured.
+    """
 
     @property
     def start(self) -> float: ...
@@ -128,6 +131,16 @@ class Measure(ABC):
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
         """What a backend must observe, on beats of `numerics`. Raises MeasureError for a scene that this cannot be
         measured in."""
+
+    def observed(self, scene: Scene, numerics: Numerics, window: Window) -> tuple[Probe, ...]:
+        """The probes of a study with this window, which may state more than `scene` and `numerics` tell. By default
+        `probes`."""
+        return self.probes(scene, numerics)
+
+    def foreseen_empty(self, scene: Scene) -> tuple[str, str] | None:
+        """Why it will probably give no number in `scene`, and the remedy; None, the default, if nothing speaks against
+        it. For planning only."""
+        return None
 
     @abstractmethod
     def evaluate(self, run: RunData, window: Window) -> Evaluation:

@@ -1,4 +1,4 @@
-"""Means over the first centimetre above a round outlet, and how far up grains fall freely (Pongo et al. 2022)."""
+"""Means over a layer above a round outlet, and how far up grains fall freely (Pongo et al. 2022)."""
 
 import math
 from collections.abc import Mapping
@@ -9,11 +9,10 @@ from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Crossing, Probe, Zone
 from labbook.fields import Ring, coarse_grain, orifice_means
 from labbook.fields.kernel import CUTOFF
-from labbook.fields.orifice import HEIGHT
 from labbook.measure.acceleration import AccelerationProfile, acceleration_profile
 from labbook.measure.bed import cells, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
-from labbook.measure.expected import beats_of, window_time
+from labbook.measure.expected import beats_of, rounded, window_time
 from labbook.measure.measure import (
     FLOWING,
     Evaluation,
@@ -26,24 +25,20 @@ from labbook.measure.measure import (
     while_flowing,
     window_in_words,
 )
-from labbook.measure.series import crossings
-from labbook.measure.steady import SteadyFlow, in_gap, steady_flow, too_few
+from labbook.measure.scales import interval, layer
+from labbook.measure.steady import SteadyFlow, in_gap, outflow, too_few
 from labbook.scene import Scene
 from labbook.stats import Measured
 
 NAME = "orifice"
-INTERVAL = 0.05
-"""Time [s] between two velocities whose difference is taken for an acceleration (Pongo et al. 2022)."""
 BINS, UP_TO = 16, 2.0
 """Bins of height for accelerations, and the height that they reach in widths of the outlet."""
 _PAIRS = 16
 """Pairs of frames within the window, if the outflow is as expected; slower flows have more."""
-_STEP = 5e-3
-"""Sizes of the zone are multiples of this [m], so that rods of similar size share an ensemble."""
 _FEWEST = 8
 """Frames below which there are no means."""
 _MEANS = (
-    Quantity("orifice_packing_fraction", "⟨φ⟩", "", "packing fraction of the first centimetre above the orifice"),
+    Quantity("orifice_packing_fraction", "⟨φ⟩", "", "packing fraction of the layer above the orifice"),
     Quantity("orifice_v_z", "⟨v_z⟩", "m/s", "vertical velocity in this layer, weighted by φ"),
     Quantity("orifice_kinetic_pressure", "⟨p_k⟩", "Pa", "trace of the kinetic stress in this layer"),
     Quantity("orifice_kinetic_pressure_fine", "⟨p_k⟩ at ω/2", "Pa", "kinetic pressure with a kernel half as wide"),
@@ -66,7 +61,7 @@ _UNITS = {one.name.removeprefix("orifice_"): one.unit for one in _MEANS}
 
 
 class OrificeMeans(Measure):
-    """Means above the orifice, <X> = int X phi dV / int phi dV over a cylinder 1 cm high, and the free fall above it.
+    """Means above the orifice, <X> = int X phi dV / int phi dV over a cylinder above it, and the free fall.
 
     Quantities: `orifice_packing_fraction`, `orifice_v_z` [m/s], `orifice_kinetic_pressure` [Pa] (and with
     `omega` halved, `_fine`: fluctuations of one place count less as motion of another) and, of rods, `orifice_O_zz`,
@@ -78,56 +73,62 @@ class OrificeMeans(Measure):
     its flow rate is. Arrays: those of `AccelerationProfile`, of a run that did not clog.
 
     The frames, in single precision, are of the grains that reach into that cylinder and of a column above the middle:
-    some hundred grains instead of the whole bed. Frames come in pairs 50 ms apart, or evenly where pairs would be too
-    close.
+    some hundred grains instead of the whole bed. Frames come in pairs, `window.interval` apart, or evenly where pairs
+    would be too close. The cylinder is `window.layer` high.
     """
 
     name = NAME
-    version = 2
+    version = 3
     declared = (*_MEANS, *map(while_flowing, _MEANS))
 
     def check(self, scene: Scene) -> None:
         round_silo(scene, NAME)
+        if scene.gravity == 0:
+            raise MeasureError("orifice needs gravity", "take orifice out of measure, or use a gravity above 0 m/s^2")
 
     def quantities(self, scene: Scene) -> tuple[Quantity, ...]:
         rods = scene.grains.half_length > 0
         return tuple(one for one in self.declared if rods or one.name.removesuffix(FLOWING) not in _OF_RODS)
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
-        silo = round_silo(scene, NAME)
-        reach = _rounded_up(CUTOFF * omega_of(scene))
+        return self.observed(scene, numerics)
+
+    def observed(self, scene: Scene, numerics: Numerics, window: Window | None = None) -> tuple[Probe, ...]:
+        self.check(scene)
+        silo, reach = round_silo(scene, NAME), CUTOFF * omega_of(scene)
         R, plane = silo.orifice / 2, silo.outlet_plane
-        core = min(R + reach, _rounded_up(R / 2 + scene.grains.equivalent_diameter))
-        low, high = plane - reach, plane + HEIGHT + reach
-        every, again = _beats(scene, numerics)
+        core = min(R + reach, R / 2 + scene.grains.equivalent_diameter)
+        low, high = plane - reach, plane + layer(scene, window) + reach
+        every, again = _beats(scene, numerics, interval(scene, window))
         top = max(high, plane + UP_TO * silo.orifice)
         return (Crossing(plane), Zone(R + reach, low, high, core, top, every, again))
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         round_silo(run.scene, NAME)
-        flow, times = _steady(run, window)
+        flow, times = outflow(run, window)
+        height = layer(run.scene, window)
         where = window_in_words(window, "grains")
         frames = {} if flow is None else frames_of(run, flow, times)
         count = len(np.unique(frames["step"])) if frames else 0
         clogged = run.outcome == "clogged"
         suffix = apart(run)
-        profile = _profile(run.scene, frames) if count else None
+        profile = _profile(run.scene, frames, interval(run.scene, window)) if count else None
         arrays = {} if profile is None or clogged else packed(profile)
         if flow is None or count < _FEWEST:
             fewer = f"only {count} frames while grains flowed within the window, fewer than {_FEWEST}"
             note = too_few(len(times), len(run.start)) if flow is None else fewer
             none = (math.nan, math.nan, 0, where, "coarse-grained frames", "m/s", note)
             return Evaluation((Measured(f"orifice_v_z{suffix}", *none),), arrays)
-        how = f"{count} frames, coarse-grained; error from seeds only"
-        means = _means(run.scene, frames)
+        how = f"{count} frames, coarse-grained over {height * 1e3:.4g} mm; error from seeds only"
+        means = _means(run.scene, frames, height)
         numbers = [
             Measured(f"orifice_{name}{suffix}", value, math.nan, count, where, how, _UNITS.get(name, ""))
             for name, value in means.items()
         ]
         if profile is not None:
-            height = profile.free_fall_height(run.scene.gravity)
+            fallen = profile.free_fall_height(run.scene.gravity)
             how = f"changes of velocity within {profile.interval * 1e3:.3g} ms"
-            numbers.append(Measured(f"free_fall_height{suffix}", height, math.nan, count, where, how, "m"))
+            numbers.append(Measured(f"free_fall_height{suffix}", fallen, math.nan, count, where, how, "m"))
         return Evaluation(tuple(numbers), arrays)
 
 
@@ -141,59 +142,52 @@ def frames_of(run: RunData, flow: SteadyFlow, times: np.ndarray) -> dict[str, np
     return {name: np.asarray(column)[seen] for name, column in rows.items()}
 
 
-def _steady(run: RunData, window: Window) -> tuple[SteadyFlow | None, np.ndarray]:
-    times, weights = crossings(run)
-    return steady_flow(times, len(run.start), window, weights), times
-
-
-def _means(scene: Scene, frames: dict[str, np.ndarray]) -> dict[str, float]:
+def _means(scene: Scene, frames: dict[str, np.ndarray], height: float) -> dict[str, float]:
     omega = omega_of(scene)
-    means = _seen(scene, frames, omega)
-    means["kinetic_pressure_fine"] = _seen(scene, frames, omega / 2)["kinetic_pressure"]
+    means = _seen(scene, frames, height, omega)
+    means["kinetic_pressure_fine"] = _seen(scene, frames, height, omega / 2)["kinetic_pressure"]
     if "S" in means:
         means["S_of_mean"] = means.pop("S")
-        means["S"] = _mean_order(scene, frames, omega)
+        means["S"] = _mean_order(scene, frames, height, omega)
     return means
 
 
-def _seen(scene: Scene, frames: Mapping[str, np.ndarray], omega: float) -> dict[str, float]:
-    """Means through a kernel of this width [m]."""
+def _seen(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> dict[str, float]:
+    """Means over a layer of this height [m], through a kernel of the width omega [m]."""
     silo = round_silo(scene, NAME)
     R, bottom = silo.orifice / 2, silo.outlet_plane
-    grid = Ring(R, (bottom, bottom + HEIGHT), cells(R, omega / 2), max(4, cells(HEIGHT, omega / 2)))
+    grid = Ring(R, (bottom, bottom + height), cells(R, omega / 2), max(4, cells(height, omega / 2)))
     fields = coarse_grain(grid, omega, grains_between(scene, frames, -math.inf, math.inf))
-    return dict(orifice_means(fields, silo.orifice, bottom=bottom))
+    return dict(orifice_means(fields, silo.orifice, height, bottom=bottom))
 
 
-def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], omega: float) -> float:
+def _mean_order(scene: Scene, frames: Mapping[str, np.ndarray], height: float, omega: float) -> float:
     """Mean over frames of the nematic order of each; frames without a grain there have none."""
     found = []
     for step in np.unique(frames["step"]):
         rows = frames["step"] == step
         try:
-            found.append(_seen(scene, {name: column[rows] for name, column in frames.items()}, omega)["S"])
+            found.append(_seen(scene, {name: column[rows] for name, column in frames.items()}, height, omega)["S"])
         except ValueError:  # no grain is above the orifice
             continue
     return float(np.mean(found)) if found else math.nan
 
 
-def _profile(scene: Scene, frames: dict[str, np.ndarray]) -> AccelerationProfile | None:
+def _profile(scene: Scene, frames: dict[str, np.ndarray], after: float) -> AccelerationProfile | None:
+    """Accelerations from velocities about `after` [s] apart; None if no two frames are."""
     D, plane = round_silo(scene, NAME).orifice, round_silo(scene, NAME).outlet_plane
     edges = plane + np.linspace(0.0, UP_TO * D, BINS + 1)
     try:
-        return acceleration_profile(frames, interval=INTERVAL, radius=D / 4, edges=edges, gravity=scene.gravity)
+        return acceleration_profile(frames, interval=after, radius=D / 4, edges=edges, gravity=scene.gravity)
     except ValueError:
         return None
 
 
-def _beats(scene: Scene, numerics: Numerics) -> tuple[int, int]:
-    """Beats between pairs of frames and within a pair; within is 0 where frames follow each other evenly."""
-    between = min(window_time(scene) / _PAIRS, 10 * INTERVAL)
-    if between < 2 * INTERVAL:
-        return beats_of(min(between / 2, INTERVAL), numerics), 0
-    every, again = beats_of(between, numerics), beats_of(INTERVAL, numerics)
+def _beats(scene: Scene, numerics: Numerics, after: float) -> tuple[int, int]:
+    """Beats between pairs of frames and within a pair, whose frames are `after` [s] apart; within is 0 where frames
+    follow each other evenly."""
+    between = min(rounded(window_time(scene) / _PAIRS, scene, 2), 10 * after)
+    if between < 2 * after:
+        return beats_of(min(between / 2, after), numerics), 0
+    every, again = beats_of(between, numerics), beats_of(after, numerics)
     return every, again if again < every else 0
-
-
-def _rounded_up(length: float) -> float:
-    return math.ceil(length / _STEP - 1e-9) * _STEP

@@ -33,8 +33,8 @@ from labbook.measure.measure import (
     while_flowing,
     window_in_words,
 )
-from labbook.measure.series import crossings, mean_mass
-from labbook.measure.steady import SteadyFlow, gaps, in_gap, steady_flow
+from labbook.measure.series import mean_mass
+from labbook.measure.steady import SteadyFlow, gaps, in_gap, outflow
 from labbook.scene import Scene, WedgeHopper
 from labbook.scene.bodies import Bodies
 from labbook.stats import Measured
@@ -162,8 +162,7 @@ def outlet_profile(run: RunData, window: Window, bins: int = BINS) -> OutletProf
     if "slab" not in run.tables:
         raise MeasureError("outlet_profiles: the run recorded no grains at the outlet; run it again with this measure")
     hopper, bodies = _hopper(run.scene), Bodies.of(run.scene.grains, run.start)
-    times, weights = crossings(run)
-    steady = steady_flow(times, len(run.start), window, weights)
+    steady, times = outflow(run, window)
     if steady is None:
         return None
     slab, frames = run.tables["slab"], _frames(run, steady, times)
@@ -216,7 +215,7 @@ class OutletProfiles(Measure):
     """
 
     name = "outlet_profiles"
-    version = 3
+    version = 4
     declared = (*_MEANS, *map(while_flowing, _MEANS))
 
     def check(self, scene: Scene) -> None:

@@ -1,21 +1,37 @@
 """Packing fraction and order of the packing that a run starts from."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from labbook.backend.numerics import Numerics
 from labbook.backend.probes import Probe
+from labbook.filling.bed import PACKED, bed_height_ahead, discharged_at
 from labbook.measure.clipped import disc_in_rectangle
 from labbook.measure.data import RunData
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window
 from labbook.measure.order import hexatic
-from labbook.measure.region import MARGIN, SMALLEST, Outlines, Region, Ring, bulk, has_bulk, margin_of
+from labbook.measure.region import (
+    MARGIN,
+    SMALLEST,
+    Outlines,
+    Region,
+    Ring,
+    bulk,
+    bulk_below,
+    has_bulk,
+    least_extent,
+    lowest_surface,
+    margin_of,
+)
 from labbook.scene import Grains, Scene
 from labbook.scene.packing import Packing
 from labbook.stats import Measured
 
 _CELLS = 4
+_DENSER = 1.1
+"""Height of a level bed with the packing fraction PACKED over that of the lowest columns of a dense bed, at most."""
 
 
 def packing_fraction(packing: Packing, diameter: float, region: Region | Ring, half_length: float = 0.0) -> float:
@@ -53,7 +69,7 @@ class PackingStructure(Measure):
     """
 
     name = "packing"
-    version = 2
+    version = 3
     declared = (
         Quantity("packing_fraction", "φ", "", "volume of the grains over that of the bulk"),
         Quantity("packing_fraction_2d", "φ in 2D", "", "area of the discs of a layer over that of the bulk"),
@@ -82,7 +98,7 @@ class PackingStructure(Measure):
         d, half = scene.grains.diameter, scene.grains.half_length
         region = bulk(scene, packing)
         where = f"bulk, {_distance(scene.grains)} from walls, bottom and surface: {region}"
-        if region.smaller_than(max(SMALLEST * d, scene.grains.extent)):
+        if region.smaller_than(least_extent(scene.grains)):
             return self._too_small(scene, where)
         cells = region.cells(_CELLS)
         fractions = np.array([packing_fraction(packing, d, cell, half) for cell in cells])
@@ -94,11 +110,44 @@ class PackingStructure(Measure):
             numbers.extend(_order(packing, region, parts, where))
         return tuple(numbers)
 
+    def foreseen_empty(self, scene: Scene) -> tuple[str, str] | None:
+        """That the bulk will be too small: by the rule of the measure, with the height of a level bed."""
+        height = bed_height_ahead(scene) if has_bulk(scene) else None
+        if height is None:
+            return None
+        outlet = scene.container.outlet_plane or 0.0
+        if not bulk_below(scene, outlet + height / _DENSER).smaller_than(least_extent(scene.grains)):
+            return None
+        away = _distance(scene.grains)
+        reason = f"the bulk, {away} from walls, bottom and surface, will be smaller than {_extent(scene.grains)}"
+        level = _DENSER * (lowest_surface(scene) - outlet)
+        high = f"a bed {1e3 * level:.3g} mm high at a packing fraction of {PACKED:g}"
+        enough = scene.grains.count * (1 - (discharged_at(scene, level) or 0.0))
+        step = 10 ** max(0, math.floor(math.log10(enough)) - 1)
+        more = f"{math.ceil(enough / step) * step:.0f} grains or more ({high})"
+        wider = " and ".join(f"container.{key} of {size}" for key, size in _wider(scene))
+        return reason, f"use {f'a {wider}, with {high}' if wider else more}, or take packing out of measure"
+
     def _too_small(self, scene: Scene, where: str) -> tuple[Measured, ...]:
         least = _extent(scene.grains)
         note = f"the bulk is smaller than {least}: use more grains or a wider container"
         none = (math.nan, math.nan, 0, where, "none", "", note)
         return tuple(Measured(one.name, *none) for one in self.quantities(scene))
+
+
+def _wider(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Sizes of the container that leave no bulk however high the bed is, and what they have to be."""
+    least, margin = least_extent(scene.grains), margin_of(scene.grains)
+    region, enough = bulk_below(scene, math.inf), f"{math.ceil(1e4 * (2 * margin + least) - 1e-6) / 10:g} mm or more"
+    if isinstance(region, Ring):
+        if region.smaller_than(least):
+            yield "diameter", enough
+        return
+    if region.size[0] < least * (1 - 1e-9):
+        yield "width", enough
+    if region.size[1] <= 0:
+        key = "thickness" if hasattr(scene.container, "thickness") else "depth"
+        yield key, f"less than 2 d, or more than {2e3 * margin:.3g} mm"
 
 
 def _layer(scene: Scene) -> bool:

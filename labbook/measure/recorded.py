@@ -18,23 +18,23 @@ from labbook.measure.bed import bed_grid, grains_between, omega_of
 from labbook.measure.data import RunData
 from labbook.measure.flow import FlowRate
 from labbook.measure.measure import Evaluation, Measure, MeasureError, Quantity, Window, packed
-from labbook.measure.orifice import BINS, INTERVAL, UP_TO
-from labbook.measure.series import crossings
-from labbook.measure.steady import in_gap, steady_flow
+from labbook.measure.orifice import BINS, UP_TO
+from labbook.measure.scales import interval, layer, moment
+from labbook.measure.steady import in_gap, outflow
 from labbook.scene import Scene, WedgeHopper
 from labbook.stats import Measured
 
 FEWEST = 8
 """Recorded frames within the window below which there is no mean field."""
-_MOMENT = 1.0  # s
 _MOMENTS = 3
 _FEWEST_ABOUT_AN_INSTANT = 4  # frames: means over the azimuth of few already tell maps
 _OF_FRAMES = ("x", "z", "vx", "vz")
 
 
-def instant(window: tuple[float, float]) -> float:
-    """How long [s] a bed is averaged about each instant of a window [s]."""
-    return min(_MOMENT, (window[1] - window[0]) / _MOMENTS)
+def instant(scene: Scene, window: Window, flow: tuple[float, float]) -> float:
+    """How long [s] a bed is averaged about each instant of a `flow` that begins and ends at these times [s]; `window`:
+    what the study states of it."""
+    return min(moment(scene, window), (flow[1] - flow[0]) / _MOMENTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +83,20 @@ class OfRecording(Measure):
 
     def evaluate(self, run: RunData, window: Window) -> Evaluation:
         self.check(run.scene)
-        times, weights = crossings(run)
-        flow = steady_flow(times, len(run.start), window, weights)
+        flow, times = outflow(run, window)
         frames = run.frames() if flow is not None else None
         if flow is None or frames is None:
             return Evaluation()
         flowed = ~in_gap(np.asarray(frames["time"], float), times, flow)
         frames = {name: np.asarray(column)[flowed] for name, column in frames.items()}
-        return self.of(run.scene, frames, (flow.begin, flow.end))
+        return self.of(run.scene, frames, window, (flow.begin, flow.end))
 
     @abstractmethod
-    def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
-        """What recorded frames give within the window [s]; nothing of too few frames."""
+    def of(
+        self, scene: Scene, frames: Mapping[str, np.ndarray], window: Window, times: tuple[float, float]
+    ) -> Evaluation:
+        """What recorded frames give between the instants `times` [s] at which the window begins and ends; nothing of
+        too few frames."""
 
 
 class FlowPattern(OfRecording):
@@ -102,7 +104,7 @@ class FlowPattern(OfRecording):
     part of the bed. Arrays: those of `Bed`."""
 
     name = "flow_pattern"
-    version = 2
+    version = 3
     declared = (
         Quantity("orifice.packing_fraction", "φ", "", "packing fraction above the orifice, of recorded frames"),
         Quantity("orifice.v_z", "v_z", "m/s", "vertical velocity in this layer, weighted by φ"),
@@ -112,14 +114,17 @@ class FlowPattern(OfRecording):
         ),
     )
 
-    def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
-        bed = bed_between(scene, frames, window)
+    def of(
+        self, scene: Scene, frames: Mapping[str, np.ndarray], window: Window, times: tuple[float, float]
+    ) -> Evaluation:
+        bed = bed_between(scene, frames, times)
         if bed is None:
             return Evaluation()
         container = scene.container
         middle = container.eccentricity if isinstance(container, WedgeHopper) else 0.0
         width = float(getattr(container, "orifice", math.nan))
-        means = {**orifice_means(bed.fields, width, centre=middle), "stagnant_fraction": bed.pattern.fraction}
+        above = orifice_means(bed.fields, width, layer(scene, window), centre=middle)
+        means = {**above, "stagnant_fraction": bed.pattern.fraction}
         units = {one.name: one.unit for one in self.declared}
         where, how = f"{bed.window[0]:.4g} s to {bed.window[1]:.4g} s", "recorded frames, coarse-grained"
         numbers = tuple(
@@ -130,17 +135,19 @@ class FlowPattern(OfRecording):
 
 
 class FlowMoments(OfRecording):
-    """The bed within 1 s (a part of the window, if that is shorter) about three instants of the window (Pongo et al.
-    2022, Figs 6 and 7). Arrays: those of `Bed`, by `moment-1` and so on."""
+    """The bed within `window.moment` (a third of the window, if that is shorter) about three instants of the window
+    (Pongo et al. 2022, Figs 6 and 7). Arrays: those of `Bed`, by `moment-1` and so on."""
 
     name = "flow_moments"
-    version = 2
+    version = 3
     declared = ()
 
-    def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
-        begin, end = window
+    def of(
+        self, scene: Scene, frames: Mapping[str, np.ndarray], window: Window, times: tuple[float, float]
+    ) -> Evaluation:
+        begin, end = times
         part = (end - begin) / _MOMENTS
-        half = instant(window) / 2
+        half = instant(scene, window, times) / 2
         arrays = {}
         for number in range(_MOMENTS):
             middle = begin + part * (number + 0.5)
@@ -160,21 +167,23 @@ class FreeFall(OfRecording):
     Arrays: those of `AccelerationProfile`."""
 
     name = "free_fall"
-    version = 2
+    version = 3
     declared = ()
 
-    def of(self, scene: Scene, frames: Mapping[str, np.ndarray], window: tuple[float, float]) -> Evaluation:
+    def of(
+        self, scene: Scene, frames: Mapping[str, np.ndarray], window: Window, times: tuple[float, float]
+    ) -> Evaluation:
         hopper = scene.container if isinstance(scene.container, WedgeHopper) else None
         D = float(getattr(scene.container, "orifice", math.nan))
         try:
             profile = acceleration_profile(
                 frames,
-                interval=INTERVAL,
+                interval=interval(scene, window),
                 radius=D / 4,
                 edges=np.linspace(0.0, UP_TO * D, BINS + 1),
                 gravity=scene.gravity,
-                begin=window[0],
-                end=window[1],
+                begin=times[0],
+                end=times[1],
                 centre=hopper.eccentricity if hopper else 0.0,
                 planar=hopper is not None,
             )

@@ -16,6 +16,8 @@ MARGIN = 3.0
 """Grain diameters between the bulk and walls or surface; at least the length of a rod."""
 SMALLEST = 4.0
 """Extent of the bulk in grain diameters below which it is too small to measure in; at least the length of a rod."""
+_ALMOST = 1 - 1e-9
+"""Part of an extent that counts as the whole of it: containers of 10 d are not narrower by round-off."""
 _COLUMN = 3.0
 _EMPTY = "nothing is left"
 
@@ -76,7 +78,7 @@ class Region:
 
     def smaller_than(self, extent: float) -> bool:
         """Whether it is narrower or lower than `extent` [m]; of a layer the thickness does not count."""
-        return min(self.size[0], self.size[2]) < extent or self.size[1] <= 0
+        return min(self.size[0], self.size[2]) < extent * _ALMOST or self.size[1] <= 0
 
     def cells(self, n: int) -> list["Region"]:
         """n x n equal parts in x and z."""
@@ -126,7 +128,7 @@ class Ring:
 
     def smaller_than(self, extent: float) -> bool:
         """Whether it is narrower or lower than `extent` [m]."""
-        return min(2 * self.outer, self.high - self.low) < extent
+        return min(2 * self.outer, self.high - self.low) < extent * _ALMOST
 
     def cells(self, n: int) -> list["Ring"]:
         """n x n parts of equal volume: rings and heights."""
@@ -166,6 +168,11 @@ def has_bulk(scene: Scene) -> bool:
     return isinstance(scene.container, WedgeHopper | Box | CylinderSilo | ConicalSilo)
 
 
+def least_extent(grains: Grains) -> float:
+    """Extent [m] of the bulk below which it is too small to measure in."""
+    return max(SMALLEST * grains.diameter, grains.extent)
+
+
 def bulk(scene: Scene, packing: Packing) -> Region | Ring:
     """The bulk of `packing`: 3 d (of rods at least their length) from the side walls, above the highest point of the
     bottom and below the surface.
@@ -174,28 +181,55 @@ def bulk(scene: Scene, packing: Packing) -> Region | Ring:
     from them as well. In a round silo it is a cylinder about the axis. The surface is the lowest of the heights of
     columns 3 d wide. Raises MeasureError for containers without known walls.
     """
-    container, d, margin = scene.container, scene.grains.diameter, margin_of(scene.grains)
-    tops = _tops(scene, packing)
+    within = _sides(scene)
+    around = within.width / 2 if within.round else math.inf
+    columns = _columns(scene, within.planar)
+    return bulk_below(
+        scene, _lowest(packing.x, _tops(scene, packing), within.width, within.depth, columns, within.floor, around)
+    )
+
+
+def bulk_below(scene: Scene, surface: float) -> Region | Ring:
+    """The bulk of a bed whose surface is at the height `surface` [m]; as `bulk`."""
+    margin, within = margin_of(scene.grains), _sides(scene)
+    low, top = within.floor + margin, surface - margin
+    if within.round:
+        return Ring(0.0, within.width / 2 - margin, low, top)
+    x = within.width / 2 - margin
+    y = within.depth / 2 if within.planar else within.depth / 2 - margin
+    return Region((-x, -y, low), (x, y, top), within.planar)
+
+
+def lowest_surface(scene: Scene) -> float:
+    """Height [m] that the surface of a bed has at least where its bulk is not too low to measure in."""
+    return _sides(scene).floor + 2 * margin_of(scene.grains) + least_extent(scene.grains)
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Of a container: `width` and `depth` [m] of its widest section, and the highest point of its bottom [m]."""
+
+    width: float
+    depth: float
+    floor: float
+    planar: bool
+    round: bool = False
+
+
+def _sides(scene: Scene) -> _Sides:
+    container, layer = scene.container, 2 * scene.grains.diameter
     if isinstance(container, CylinderSilo | ConicalSilo):
         floor = container.rise if isinstance(container, ConicalSilo) else 0.0
-        radius = container.diameter / 2
-        top = _lowest(packing.x, tops, 2 * radius, 2 * radius, _columns(scene, False), floor, radius)
-        return Ring(0.0, radius - margin, floor + margin, top - margin)
+        return _Sides(container.diameter, container.diameter, floor, False, True)
     if isinstance(container, WedgeHopper):
-        width, depth = container.width, container.thickness
         bottoms = [
             wall.shape for wall in container.walls() if wall.name.startswith("bottom") and isinstance(wall.shape, Strip)
         ]
         floor = max(max(plate.start[1], plate.end[1]) for plate in bottoms)
-    elif isinstance(container, Box):
-        width, depth, floor = container.width, container.depth, 0.0
-    else:
-        raise MeasureError("measure: packing needs a hopper, a silo or a box, whose bulk is known")
-    planar = depth < 2 * d
-    x = width / 2 - margin
-    y = depth / 2 if planar else depth / 2 - margin
-    top = _lowest(packing.x, tops, width, depth, _columns(scene, planar), floor) - margin
-    return Region((-x, -y, floor + margin), (x, y, top), planar)
+        return _Sides(container.width, container.thickness, floor, container.thickness < layer)
+    if isinstance(container, Box):
+        return _Sides(container.width, container.depth, 0.0, container.depth < layer)
+    raise MeasureError("measure: packing needs a hopper, a silo or a box, whose bulk is known")
 
 
 def _tops(scene: Scene, packing: Packing) -> np.ndarray:

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labbook.measure.data import RunData
 from labbook.measure.measure import Window
+from labbook.measure.scales import gap as gap_of
+from labbook.measure.series import crossings
 from labbook.stats.correlation import block_mean, correlated_mean
 from labbook.stats.pooling import student
 from labbook.stats.trend import Trend, trend
 
-GAP = 1.0
-"""s: a longer time without a grain is a gap, left out of the rate and reported (Pongo et al. 2022)."""
 FEWEST = 60
 """Grains in a window below which there is no rate and no trend test."""
 BLOCKS = 12
@@ -31,7 +32,8 @@ class SteadyFlow:
     more than there are where outflow is more regular than chance; `grain_n_effective`: the same of `grain_error`.
     `begin`, `end` [s]; `fraction`: the part of the initial mass discharged at either end. `grain_rate`, `grain_error`:
     the same in grains per second, from the same window; of equal grains they are the same numbers. `heaviest`: what
-    part of the initial mass the heaviest grain is, of those that left.
+    part of the initial mass the heaviest grain is, of those that left. `longest`: the longest time between two grains
+    [s] that is no gap.
     """
 
     rate: float
@@ -49,6 +51,7 @@ class SteadyFlow:
     grains: int
     gaps: int
     gap_time: float
+    longest: float
 
     @property
     def larger_error(self) -> float:
@@ -66,7 +69,7 @@ class SteadyFlow:
 def gaps(times: np.ndarray, flow: SteadyFlow) -> tuple[np.ndarray, np.ndarray]:
     """When gaps without flow begin and end within the window [s], each with a grain; `times` as of `steady_flow`."""
     inside = times[(times >= flow.begin) & (times <= flow.end)]
-    longer = np.diff(inside) > GAP
+    longer = np.diff(inside) > flow.longest
     return inside[:-1][longer], inside[1:][longer]
 
 
@@ -76,12 +79,15 @@ def in_gap(at: np.ndarray, times: np.ndarray, flow: SteadyFlow) -> np.ndarray:
     return np.any([np.zeros(np.shape(at), bool), *((at > before) & (at < after) for before, after in between)], axis=0)
 
 
-def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray | None = None) -> SteadyFlow | None:
+def steady_flow(
+    times: np.ndarray, total: int, window: Window, mass: np.ndarray | None = None, gap: float = math.inf
+) -> SteadyFlow | None:
     """Rate of outflow within a window of the discharge of `total` grains.
 
     `times`: ascending crossing times [s], shape [n]; `mass`: of each, in units of the mean mass at the start (None: all
-    are equal). The window runs from one crossing to another, so that its mass is exact. None if it holds fewer than 60
-    grains: too few for a rate.
+    are equal); `gap` [s]: a longer time without a grain is left out of the rate and reported (Pongo et al. 2022;
+    `labbook.measure.scales.gap`). The window runs from one crossing to another, so that its mass is exact. None if it
+    holds fewer than 60 grains: too few for a rate.
 
     The rate is a ratio of two sums, of masses and of times. Its errors are those of the mean of times between grains,
     of each of which the part that belongs to the grain's mass in excess of the mean is taken off.
@@ -96,7 +102,7 @@ def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray 
     if last - first < FEWEST:
         return None
     waits = np.diff(times[first : last + 1])
-    flowing = waits <= GAP
+    flowing = waits <= gap
     kept, carried = waits[flowing], mass[first + 1 : last + 1][flowing]
     if len(kept) < FEWEST:
         return None
@@ -123,7 +129,17 @@ def steady_flow(times: np.ndarray, total: int, window: Window, mass: np.ndarray 
         grains=n,
         gaps=int((~flowing).sum()),
         gap_time=float(waits[~flowing].sum()),
+        longest=gap,
     )
+
+
+def outflow(run: RunData, window: Window) -> tuple[SteadyFlow | None, np.ndarray]:
+    """The outflow of a run within a window, None of too few grains, and all times [s] at which grains left, shape [n].
+
+    Raises MeasureError if the run recorded no crossings.
+    """
+    times, weights = crossings(run)
+    return steady_flow(times, len(run.start), window, weights, gap_of(run.scene, window)), times
 
 
 def too_few(left: int, total: int) -> str:

@@ -10,7 +10,7 @@ from labbook.backend.probes import Contacts, Crossing, Probe, Sample
 from labbook.fields import Fields, coarse_grain, contacts_of, orifice_mean
 from labbook.measure.bed import bed_grid, grains_between, omega_of, round_silo
 from labbook.measure.data import RunData
-from labbook.measure.expected import beats_of, window_time
+from labbook.measure.expected import beats_of, rounded, window_time
 from labbook.measure.measure import (
     Evaluation,
     Measure,
@@ -21,8 +21,8 @@ from labbook.measure.measure import (
     while_flowing,
     window_in_words,
 )
-from labbook.measure.series import crossings
-from labbook.measure.steady import steady_flow
+from labbook.measure.scales import layer, moment
+from labbook.measure.steady import outflow
 from labbook.scene import Scene
 from labbook.stats import Measured
 
@@ -30,11 +30,10 @@ NAME = "contact_stress"
 _FRAMES = 5
 """Frames within the window, if the outflow is as expected; slower flows have more. Every contact of a bed is recorded,
 some 30 bytes each: means over the azimuth of few frames already tell maps."""
-_LONGEST = 1.0  # s between two frames
 _MOST = 12
 """Frames that are coarse-grained, spread over the window: each contact costs as much as some fifteen grains."""
 _PRESSURES = (
-    Quantity("orifice_contact_pressure", "⟨p_c⟩", "Pa", "contact pressure of the first centimetre above the orifice"),
+    Quantity("orifice_contact_pressure", "⟨p_c⟩", "Pa", "contact pressure of the layer above the orifice"),
     Quantity("bed_contact_pressure", "p_c in the bed", "Pa", "contact pressure of the bed, weighted by density"),
 )
 
@@ -48,14 +47,21 @@ class ContactStress(Measure):
     """
 
     name = NAME
-    version = 1
+    version = 2
     declared = (*_PRESSURES, *map(while_flowing, _PRESSURES))
 
     def check(self, scene: Scene) -> None:
         round_silo(scene, NAME)
+        if scene.gravity == 0:
+            reason = "contact_stress looks at a multiple of sqrt(d/g), and there is no gravity"
+            raise MeasureError(reason, "take contact_stress out of measure, or use a gravity above 0 m/s^2")
 
     def probes(self, scene: Scene, numerics: Numerics) -> tuple[Probe, ...]:
-        every = beats_of(min(window_time(scene) / _FRAMES, _LONGEST), numerics, 1)
+        return self.observed(scene, numerics)
+
+    def observed(self, scene: Scene, numerics: Numerics, window: Window | None = None) -> tuple[Probe, ...]:
+        self.check(scene)
+        every = beats_of(min(rounded(window_time(scene) / _FRAMES, scene, 1), moment(scene, window)), numerics)
         return (
             Crossing(round_silo(scene, NAME).outlet_plane),
             Sample(fields=("x", "v"), every=every),
@@ -76,7 +82,9 @@ class ContactStress(Measure):
         pressure = contact_pressure(fields)
         weight = fields.density * fields.grid.volumes
         means = {
-            "orifice_contact_pressure": float(orifice_mean(fields, pressure, silo.orifice, bottom=silo.outlet_plane)),
+            "orifice_contact_pressure": float(
+                orifice_mean(fields, pressure, silo.orifice, layer(run.scene, window), bottom=silo.outlet_plane)
+            ),
             "bed_contact_pressure": float((pressure * weight).sum() / weight.sum()),
         }
         told = (math.nan, frames, where, how, "Pa")
@@ -96,8 +104,7 @@ def stress_fields(run: RunData, window: Window) -> tuple[Fields, int] | None:
     """
     if not {"sample", "contacts"} <= set(run.tables):
         raise MeasureError("contact_stress: the run recorded no contacts; run it again with this measure")
-    times, weights = crossings(run)
-    flow = steady_flow(times, len(run.start), window, weights)
+    flow, _ = outflow(run, window)
     if flow is None:
         return None
     omega = omega_of(run.scene)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labbook.fields.pattern import SLOW
-from labbook.measure.orifice import INTERVAL
 from labbook.report import figures
 from labbook.report.blocks import Beside, Block, Formula, Picture, Prose, Section, picture
 from labbook.report.figures.flow import drawn
@@ -18,6 +17,7 @@ from labbook.results.recorded import acceleration, flow_patterns, pooled_means
 from labbook.results.reference import at_series
 from labbook.results.series import Series
 from labbook.results.study import Results
+from labbook.scene.quantities import value_range
 
 
 def series_sections(results: Results, folder: Path) -> list[Section]:
@@ -130,7 +130,8 @@ def _acceleration(points: Sequence[PointResult], folder: Path, suffix: str, wher
         return []
     figure = figures.acceleration_against_height(found, found[0][0].point.scene.gravity)
     alt = f"acceleration against height{where}"
-    return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION)]
+    after = value_range((result.interval for result, _ in found), "ms", 1e3)
+    return [picture(figure, folder / f"acceleration{suffix}", alt, _ACCELERATION.format(after))]
 
 
 _POINTS = "Points: pooled mean with its 95 % interval"
@@ -149,7 +150,7 @@ PATTERNS = (
     "Percentages: stagnant part of the bed’s mass."
 )
 _ACCELERATION = (
-    f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms (whole frames), of grains that start at this "
+    "Mean change of the vertical velocity within {} (whole frames), of grains that start at this "
     "height within a quarter of the outlet’s width from its middle, in the window; 1 is free fall. Grains that leave "
     "meanwhile are continued by free fall. Bars: standard errors over grains, a lower bound."
 )

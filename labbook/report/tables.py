@@ -16,7 +16,7 @@ from labbook.results.points import FLOW_RATE, PointResult
 from labbook.results.reference import Comparison
 from labbook.results.series import Series
 from labbook.results.study import Results
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, value_range
 from labbook.stats import Measured, Pooled
 from labbook.stats.equivalence import replicates_needed
 
@@ -350,13 +350,17 @@ def orifice_table(rows: Sequence[tuple[PointResult, Mapping[str, Pooled]]]) -> T
         shown = ("–" if name not in means else _mean(name, means[name]) for name in names)
         cells.append((result.label, *shown, str(means["stagnant_fraction"].n)))
     headings = ("point", *(display.quantity(f"orifice.{name}").heading for name in names), "recorded runs")
-    told = [_ORIFICE, *(meaning for name, meaning in _OF_ORIFICE.items() if name in names)]
+    layer = value_range((result.layer for result, _ in rows), "mm", 1e3)
+    told = [
+        _ORIFICE.format(layer),
+        *(meaning for name, meaning in _OF_ORIFICE.items() if name in names),
+    ]
     alone = any(mean.n < 2 for _, means in rows for mean in means.values())
     more = " Errors need two recorded runs (record.replicates)." if alone else ""
     return Table(headings, tuple(cells), notes=(f"{'; '.join(told)}.{more}",))
 
 
-_ORIFICE = "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window"
+_ORIFICE = "Means over the first {} above the orifice, weighted by the packing fraction, in the window"
 _OF_ORIFICE = {
     "kinetic_pressure": "p_k is the trace of the kinetic stress",
     "S": "S is the largest eigenvalue of the mean orientation tensor",

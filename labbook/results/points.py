@@ -11,7 +11,7 @@ import numpy as np
 
 from labbook import html
 from labbook.fields import Fields
-from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window
+from labbook.measure import MEASURES, Evaluation, Measure, MeasureError, RunData, Window, scales
 from labbook.measure.acceleration import AccelerationProfile
 from labbook.measure.flow import CUT_SHORT, WIDER, FlowRate, Trace, summed_up
 from labbook.measure.orifice import OrificeMeans
@@ -261,6 +261,16 @@ class PointResult:
     def orifice(self) -> float:
         """Width of the outlet [m]; NaN where the container has none."""
         return float(getattr(self.point.scene.container, "orifice", math.nan))
+
+    @property
+    def layer(self) -> float:
+        """Height [m] of the layer above the orifice over which fields are averaged."""
+        return scales.layer(self.point.scene, self.runs[0].window if self.runs else None)
+
+    @property
+    def interval(self) -> float:
+        """Time [s] between two velocities whose difference gives an acceleration."""
+        return scales.interval(self.point.scene, self.runs[0].window if self.runs else None)
 
     @property
     def flow_rate(self) -> Pooled | None:

@@ -16,6 +16,8 @@ from labbook.lab.catalogue import Catalogue
 from labbook.lab.folder import Lab
 from labbook.lab.packings import load_packing
 from labbook.lab.records import Unreadable
+from labbook.measure import MEASURES
+from labbook.measure.packing import PackingStructure
 from labbook.measure.steady import FEWEST
 from labbook.run.demand import PointDemand
 from labbook.run.devices import named, speeds
@@ -97,6 +99,7 @@ def advice(plan: Plan, seconds: float = math.inf) -> Iterator[str]:
     yield from _narrow(file, points)
     yield from _too_few_grains(plan)
     yield from _too_few_outlets(plan)
+    yield from _empty(plan.study, points)
     yield from _endless(plan)
     yield from _heavy(plan)
     yield from _undamped(plan)
@@ -284,13 +287,27 @@ def _low(study: Study) -> Iterator[str]:
         yield _told(study.path, "grains.count", reason, remedy)
 
 
+def _empty(study: Study, points: Sequence[tuple[PointDemand, Outline]]) -> Iterator[str]:
+    """Measures that will probably give no number."""
+    for name in study.measure:
+        found = [(pair, why) for pair in points if (why := MEASURES[name].foreseen_empty(pair[0].scene))]
+        if not found:
+            continue
+        (_, (reason, remedy)), at = found[0], [pair for pair, _ in found]
+        laws = [law for law in study.fit if law in LAWS and LAWS[law].of_bulk]
+        if name == PackingStructure.name and laws and len(at) == len(points):
+            lost = (f"{symbol} of {law}" for law in laws for symbol in LAWS[law].of_bulk)
+            reason += f"; without a packing fraction there is no {', no '.join(lost)}"
+        yield _told(study.path, "measure", f"{name} will probably be empty: {reason}", remedy, at, points)
+
+
 def _endless(plan: Plan) -> Iterator[str]:
     """Runs that nothing leaves, and that go on for as long as stop.max_time has by default."""
-    stop = plan.study.stop
     closed = all(point.scene.container.outlet_plane is None for point in plan.study.points)
-    if not closed or "max_time" in stop.model_fields_set:
+    if not closed or plan.study.stop.max_time is not None:
         return
-    reason = f"this container has no outlet, so every run lasts {stop.max_time:g} s"
+    longest = max(point.shared.stop.max_time for point in plan.points)
+    reason = f"this container has no outlet, so every run lasts {longest:.3g} s"
     remedy = "state stop.max_time; for measurements of the packing alone, 10 ms are enough"
     yield _told(plan.study.path, "stop.max_time", reason, remedy)
 
@@ -341,8 +358,8 @@ def _too_few_outlets(plan: Plan) -> Iterator[str]:
 def _heavy(plan: Plan) -> Iterator[str]:
     """Recordings that fill disk and memory."""
     largest = max((point.shared for point in plan.points), key=film_bytes)
-    if (taken := film_bytes(largest)) > _HEAVY and plan.study.record is not None:
-        enough = span(float(f"{plan.study.record.every * taken / _HEAVY:.1g}"))
+    if (taken := film_bytes(largest)) > _HEAVY and (every := largest.frame_interval) is not None:
+        enough = span(float(f"{every * taken / _HEAVY:.1g}"))
         reason = f"a recorded run takes about {size(taken)} on disk, and is read as a whole for pictures and fields"
         yield _told(plan.study.path, "record.every", reason, f"with {enough} it takes about {size(_HEAVY)}")
 

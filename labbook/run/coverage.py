@@ -1,16 +1,22 @@
 """Whether a run that exists covers what is asked: how far it went, and what it observed; and a study's runs that do."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from labbook.backend.probes import UNEVEN
+from labbook.backend.probes import UNEVEN, Crossing, Probe, Sample, Slab, Zone, parse_probe, table_name
 from labbook.lab.catalogue import Catalogue, Entry
 from labbook.lab.evaluations import FinishedRun
 from labbook.lab.records import Coverage, StopRule
 from labbook.run.demand import Demand, PackingsOf, demands, stopping_rule
 from labbook.scene.quantities import percent, span
 from labbook.study import Study
+
+NEAR = 2.0
+"""Factor by which a run may fall short of a number that its study does not state: what labbook takes in its place has
+changed, and differs between scenes."""
+COARSER = 1.4
+"""Factor by which observations may be less frequent than a measure would ask for: it foresees how fast a bed flows."""
 
 
 def shortfall(
@@ -20,30 +26,36 @@ def shortfall(
     guards: Mapping[str, float],
     probes: frozenset[str],
     recording: float | None = None,
+    unstated: frozenset[str] = frozenset(),
 ) -> str:
     """What a run that ended as `outcome` with coverage `had` lacks of what is asked, in words; empty if it covers it.
 
-    `recording`: time between frames [s] if the run is to be recorded; frames closer to each other will do.
+    `recording`: time between frames [s] if the run is to be recorded; frames closer to each other will do. `unstated`:
+    which of `max_time`, `stall`, `recording` and the guards the study leaves to labbook; those need to be met within
+    NEAR only.
     """
-    missing = sorted(probes - set(had.probes))
+
+    def short(name: str, had: float, asked: float) -> bool:
+        return had < asked * (1 / NEAR if name in unstated else 1 - 1e-9)
+
+    missing = unobserved(probes, had.probes)
     if missing:
         return f"not observed: {', '.join(missing)}"
     if recording is not None:
         apart = had.frame_interval
         if apart is None:
             return "not recorded"
-        if apart > recording * (1 + UNEVEN):
+        if apart > recording * (NEAR if "recording" in unstated else 1 + UNEVEN):
             return f"has frames every {span(apart)}, not every {span(recording)}: runs again for its recording"
     if outcome == "emptied" or had.discharged >= stop.discharged:
         return ""
     if stop.fill_height is not None and had.fill_height is not None and had.fill_height <= stop.fill_height:
         return ""
     if outcome == "diverged":
-        changed = [name for name, value in guards.items() if had.guards.get(name) != value]
+        # what a wide guard stops, a narrow one stops too
+        changed = [name for name, value in guards.items() if short(name, had.guards.get(name, 0.0), value)]
         return f"diverged with another {' and '.join(changed)}" if changed else ""
-    if had.waiting >= stop.stall:
-        return ""
-    if had.duration >= stop.max_time * (1 - 1e-12):
+    if not short("stall", had.waiting, stop.stall) or not short("max_time", had.duration, stop.max_time):
         return ""
     if outcome == "precise" and had.stop.as_precise(stop):
         return ""
@@ -55,6 +67,32 @@ def shortfall(
         f"{ended} after {had.duration:.4g} s with {percent(had.discharged, '.1f')} discharged; "
         f"asked: {percent(stop.discharged)}, {stop.max_time:.4g} s, stall {stop.stall:.4g} s"
     )
+
+
+def unobserved(asked: Iterable[str], had: Iterable[str]) -> list[str]:
+    """Which probes of `asked`, as `describe_probe` writes them, are not covered by those that a run `had`."""
+    had = set(had)
+    seen = {table_name(probe): probe for probe in map(parse_probe, had)}
+    return sorted(
+        one
+        for one in set(asked) - had
+        if (other := seen.get(table_name(parse_probe(one)))) is None or not _covers(other, parse_probe(one))
+    )
+
+
+def _covers(had: Probe, asked: Probe) -> bool:
+    """Whether a probe has seen the grains that another one of its kind asks for, and about as often."""
+    if isinstance(had, Sample) and isinstance(asked, Sample) and not set(asked.fields) <= set(had.fields):
+        return False
+    if isinstance(had, Zone) and isinstance(asked, Zone):
+        near = 1e-9 * asked.radius
+        wide = all(getattr(had, size) >= getattr(asked, size) - near for size in ("radius", "high", "core", "top"))
+        pairs = bool(had.again) == bool(asked.again) and asked.again / COARSER <= had.again <= asked.again * COARSER
+        if not (wide and had.low <= asked.low + near and pairs):
+            return False
+    if isinstance(had, Crossing | Slab) or isinstance(asked, Crossing | Slab):
+        return had == asked
+    return had.every <= asked.every * COARSER
 
 
 class Asked(NamedTuple):
@@ -97,7 +135,15 @@ def finished(
             continue
         for one in wanted[entry.lineage_key]:
             shared = one.demand.shared
-            if not shortfall(entry.outcome, entry.coverage, shared.stop, one.demand.guards, shared.probe_names):
+            lacks = shortfall(
+                entry.outcome,
+                entry.coverage,
+                shared.stop,
+                one.demand.guards,
+                shared.probe_names,
+                unstated=shared.unstated,
+            )
+            if not lacks:
                 found.append((one, entry))
     newest: dict[int, tuple[int, int]] = {}
     for one, entry in found:

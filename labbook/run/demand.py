@@ -1,7 +1,7 @@
 """What a study asks for, run by run: the experiment, how it is computed, and what must be observed."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -17,10 +17,11 @@ from labbook.measure import MEASURES
 from labbook.scene import Scene
 from labbook.scene.model import once
 from labbook.scene.quantities import span
+from labbook.scene.timescales import gravity_time
 from labbook.stats import StoppingRule
 from labbook.study import Point, Study
 from labbook.study.applicable import flat_area
-from labbook.study.schema import Stop
+from labbook.study.schema import EVERY, LONGEST, STALL, Stop
 
 _ENOUGH = math.ceil(1 / UNEVEN)
 """Steps between two frames from which on these are as close to each other as asked."""
@@ -131,7 +132,9 @@ class PointDemand:
     def _asked_probes(self) -> tuple[Probe, ...]:
         plane = self.scene.container.outlet_plane
         leaving: tuple[Probe, ...] = () if plane is None else (Crossing(plane=plane),)
-        asked = (probe for name in self.study.measure for probe in MEASURES[name].probes(self.scene, self.numerics))
+        window = self.study.window
+        measures = [MEASURES[name] for name in self.study.measure]
+        asked = (probe for one in measures for probe in one.observed(self.scene, self.numerics, window))
         probes = tuple(dict.fromkeys((*leaving, *asked)))
         by_table = {table_name(probe): probe for probe in probes}
         for probe in probes:
@@ -148,14 +151,22 @@ class PointDemand:
         record = self.study.record
         if record is None:
             return None
-        film, dt = film_probe(record.every, self.scene.grains), self.numerics.dt
+        every, dt = self.frame_interval, self.numerics.dt
+        assert every is not None
+        film = film_probe(every, self.scene.grains)
         if film.uneven(dt) > UNEVEN:
-            few = record.every / dt
+            few = every / dt
             raise Conflict(
-                f"{self.study.path}: record.every: frames lie on time steps, and {span(record.every)} is {few:.3g} "
+                f"{self.study.path}: record.every: frames lie on time steps, and {span(every)} is {few:.3g} "
                 f"steps of {span(dt)} (at {self.point.label})\n    remedy: use {span(_ENOUGH * dt)} or more"
             )
         return film
+
+    @property
+    def frame_interval(self) -> float | None:
+        """Time between two frames [s] of its recorded runs; None if none are recorded."""
+        record = self.study.record
+        return None if record is None else record.every or EVERY * gravity_time(self.scene)
 
     @property
     def declared(self) -> tuple[Probe, ...]:
@@ -163,12 +174,32 @@ class PointDemand:
         return self.probes if self.film is None else _same(tuple(dict.fromkeys((*self.probes, self.film))))
 
     @property
+    def longest_filling(self) -> float:
+        """Time [s] after which a bed that still moves is an error."""
+        return self.point.fill.max_time or LONGEST * gravity_time(self.scene)
+
+    @property
     def stop(self) -> StopRule:
         """When a run ends."""
-        if not self.study.fed:
-            return _stop_rule(self.study.stop)
-        asked = tolerance(self.study, self.point)
-        return _stop_rule(self.study.stop, None if asked is None else (asked, self.study.window.start), fed=True)
+        study, scale = self.study, gravity_time(self.scene)
+        until = study.window.end if study.window.timed else 0.0
+        if not study.fed:
+            return _stop_rule(study.stop, scale, until)
+        asked = tolerance(study, self.point)
+        return _stop_rule(study.stop, scale, until, None if asked is None else (asked, study.window.start), fed=True)
+
+    @property
+    def unstated(self) -> frozenset[str]:
+        """Which numbers of the stop rule, the guards and the recording the study leaves to labbook."""
+        stop, record = self.study.stop, self.study.record
+        limited = "speed_limit" in self.study.stated.get("numerics", {}) or "numerics.speed_limit" in self.point.at
+        left = {
+            "max_time": stop.max_time is None,
+            "stall": stop.stall is None,
+            "recording": record is not None and record.every is None,
+            "speed_limit": not limited,
+        }
+        return frozenset(name for name, is_left in left.items() if is_left)
 
     @property
     def height_ahead(self) -> float | None:
@@ -217,10 +248,14 @@ def _in_precision(numerics: Numerics, precision: Precision) -> Numerics:
 
 
 @once(256)
-def _stop_rule(stated: Stop, precise: tuple[float, float] | None = None, *, fed: bool = False) -> StopRule:
-    """The rule that a study states; of beds that are fed, with the error and the start of the window where the flow
-    rate is to be known."""
-    stop = StopRule.model_validate(stated.model_dump())
+def _stop_rule(
+    stated: Stop, scale: float, least: float, precise: tuple[float, float] | None = None, *, fed: bool = False
+) -> StopRule:
+    """The rule that a study states, with multiples of `scale`, sqrt(d*/g) [s], where it leaves times out, but no end
+    before `least` [s]; of beds that are fed, with the error and the start of the window where the flow rate is to be
+    known."""
+    usual: dict[str, Any] = {"max_time": max(LONGEST * scale, least), "stall": STALL * scale}
+    stop = StopRule.model_validate(usual | {key: v for key, v in stated.model_dump().items() if v is not None})
     if not fed:
         return stop
     until = None if precise is None else Precise(flow_rate=precise[0], start=precise[1])
@@ -304,13 +339,15 @@ def demands(study: Study, seeds: int, packings_of: PackingsOf | None = None) -> 
         yield from (point.run(seed) for point in shared)
 
 
-def recorded_in_words(study: Study) -> str:
-    """Which runs of a study are recorded, and how often; empty if none are."""
-    if study.record is None:
+def recorded_in_words(points: Iterable[PointDemand]) -> str:
+    """Which runs of the points of a study are recorded, and how often; empty if none are."""
+    every = {point.frame_interval: point.study.record for point in points}
+    apart = sorted(interval for interval in every if interval is not None)
+    if not apart or (record := every[apart[0]]) is None:
         return ""
-    last = study.record.replicates
-    seeds = "seed 1" if last == 1 else f"seeds 1 to {last}"
-    return f"Recorded: {seeds} of each point, a frame every {span(study.record.every)} from the opening on"
+    seeds = "seed 1" if record.replicates == 1 else f"seeds 1 to {record.replicates}"
+    times = " to ".join(dict.fromkeys((span(apart[0]), span(apart[-1]))))
+    return f"Recorded: {seeds} of each point, a frame every {times} from the opening on"
 
 
 def tolerance(study: Study, point: Point | None = None) -> float | None:

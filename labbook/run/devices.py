@@ -207,7 +207,8 @@ class Crew:
             catalogue.close()
         problems = tuple(dict.fromkeys(problem for end in ends for problem in end["problems"]))
         work = sum(end["work"] for end in ends)
-        return Summary(tally, points, stopped, wall, work, problems, False, holds)
+        preparing = min((end["preparing"] for end in ends), default=0.0)
+        return Summary(tally, points, stopped, wall, work, problems, False, holds, preparing=preparing)
 
 
 def together(views: Iterable[tuple[str, View]]) -> View:
@@ -265,9 +266,9 @@ def work() -> None:
         done = runner.run()
         tally = done.tally
         end = {"ran": tally.ran, "resumed": tally.resumed, "packings": tally.packings, "lost": tally.failed}
-        teller.send({**end, "problems": done.problems, "work": done.work_done})
+        teller.send({**end, "problems": done.problems, "work": done.work_done, "preparing": done.preparing})
     except (LabError, Unsupported, ImportError) as problem:
-        nothing = {"ran": {}, "resumed": 0, "packings": 0, "lost": [], "problems": [], "work": 0.0}
+        nothing = {"ran": {}, "resumed": 0, "packings": 0, "lost": [], "problems": [], "work": 0.0, "preparing": 0.0}
         teller.send({**nothing, "failed": str(problem), "full": isinstance(problem, DiskFull)})
     except KeyboardInterrupt:
         pass

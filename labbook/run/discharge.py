@@ -38,6 +38,7 @@ from labbook.lab.tables import fault_of_rows, write_checkpoint, write_table
 from labbook.measure.series import passages
 from labbook.measure.steady import steady_flow
 from labbook.picture import bed
+from labbook.run.coverage import unobserved
 from labbook.run.demand import Demand
 from labbook.run.job import Bench, Job, JobFailed, Kept, Left, failure
 from labbook.run.ledger import ledger
@@ -189,7 +190,7 @@ class DischargeJob(Job):
     def _suffices(self, state: Mapping[str, Any]) -> bool:
         film = parse_film(state["film"], self.numerics)
         filmed = self.film is None or (film is not None and film.as_often(self.film))
-        return filmed and self.demand.shared.probe_names <= set(state["probes"])
+        return filmed and not unobserved(self.demand.shared.probe_names, state["probes"])
 
     def _observe_also(self, before: RunRecord) -> None:
         """When running again, observe what the earlier run did too, so that nothing is lost."""

@@ -56,7 +56,7 @@ class FillJob(Job):
         super().__init__(bench, demand, keys, keys.packing, bench.lab.packing(keys.packing), claim)
         self.scene = demand.shared.closed
         self.settled_below = demand.filling.settled_below
-        self._longest = demand.point.fill.max_time
+        self._longest = demand.shared.longest_filling
         self._quiet = 0
         self._lowest, self._fell, self._most, self._warned = math.inf, 0.0, 0.0, False
         self._levels: tuple[tuple[float, float], ...] = ()

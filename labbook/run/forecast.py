@@ -282,13 +282,10 @@ def fill_work(demand: Demand, settled: Mapping[str, float] = _NEVER) -> float:
 
 def fill_time(demand: Demand) -> float:
     """Expected simulated time [s] of a filling: a few falls from the height of its start."""
-    scene, grains = demand.shared.scene, demand.shared.scene.grains
-    sizes = vars(scene.container)
-    wide = sizes.get("width") or sizes.get("diameter") or 10 * grains.diameter
-    deep = sizes.get("thickness") or sizes.get("depth") or wide
-    top = placing.STARTS[demand.point.fill.kind].volume(scene) / (wide * deep)
+    scene = demand.shared.scene
+    top = placing.column(scene, demand.point.fill.kind)
     fall = math.sqrt(2 * top / scene.gravity) if scene.gravity > 0 else math.inf
-    return min(demand.point.fill.max_time, SETTLING * fall)
+    return min(demand.shared.longest_filling, SETTLING * fall)
 
 
 def disk_of(demand: Demand) -> float:

@@ -24,7 +24,7 @@ from labbook.run.coverage import shortfall
 from labbook.run.demand import Demand, PackingsOf, PointDemand, recorded_in_words, stopping_rule
 from labbook.run.possible import check_container
 from labbook.run.progress import duration, size
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, value_range
 from labbook.stats import Decision, StoppingRule
 from labbook.study import Point, Study
 from labbook.study.problems import grouped
@@ -168,7 +168,8 @@ class Plan:
             lines += self._chosen()
         if "flow_rate" in self.study.measure:
             lines.append(f"Flow rates from {window_in_words(self.study.window)}")
-        lines += filter(None, [recorded_in_words(self.study)])
+        lines += filter(None, [recorded_in_words(point.shared for point in self.points)])
+        lines += self._ends()
         if self.pilot is not None and self.pilot.todo and self.pilot.forecast is not None:
             runs = f"{len(self.pilot.todo)} run{'' if len(self.pilot.todo) == 1 else 's'}"
             lines.append(f"Before that, the pilot: {runs}, {self.pilot._cost(self.pilot.forecast)}")
@@ -182,6 +183,19 @@ class Plan:
         failed = [f"seed {one.demand.seed}: {one.reason.removeprefix(_FAILED)}" for one in reversed(lost.values())]
         lines += [f"A filling failed before and will be tried again: {why}" for why in grouped(failed)]
         return lines + [f"Warning: {line}" for line in self.warnings]
+
+    def _ends(self) -> list[str]:
+        """When runs end, by the times that the study leaves to labbook."""
+        stops, stated = [point.shared.stop for point in self.points], self.study.stop
+        said = []
+        if stated.stall is None and any(point.shared.scene.container.outlet_plane is not None for point in self.points):
+            stalls = value_range([stop.stall for stop in stops], "s")
+            said.append(f"{stalls} after the last grain, as clogged (stop.stall)")
+        if stated.max_time is None:
+            said.append(
+                f"at the latest {value_range([stop.max_time for stop in stops], 's')} after the opening (stop.max_time)"
+            )
+        return [f"Runs end {'; '.join(said)}"] if said else []
 
     def _cost(self, ahead: Forecast) -> str:
         making = f"{len(self.fillings)} packing{'' if len(self.fillings) == 1 else 's'} to make"
@@ -410,7 +424,13 @@ class Planner:
             return "missing", f"cannot be read: {entry.problem}"
         shared = demand.shared
         lacks = shortfall(
-            entry.outcome, entry.coverage, shared.stop, demand.guards, shared.probe_names, demand.recording
+            entry.outcome,
+            entry.coverage,
+            shared.stop,
+            demand.guards,
+            shared.probe_names,
+            demand.recording,
+            shared.unstated,
         )
         return ("partial", lacks) if lacks else ("done", entry.outcome)
 
@@ -419,7 +439,7 @@ class Planner:
         folder = self.catalogue.lab.work(packing)
         noted = Failure.read(folder)
         if noted is not None:
-            cured = noted.max_time is not None and demand.point.fill.max_time > noted.max_time
+            cured = noted.max_time is not None and demand.shared.longest_filling > noted.max_time
             return "" if cured else noted.why
         try:
             last = Progress.read(folder)

@@ -46,6 +46,10 @@ _MANY = 10_000  # grains that take a while to place
 _WRONG = 1.5  # a forecast of replicates that is off by this factor is told
 
 
+_BEFORE_STEPS = ("placing", "compiling", "preparing")
+_NOTABLE = 0.05  # part of the wall time that went into preparing, from which on it is told
+
+
 @dataclass(frozen=True)
 class Summary:
     """What came of one `labbook run`."""
@@ -67,6 +71,8 @@ class Summary:
     """Whether a run belongs to the part that was asked for; it is these that are counted."""
     no_flow: str = ""
     """Why no point of the study has a flow rate, though the study measures it; empty if one has."""
+    preparing: float = 0.0
+    """Wall time [s] in which no job took steps, since all waited for kernels or for grains to be placed."""
 
     @property
     def done(self) -> int:
@@ -112,12 +118,15 @@ class Summary:
         tally, outcomes = self.tally, Counter(self.tally.ran.values())
         lines = [f"{self.done} of {self.asked} runs done"]
         if tally.ran or tally.packings:
-            rate = self.work_done / self.wall_time
+            stepping = self.wall_time - self.preparing
             what = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "none ended"
             made = f"{tally.packings} packing{'' if tally.packings == 1 else 's'}"
             lines[0] += f"; now: {what}; {made}; {duration(self.wall_time)}"
-            lines[0] += f", {rate / 1e6:.2f} M grain-steps/s"
-        if self.points and (recorded := recorded_in_words(self.points[0].shared.study)):
+            if stepping > 0:
+                apart = f" without {duration(self.preparing)} of compiling and loading kernels"
+                lines[0] += f", {self.work_done / stepping / 1e6:.2f} M grain-steps/s"
+                lines[0] += apart if self.preparing > max(1.0, _NOTABLE * self.wall_time) else ""
+        if self.points and (recorded := recorded_in_words(point.shared for point in self.points)):
             lines.append(recorded)
         if tally.resumed:
             lines.append(f"{tally.resumed} continued from a checkpoint")
@@ -255,7 +264,10 @@ class Runner:
         wall = time.perf_counter() - begun
         problems, work = tuple(index.found.problems), self._meter.work
         left = self._left_behind
-        return Summary(self._board.tally, points, self._stop.made, wall, work, problems, left, holds)
+        preparing = self._meter.preparing
+        return Summary(
+            self._board.tally, points, self._stop.made, wall, work, problems, left, holds, preparing=preparing
+        )
 
     def _brought(self, index: Index, base: Lab) -> Plan:
         """What is lacking in `base`; of what this process is to do, what `base` has of it is brought here."""
@@ -428,8 +440,7 @@ class Runner:
         board = self._board
         done, asked = board.runs()
         going = (*beginning, *self._going())
-        if all(one.phase in ("placing", "compiling", "preparing") for one in going):
-            self._meter.restart()
+        self._meter.look(idle=bool(going) and all(one.phase in _BEFORE_STEPS for one in going))
         view = View(
             runs_done=done,
             runs_asked=asked,

@@ -72,19 +72,29 @@ class Unwatched:
 
 
 class Meter:
-    """Grain-steps done, and their rate."""
+    """Grain-steps done, their rate, and the time [s] that went by before any could be done."""
 
     def __init__(self):
         self.work = 0.0
+        self.preparing = 0.0
+        self._idle_since: float | None = None
         self._history: deque[tuple[float, float]] = deque()
 
     def add(self, work: float) -> None:
         """Count `work` more grain-steps."""
         self.work += work
 
-    def restart(self) -> None:
-        """Forget what was done when: a rate over time that was spent compiling says nothing of the rest."""
-        self._history.clear()
+    def look(self, idle: bool) -> None:
+        """Take note of whether no job takes steps now, since all are placed or wait for kernels.
+
+        What was done when is forgotten then: a rate over time that was spent compiling says nothing of the rest.
+        """
+        now = time.perf_counter()
+        if self._idle_since is not None:
+            self.preparing += now - self._idle_since
+        self._idle_since = now if idle else None
+        if idle:
+            self._history.clear()
 
     def rate(self) -> float:
         """Grain-steps per second over the last half minute; 0 in the first seconds, which would mislead."""

@@ -11,6 +11,7 @@ by its frequency (Hz, rpm, turn/s) or by its angular velocity (rad/s, deg/s), wh
 import math
 import re
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import lru_cache
@@ -96,6 +97,12 @@ def _written_out(number: str) -> str:
     """Without an exponent (4.15e+03), unless it is large or small, or has many digits."""
     plain = f"{float(number):.6g}"
     return plain if "e" in number and float(plain) == float(number) else number
+
+
+def value_range(values: Iterable[float], unit: str, scale: float = 1.0) -> str:
+    """The range of some values, times `scale`, in `unit`: `50 ms`, or `20 to 50 ms`."""
+    shown = [f"{scale * value:.3g}" for value in sorted(values)]
+    return f"{' to '.join(dict.fromkeys((shown[0], shown[-1])))} {unit}"
 
 
 _MANY = 1e3

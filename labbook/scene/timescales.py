@@ -1,4 +1,5 @@
-"""Time scales that a time step can be stated as a fraction of, and the largest step with which a bed comes to rest."""
+"""Time scales of a scene: that of gravity, those that a time step can be stated as a fraction of, and the largest step
+with which a bed comes to rest."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -26,6 +27,11 @@ def _anywhere(time: Callable[[Scene], float]) -> Callable[[Scene], float]:
         return time(scene) if own else of(scene.grains, scene.contact, scene.gravity)
 
     return asked
+
+
+def gravity_time(scene: Scene) -> float:
+    """sqrt(d*/g) [s], in which a grain falls half of its equivalent diameter d* from rest; infinite without gravity."""
+    return math.sqrt(scene.grains.equivalent_diameter / scene.gravity) if scene.gravity > 0 else math.inf
 
 
 @_anywhere

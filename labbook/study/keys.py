@@ -13,17 +13,28 @@ import annotated_types
 from pydantic.fields import FieldInfo
 
 from labbook.backend.numerics import Numerics
+from labbook.measure import scales
 from labbook.scene.contact import CONTACT_LAWS
 from labbook.scene.model import Among, Choice, Internal, Model, Stated
 from labbook.scene.quantities import Unit
 from labbook.scene.scene import Scene
 from labbook.study.absent import absent
 from labbook.study.habits import habit
-from labbook.study.schema import Fill, Settings
+from labbook.study.schema import EVERY, FALLS, LONGEST, STALL, Fill, Settings
 
 NEGLIGIBLE, ENORMOUS = 1e-3, 1e3
 """Limits of a range beyond these only keep numbers finite and are not shown as limits."""
 
+_OF_GRAVITY = {
+    "fill.max_time": LONGEST,
+    "stop.max_time": LONGEST,
+    "stop.stall": STALL,
+    "record.every": EVERY,
+    "window.gap": scales.GAP,
+    "window.moment": scales.MOMENT,
+    "window.interval": scales.INTERVAL,
+}
+"""Times that follow from the grains where a study does not state them, in units of sqrt(d*/g)."""
 _PARTS = {"accuracy.flow_rate": "3 %", "window.start": "20 %", "window.end": "60 %", "stop.discharged": "70 %"}
 EXAMPLES = {
     "m": "30 mm",
@@ -236,6 +247,8 @@ def all_keys() -> tuple[Key, ...]:
         laws.setdefault(law.usual_step, []).append(name)
     steps = ", ".join(f"{step} ({', '.join(names)})" for step, names in laws.items())
     defaults = {"numerics.dt": steps}
+    defaults |= {name: f"{multiple:g} √(d*/g)" for name, multiple in _OF_GRAVITY.items()}
+    defaults |= {"window.layer": f"{scales.LAYER:g} d*", "numerics.speed_limit": f"{FALLS:g} √(2 g H)"}
     defaults |= {key.name: "as in numerics" for key in keys if key.name.startswith("fill.numerics.")}
     return tuple(replace(key, default=defaults.get(key.name, key.default)) for key in keys)
 

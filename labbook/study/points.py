@@ -18,7 +18,7 @@ from labbook.study.problems import Problem, and_others, shown
 from labbook.study.schema import SCENE_KEYS, Fill, Settings
 from labbook.study.source import Location, Source, dotted
 from labbook.study.sweep import Assignment, Value
-from labbook.study.timestep import TimeStepError, numerics_for
+from labbook.study.timestep import TimeStepError, numerics_for, speed_limit
 
 MAX_WRONG = 500
 """After this many points that are wrong, the rest are not looked at: they repeat the same mistakes."""
@@ -123,6 +123,8 @@ class PointReader:
         if choice is not None and numerics is not None:
             chosen = {key: getattr(choice, key) for key in ("dt", "stiffness_scale", "precision")}
             numerics = numerics.model_copy(update=chosen)
+        if numerics is not None and scene is not None:
+            numerics = _guarded(numerics, general, scene)
         if filling is not None and fill is not None and numerics is not None:
             fill = self._filled(fill, filling, general, numerics, near, closed, context, found)
         if scene is None:
@@ -268,6 +270,8 @@ class PointReader:
             reason = f"grains {numerics.stiffness_scale / own.stiffness_scale:.3g} times softer than in the discharge"
             remedy = f"use {numerics.stiffness_scale:g} or more: a softer bed would fly apart when it is stiffened"
             found.append(Complaint((*_FILLING, "stiffness_scale"), reason, remedy, clash=True))
+        if own is not None and near is not None:
+            own = _guarded(own, {**general, **raw}, near)
         return fill.model_copy(update={"numerics": own})
 
     def _problem(self, complaint: Complaint, assignment: Assignment) -> Problem:
@@ -286,6 +290,13 @@ def _validated(
     except ValidationError as error:
         found += complaints(error, raw, section)
         return None
+
+
+def _guarded(numerics: Numerics, stated: Mapping[str, Any], scene: Scene) -> Numerics:
+    """Numerics with the limit of speeds that a scene has, unless one is stated."""
+    if "speed_limit" in stated or scene.gravity == 0:
+        return numerics
+    return numerics.model_copy(update={"speed_limit": speed_limit(scene)})
 
 
 @once(256)

@@ -39,6 +39,16 @@ def names_a_study(name: str) -> bool:
     return True
 
 
+LONGEST = 3400.0
+"""Longest filling and longest discharge, in sqrt(d*/g), unless `max_time` is stated."""
+STALL = 110.0
+"""Time without a leaving grain after which a run is clogged, in sqrt(d*/g), unless `stop.stall` is stated."""
+EVERY = 0.57
+"""Time between two recorded frames, in sqrt(d*/g), unless `record.every` is stated."""
+FALLS = 30.0
+"""Largest speed of a grain, over that of free fall through the scene, unless `numerics.speed_limit` is stated."""
+
+
 class Fill(Model):
     """How the closed container is filled, once for all runs that share the packing."""
 
@@ -63,7 +73,7 @@ class Fill(Model):
     # by default it is left out of what is stored
     surface_motion: Annotated[StrictBool, Field(exclude_if=lambda moves: not moves)] = False
     """Whether surfaces of walls (`container.rotation`, `container.parts[].motion`) move already during filling."""
-    max_time: Duration = 60.0
+    max_time: Duration | None = None
     """Longest filling; a bed that moves after this time is an error."""
 
 
@@ -93,6 +103,15 @@ class Window(Model):
     """Time after the opening of the outlet at which the window opens, instead of `start`."""
     until: Duration | None = None
     """Time after the opening of the outlet at which the window closes, instead of `end`."""
+    gap: Duration | None = None
+    """A longer time without a leaving grain is left out of the flow rate, and reported."""
+    moment: Duration | None = None
+    """Time over which maps at three instants of the window are averaged, and at most between two frames of
+    `contact_stress`."""
+    interval: Duration | None = None
+    """Time between the two velocities whose difference is the acceleration above the outlet."""
+    layer: Length | None = None
+    """Height of the layer above the outlet over which fields are averaged."""
 
     @property
     def timed(self) -> bool:
@@ -135,9 +154,9 @@ class Stop(Model):
 
     discharged: Annotated[Ratio, Field(gt=0, le=1)] = LATEST + MARGIN
     """Stop at this discharged mass fraction, at least `window.end`; if left out: `window.end` + 0.05."""
-    max_time: Duration = 60.0
-    """Stop at this time after the opening of the outlet."""
-    stall: Duration = 2.0
+    max_time: Duration | None = None
+    """Stop at this time after the opening of the outlet; if left out, not before `window.until`."""
+    stall: Duration | None = None
     """Time without a leaving grain after which a run is clogged."""
     fill_height: Length | None = None
     """Stop when the bed of a flat-bottomed silo has fallen to this height; none: no such stop."""
@@ -163,7 +182,7 @@ class Accuracy(Model):
 class Record(Model):
     """Which runs keep their frames for a recording."""
 
-    every: Duration = 0.01
+    every: Duration | None = None
     """Time between two recorded frames, to the nearest time step. The first frame is at the opening."""
     replicates: Annotated[Whole, Field(ge=1, le=10_000)] = 1
     """Number of replicates of each point that are recorded."""
@@ -206,7 +225,7 @@ class Settings(Model):
             reason = f"{self.accuracy.max_replicates} is less than the {self.replicates} requested replicates"
             yield Fault("accuracy.max_replicates", reason, f"use at least {self.replicates}")
         end = self.window.end
-        if self.window.timed and self.stop.max_time < end:
+        if self.window.timed and self.stop.max_time is not None and self.stop.max_time < end:
             reason = f"a run that stops at {self.stop.max_time:g} s does not reach the end of the window ({end:g} s)"
             yield Fault("stop.max_time", reason, f"use at least {end:g} s, or end the window earlier")
         if self.window.timed and "discharged" not in self.stop.model_fields_set:

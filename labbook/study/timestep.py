@@ -7,10 +7,12 @@ from typing import Any
 
 from labbook.accuracy.choosing import WITHIN
 from labbook.backend.numerics import Numerics
+from labbook.filling.placing import column
 from labbook.scene.quantities import parse, told_apart
 from labbook.scene.scene import Scene
 from labbook.scene.timescales import TIME_SCALES, collision, largest_stable_step
 from labbook.study.problems import instead
+from labbook.study.schema import FALLS
 
 _FRACTION = re.compile(r"\s*(\S.*?)\s*\*?\s*([a-z]+)\s*")
 
@@ -83,6 +85,13 @@ def _part_of_a_scale(stated: str, scene: Scene, remedy: str) -> float | None:
         return float(f"{part * TIME_SCALES[name](scene):.6g}")
     except ValueError as error:
         raise TimeStepError(str(error), f"use {scene.contact.usual_step}", clash=True) from None
+
+
+def speed_limit(scene: Scene) -> float:
+    """FALLS times the speed [m/s] of free fall through a scene: down the height of the container, or of the loose
+    column in which its grains start, if that is higher."""
+    height = max(getattr(scene.container, "height", 0.0), column(scene))
+    return FALLS * math.sqrt(2 * scene.gravity * height)
 
 
 def numerics_for(stated: Mapping[str, Any], scene: Scene, closed: Scene | None = None) -> Numerics:

@@ -27,7 +27,7 @@ def test_orifice_means_of_known_fields():
     v = np.column_stack([-30 * x[:, 1], 30 * x[:, 0], np.full(len(x), -0.25)])
     volume = 0.6 * OMEGA**3
     fields = coarse_grain(Ring(0.02, (0, 0.03), 40, 60), OMEGA, Grains(x, v, 1e-5, volume, 1, axis))
-    found = orifice_means(fields, 0.03)
+    found = orifice_means(fields, 0.03, 0.01)
     assert found["packing_fraction"] == pytest.approx(0.6, rel=5e-3)
     assert found["v_z"] == pytest.approx(-0.25, rel=1e-9)
     # a rigid turn has fluctuations within a kernel: rho (turn omega)^2 of two components, less what is cut off
@@ -42,12 +42,12 @@ def test_orifice_means_look_above_the_orifice_only():
     x = np.array([[0.004, 0, 0.005], [0.004, 0, 0.025], [-0.015, 0, 0.005]])
     v = np.array([[0, 0, -1.0], [0, 0, -5.0], [0, 0, -7.0]])
     fields = coarse_grain(Layer((-0.02, 0.02), (0, 0.03), 80, 60, 3e-3), 5e-4, Grains(x, v, 1.0, 1e-8, 1))
-    assert orifice_means(fields, 0.006, centre=0.004)["v_z"] == pytest.approx(-1)
-    assert orifice_means(fields, 0.006, centre=-0.015)["v_z"] == pytest.approx(-7)
+    assert orifice_means(fields, 0.006, 0.01, centre=0.004)["v_z"] == pytest.approx(-1)
+    assert orifice_means(fields, 0.006, 0.01, centre=-0.015)["v_z"] == pytest.approx(-7)
     with pytest.raises(ValueError, match="no grain"):
-        orifice_means(fields, 0.004, centre=0.012)
+        orifice_means(fields, 0.004, 0.01, centre=0.012)
     with pytest.raises(ValueError, match="finer grid"):
-        orifice_means(fields, 1e-5, centre=1e-9)
+        orifice_means(fields, 1e-5, 0.01, centre=1e-9)
 
 
 def bed(speed):

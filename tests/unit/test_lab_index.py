@@ -261,9 +261,9 @@ def test_two_studies_of_one_name_are_told_apart(lab, tmp_path):
     found = Catalogue(lab).runs()
     assert found.groupby(["label", "seed"]).size().tolist() == [2] * 4
     shown = labbook_said(lab)
-    for row in found.itertuples(index=False):
-        (line,) = [line for line in shown.splitlines() if line.strip().startswith(row.run_key[:10])]
-        assert f"{row.label} (scene {row.scene_key[:6]})" in line
+    for row in found.to_dict("records"):
+        (line,) = [line for line in shown.splitlines() if line.strip().startswith(row["run_key"][:10])]
+        assert f"{row['label']} (scene {row['scene_key'][:6]})" in line
     assert "Runs of different studies with one name (toy-study)" in shown
 
 

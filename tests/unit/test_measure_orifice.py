@@ -19,7 +19,7 @@ from labbook.study.schema import Window
 D, SPEED, G = 0.06, 0.3, 9.8
 ROD = Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=4000)
 RATE = 500.0
-WINDOW = Window(start=0.1, end=0.5)
+WINDOW = Window(start=0.1, end=0.5, gap=1.0, interval=0.05, layer=0.01)
 
 
 def scene(grains: Spherocylinders = ROD) -> Scene:
@@ -167,7 +167,7 @@ def test_free_fall_from_pairs_of_frames_fifty_milliseconds_apart():
 
 def test_the_zone_holds_what_reaches_into_the_means():
     tall = scene(ROD.model_copy(update={"count": 10_000}))
-    crossing, zone = MEASURES["orifice"].probes(tall, Numerics(dt=5e-6))
+    crossing, zone = MEASURES["orifice"].observed(tall, Numerics(dt=5e-6), WINDOW)
     assert crossing == Crossing(0.0)
     assert isinstance(zone, Zone)
     reach = 4 * ROD.equivalent_diameter / 2
@@ -180,7 +180,7 @@ def test_the_zone_holds_what_reaches_into_the_means():
     assert zone.every > 2 * zone.again
     # a small silo that is soon empty: frames follow each other evenly
     small = scene(Spherocylinders(diameter=6e-3, length=20e-3, density=620, count=700))
-    _, fast = MEASURES["orifice"].probes(small, Numerics(dt=5e-6))
+    _, fast = MEASURES["orifice"].observed(small, Numerics(dt=5e-6), WINDOW)
     assert isinstance(fast, Zone)
     assert fast.again == 0
     assert 1 <= fast.every * 5e-3 / 0.005 < 10
@@ -226,7 +226,7 @@ def test_contact_stress_of_columns_that_press_on_each_other():
     pressure = contact_pressure(fields)
     assert pressure[inside].mean() == pytest.approx(force / a**2 / 3, rel=0.01)
     found = numbers("contact_stress", run)
-    assert found["orifice_contact_pressure"] == pytest.approx(float(orifice_mean(fields, pressure, D)))
+    assert found["orifice_contact_pressure"] == pytest.approx(float(orifice_mean(fields, pressure, D, 0.01)))
     assert 0.3 < found["bed_contact_pressure"] / (force / a**2 / 3) < 1  # less where nothing presses from beyond
     probes = MEASURES["contact_stress"].probes(here, Numerics(dt=1e-6))
     assert [type(probe) for probe in probes] == [Crossing, Sample, Contacts]

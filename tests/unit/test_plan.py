@@ -66,6 +66,32 @@ def test_demand_minus_coverage(outcome, had, asked, lacks):
 
 
 @pytest.mark.parametrize(
+    ("outcome", "had", "usual", "lacks"),
+    [
+        ("clogged", {"crossed": 10, "last_crossing": 0.0}, {"stall": 2.5}, ""),
+        ("clogged", {"crossed": 10, "last_crossing": 0.0}, {"stall": 5.0}, "clogged after 2 s"),
+        ("time-limit", {"crossed": 10}, {"max_time": 3.0}, ""),
+        ("time-limit", {"crossed": 10}, {"max_time": 5.0}, "out of time after 2 s"),
+        ("diverged", {"crossed": 10}, {"speed_limit": 150.0}, ""),
+        ("diverged", {"crossed": 10}, {"speed_limit": 60.0}, ""),
+        ("diverged", {"crossed": 10}, {"speed_limit": 3000.0}, "diverged with another speed_limit"),
+        ("finished", {"recording": 0.01}, {"recording": 0.008}, ""),
+        ("finished", {"recording": 0.01}, {"recording": 0.004}, "recorded only every 0.01 s"),
+    ],
+)
+def test_what_a_study_leaves_out_need_be_met_within_a_factor_of_two(outcome, had, usual, lacks):
+    """Runs of older versions, which had other defaults, are not run again; but where a default says otherwise by more
+    than that, as in low gravity, they are."""
+    times = {"stall": 9.0, "max_time": 90.0, **usual}
+    guards, recording = {"speed_limit": times.pop("speed_limit", 100.0)}, times.pop("recording", None)
+    stop, unstated = STOP.model_copy(update=times), frozenset({"stall", "max_time", "recording", "speed_limit"})
+    found = shortfall(outcome, coverage(**had), stop, guards, frozenset(), recording, unstated)
+    assert found.startswith(lacks)
+    assert bool(found) == bool(lacks)
+    assert shortfall(outcome, coverage(**had), stop, guards, frozenset(), recording) or "speed_limit" in usual
+
+
+@pytest.mark.parametrize(
     ("had", "asked", "lacks"),
     [
         (None, 0.01, "not recorded"),

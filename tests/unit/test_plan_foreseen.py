@@ -6,12 +6,15 @@ import re
 from pathlib import Path
 
 import labbook_toy
+import numpy as np
 import pytest
 from toy_lab import STUDY, labbook, study_file
 
 from labbook.backend import Device, Survey, Unsupported
 from labbook.filling.bed import PACKED, bed_height_ahead
 from labbook.lab import Catalogue
+from labbook.measure import MEASURES
+from labbook.measure.region import bulk, bulk_below
 from labbook.run import forecast
 from labbook.run.advice import SOFT, advice, softer, too_large
 from labbook.run.demand import PointDemand
@@ -23,6 +26,7 @@ from labbook.scene import (
     CylinderSilo,
     HertzMindlin,
     LinearSpringDashpot,
+    Packing,
     Primitives,
     Scene,
     Spheres,
@@ -364,16 +368,74 @@ def test_the_modulus_that_a_study_states_is_named(tmp_path, swept):
     assert f"with {float(f'{by_e[1]:.1g}'):g} Pa grains" in told
 
 
+SILO = """
+name: silo
+grains: {{shape: sphere, diameter: {d} mm, density: 2500 kg/m^3, count: {count}}}
+contact: {{law: linear, normal_stiffness: 500 N/m, restitution: 0.3, friction: 0.5}}
+container: {{kind: cylinder-silo, diameter: {wide} mm, height: 400 mm, orifice: 16 mm}}
+sweep: {{container.orifice: "[15, 16, 18, 20] mm"}}
+replicates: 3
+measure: [flow_rate, packing]
+fit: [beverloo_3d]
+"""
+
+
+def warned(tmp_path, **sizes) -> str:
+    """Of an empty measure: the warning and its remedy."""
+    path = tmp_path / "silo.yaml"
+    path.write_text(SILO.format(**sizes))
+    plan = Planner(load(path), Catalogue(tmp_path / "lab"), labbook_toy.Backend().capabilities).plan()
+    return "".join(said for said in advice(plan) if "packing will probably be empty" in said)
+
+
+@pytest.mark.parametrize(("wide", "d"), [(24, 3), (24, 3.5), (30, 3.5), (36, 4)])
+def test_a_packing_fraction_that_will_be_empty_is_foreseen(tmp_path, wide, d):
+    """The bulk keeps 3 d from walls, bottom and surface, and is at least 4 d wide and high: 10 d, and a bed as high."""
+    said = warned(tmp_path, wide=wide, d=d, count=3000)
+    assert "the bulk, 3 d from walls, bottom and surface, will be smaller than 4 d" in said
+    assert "there is no C (bulk density) of beverloo_3d" in said
+    assert f"use a container.diameter of {10 * d:g} mm or more" in said
+    assert "or take packing out of measure" in said
+    assert not warned(tmp_path, wide=10 * d, d=d, count=3000), "what the remedy says is enough"
+
+
+def test_a_bed_that_will_be_too_low_for_a_packing_fraction_is_foreseen(tmp_path):
+    said = warned(tmp_path, wide=36, d=3, count=800)
+    (count,) = re.findall(r"use (\d+) grains or more", said)
+    assert not warned(tmp_path, wide=36, d=3, count=int(count)), "what the remedy says is enough"
+    # a level bed of 33 mm at a packing fraction of 0.55: pi/4 36^2 33 0.55 / (pi/6 3^3)
+    assert int(count) == pytest.approx(math.pi / 4 * 36**2 * 33 * 0.55 / (math.pi / 6 * 27), rel=0.1)
+
+
+def test_what_is_foreseen_of_a_packing_is_what_is_measured(tmp_path):
+    """One rule: a bed of which all columns are as high as foreseen has the bulk that is foreseen."""
+    for count in (800, 1500):
+        scene = Scene(
+            grains=Spheres(diameter=3e-3, density=2500, count=count),
+            contact=LinearSpringDashpot(normal_stiffness=1e3),
+            container=CylinderSilo(diameter=0.036, height=0.4, orifice=0.016),
+        )
+        surface = (bed_height_ahead(scene) or 0.0) / 1.1
+        side = np.arange(-0.018, 0.018, 1e-3)
+        x, y = (axis.ravel() for axis in np.meshgrid(side, side))
+        tops = np.column_stack([x, y, np.full(len(x), surface - 1.5e-3)])[np.hypot(x, y) < 0.0165]
+        still = np.zeros((len(tops), 3))
+        assert bulk(scene, Packing(x=tops, v=still, omega=still)) == bulk_below(scene, surface)
+        empty = MEASURES["packing"].foreseen_empty(scene) is not None
+        assert empty == bulk_below(scene, surface).smaller_than(4 * 3e-3)
+        assert empty == (count == 800)
+
+
 def test_runs_that_nothing_ends_are_told_of(tmp_path):
     path = tmp_path / "box.yaml"
     path.write_text(
-        "name: box\ngrains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 800}\n"
+        "name: box\ngrains: {shape: sphere, diameter: 3 mm, density: 2500 kg/m^3, count: 3000}\n"
         "contact: {law: linear, normal_stiffness: 1000 N/m, friction: 0.4, restitution: 0.5}\n"
         "container: {kind: box, width: 40 mm, depth: 40 mm, height: 200 mm}\nmeasure: [packing]\nreplicates: 2\n"
     )
     plain, lab = path.read_text(), Catalogue(tmp_path / "lab")
     (told,) = advice(Planner(load(path), lab, labbook_toy.Backend().capabilities).plan())
-    assert "stop.max_time: this container has no outlet, so every run lasts 60 s" in told
+    assert "stop.max_time: this container has no outlet, so every run lasts 59.5 s" in told
     path.write_text(f"{plain}stop: {{max_time: 10 ms}}\n")
     assert not list(advice(Planner(load(path), lab, labbook_toy.Backend().capabilities).plan()))
 

@@ -15,15 +15,36 @@ from toy_lab import carry_out, labbook, start, study, study_file
 from labbook.backend import Compiles, load
 from labbook.backend.numerics import Numerics
 from labbook.run import board, progress, runner
+from labbook.run.board import Tally
 from labbook.run.fill import FillJob, short
 from labbook.run.forecast import fill_time
 from labbook.run.progress import Bar, fitted, remaining, spoken
-from labbook.run.watch import Going, Unwatched, View
+from labbook.run.runner import Summary
+from labbook.run.watch import Going, Meter, Unwatched, View
 from labbook.study import load as read
 from labbook.verify.symmetry import hopper
 
 COMPILING = ("compiling, once for this kind of scene",)
 SETTLING = ("settling: 3e-4 of m g d, rests below 1e-6", "0.31 of 60 s")
+
+
+def test_the_rate_at_the_end_leaves_compiling_out():
+    tally = Tally(ran={"a": "finished"})
+    summary = Summary(tally, (), False, 100.0, 2e8, (), preparing=80.0)
+    assert summary.lines()[0].endswith("10.00 M grain-steps/s without 80 s of compiling and loading kernels")
+    quick = Summary(tally, (), False, 100.0, 2e8, (), preparing=0.2)
+    assert quick.lines()[0].endswith(", 2.00 M grain-steps/s")
+
+
+def test_time_in_which_all_jobs_wait_for_kernels_is_added_up(monkeypatch):
+    clock = iter([0.0, 30.0, 31.0, 50.0, 52.0])
+    monkeypatch.setattr("labbook.run.watch.time.perf_counter", lambda: next(clock))
+    meter = Meter()
+    for idle in (True, True, False, True, False):  # 0 to 31 s and 50 to 52 s
+        meter.look(idle)
+    assert meter.preparing == 33.0
+
+
 VIEW = View(
     runs_done=0,
     runs_asked=120,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labbook.fields import Fields
-from labbook.measure.orifice import INTERVAL, OrificeMeans
+from labbook.measure.orifice import OrificeMeans
 from labbook.measure.recorded import FEWEST, instant
 from labbook.papers.pongo2022 import figures
 from labbook.papers.pongo2022.rotation import FLOW, Rotation, aspect_ratio, rotations_of, turning_at
@@ -16,7 +16,7 @@ from labbook.results.points import PointResult
 from labbook.results.recorded import Flowing, acceleration, flow_patterns, moments
 from labbook.results.series import Series
 from labbook.results.study import Results
-from labbook.scene.quantities import percent
+from labbook.scene.quantities import percent, value_range
 from labbook.stats import Pooled
 
 _MEANS = ("orifice_v_z", "orifice_packing_fraction")
@@ -47,14 +47,16 @@ def turning_sections(results: Results, folder: Path) -> list[Section]:
     pictures, lacking = pictures + shown, lacking + without
     if any(one.has(name) for one in curves for name in _MEANS):
         figure = figures.above_orifice([one for one in curves if any(map(one.has, _MEANS))])
-        caption = f"{_ORIFICE}{_hollow(curves)}"
+        above = value_range((point.layer for one in curves for point in one.points), "mm", 1e3)
+        caption = f"{_ORIFICE.format(above)}{_hollow(curves)}"
         pictures.append(picture(figure, folder / "rotation-orifice", "means above the orifice against f", caption))
     else:
         lacking.append(_lacks("Means above the orifice", results, curves))
     fallen = _falls(curves)
     if fallen:
         figure = figures.acceleration_against_rotation(fallen, curves[0].points[0].point.scene.gravity)
-        pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", _FALL))
+        caption = _FALL.format(value_range((point.interval for one in curves for point in one.points), "ms", 1e3))
+        pictures.append(picture(figure, folder / "rotation-acceleration", "acceleration against height", caption))
     else:
         lacking.append(_lacks("Accelerations", results, curves))
     sentences = [Prose(_begun(text)) for one in curves if (text := sentence(one))]
@@ -197,13 +199,13 @@ _SCALING = (
     "fitted powers and, grey, the slope 5/2; second: only Q, with fitted exponentials."
 )
 _ORIFICE = (
-    "Means over the first centimetre above the orifice, weighted by the packing fraction, in the window (Pongó et al. "
+    "Means over the first {} above the orifice, weighted by the packing fraction, in the window (Pongó et al. "
     "2022, Figs 8 and 9); p_k is the trace of the kinetic stress of the fluctuations about the mean over azimuth and "
     "window, the free-fall height the area under a_eff/g up to two widths of the outlet. Bars: one standard error over "
     "seeds."
 )
 _FALL = (
-    f"Mean change of the vertical velocity within {INTERVAL * 1e3:g} ms of grains that start at this height within D/4 "
+    "Mean change of the vertical velocity within {} of grains that start at this height within D/4 "
     "of the axis (Pongó et al. 2022, Fig. 10); 1 is free fall. Grains that leave meanwhile are continued by free fall. "
     "Bars: one standard error over seeds, of one run over its grains."
 )
@@ -288,7 +290,9 @@ def _no_window(result: PointResult) -> str:
 
 def closer(results: Sequence[PointResult]) -> str:
     """How close to each other frames have to be for maps of speed, and how to get them."""
-    shortest = min(instant(window) for result in results for window in _windows(result))
+    shortest = min(
+        instant(result.point.scene, result.runs[0].window, times) for result in results for times in _windows(result)
+    )
     needed = _rounded_down(shortest / FEWEST)
     return (
         f"Maps of speed at instants need frames {needed * 1e3:g} ms apart or closer: "

@@ -137,6 +137,7 @@ def test_two_seeds_exclude_only_what_lies_outside_students_interval(synthetic):
     points = [synthetic.point(0, 0.03)]
     runs = [synthetic.FinishedDouble(points[0], seed) for seed in (1, 2)]
     pooled = analyse(synthetic.study_of(points), runs).points[0].flow_rate
+    assert pooled is not None
     for errors, inside in ((6, True), (13, False)):
         entry = ReferenceEntry("flow_rate.flow_rate", {}, pooled.value + errors * pooled.error)
         found = analyse(synthetic.study_of(points, reference=Reference("a paper", (entry,))), runs)
